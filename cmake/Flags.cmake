@@ -1,0 +1,27 @@
+# Compiler flags, as interface targets that only our own targets link.
+
+add_library(hb_warnings INTERFACE)
+# Bindings of abstract types have arguments that not every law or structure uses.
+target_compile_options(hb_warnings INTERFACE
+   $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:-std=f2018 -Wall -Wextra -Wimplicit-interface
+      -Wno-unused-dummy-argument -Wno-compare-reals -Wno-maybe-uninitialized>
+   $<$<COMPILE_LANG_AND_ID:C,GNU,Clang>:-std=c11 -Wall -Wextra -Wpedantic -Wconversion>)
+if(HB_WARNINGS_AS_ERRORS)
+   target_compile_options(hb_warnings INTERFACE -Werror)
+endif()
+
+add_library(hb_flags INTERFACE)
+target_compile_options(hb_flags INTERFACE
+   $<$<AND:$<CONFIG:Debug>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-Og -g -fcheck=all -ffpe-trap=invalid,zero,overflow -fbacktrace>
+   $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-O3 -fno-math-errno -fno-trapping-math>)
+if(HB_NATIVE)
+   target_compile_options(hb_flags INTERFACE -march=native)
+endif()
+if(HB_SANITIZE)
+   target_compile_options(hb_flags INTERFACE -fsanitize=address,undefined -fno-omit-frame-pointer -g)
+   target_link_options(hb_flags INTERFACE -fsanitize=address,undefined)
+endif()
+if(HB_COVERAGE)
+   target_compile_options(hb_flags INTERFACE --coverage)
+   target_link_options(hb_flags INTERFACE --coverage)
+endif()

@@ -1,0 +1,95 @@
+!> nhbm: steady vibration under several tones by the n-dimensional harmonic balance method.
+program nhbm
+   use, intrinsic :: iso_c_binding, only: c_int
+   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
+   use arguments, only: argument_list, arguments_t, read_arguments
+   use hb_error, only: error_t, fail
+   use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
+   use hb_text, only: closest_word, join, string_t
+   use hb_version, only: git_commit, program_version
+   use verb_check, only: run_check
+   use verb_solve, only: run_solve
+   implicit none
+
+   !> Exit statuses, listed in `nhbm --help`.
+   integer(c_int), parameter :: success = 0, not_all_converged = 1, bad_input = 2
+   character(7), parameter :: verbs(4) = [character(7) :: "solve", "check", "help", "version"]
+
+   interface
+      !> Ends the process with a status and without a word.
+      subroutine c_exit(status) bind(c, name="exit")
+         import :: c_int
+         integer(c_int), value :: status
+      end subroutine c_exit
+   end interface
+
+   type(arguments_t) :: options
+   type(error_t), allocatable :: error
+   type(comm_t) :: comm
+   logical :: all_converged
+   integer(c_int) :: status
+
+   call start_mpi()
+   comm = world()
+   all_converged = .true.
+   call read_arguments(options, argument_list(), error)
+   if (.not. allocated(error)) call run_verb()
+   status = merge(success, not_all_converged, all_converged)
+   if (allocated(error)) then
+      status = bad_input
+      if (rank_of(comm) == 0) write (error_unit, "(a)") "nhbm: "//error%message
+   end if
+   call stop_mpi()
+   flush (output_unit)
+   flush (error_unit)
+   call c_exit(status)
+
+contains
+
+   subroutine run_verb()
+      character(:), allocatable :: closest, verb
+
+      verb = ""
+      if (allocated(options%verb)) verb = options%verb
+      if (options%wants_help .or. verb == "help") then
+         call write_help()
+      else if (verb == "version") then
+         if (rank_of(comm) == 0) write (output_unit, "(a)") "nhbm "//program_version//" ("//git_commit//")"
+      else if (verb == "") then
+         call fail(error, "say what to do: nhbm solve input.nml; nhbm --help tells all")
+      else if (all(verbs /= verb)) then
+         closest = closest_word(verb, verbs)
+         if (len(closest) > 0) closest = "; did you mean '"//closest//"'?"
+         call fail(error, "unknown verb '"//verb//"'"//closest//"; known: "//join(verbs, ", "))
+      else if (.not. allocated(options%input)) then
+         call fail(error, "nhbm "//verb//" needs an input file")
+      else if (verb == "check") then
+         call run_check(options, comm, error)
+      else
+         call run_solve(options, comm, all_converged, error)
+      end if
+   end subroutine run_verb
+
+   subroutine write_help()
+      if (rank_of(comm) > 0) return
+      write (output_unit, "(a)") &
+         "nhbm finds the steady vibration of structures with contact and other strong nonlinearities", &
+         "under several tones, by the n-dimensional harmonic balance method.", &
+         "", &
+         "usage: nhbm solve INPUT [options]      solve all points of a namelist file, write an HDF5 file", &
+         "       nhbm check INPUT [options]      read the input, every point of it, and say what it asks for", &
+         "       nhbm version                    version and commit", &
+         "       mpirun -n 4 nhbm solve INPUT    the same, points spread over 4 ranks", &
+         "", &
+         "options:", &
+         "  -o, --output FILE    result file; default: name of the input, ending in .h5, in the current folder", &
+         "  --overwrite          replace the result file if there is one", &
+         "  --set PATH=VALUE     change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden';", &
+         "                       may be given several times", &
+         "  --quiet              no progress and no summary", &
+         "  -h, --help           this text", &
+         "", &
+         "exit status: 0 all points converged, 1 some did not (their status is in the file), 2 bad input or file.", &
+         "Set OPENBLAS_NUM_THREADS=1 under mpirun. docs/input.md lists the keys of the input, docs/schema.md the results."
+   end subroutine write_help
+end program nhbm

@@ -1,0 +1,53 @@
+!> `nhbm solve`: solves all points of an input and writes the result file.
+module verb_solve
+   use, intrinsic :: iso_fortran_env, only: output_unit
+   use arguments, only: arguments_t
+   use hb_error, only: error_t
+   use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, share_error, size_of
+   use hb_sweep, only: new_study, run_study, run_summary_t, study_t
+   use hb_text, only: read_text_file, to_text
+   implicit none
+   private
+   public :: load_study, run_solve
+
+contains
+
+   !> Runs the verb; `all_converged` tells whether every point did.
+   subroutine run_solve(options, comm, all_converged, error)
+      type(arguments_t), intent(in) :: options
+      type(comm_t), intent(in) :: comm
+      logical, intent(out) :: all_converged
+      type(error_t), allocatable, intent(out) :: error
+      type(study_t) :: study
+      type(run_summary_t) :: summary
+      logical :: is_first
+
+      all_converged = .false.
+      is_first = rank_of(comm) == 0
+      call load_study(options, comm, study, error)
+      if (allocated(error)) return
+      if (is_first .and. .not. options%is_quiet) write (output_unit, "(a)") "nhbm solve "//options%input//": "// &
+         to_text(study%plan%n_points)//" points on "//to_text(size_of(comm))//" ranks, "// &
+         to_text(study%scene%tones%n_tones)//" tones, "//to_text(size(study%tuples, 2))//" harmonics"
+      call run_study(study, options%output, options%overwrite, options%is_quiet, comm, summary, error)
+      if (allocated(error)) return
+      all_converged = summary%n_converged == summary%n_points
+      if (is_first .and. .not. options%is_quiet) write (output_unit, "(a)") to_text(summary%n_converged)//" of "// &
+         to_text(summary%n_points)//" points converged; results in "//options%output
+   end subroutine run_solve
+
+   !> Reads the input file on rank 0, for all ranks, and makes the study of it.
+   subroutine load_study(options, comm, study, error)
+      type(arguments_t), intent(in) :: options
+      type(comm_t), intent(in) :: comm
+      type(study_t), intent(out) :: study
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: text
+
+      if (rank_of(comm) == 0) call read_text_file(options%input, text, error)
+      call share_error(comm, error)
+      if (allocated(error)) return
+      call broadcast_text(comm, text, 0)
+      call new_study(study, options%input, text, options%overrides, error)
+   end subroutine load_study
+end module verb_solve

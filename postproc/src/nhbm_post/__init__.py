@@ -1,0 +1,9 @@
+"""Reads the HDF5 result files of nhbm and draws them."""
+
+__version__ = "0.1.0"
+
+from .errors import NhbmPostError, ReaderError, UsageError
+from .reader import Parameter, Results
+from .series import Series
+
+__all__ = ["NhbmPostError", "Parameter", "ReaderError", "Results", "Series", "UsageError", "__version__"]

@@ -1,0 +1,361 @@
+"""The command `nhbm-post`: pictures, tables and numbers from a result file."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+from pathlib import Path
+
+from . import __version__, report
+from .errors import NhbmPostError, UsageError
+from .reader import QUANTITIES, Results
+
+# matplotlib takes a second to load, so each command that draws imports nhbm_post.draw by itself.
+
+_DESCRIPTION = """\
+Draws and prints what is in an HDF5 result file of nhbm.
+
+A point of a sweep is chosen by --point NUMBER or by --at NAME=VALUE (name or input path of a swept parameter, to six
+digits; repeat it for several parameters). Without either it is the first converged point. Without --dof it is the
+first degree of freedom on which a law acts. Pictures go next to the file and are named after it: beam.h5 gives
+beam_spectrum.png; --output chooses another name, and its ending the format (.png, .pdf or .svg).
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """argparse, but a mistake gives one line and status 2."""
+
+    def error(self, message):
+        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Runs one command; returns the exit status: 0, or 2 for a mistake of the user."""
+    parser = _parser()
+    arguments = parser.parse_args(_join_negative(sys.argv[1:] if argv is None else list(argv)))
+    try:
+        arguments.run(arguments)
+        sys.stdout.flush()
+    except NhbmPostError as error:
+        print(f"nhbm-post {arguments.command}: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # the reader of a pipe, for example head, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="nhbm-post", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
+    )  # fmt: skip
+    parser.add_argument("--version", action="version", version=f"nhbm-post {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+
+    def command(name, run, help_text, description):
+        sub = commands.add_parser(name, help=help_text, description=description)
+        sub.set_defaults(run=run)
+        sub.add_argument("file", type=Path, metavar="FILE", help="result file of nhbm (HDF5)")
+        return sub
+
+    sub = command(
+        "info", _info, "print what is in a file",
+        "Prints title, version, swept parameters, counts of outcomes, and a row a point: parameters, status, "
+        "iterations, residual, seconds and the largest amplitudes (or why the point failed).",
+    )  # fmt: skip
+    _add_dof(sub)
+    sub.add_argument("--points", type=_count(0), default=20, metavar="N", help="rows to print at most (default 20)")
+
+    sub = command(
+        "value", _value, "print one harmonic with all digits",
+        "Prints cos, sin and amplitude of one harmonic on one line, with 17 digits each. A mirrored tuple -j gives "
+        "(cos, -sin) of the stored one.",
+    )  # fmt: skip
+    _add_dof(sub)
+    _add_quantity(sub)
+    _add_point(sub)
+    sub.add_argument("--tuple", type=_tuple, required=True, metavar="J1,J2,...", help="harmonic, for example 1,0 or 2,-1")
+
+    sub = command(
+        "correction", _correction, "correction to the wall, four panels (figure 6 of the paper)",
+        "Draws (a) the spectrum of the motion, (b) the motion over hypertime, (c) the same corrected to the wall, "
+        "(d) the spectrum of the corrected motion. Uses the surfaces of the file if it has any (&output samples), "
+        "else sums the coefficients and says so in the picture. With three tones or more the surfaces are the "
+        "section at tau_3 = ... = 0.",
+    )  # fmt: skip
+    _add_dof(sub, "degree of freedom on which a law acts (default: the first)")
+    _add_point(sub)
+    sub.add_argument("--view", choices=("surface", "map"), default="surface", help="3-D surfaces (default) or level maps")
+    sub.add_argument("--samples", type=_count(4), default=96, metavar="N",
+                     help="samples a tone where surfaces are summed from coefficients (default 96)")  # fmt: skip
+    _add_decades(sub)
+    _add_output(sub)
+
+    sub = command(
+        "time", _time, "motion over time (figures 4 and 7 of the paper)",
+        "Draws a degree of freedom over time, for one or several points of a sweep, over other result files or over "
+        "recorded time series. Default window: 8 periods of the slowest tone from t = 0, or the last 8 periods of an "
+        "overlaid record.",
+    )  # fmt: skip
+    _add_dof(sub)
+    _add_quantity(sub)
+    _add_point(sub, several=True)
+    sub.add_argument("--from", dest="t_from", type=float, metavar="T", help="start of the window [s]")
+    sub.add_argument("--to", dest="t_to", type=float, metavar="T", help="end of the window [s]")
+    sub.add_argument("--level", type=float, metavar="X", help="draw a wall at this displacement, in the unit of the file")
+    sub.add_argument("--overlay", type=_overlay, action="append", default=[], metavar="[LABEL:]PATH",
+                     help="draw below: a second result file (.h5; the same --at, else its first converged point), or a "
+                     "table t,x in a text file (a column headed like the dof, else the second); may be repeated")  # fmt: skip
+    sub.add_argument("--difference", action="store_true", help="add a panel with the difference to the first overlay")
+    sub.add_argument("--samples", type=_count(2), metavar="N", help="samples in the window (default: 24 a period of the fastest harmonic)")
+    _add_output(sub)
+
+    sub = command(
+        "spectrum", _spectrum, "amplitudes of all harmonics (figure 8 of the paper)",
+        "Draws |c_j| on a logarithmic scale: a map over (j1, j2) for two tones (the redundant half hatched), stems over "
+        "j for one tone, stems over the frequency |j.omega| for three tones and more.",
+    )  # fmt: skip
+    _add_dof(sub)
+    _add_quantity(sub)
+    _add_point(sub)
+    sub.add_argument("--form", choices=("map", "bars", "stem"), help="map (default for two tones), 3-D bars, or stems")
+    sub.add_argument("--over", choices=("tuple", "frequency"), default="tuple", help="axis: tuples (default) or frequency")
+    sub.add_argument("--absolute", action="store_true", help="amplitudes in units, not relative to the largest")
+    _add_decades(sub)
+    _add_output(sub)
+
+    sub = command(
+        "response", _response, "response curve of a sweep",
+        "Draws a measure of a degree of freedom over a swept parameter; further swept parameters make several curves. "
+        "Points that did not converge are hollow red marks on the axis, counted in the legend; curves are broken there.",
+    )  # fmt: skip
+    _add_dof(sub)
+    _add_quantity(sub)
+    sub.add_argument("--over", metavar="NAME", help="swept parameter of the x axis (default: the number with most values)")
+    sub.add_argument("--at", type=_assignment, action="append", default=[], metavar="NAME=VALUE",
+                     help="only points with this value of a swept parameter; may be repeated")  # fmt: skip
+    sub.add_argument("--measure", choices=("peak", "rms", "harmonic"),
+                     help="peak: max|x| over hypertime (default); rms; harmonic: amplitude of --tuple")  # fmt: skip
+    sub.add_argument("--tuple", type=_tuple, metavar="J1,J2,...", help="harmonic to draw, for example 1,0")
+    _add_output(sub)
+    return parser
+
+
+# Options that several commands share
+
+
+def _add_dof(sub, text="degree of freedom, for example v3 (default: the first on which a law acts)"):
+    sub.add_argument("--dof", metavar="LABEL", help=text)
+
+
+def _add_quantity(sub):
+    sub.add_argument("--of", dest="quantity", choices=tuple(QUANTITIES), default="motion",
+                     help="motion (default), force of the laws, or motion corrected to the wall")  # fmt: skip
+
+
+def _add_point(sub, several=False):
+    choice = sub.add_mutually_exclusive_group()
+    if several:
+        choice.add_argument("--point", type=_numbers, metavar="N,N,...", help="numbers of the points (default: first converged)")
+    else:
+        choice.add_argument("--point", type=_count(0), metavar="N", help="number of the point (default: first converged)")
+    choice.add_argument("--at", type=_assignment, action="append", default=[], metavar="NAME=VALUE",
+                        help="point with this value of a swept parameter, for example law_1_gap=1.5e-3; may be repeated"
+                        + ("; all points that fit are drawn" if several else ""))  # fmt: skip
+    sub.add_argument("--unconverged", action="store_true", help="take also points that ended without convergence")
+
+
+def _add_decades(sub):
+    sub.add_argument("--decades", type=_positive, default=8.0, metavar="N", help="range of the amplitude scale below the largest (default 8)")
+
+
+def _add_output(sub):
+    sub.add_argument("--output", "-o", type=Path, metavar="PATH", help="picture to write: .png, .pdf or .svg")
+    sub.add_argument("--dpi", type=_count(20), default=200, metavar="N", help="dots per inch of a .png (default 200)")
+
+
+def _count(least):
+    def convert(text):
+        number = int(text)
+        if number < least:
+            raise argparse.ArgumentTypeError(f"{text} is less than {least}")
+        return number
+
+    convert.__name__ = "whole number"
+    return convert
+
+
+def _positive(text):
+    number = float(text)
+    if not 0.0 < number < 300.0:
+        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 300")
+    return number
+
+
+def _numbers(text):
+    try:
+        numbers = [int(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no list of points; write for example 0,2,5") from None
+    return numbers
+
+
+def _tuple(text):
+    try:
+        return tuple(int(part) for part in text.strip("() ").split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no tuple of integers; write for example 1,0 or 2,-1") from None
+
+
+def _assignment(text):
+    name, mark, value = text.partition("=")
+    if not (mark and name.strip() and value.strip()):
+        raise argparse.ArgumentTypeError(f"'{text}' is no NAME=VALUE; write for example law_1_gap=1.5e-3")
+    return name.strip(), value.strip()
+
+
+def _overlay(text):
+    label, mark, path = text.rpartition(":")
+    return (label, Path(path)) if mark and label and not Path(text).exists() else ("", Path(text))
+
+
+def _join_negative(words: list[str]) -> list[str]:
+    """`--tuple -1,0` becomes `--tuple=-1,0`, because argparse takes `-1,0` and `-1e-3` for options."""
+    joined: list[str] = []
+    for word in words:
+        is_value = re.match(r"-[.\d]", word) and joined and re.match(r"--[a-z]+$", joined[-1])
+        if is_value:
+            joined[-1] += "=" + word
+        else:
+            joined.append(word)
+    return joined
+
+
+# Commands
+
+
+def _info(arguments):
+    with Results(arguments.file) as results:
+        print(report.info(results, arguments.dof, arguments.points))
+
+
+def _value(arguments):
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        dof = arguments.dof or results.default_dof(arguments.quantity)
+        print(report.value(results, point, dof, arguments.tuple, arguments.quantity, arguments.unconverged))
+
+
+def _correction(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        fig = draw.draw_correction(
+            results, point, arguments.dof, view=arguments.view, decades=arguments.decades, n_samples=arguments.samples,
+            allow_unconverged=arguments.unconverged,
+        )  # fmt: skip
+    _save(fig, arguments)
+
+
+def _spectrum(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        series = results.series(point, arguments.dof, arguments.quantity, arguments.unconverged)
+        fig = draw.draw_spectrum(
+            series, title=_origin(results, point, arguments.quantity), form=arguments.form, over=arguments.over,
+            decades=arguments.decades, is_normalised=not arguments.absolute,
+        )  # fmt: skip
+    _save(fig, arguments)
+
+
+def _response(arguments):
+    from . import draw
+
+    measure = arguments.measure or ("harmonic" if arguments.tuple else "peak")
+    if (measure == "harmonic") != (arguments.tuple is not None):
+        raise UsageError("--measure harmonic and --tuple belong together")
+    with Results(arguments.file) as results:
+        if arguments.tuple and len(arguments.tuple) != results.n_tones:
+            raise UsageError(f"--tuple has {len(arguments.tuple)} entries; {arguments.file} has {results.n_tones} tones")
+        fig = draw.draw_response(
+            results, arguments.dof, quantity=arguments.quantity, measure=measure, j=arguments.tuple, over=arguments.over,
+            at=dict(arguments.at),
+        )  # fmt: skip
+    _save(fig, arguments)
+
+
+def _time(arguments):
+    from . import draw
+    from .draw.time_history import read_record
+
+    at = dict(arguments.at)
+    with Results(arguments.file) as results:
+        if arguments.point is not None:
+            points = [results.point(number) for number in arguments.point]
+        elif at:
+            points = results.select(at)
+        else:
+            points = [results.point()]
+        dof = arguments.dof or results.default_dof(arguments.quantity)
+        curves = [
+            (_legend(results, point, points), results.series(point, dof, arguments.quantity, arguments.unconverged))
+            for point in points
+        ]
+        title = ", ".join(part for part in (results.title, *_common_parameters(results, points)) if part)
+    references = []
+    for label, path in arguments.overlay:
+        if path.suffix.lower() in (".h5", ".hdf5", ".nc"):
+            with Results(path) as other:
+                known = {key: value for key, value in at.items() if key in other.parameters}
+                point = other.point(at=known)
+                series = other.series(point, dof, arguments.quantity, arguments.unconverged)
+                references.append((label or f"{path.stem}, {other.point_text(point)}", series))
+        else:
+            record = read_record(path, dof)
+            references.append(type(record)(label, record.t, record.x) if label else record)
+    fig = draw.draw_time(
+        curves, references, title=title, t_from=arguments.t_from, t_to=arguments.t_to, level=arguments.level,
+        n_samples=arguments.samples, has_difference=arguments.difference,
+    )  # fmt: skip
+    _save(fig, arguments)
+
+
+def _legend(results: Results, point: int, points: list[int]) -> str:
+    """What tells a point from the others drawn with it, or the method where it is alone."""
+    series_text = f"{results.n_tones}-HBM"
+    differing = [
+        p.text(point) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) > 1
+    ]  # fmt: skip
+    if len(points) == 1:
+        return f"{series_text}, {int(results.per_point('n_harmonics')[point])} harmonics"
+    return f"{series_text}, " + (", ".join(differing) or f"point {point}")
+
+
+def _common_parameters(results: Results, points: list[int]) -> list[str]:
+    return [p.text(points[0]) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) == 1]
+
+
+def _quantity_words(quantity: str) -> str:
+    return "" if quantity == "motion" else QUANTITIES[quantity].words
+
+
+def _origin(results: Results, point: int, quantity: str) -> str:
+    parts = [results.title, results.point_text(point), _quantity_words(quantity)]
+    if results.status_name(point) != "converged":
+        parts.append(f"NOT CONVERGED ({results.status_name(point)})")
+    return ", ".join(part for part in parts if part)
+
+
+def _save(fig, arguments) -> None:
+    from . import draw
+
+    output = arguments.output or arguments.file.with_name(f"{arguments.file.stem}_{arguments.command}.png")
+    print(f"wrote {draw.save(fig, output, arguments.dpi)}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

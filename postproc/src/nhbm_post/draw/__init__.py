@@ -1,0 +1,9 @@
+"""Pictures of result files, one module a family; every `draw_*` returns a matplotlib Figure, drawn without a display."""
+
+from .correction import draw_correction
+from .response import draw_response
+from .spectrum import draw_spectrum
+from .style import save
+from .time_history import draw_time
+
+__all__ = ["draw_correction", "draw_response", "draw_spectrum", "draw_time", "save"]

@@ -1,0 +1,232 @@
+"""The correction of a motion to the wall, in four panels (figure 6 of the paper)."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.patches import FancyArrowPatch, Patch
+
+from ..errors import ReaderError
+from ..reader import CONVERGED, Results
+from . import style
+from .spectrum import DECADES, amplitude_norm, colour_bar, draw_map, draw_stem, style_3d
+
+# Relative difference of the surfaces from which a place counts as corrected.
+_TOUCH = 1e-9
+# Faces along each axis of a surface: fewer leave gaps between them, more take long and look the same.
+_N_FACES = 120
+
+
+def draw_correction(
+    results: Results,
+    point: int,
+    dof: str | None = None,
+    *,
+    view: str = "surface",
+    decades: float = DECADES,
+    n_samples: int = 96,
+    allow_unconverged: bool = False,
+):
+    """Four panels: (a) spectrum and (b) hypertime surface of the motion, (c) surface and (d) spectrum corrected.
+
+    Takes the stored surfaces, else sums the stored coefficients on `n_samples` points a tone, and says which.
+    view: `surface` (3-D) or `map`. More than two tones: the section of the surface at tau_3 = ... = 0.
+    """
+    dof = results.default_dof("corrected") if dof is None else dof
+    before = results.series(point, dof, "motion", allow_unconverged)
+    after = results.series(point, dof, "corrected", allow_unconverged)
+    taus, motion, corrected, is_stored = _surfaces(results, point, dof, before, after, n_samples, allow_unconverged)
+
+    n_tones = before.n_tones
+    factor, units = style.unit_scale(max(np.abs(motion).max(), np.abs(corrected).max()), before.units)
+    motion, corrected = factor * motion, factor * corrected
+    spectra = [factor * series.amplitudes for series in (before, after)]
+    if max(a.max(initial=0.0) for a in spectra) == 0.0:
+        raise ReaderError(f"{results.path}: the motion of '{dof}' at point {point} is zero: nothing to draw")
+    norm = amplitude_norm(np.concatenate(spectra), decades)
+    amplitude_label = style.with_unit(rf"$|c_j|$ of {dof}", units)
+    # A cut-off series differs from the motion everywhere, so only stored surfaces tell where it was corrected.
+    difference = np.abs(corrected - motion)
+    touch = (difference > _TOUCH * np.ptp(motion)) & is_stored
+    label = style.with_unit(dof, units)
+    with style.look():
+        fig, axes, bars = _panels(n_tones, view)
+        for name, series, amplitudes in (("a", before, spectra[0]), ("d", after, spectra[1])):
+            if n_tones == 2:
+                draw_map(axes[name], series.tuples, amplitudes, norm, has_legend=name == "a")
+            else:
+                draw_stem(axes[name], series, amplitudes, norm, amplitude_label)
+        if n_tones == 2:
+            colour_bar(fig, norm, amplitude_label, cax=bars[0], orientation="horizontal")
+        if n_tones == 1:
+            _draw_curves((axes["b"], axes["c"]), taus[0], motion, corrected, touch, label)
+        else:
+            levels = Normalize(min(motion.min(), corrected.min()), max(motion.max(), corrected.max()))
+            draw = _draw_solid if view == "surface" else _draw_level
+            draw(axes["b"], taus, motion, levels, label, np.zeros_like(touch))
+            draw(axes["c"], taus, corrected, levels, label, touch)
+            bar = fig.colorbar(ScalarMappable(levels, "cividis"), cax=bars[1], orientation="horizontal", label=label)
+            bar.outline.set_linewidth(0.5)
+            if touch.any():
+                key = Patch(facecolor=style.CORRECTED, label=f"corrected: {100.0 * touch.mean():.3g} % of hypertime")
+                place = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
+                if view == "surface":
+                    place = {"loc": "upper left", "bbox_to_anchor": (0.085, 1.0)}
+                axes["c"].legend(handles=[key], borderaxespad=0.3, borderpad=0.0, **place)
+        is_moved = difference.max() > _TOUCH * np.ptp(motion)
+        moved = f"largest correction {difference.max():.3g} {units}" if is_moved else "no place needs correction"
+        source = "surfaces as stored by the run"
+        if not is_stored:
+            source = "surfaces summed from the stored coefficients, so (c) is cut off at the same harmonics as (d)"
+        section = "" if n_tones <= 2 else "section " + " = ".join(f"tau_{m}" for m in range(3, n_tones + 1)) + " = 0"
+        outcome = "" if results.status[point] == CONVERGED else f"NOT CONVERGED ({results.status_name(point)})"
+        style.head(
+            fig, f"Correction of {dof} to the wall, {before.n_harmonics} harmonics",
+            ", ".join(part for part in (results.title, results.point_text(point), outcome) if part),
+            "; ".join(part for part in (moved, section, source) if part),
+        )  # fmt: skip
+    return fig
+
+
+def _panels(n_tones: int, view: str):
+    """Figure with axes a (top left), b (top right), c (below b), d (below a), arrows a-b-c-d, and two bar axes."""
+    is_solid = view == "surface" and n_tones > 1
+    has_maps = n_tones == 2
+    side, pitch, lift = 2.85, 3.9, 0.30
+    below = 0.75
+    if n_tones == 1:
+        side, pitch, lift, below = 2.1, 3.0, 0.12, 0.0
+    height = 0.85 + 2.0 * pitch + below
+    left_width = side if has_maps else 3.55
+    right = 0.75 + left_width + (1.15 if has_maps else 1.45)
+    right_width = side if not is_solid and n_tones > 1 else 3.55
+    fig = style.figure(right + right_width + (0.35 if not is_solid else 0.55), height, is_arranged=False)
+    floors = [height - 0.85 - row * pitch - lift - 0.15 - side for row in (0, 1)]
+    axes = {
+        "a": style.axes_at(fig, 0.75, floors[0], left_width, side),
+        "d": style.axes_at(fig, 0.75, floors[1], left_width, side),
+    }
+    for name, floor in zip("bc", floors):
+        if is_solid:
+            axes[name] = style.axes_at(fig, right - 0.35, floor - 0.32, right_width + 0.6, side + 0.55, projection="3d")
+        else:
+            axes[name] = style.axes_at(fig, right, floor, right_width, side)
+    for name, left, floor, heading in (
+        ("a", 0.75, floors[0], "motion, multi-frequency domain"), ("b", right, floors[0], "motion, hypertime domain"),
+        ("d", 0.75, floors[1], "corrected, multi-frequency domain"), ("c", right, floors[1], "corrected, hypertime domain"),
+    ):  # fmt: skip
+        _write(fig, left, floor + side + lift, f"({name}) {heading}", weight="bold", size=9.5, va="bottom")
+    gutter = 0.75 + left_width + 0.1
+    prefix = "" if n_tones == 1 else f"{n_tones}-"
+    middles = [floor + 0.62 * side for floor in floors]
+    _arrow(fig, (gutter, middles[0]), (gutter + 0.5, middles[0]), f"{prefix}iFFT", (0.25, 0.08), "center")
+    _arrow(fig, (gutter + 0.5, middles[1]), (gutter, middles[1]), f"{prefix}FFT", (0.25, 0.08), "center")
+    turn = right - 0.25
+    _arrow(fig, (turn, floors[0] - 0.02), (turn, floors[1] + side + 0.32), "wall", (-0.09, -0.27), "right")
+    if n_tones == 1:
+        return fig, axes, []
+    bars = [style.axes_at(fig, left, 0.52, width, 0.12) for left, width in ((0.75, left_width), (right, side if not is_solid else 3.55))]
+    if not has_maps:
+        bars[0].remove()
+    return fig, axes, bars
+
+
+def _write(fig, x: float, y: float, text: str, **kwargs) -> None:
+    """Text at a place in inches."""
+    width, height = fig.get_size_inches()
+    fig.text(x / width, y / height, text, color=style.INK, **kwargs)
+
+
+def _arrow(fig, start, end, text, offset, align) -> None:
+    """Arrow between places in inches, with text beside its start or middle."""
+    size = fig.get_size_inches()
+    fig.add_artist(
+        FancyArrowPatch(
+            tuple(start / size), tuple(end / size), transform=fig.transFigure, arrowstyle="-|>", mutation_scale=10,
+            linewidth=1.0, color=style.MUTED, shrinkA=0, shrinkB=0,
+        )
+    )  # fmt: skip
+    x, y = min(start[0], end[0]) + offset[0], max(start[1], end[1]) + offset[1]
+    _write(fig, x, y, text, size=8.0, ha=align, va="bottom")
+
+
+def _surfaces(results, point, dof, before, after, n_samples, allow_unconverged):
+    """(axes, motion, corrected, whether stored) on at most two hypertime axes closed at 2 pi."""
+    stored = [results.samples(point, dof, quantity, allow_unconverged) for quantity in ("motion", "corrected")]
+    if None not in stored:
+        taus = [np.append(tau, 2.0 * np.pi) for tau in stored[0][0][:2]]
+        values = [surface for _, surface in stored]
+        is_stored = True
+    else:
+        shape = (n_samples,) * min(2, before.n_tones) + (1,) * max(0, before.n_tones - 2)
+        taus = [2.0 * np.pi * np.arange(n + 1) / n for n in shape[:2]]
+        values = [series.on_grid(shape) for series in (before, after)]
+        is_stored = False
+    closed = []
+    for surface in values:
+        while surface.ndim > 2:
+            surface = surface[..., 0]
+        closed.append(np.pad(surface, [(0, 1)] * surface.ndim, mode="wrap"))
+    return taus, *closed, is_stored
+
+
+def _draw_solid(ax, taus, values, levels, label, touch) -> None:
+    """3-D surface over (tau_1, tau_2); corrected places in the colour of the legend."""
+    import matplotlib
+
+    taus, values, touch = _resample(taus, values, touch)
+    mean = 0.25 * (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:])
+    colours = matplotlib.colormaps["cividis"](levels(mean))
+    colours[touch[:-1, :-1] & touch[1:, :-1] & touch[:-1, 1:] & touch[1:, 1:]] = matplotlib.colors.to_rgba(
+        style.CORRECTED
+    )
+    tau_1, tau_2 = np.meshgrid(*taus, indexing="ij")
+    ax.plot_surface(
+        tau_1, tau_2, values, facecolors=colours, rcount=values.shape[0], ccount=values.shape[1], linewidth=0.0,
+        antialiased=False, shade=False, rasterized=True,
+    )  # fmt: skip
+    ax.set(xlim=(0.0, 2.0 * np.pi), ylim=(0.0, 2.0 * np.pi), zlim=(levels.vmin, levels.vmax))
+    ax.set_xlabel(r"$\tau_1$ [rad]", labelpad=-2)
+    ax.set_ylabel(r"$\tau_2$ [rad]", labelpad=-2)
+    ax.set_zlabel(label, labelpad=-2)
+    style.phase_ticks(ax.xaxis)
+    style.phase_ticks(ax.yaxis)
+    ax.view_init(elev=34.0, azim=-52.0)
+    style_3d(ax)
+
+
+def _resample(taus, values, touch):
+    """Brings a surface to the number of faces that draws well, linearly between its samples."""
+    fine = np.linspace(0.0, 2.0 * np.pi, _N_FACES + 1)
+    held = touch.astype(float)
+    for axis, tau in enumerate(taus):
+        values = np.apply_along_axis(lambda line: np.interp(fine, tau, line), axis, values)
+        held = np.apply_along_axis(lambda line: np.interp(fine, tau, line), axis, held)
+    return [fine, fine], values, held > 0.5
+
+
+def _draw_level(ax, taus, values, levels, label, touch) -> None:
+    """Heat map over (tau_1, tau_2) with level lines; the edge of corrected places is drawn."""
+    ax.pcolormesh(*taus, values.T, norm=levels, cmap="cividis", shading="gouraud", rasterized=True)
+    ax.contour(*taus, values.T, levels=np.linspace(levels.vmin, levels.vmax, 9)[1:-1], colors="white", linewidths=0.4)
+    if touch.any():
+        ax.contourf(*taus, touch.T, levels=[0.5, 1.5], colors=[style.CORRECTED])
+    ax.set(xlabel=r"$\tau_1$ [rad]", ylabel=r"$\tau_2$ [rad]", aspect="equal")
+    ax.spines[["top", "right"]].set_visible(True)
+    style.phase_ticks(ax.xaxis)
+    style.phase_ticks(ax.yaxis)
+
+
+def _draw_curves(axes, tau, motion, corrected, touch, label) -> None:
+    """One tone: the motion over tau_1, and the corrected one over the motion."""
+    axes[0].plot(tau, motion, color=style.COLOURS[0])
+    axes[1].plot(tau, motion, color=style.WALL, linestyle="--", linewidth=1.0, label="before")
+    axes[1].plot(tau, corrected, color=style.COLOURS[0], label="corrected")
+    if touch.any():
+        axes[1].plot(tau[touch], corrected[touch], ".", color=style.CORRECTED, markersize=4, label="at the wall")
+    axes[1].legend(loc="best")
+    for ax in axes:
+        ax.set(xlabel=r"$\tau_1$ [rad]", ylabel=label, xlim=(0.0, 2.0 * np.pi))
+        style.phase_ticks(ax.xaxis)
+        ax.grid(True)

@@ -1,0 +1,136 @@
+"""Common look of all pictures: sizes, colours that colour-blind readers can tell apart, units, headings, saving."""
+
+import textwrap
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..errors import UsageError
+
+# Okabe and Ito, "Color universal design" (2008), in an order that also differs in grey.
+COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000"]
+DASHES = ["-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (3, 1.5))]
+MARKERS = ["o", "s", "^", "D", "v", "P", "X"]
+COLOUR_MAP = "viridis"
+INK = "#222222"
+MUTED = "#5f6670"
+WALL = "#8a8f98"
+CORRECTED = "#D55E00"
+FAILURE = "#C00000"
+
+ENDINGS = (".png", ".pdf", ".svg")
+
+_RC = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "mathtext.fontset": "dejavusans",
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.5,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": False,
+    "axes.unicode_minus": True,
+    "axes.formatter.use_mathtext": True,
+    "grid.color": "#d9dce1",
+    "grid.linewidth": 0.6,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "hatch.linewidth": 0.5,
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+}
+
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+_WITH_PREFIX = ("m", "N", "rad", "s", "Pa", "m/s", "N m", "N/m", "rad/s", "Hz")
+
+
+@contextmanager
+def look():
+    """Draws and saves with the common style, whatever the settings of the user."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_RC)
+        yield
+
+
+def figure(width: float, height: float, is_arranged: bool = True) -> Figure:
+    """Empty figure of a size in inches, not tied to any display; its axes are arranged unless told otherwise."""
+    return Figure(figsize=(width, height), layout="constrained" if is_arranged else None)
+
+
+def axes_at(fig: Figure, left: float, bottom: float, width: float, height: float, **kwargs):
+    """Axes at a place given in inches, for pictures whose parts must not move."""
+    full_width, full_height = fig.get_size_inches()
+    return fig.add_axes((left / full_width, bottom / full_height, width / full_width, height / full_height), **kwargs)
+
+
+def head(fig: Figure, title: str, *lines: str) -> None:
+    """Writes what is shown in bold and details below, and keeps the axes of an arranged figure below both."""
+    width, height = fig.get_size_inches()
+    titles = textwrap.wrap(title, int(width * 12.0))
+    details = [piece for line in lines if line for piece in textwrap.wrap(line, int(width * 15.5))]
+    top = 0.10
+    for texts, size, weight, colour in ((titles, 10.5, "bold", INK), (details, 8.5, "normal", MUTED)):
+        for text in texts:
+            fig.text(
+                0.10 / width, 1.0 - top / height, text.replace("$", r"\$"), va="top", ha="left", size=size, weight=weight,
+                color=colour,
+            )  # fmt: skip
+            top += size * 1.35 / 72.0
+    if fig.get_layout_engine() is not None:
+        fig.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - (top + 0.05) / height))
+
+
+def unit_scale(largest: float, units: str) -> tuple[float, str]:
+    """(factor, unit text) that bring values of size `largest` to handy numbers: 1.5e-3 m gives (1e3, `mm`)."""
+    if not np.isfinite(largest) or largest <= 0.0:
+        return 1.0, units
+    power = int(3 * np.floor((np.log10(largest) + 0.31) / 3.0))
+    if power == 0:
+        return 1.0, units
+    if units in _WITH_PREFIX and power in _PREFIXES and not (units in ("s", "rad/s") and power > 0):
+        return 10.0**-power, _PREFIXES[power] + units
+    if -3 < power < 6:
+        return 1.0, units
+    shown = "" if units in ("", "1") else " " + units
+    return 10.0**-power, rf"$10^{{{power}}}${shown}"
+
+
+def with_unit(name: str, units: str) -> str:
+    """Axis label `name [unit]`, without brackets for pure numbers."""
+    return name if units in ("", "1") else f"{name} [{units}]"
+
+
+def phase_ticks(axis) -> None:
+    """Ticks of a hypertime axis of length 2 pi, in multiples of pi."""
+    axis.set_ticks([0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi, 2.0 * np.pi])
+    axis.set_ticklabels(["0", r"$\frac{\pi}{2}$", r"$\pi$", r"$\frac{3\pi}{2}$", r"$2\pi$"])
+
+
+def save(fig: Figure, path, dpi: int = 200) -> Path:
+    """Writes a figure; the ending of `path` chooses the format."""
+    path = Path(path)
+    if path.suffix.lower() not in ENDINGS:
+        raise UsageError(f"cannot draw to '{path}': the name must end in {', '.join(ENDINGS)}")
+    # No date inside: the same data give the same file.
+    metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
+    try:
+        with look():
+            fig.savefig(path, dpi=dpi, metadata=metadata, facecolor="white")
+    except OSError as error:
+        raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None
+    return path

@@ -1,0 +1,460 @@
+"""The only reader of the result file of nhbm; its schema is written down in docs/schema.md."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Iterator, Mapping, Sequence
+
+import h5py
+import numpy as np
+
+from .errors import ReaderError
+from .series import Series
+from .text import list_text, number_text, range_text, tuple_text
+
+SCHEMA_VERSION = 1
+
+PENDING, CONVERGED, FAILED = 0, 1, 6
+_STATUS_NAMES = {
+    PENDING: "pending", CONVERGED: "converged", 2: "stalled", 3: "out_of_budget", 4: "singular", 5: "not_finite",
+    FAILED: "failed",
+}  # fmt: skip
+
+_REQUIRED = ("point", "tone", "harmonic", "dof", "tuple", "status", "frequency", "coefficients")
+
+# A parameter value given by hand fits a stored one within this relative difference.
+_PARAMETER_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class _Quantity:
+    coefficients: str
+    labels: str
+    samples: str
+    words: str
+    symbol: str
+
+
+# What can be read harmonic by harmonic, by the word that users give.
+QUANTITIES = {
+    "motion": _Quantity("coefficients", "dof", "displacement_samples", "displacement", "{}"),
+    "force": _Quantity("force_coefficients", "law_dof", "force_samples", "force of the laws", "law force on {}"),
+    "corrected": _Quantity(
+        "corrected_coefficients", "law_dof", "corrected_samples", "corrected displacement", "corrected {}"
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One swept parameter: `name` of its dataset, `path` in the input, a value a point (floats or strings)."""
+
+    name: str
+    path: str
+    units: str
+    values: np.ndarray
+
+    @property
+    def is_number(self) -> bool:
+        return self.values.dtype.kind == "f"
+
+    def text(self, point: int) -> str:
+        """`name = value unit` at a point, for titles and legends."""
+        unit = f" {self.units}" if self.is_number and self.units not in ("", "1") else ""
+        return f"{self.name} = {number_text(self.values[point])}{unit}"
+
+    def fits(self, value) -> np.ndarray:
+        """Which points (boolean) carry `value`: equal strings, or numbers equal to six digits."""
+        if not self.is_number:
+            return self.values == str(value)
+        try:
+            wanted = float(value)
+        except ValueError:
+            return np.zeros(self.values.shape, dtype=bool)
+        return np.isclose(self.values, wanted, rtol=_PARAMETER_TOLERANCE, atol=0.0)
+
+
+class Results:
+    """A result file, open for reading; use it in a `with` statement.
+
+    Points are counted from 0. `quantity` is `motion`, `force` or `corrected`. Whatever cannot be had raises
+    ReaderError, which names the file, the thing asked for and what there is instead.
+    """
+
+    def __init__(self, path: str | os.PathLike):
+        self.path = Path(path)
+        self._file = _open(self.path)
+        try:
+            self._check_schema()
+            self.dofs = self._labels("dof")
+            self.law_dofs = self._labels("law_dof") if "law_dof" in self._file else []
+            self.tuples = np.atleast_2d(np.asarray(self._file["tuple"][()], dtype=int))
+            self.status = np.asarray(self._file["status"][()], dtype=int)
+            self.parameters = {p.name: p for p in self._read_parameters()}
+            self._names = self._status_names()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> Results:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes the file; safe to call twice."""
+        self._file.close()
+
+    # What the file says of itself
+
+    @property
+    def title(self) -> str:
+        return self._text_attribute("title")
+
+    @property
+    def program_version(self) -> str:
+        return self._text_attribute("program_version")
+
+    @property
+    def git_commit(self) -> str:
+        return self._text_attribute("git_commit")
+
+    @property
+    def created_utc(self) -> str:
+        return self._text_attribute("created_utc")
+
+    @property
+    def amplitude_convention(self) -> str:
+        return self._text_attribute("amplitude_convention")
+
+    @property
+    def n_ranks(self) -> int:
+        return int(np.ravel(self._file.attrs.get("n_ranks", 1))[0])
+
+    @property
+    def input_text(self) -> str:
+        return self._text_dataset("input_text")
+
+    @property
+    def input_complete(self) -> str:
+        return self._text_dataset("input_complete")
+
+    @property
+    def n_points(self) -> int:
+        return self.status.size
+
+    @property
+    def n_tones(self) -> int:
+        return self.tuples.shape[1]
+
+    @property
+    def n_harmonics(self) -> int:
+        return self.tuples.shape[0]
+
+    # Outcome of the points
+
+    def status_name(self, point: int) -> str:
+        """Word of the status of a point, as the file defines it."""
+        return self._names.get(int(self.status[point]), f"status {self.status[point]}")
+
+    def status_counts(self) -> dict[str, int]:
+        """Number of points by status, in the order of the status numbers, without empty ones."""
+        codes, counts = np.unique(self.status, return_counts=True)
+        return {self._names.get(int(code), f"status {code}"): int(n) for code, n in zip(codes, counts)}
+
+    @property
+    def converged(self) -> np.ndarray:
+        """Numbers of the converged points."""
+        return np.flatnonzero(self.status == CONVERGED)
+
+    def message(self, point: int) -> str:
+        """Why a point failed; empty for the others."""
+        return _strings(self._file["message"][point : point + 1])[0] if "message" in self._file else ""
+
+    def per_point(self, name: str) -> np.ndarray:
+        """A dataset with one number a point: `iterations`, `residual`, `solve_seconds`, `penetration`, ..."""
+        dataset = self._dataset(name)
+        if dataset.shape != (self.n_points,):
+            raise ReaderError(f"{self.path}: '{name}' has shape {dataset.shape}, not one number a point")
+        return dataset[()]
+
+    # Choice of points
+
+    def select(self, at: Mapping[str, object]) -> list[int]:
+        """Points that carry all parameter values of `at`; keys are names (`law_1_gap`) or input paths."""
+        fits = np.ones(self.n_points, dtype=bool)
+        for key, value in at.items():
+            parameter = self.parameter(key)
+            fits_one = parameter.fits(value)
+            if not fits_one.any():
+                raise ReaderError(
+                    f"{self.path}: no point with {parameter.name} = {value}; values: {_values_text(parameter)}"
+                )
+            fits &= fits_one
+        points = [int(i) for i in np.flatnonzero(fits)]
+        if not points:
+            raise ReaderError(f"{self.path}: no point with {_at_text(at)} together; see nhbm-post info for the points")
+        return points
+
+    def point(self, number: int | None = None, at: Mapping[str, object] | None = None) -> int:
+        """One point: by number, by parameter values, or the first converged one if neither is given."""
+        if number is not None:
+            if not 0 <= number < self.n_points:
+                raise ReaderError(f"{self.path}: no point {number}; points: 0 to {self.n_points - 1}")
+            return int(number)
+        if at:
+            points = self.select(at)
+            if len(points) > 1:
+                differing = [p.name for p in self.parameters.values() if len({str(v) for v in p.values[points]}) > 1]
+                raise ReaderError(
+                    f"{self.path}: {_at_text(at)} fits points {range_text(points)}; "
+                    f"say also {list_text(differing) if differing else 'the number of the point'}"
+                )
+            return points[0]
+        if self.converged.size == 0:
+            counts = ", ".join(f"{n} {name}" for name, n in self.status_counts().items())
+            raise ReaderError(f"{self.path}: no point has converged ({counts})")
+        return int(self.converged[0])
+
+    def parameter(self, key: str) -> Parameter:
+        """Swept parameter by name or by path in the input."""
+        for parameter in self.parameters.values():
+            if key in (parameter.name, parameter.path):
+                return parameter
+        raise ReaderError(f"{self.path}: no swept parameter '{key}'; swept: {list_text(list(self.parameters))}")
+
+    def point_text(self, point: int) -> str:
+        """`point 3, law_1_gap = 0.0015 m`, for titles."""
+        return ", ".join([f"point {point}", *(p.text(point) for p in self.parameters.values())])
+
+    # Solutions
+
+    def default_dof(self, quantity: str = "motion") -> str:
+        """First degree of freedom with a law of which `quantity` is stored, else the first one stored."""
+        labels = self.labels(quantity)
+        if not labels:
+            raise ReaderError(f"{self.path}: no degree of freedom with {QUANTITIES[quantity].words}")
+        return next((label for label in self.law_dofs if label in labels), labels[0])
+
+    def labels(self, quantity: str = "motion") -> list[str]:
+        """Labels of the degrees of freedom of which `quantity` is stored."""
+        return self.dofs if QUANTITIES[quantity].labels == "dof" else self.law_dofs
+
+    def units(self, quantity: str = "motion") -> str:
+        return _text(self._dataset(QUANTITIES[quantity].coefficients).attrs.get("units", ""))
+
+    def frequency(self, point: int) -> np.ndarray:
+        """Base frequencies of a point [rad/s], (n_tones)."""
+        return np.asarray(self._file["frequency"][point], dtype=float)
+
+    def series(
+        self, point: int, dof: str | None = None, quantity: str = "motion", allow_unconverged: bool = False
+    ) -> Series:
+        """Harmonics of one degree of freedom at a point, without those that are not in the set of the point."""
+        self._require_outcome(point, allow_unconverged)
+        dof = self.default_dof(quantity) if dof is None else dof
+        i_dof = self._dof_index(dof, quantity)
+        return self._series(point, dof, quantity, self._coefficients_dataset(quantity)[point, i_dof])
+
+    def all_series(self, dof: str | None = None, quantity: str = "motion") -> Iterator[tuple[int, Series]]:
+        """(point, series) of every converged point; reads the file once."""
+        dof = self.default_dof(quantity) if dof is None else dof
+        values = self._coefficients_dataset(quantity)[:, self._dof_index(dof, quantity)]
+        for point in self.converged:
+            yield int(point), self._series(int(point), dof, quantity, values[point])
+
+    def coefficients(
+        self, point: int, dof: str, j: Sequence[int], quantity: str = "motion", allow_unconverged: bool = False
+    ) -> tuple[float, float]:
+        """(cos, sin) of tuple `j`; a mirrored tuple -j gives (cos, -sin) of the stored one."""
+        series = self.series(point, dof, quantity, allow_unconverged)
+        if len(j) != self.n_tones:
+            raise ReaderError(
+                f"{self.path}: tuple {tuple_text(j)} has {len(j)} entries; the file has {self.n_tones} tones"
+            )
+        try:
+            return series.harmonic(j)
+        except KeyError:
+            raise ReaderError(
+                f"{self.path}: tuple {tuple_text(j)} is not in the set of point {point}; {_set_text(series)}"
+            ) from None
+
+    def amplitude(self, point: int, dof: str, j: Sequence[int], quantity: str = "motion") -> float:
+        """One-sided peak amplitude of tuple `j`."""
+        return float(np.hypot(*self.coefficients(point, dof, j, quantity)))
+
+    def evaluate(self, point: int, dof: str, t, quantity: str = "motion") -> np.ndarray:
+        """Values at times `t` [s], of the shape of `t`."""
+        return self.series(point, dof, quantity).evaluate(t)
+
+    def on_grid(self, point: int, dof: str, shape, quantity: str = "motion") -> np.ndarray:
+        """Values on a hypertime grid of any size, axes in the order tau_1, tau_2, ... (see Series.on_grid)."""
+        return self.series(point, dof, quantity).on_grid(shape)
+
+    def samples(
+        self, point: int, dof: str, quantity: str = "motion", allow_unconverged: bool = False
+    ) -> tuple[list[np.ndarray], np.ndarray] | None:
+        """Stored surface as (hypertime axes, values), axes in the order tau_1, tau_2, ...; None if not stored."""
+        self._require_outcome(point, allow_unconverged)
+        name = QUANTITIES[quantity].samples
+        axes = [f"tau_{m}" for m in range(1, self.n_tones + 1)]
+        if name not in self._file or any(axis not in self._file for axis in axes):
+            return None
+        if dof not in self.law_dofs:
+            raise ReaderError(f"{self.path}: no surface of '{dof}' is stored; stored: {list_text(self.law_dofs)}")
+        values = self._file[name][point, self.law_dofs.index(dof)].T
+        if not np.isfinite(values).all():
+            raise ReaderError(f"{self.path}: '{name}' of point {point} holds values that are not finite")
+        return [self._file[axis][()] for axis in axes], values
+
+    # Inside
+
+    def _series(self, point: int, dof: str, quantity: str, values: np.ndarray) -> Series:
+        is_in_set = ~np.isnan(values).all(axis=-1)
+        if not is_in_set.any():
+            raise ReaderError(
+                f"{self.path}: point {point} ({self.status_name(point)}) holds no {QUANTITIES[quantity].words} of '{dof}'"
+            )
+        values = values[is_in_set]
+        if not np.isfinite(values).all():
+            raise ReaderError(
+                f"{self.path}: {QUANTITIES[quantity].words} of '{dof}' at point {point} has values that are not finite"
+            )
+        return Series(
+            self.tuples[is_in_set], self.frequency(point), values[:, 0], values[:, 1],
+            QUANTITIES[quantity].symbol.format(dof), self.units(quantity),
+        )  # fmt: skip
+
+    def _require_outcome(self, point: int, allow_unconverged: bool) -> None:
+        """Raises unless the point has converged, or has at least ended with numbers and that is enough."""
+        if not 0 <= point < self.n_points:
+            raise ReaderError(f"{self.path}: no point {point}; points: 0 to {self.n_points - 1}")
+        status = self.status[point]
+        if status == CONVERGED or (allow_unconverged and status not in (PENDING, FAILED)):
+            return
+        why = self.message(point)
+        raise ReaderError(
+            f"{self.path}: point {point} has no result (status {self.status_name(point)}{': ' + why if why else ''}); "
+            f"converged points: {range_text(self.converged)}"
+        )
+
+    def _dof_index(self, dof: str, quantity: str) -> int:
+        labels = self.labels(quantity)
+        if dof not in labels:
+            raise ReaderError(
+                f"{self.path}: no {QUANTITIES[quantity].words} of degree of freedom '{dof}'; stored: {list_text(labels)}"
+            )
+        return labels.index(dof)
+
+    def _coefficients_dataset(self, quantity: str) -> h5py.Dataset:
+        return self._dataset(QUANTITIES[quantity].coefficients)
+
+    def _dataset(self, name: str) -> h5py.Dataset:
+        if name not in self._file:
+            raise ReaderError(f"{self.path}: no dataset '{name}' in this file")
+        return self._file[name]
+
+    def _check_schema(self) -> None:
+        version = self._file.attrs.get("schema_version")
+        if version is None:
+            raise ReaderError(f"{self.path}: no result file of nhbm: it has no attribute 'schema_version'")
+        version = np.ravel(version)[0]
+        if version != SCHEMA_VERSION:
+            raise ReaderError(f"{self.path}: schema version {version}; this nhbm-post reads version {SCHEMA_VERSION}")
+        missing = [name for name in _REQUIRED if name not in self._file]
+        if missing:
+            raise ReaderError(f"{self.path}: result file without {list_text(missing)}: written by another program?")
+        n_harmonics, n_tones = self._file["tuple"].shape
+        found = self._file["coefficients"].shape
+        expected = (self._file["status"].size, self._file["dof"].shape[0], n_harmonics, 2)
+        if found != expected:
+            raise ReaderError(
+                f"{self.path}: 'coefficients' has shape {found}; points, dofs, harmonics and components make {expected}"
+            )
+        if self._file["frequency"].shape != (expected[0], n_tones):
+            raise ReaderError(
+                f"{self.path}: 'frequency' has shape {self._file['frequency'].shape}, expected {(expected[0], n_tones)}"
+            )
+
+    def _read_parameters(self) -> Iterator[Parameter]:
+        for name, dataset in self._file.items():
+            if not isinstance(dataset, h5py.Dataset) or "parameter" not in dataset.attrs:
+                continue
+            raw = dataset[()]
+            values = raw.astype(float) if raw.dtype.kind in "fiu" else np.array(_strings(raw), dtype=object)
+            if values.shape == (self._file["status"].size,):
+                path = _text(dataset.attrs["parameter"])
+                yield Parameter(name, path, _text(dataset.attrs.get("units", "")), values)
+
+    def _status_names(self) -> dict[int, str]:
+        attributes = self._file["status"].attrs
+        if "flag_values" not in attributes or "flag_meanings" not in attributes:
+            return _STATUS_NAMES
+        codes = np.ravel(attributes["flag_values"])
+        return {int(code): word for code, word in zip(codes, _text(attributes["flag_meanings"]).split())}
+
+    def _labels(self, name: str) -> list[str]:
+        return _strings(self._file[name][()])
+
+    def _text_attribute(self, name: str) -> str:
+        return _text(self._file.attrs.get(name, ""))
+
+    def _text_dataset(self, name: str) -> str:
+        return _text(self._dataset(name)[()])
+
+
+def _open(path: Path) -> h5py.File:
+    if not path.is_file():
+        raise ReaderError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}")
+    try:
+        # No lock: a run may still be writing, and the schema makes complete points readable at any time.
+        return h5py.File(path, "r", locking=False)
+    except (TypeError, ValueError):  # HDF5 library without that choice
+        pass
+    except OSError as error:
+        raise ReaderError(f"{path}: cannot be read as HDF5 ({_first_line(error)})") from None
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        raise ReaderError(f"{path}: cannot be read as HDF5 ({_first_line(error)})") from None
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def _text(value) -> str:
+    """Text of a scalar string of any HDF5 kind, without the padding of Fortran."""
+    if isinstance(value, np.ndarray):
+        value = value.ravel()[0] if value.size else ""
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", "replace")
+    return str(value).rstrip("\0 ")
+
+
+def _strings(values: np.ndarray) -> list[str]:
+    """List of texts from fixed-size strings, variable-length strings, or rows of single characters."""
+    values = np.asarray(values)
+    if values.ndim == 2 and values.dtype == np.dtype("S1"):
+        values = np.ascontiguousarray(values).view(f"S{values.shape[1]}").ravel()
+    return [_text(value) for value in values]
+
+
+def _values_text(parameter: Parameter) -> str:
+    values = sorted({v for v in parameter.values.tolist()})
+    return list_text([number_text(v) for v in values])
+
+
+def _at_text(at: Mapping[str, object]) -> str:
+    return ", ".join(f"{key} = {value}" for key, value in at.items())
+
+
+def _set_text(series: Series) -> str:
+    """How far a set of tuples reaches, for messages."""
+    order = np.abs(series.tuples).max(axis=0)
+    return f"it has {series.n_harmonics} tuples with " + ", ".join(
+        f"|j{m}| <= {n}" for m, n in enumerate(order, start=1)
+    )

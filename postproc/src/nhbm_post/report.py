@@ -1,0 +1,84 @@
+"""Tables of text: what is in a file, and single numbers of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .errors import ReaderError
+from .reader import CONVERGED, FAILED, PENDING, Results
+from .text import list_text, number_text, tuple_text
+
+_N_AMPLITUDES = 3
+
+
+def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
+    """Table of a file: origin, size, outcome, and a row a point with its largest amplitudes of `dof`."""
+    dof = results.default_dof() if dof is None else dof
+    if dof not in results.dofs:
+        raise ReaderError(f"{results.path}: no degree of freedom '{dof}'; stored: {list_text(results.dofs)}")
+    sweeps = [
+        f"{p.name} ({p.path}{', ' + p.units if p.units not in ('', '1') else ''}): {len(set(p.values.tolist()))} values"
+        for p in results.parameters.values()
+    ]
+    counts = ", ".join(f"{n} {name}" for name, n in results.status_counts().items())
+    facts = [
+        ("file", str(results.path)),
+        ("title", results.title or "-"),
+        ("written by", f"nhbm {results.program_version}, commit {results.git_commit}, {results.created_utc}"),
+        ("run on", f"{results.n_ranks} MPI rank{'s' if results.n_ranks != 1 else ''}"),
+        ("tones", str(results.n_tones)),
+        ("harmonics", f"{results.n_harmonics} in the union of all points"),
+        ("dofs", list_text(results.dofs)),
+        ("with laws", list_text(results.law_dofs)),
+        ("swept", "; ".join(sweeps) or "nothing"),
+        ("points", f"{results.n_points}: {counts}"),
+    ]
+    lines = [f"{name:<11}{value}" for name, value in facts]
+    shown = min(max_points, results.n_points)
+    if shown > 0:
+        lines += ["", *_table(_point_rows(results, dof, shown))]
+    if shown < results.n_points:
+        lines.append(f"... {results.n_points - shown} more points; --points {results.n_points} shows all")
+    return "\n".join(lines)
+
+
+def value(results: Results, point: int, dof: str, j, quantity: str = "motion", allow_unconverged: bool = False) -> str:
+    """`cos sin amplitude` of one harmonic with 17 digits, enough to get the stored numbers back."""
+    cos, sin = results.coefficients(point, dof, j, quantity, allow_unconverged)
+    return " ".join(f"{number:.16e}" for number in (cos, sin, np.hypot(cos, sin)))
+
+
+def _point_rows(results: Results, dof: str, shown: int) -> list[list[str]]:
+    parameters = list(results.parameters.values())
+    units = results.units()
+    heading = ["point", *(p.name for p in parameters), "status", "iterations", "residual", "seconds"]
+    rows = [[*heading, f"largest amplitudes of {dof}" + (f" [{units}]" if units not in ("", "1") else "")]]
+    columns = [results.per_point(name) for name in ("iterations", "residual", "solve_seconds")]
+    for point in range(shown):
+        row = [str(point), *(number_text(p.values[point]) for p in parameters), results.status_name(point)]
+        if results.status[point] == PENDING:
+            row += ["-", "-", "-"]
+        else:
+            iterations, residual, seconds = (column[point] for column in columns)
+            row += [str(int(iterations)), f"{residual:.2e}", f"{seconds:.3g}"]
+        rows.append([*row, _last_column(results, point, dof)])
+    return rows
+
+
+def _last_column(results: Results, point: int, dof: str) -> str:
+    """Largest amplitudes of a converged point, why a failed one failed."""
+    if results.status[point] in (PENDING, FAILED):
+        return results.message(point) or "-"
+    try:
+        series = results.series(point, dof, allow_unconverged=True)
+    except ReaderError:
+        return results.message(point) or "-"
+    largest = np.argsort(series.amplitudes, kind="stable")[::-1][:_N_AMPLITUDES]
+    texts = [f"{tuple_text(series.tuples[k])} {series.amplitudes[k]:.4e}" for k in largest]
+    return "  ".join(texts) + ("" if results.status[point] == CONVERGED else "  (not a solution)")
+
+
+def _table(rows: list[list[str]]) -> list[str]:
+    """Columns of equal width, numbers to the right; the last column is left as it is."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
+    return ["  ".join([*(text.rjust(width) for text, width in zip(row, widths)), row[-1]]).rstrip() for row in rows]

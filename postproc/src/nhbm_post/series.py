@@ -1,0 +1,135 @@
+"""A multi-tone Fourier series: one degree of freedom of one solution, without knowledge of files.
+
+x(t) = sum_h [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], with tau_m = omega_m t on the torus of d tones.
+Only one of j and -j is stored. Amplitudes are one-sided peaks, sqrt(cos_h**2 + sin_h**2).
+"""
+
+from dataclasses import dataclass
+from typing import Sequence
+
+import numpy as np
+
+# Numbers held at once while sines are summed, and points of the grid on which the peak is looked for.
+_CHUNK = 2**22
+_PEAK_GRID = 2**22
+
+
+@dataclass(frozen=True)
+class Series:
+    """Harmonics of one quantity, with `tuples` (n_harmonics, n_tones) and `omega` (n_tones) [rad/s]."""
+
+    tuples: np.ndarray
+    omega: np.ndarray
+    cos: np.ndarray
+    sin: np.ndarray
+    label: str = "x"
+    units: str = ""
+
+    @property
+    def n_tones(self) -> int:
+        return self.tuples.shape[1]
+
+    @property
+    def n_harmonics(self) -> int:
+        return self.tuples.shape[0]
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Frequency j . omega of each harmonic [rad/s]; may be negative."""
+        return self.tuples @ self.omega
+
+    @property
+    def amplitudes(self) -> np.ndarray:
+        """One-sided peak amplitude of each harmonic."""
+        return np.hypot(self.cos, self.sin)
+
+    @property
+    def mean(self) -> float:
+        """Mean value: the coefficient of j = 0, zero where that is not in the set."""
+        return float(self.cos[~self.tuples.any(axis=1)].sum())
+
+    @property
+    def rms(self) -> float:
+        """Root mean square over hypertime by Parseval; equals that over time for incommensurate tones."""
+        is_mean = ~self.tuples.any(axis=1)
+        power = np.where(is_mean, self.cos**2, 0.5 * (self.cos**2 + self.sin**2))
+        return float(np.sqrt(power.sum()))
+
+    def harmonic(self, j: Sequence[int]) -> tuple[float, float]:
+        """(cos, sin) of tuple `j`, also where -j is the one stored; KeyError where neither is."""
+        j = np.asarray(j, dtype=int)
+        if j.shape == (self.n_tones,):
+            for sign in (1, -1):
+                found = np.flatnonzero((self.tuples == sign * j).all(axis=1))
+                if found.size:
+                    return float(self.cos[found[0]]), float(sign * self.sin[found[0]])
+        raise KeyError(tuple(int(k) for k in j))
+
+    def evaluate(self, t) -> np.ndarray:
+        """Values at times `t` [s], of the shape of `t`."""
+        t = np.asarray(t, dtype=float)
+        return self._sum(t.reshape(-1, 1), self.frequencies[None, :]).reshape(t.shape)
+
+    def at(self, tau) -> np.ndarray:
+        """Values at points `tau` (..., n_tones) of hypertime [rad]."""
+        tau = np.asarray(tau, dtype=float)
+        return self._sum(tau.reshape(-1, self.n_tones), self.tuples.T).reshape(tau.shape[:-1])
+
+    def on_grid(self, shape) -> np.ndarray:
+        """Values on the grid tau_m = 2 pi k / shape[m], axes in the order tau_1, tau_2, ...
+
+        `shape` is one number for all tones or one a tone; any size is right, also one coarser than the harmonics,
+        because at a grid point exp(i j tau_m) depends on j modulo shape[m] only.
+        """
+        shape = (int(shape),) * self.n_tones if np.ndim(shape) == 0 else tuple(int(n) for n in shape)
+        if len(shape) != self.n_tones or min(shape) < 1:
+            raise ValueError(f"a grid for {self.n_tones} tones needs {self.n_tones} sizes of 1 or more, got {shape}")
+        spectrum = np.zeros(shape, dtype=complex)
+        half = 0.5 * (self.cos - 1j * self.sin)
+        np.add.at(spectrum, tuple((self.tuples % shape).T), half)
+        np.add.at(spectrum, tuple((-self.tuples % shape).T), half.conj())
+        return np.fft.ifftn(spectrum).real * spectrum.size
+
+    def peak(self) -> float:
+        """Largest |x| over hypertime: the highest summits of a fine grid, each polished by Newton steps."""
+        if self.n_harmonics == 0:
+            return 0.0
+        order = np.abs(self.tuples).max(axis=0)
+        factor = 4.0 * min(1.0, (_PEAK_GRID / np.prod(4.0 * (2.0 * order + 1.0))) ** (1.0 / self.n_tones))
+        shape = np.where(order > 0, np.maximum(np.ceil(factor * (2 * order + 1)), 4), 1).astype(int)
+        height = np.abs(self.on_grid(shape))
+        is_summit = np.ones(height.shape, dtype=bool)
+        for axis in range(self.n_tones):
+            for shift in (1, -1):
+                is_summit &= height >= np.roll(height, shift, axis)
+        summits = np.argwhere(is_summit)
+        summits = summits[np.argsort(height[is_summit])[::-1][:4]]
+        best = float(height.max())
+        for summit in summits:
+            best = max(best, self._climb(2.0 * np.pi * summit / shape))
+        return best
+
+    def _climb(self, tau: np.ndarray) -> float:
+        """Largest |x| met by Newton steps on the gradient from `tau`; a step that loses height ends the climb."""
+        j = self.tuples
+        height = abs(float(self.at(tau)))
+        for _ in range(8):
+            phase = j @ tau
+            value = self.cos * np.cos(phase) + self.sin * np.sin(phase)
+            slope = self.sin * np.cos(phase) - self.cos * np.sin(phase)
+            hessian = -(j * value[:, None]).T @ j
+            tau = tau - np.linalg.lstsq(hessian, j.T @ slope, rcond=1e-12)[0]
+            higher = abs(float(self.at(tau)))
+            if not higher > height * (1.0 + 1e-15):
+                break
+            height = higher
+        return height
+
+    def _sum(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Sum over harmonics at phases `left @ right` (n, n_harmonics), in pieces that fit the memory."""
+        values = np.empty(left.shape[0])
+        step = max(1, _CHUNK // max(1, self.n_harmonics))
+        for start in range(0, left.shape[0], step):
+            phase = left[start : start + step] @ right
+            values[start : start + step] = np.cos(phase) @ self.cos + np.sin(phase) @ self.sin
+        return values

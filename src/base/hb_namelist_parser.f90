@@ -1,0 +1,654 @@
+!> Grammar of namelist files: finds the groups of a text and takes their bodies apart into keys and values.
+!>
+!> A subset of Fortran's namelist input (F2018, 13.11) that refuses what is legal but nearly always a mistake:
+!> values left out, text behind the closing '/', strings over several lines, lists for one element.
+!> Values stay as spans of the text, repeat counts stay counts, so memory is linear in the size of the file.
+module hb_namelist_parser
+   use hb_namelist_index, only: max_name, name_table_t
+   use hb_kinds, only: int64
+   use hb_text, only: lower, parse_integer, to_text
+   implicit none
+   private
+   public :: content_t, element_text, is_name, key_t, max_values, next_group, override, parse_body, scan_t
+   public :: shown, value_t
+
+   integer, parameter :: max_values = 1000000                         !! of one key, repeat counts included
+   character(*), parameter :: tab = achar(9), line_feed = achar(10), return = achar(13)
+   character(*), parameter :: blanks = " "//tab//line_feed//return//achar(11)//achar(12)
+   character(*), parameter :: quote_marks = "'"//'"'
+   character(*), parameter :: word_end = blanks//",/!=()&"//quote_marks
+   character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
+
+   !> Where the parser stands, and what is wrong there.
+   type :: scan_t
+      integer :: position = 1
+      integer :: line = 1
+      character(:), allocatable :: problem                            !! allocated: parsing has failed
+      integer :: problem_line = 0
+   end type scan_t
+
+   !> One value, or equal values in a row, as written.
+   type :: value_t
+      integer :: first = 1, last = 0                                  !! span in the text, without quotes
+      integer :: line = 0                                             !! 0: set from outside
+      integer :: count = 1                                            !! repeat count
+      integer :: i = 0, j = 0                                         !! element index, 0 where there is none
+      integer :: next = 0                                             !! next value of the key, 0 after the last
+      logical :: is_quoted = .false.
+   end type value_t
+
+   !> One key: a chain of listed values, a chain of single elements, or (set from outside) both.
+   type :: key_t
+      integer :: line = 0                                             !! of its first appearance; 0: set from outside
+      integer :: second_line = 0                                      !! line where the key is wrongly given again
+      integer :: head = 0, tail = 0                                   !! listed values
+      integer :: n_listed = 0                                         !! their number, repeat counts included
+      integer :: element_head = 0, element_tail = 0                   !! values of elements
+      integer :: n_elements = 0
+      integer :: asked = 0                                            !! position in the owner's list of asked keys
+   end type key_t
+
+   !> Body of one group.
+   type :: content_t
+      character(:), allocatable :: text
+      type(name_table_t) :: names                                     !! of the keys
+      type(key_t), allocatable :: keys(:)                             !! (capacity), names%n in use
+      type(value_t), allocatable :: values(:)                         !! (capacity), n_values in use
+      integer :: n_values = 0
+   contains
+      procedure :: add_key => content_add_key
+      procedure :: is_given => content_is_given
+      procedure :: word => content_word
+   end type content_t
+
+   !> What the parser knows while it is inside a group.
+   type :: body_t
+      character(:), allocatable :: name                               !! of the group
+      character(:), allocatable :: key                                !! the latest one
+      logical :: in_key = .false.                                     !! there has been a key
+      logical :: after_comma = .false.
+      integer :: i_key = 0                                            !! 0: values are passed over
+      integer :: i = 0, j = 0                                         !! element index of the key
+      integer :: n_found = 0                                          !! values of the key so far
+      type(value_t) :: value                                          !! the latest one
+   end type body_t
+
+contains
+
+   !> Goes on to the next group: `name` is its name in lower case, empty when there are no more; the scan stands
+   !> behind the name.
+   pure subroutine next_group(text, scan, name)
+      character(*), intent(in) :: text
+      type(scan_t), intent(inout) :: scan
+      character(:), allocatable, intent(out) :: name
+      integer :: last
+      logical :: at_line_start
+
+      name = ""
+      at_line_start = .true.
+      do while (scan%position <= len(text))
+         select case (text(scan%position:scan%position))
+         case (line_feed)
+            at_line_start = .true.
+            scan%line = scan%line + 1
+         case (" ", tab, return)
+            continue
+         case ("!")
+            call skip_comment(text, scan)
+            cycle
+         case ("/")
+            if (at_line_start) then
+               if (rest_is_empty(text, scan%position + 1)) then
+                  call stop_at(scan, scan%line, "'/' outside of a group; was the group closed too early?")
+                  return
+               end if
+            end if
+            at_line_start = .false.
+         case ("&")
+            last = word_last(text, scan%position + 1)
+            if (.not. at_line_start) then
+               call stop_at(scan, scan%line, "misplaced '&': a group begins on a line of its own, "// &
+                            "and a comment with '!'")
+               return
+            end if
+            name = lower(text(scan%position + 1:last))
+            if (.not. is_name(name)) then
+               call stop_at(scan, scan%line, "'&"//shown(name)//"' is not a group name; write it like '&newton'")
+            else if (name == "end") then
+               call stop_at(scan, scan%line, "'&end' outside of a group")
+            else if (last < len(text)) then
+               if (index(blanks//"/!", text(last + 1:last + 1)) == 0) then
+                  call stop_at(scan, scan%line, "unexpected '"//text(last + 1:last + 1)//"' after '&"//name//"'")
+               end if
+            end if
+            scan%position = last + 1
+            return
+         case default
+            at_line_start = .false.
+         end select
+         scan%position = scan%position + 1
+      end do
+   end subroutine next_group
+
+   !> Takes the body of group `name` apart, from the scan's position to behind its '/' or '&end'.
+   pure subroutine parse_body(text, scan, name, content)
+      character(*), intent(in) :: text
+      type(scan_t), intent(inout) :: scan
+      character(*), intent(in) :: name
+      type(content_t), intent(out) :: content
+      type(body_t) :: body
+      integer :: first_line, last, offset, start
+      logical :: has_ended
+
+      first_line = scan%line
+      offset = scan%position - 1
+      body%name = name
+      body%key = ""
+      has_ended = .false.
+      allocate (content%values(8))
+      do while (.not. has_ended)
+         call skip_blanks(text, scan)
+         if (scan%position > len(text)) then
+            call stop_at(scan, first_line, "group &"//name//" never ends; close it with '/'")
+            return
+         end if
+         start = scan%position
+         select case (text(start:start))
+         case ("/")
+            call end_key(scan, body)
+            scan%position = start + 1
+            has_ended = .true.
+         case ("&")
+            last = word_last(text, start + 1)
+            if (lower(text(start + 1:last)) /= "end") then
+               call stop_at(scan, scan%line, "'&"//shown(text(start + 1:last))//"' inside group &"//name// &
+                            " of line "//to_text(first_line)//", which is not yet closed with '/'")
+            end if
+            call end_key(scan, body)
+            scan%position = last + 1
+            has_ended = .true.
+         case (",")
+            if (.not. body%in_key) then
+               call stop_at(scan, scan%line, "&"//name//": unexpected ',' where a key is expected")
+            else if (body%n_found == 0 .or. body%after_comma) then
+               call stop_at(scan, scan%line, "&"//name//": key '"//body%key//"' has an empty value before ','")
+            end if
+            body%after_comma = .true.
+            scan%position = start + 1
+         case ("'", '"')
+            call read_value(text, scan, body, start - 1)
+            call store_value(text, scan, body, content)
+         case default
+            last = word_last(text, start)
+            if (last < start) then
+               call stop_at(scan, scan%line, "&"//name//": unexpected '"//text(start:start)//"'")
+            else if (is_key(text, last)) then
+               call end_key(scan, body)
+               call begin_key(text, scan, body, content, last)
+            else
+               call read_value(text, scan, body, last)
+               call store_value(text, scan, body, content)
+            end if
+         end select
+         if (allocated(scan%problem)) return
+      end do
+      if (.not. rest_is_empty(text, scan%position)) then
+         call stop_at(scan, scan%line, "text behind the end of group &"//name// &
+                      "; a value with '/' needs quotes, a comment begins with '!'")
+         return
+      end if
+      content%text = text(offset + 1:scan%position - 1)
+      associate (values => content%values(1:content%n_values))
+         values%first = values%first - offset
+         values%last = values%last - offset
+      end associate
+   end subroutine parse_body
+
+   !> Whether the word that ends at `last` is a key: '=' or an index follows; blanks between do not matter.
+   pure logical function is_key(text, last)
+      character(*), intent(in) :: text
+      integer, intent(in) :: last
+      integer :: i
+
+      is_key = .false.
+      do i = last + 1, len(text)
+         if (index(blanks, text(i:i)) > 0 .and. text(i:i) /= line_feed) cycle
+         is_key = index("=(", text(i:i)) > 0
+         return
+      end do
+   end function is_key
+
+   !> Checks that a key has got a value before the next one begins or the group ends.
+   pure subroutine end_key(scan, body)
+      type(scan_t), intent(inout) :: scan
+      type(body_t), intent(in) :: body
+
+      if (body%in_key .and. body%n_found == 0) then
+         call stop_at(scan, scan%line, "&"//body%name//": key '"//body%key//"' has no value")
+      end if
+   end subroutine end_key
+
+   !> Reads a key, from the scan's position to `last`, with its index and '='.
+   pure subroutine begin_key(text, scan, body, content, last)
+      character(*), intent(in) :: text
+      type(scan_t), intent(inout) :: scan
+      type(body_t), intent(inout) :: body
+      type(content_t), intent(inout) :: content
+      integer, intent(in) :: last
+
+      if (allocated(scan%problem)) return
+      body%key = lower(text(scan%position:last))
+      if (.not. is_name(body%key)) then
+         call stop_at(scan, scan%line, "&"//body%name//": '"//shown(body%key)// &
+                      "' is not a key; a key is a name like 'gap'")
+         return
+      end if
+      body%i = 0
+      body%j = 0
+      scan%position = last + 1
+      call skip_blanks(text, scan)
+      if (text(scan%position:scan%position) == "(") then
+         call read_index(text, scan, body)
+         if (allocated(scan%problem)) return
+         call skip_blanks(text, scan)
+      end if
+      if (scan%position > len(text)) then
+         call stop_at(scan, scan%line, "&"//body%name//": '=' is missing after key '"//body%key//"'")
+      else if (text(scan%position:scan%position) /= "=") then
+         call stop_at(scan, scan%line, "&"//body%name//": '=' is missing after key '"//body%key//"'")
+      end if
+      scan%position = scan%position + 1
+      body%in_key = .true.
+      body%after_comma = .false.
+      body%n_found = 0
+      body%i_key = content%names%find(body%key)
+      if (body%i_key == 0) then
+         call content%add_key(body%key)
+         body%i_key = content%names%n
+         content%keys(body%i_key)%line = scan%line
+      else if (body%i == 0 .or. content%keys(body%i_key)%head > 0) then
+         associate (key => content%keys(body%i_key))
+            if (key%second_line == 0) key%second_line = scan%line
+         end associate
+         body%i_key = 0                                               ! its values are passed over
+      end if
+   end subroutine begin_key
+
+   !> Reads the index '(i)' or '(i, j)' of an element.
+   pure subroutine read_index(text, scan, body)
+      character(*), intent(in) :: text
+      type(scan_t), intent(inout) :: scan
+      type(body_t), intent(inout) :: body
+      integer, parameter :: longest = 60
+      integer :: close, comma
+      logical :: ok
+
+      close = index(text(scan%position:min(len(text), scan%position + longest)), ")")
+      ok = close > 0
+      if (ok) then
+         associate (inside => text(scan%position + 1:scan%position + close - 2))
+            comma = index(inside, ",")
+            if (comma == 0) then
+               call parse_integer(trim(adjustl(inside)), body%i, ok)
+            else
+               call parse_integer(trim(adjustl(inside(1:comma - 1))), body%i, ok)
+               if (ok) call parse_integer(trim(adjustl(inside(comma + 1:))), body%j, ok)
+               ok = ok .and. body%j > 0
+            end if
+            ok = ok .and. body%i > 0 .and. max(body%i, body%j) <= max_values
+         end associate
+      end if
+      if (.not. ok) then
+         call stop_at(scan, scan%line, "&"//body%name//": index of '"//body%key// &
+                      "' must be like (2) or (1, 2), each from 1 to "//to_text(max_values))
+      end if
+      scan%position = scan%position + close
+   end subroutine read_index
+
+   !> Reads the value at the scan's position: a word that ends at `last`, or a string, or a repeat count with either.
+   pure subroutine read_value(text, scan, body, last)
+      character(*), intent(in) :: text
+      type(scan_t), intent(inout) :: scan
+      type(body_t), intent(inout) :: body
+      integer, intent(in) :: last                                     !! before the scan's position when no word is there
+      integer :: star
+      logical :: is_quote_next, ok
+
+      body%value = value_t(first=scan%position, last=last, line=scan%line, i=body%i, j=body%j)
+      is_quote_next = .false.
+      if (last < len(text)) is_quote_next = index(quote_marks, text(last + 1:last + 1)) > 0
+      associate (value => body%value, word => text(scan%position:last))
+         star = index(word, "*")
+         if (star > 1) then
+            if (verify(word(1:star - 1), "0123456789") == 0) then
+               call parse_integer(word(1:star - 1), value%count, ok)
+               if (.not. ok .or. value%count < 1 .or. value%count > max_values) then
+                  call stop_at(scan, scan%line, "&"//body%name//": repeat count of '"//shown(word)// &
+                               "' must be from 1 to "//to_text(max_values))
+                  return
+               end if
+               value%first = scan%position + star
+            end if
+         end if
+         if (is_quote_next .and. value%first > last) then
+            scan%position = last + 1
+            call read_string(text, scan, body)
+         else if (is_quote_next) then
+            call stop_at(scan, scan%line, "&"//body%name//": unexpected quote after '"//shown(word)//"'")
+         else if (value%first > last) then
+            call stop_at(scan, scan%line, "&"//body%name//": a value is missing after '"//shown(word)//"'")
+         else
+            scan%position = last + 1
+         end if
+      end associate
+   end subroutine read_value
+
+   !> Reads the string in quotes at the scan's position; it ends in its line.
+   pure subroutine read_string(text, scan, body)
+      character(*), intent(in) :: text
+      type(scan_t), intent(inout) :: scan
+      type(body_t), intent(inout) :: body
+      character(1) :: mark
+      integer :: i
+      logical :: is_closed
+
+      mark = text(scan%position:scan%position)
+      is_closed = .false.
+      i = scan%position + 1
+      do while (i <= len(text))
+         if (text(i:i) == line_feed) exit
+         if (text(i:i) == mark) then
+            is_closed = .true.
+            if (i < len(text)) is_closed = text(i + 1:i + 1) /= mark
+            if (is_closed) exit
+            i = i + 1
+         end if
+         i = i + 1
+      end do
+      if (.not. is_closed) then
+         call stop_at(scan, scan%line, "&"//body%name//": string "//shown(text(scan%position:min(i, len(text) + 1) - 1))// &
+                      " is not closed in its line; its quote is "//mark)
+         return
+      end if
+      body%value%first = scan%position + 1
+      body%value%last = i - 1
+      body%value%is_quoted = .true.
+      if (i < len(text)) then
+         if (index(blanks//",/!", text(i + 1:i + 1)) == 0) then
+            call stop_at(scan, scan%line, "&"//body%name//": a blank or comma is missing after the string "// &
+                         shown(text(scan%position:i)))
+         end if
+      end if
+      scan%position = i + 1
+   end subroutine read_string
+
+   !> Appends the value just read to its key.
+   pure subroutine store_value(text, scan, body, content)
+      character(*), intent(in) :: text
+      type(scan_t), intent(inout) :: scan
+      type(body_t), intent(inout) :: body
+      type(content_t), intent(inout) :: content
+      type(value_t), allocatable :: larger(:)
+      integer :: n
+
+      if (allocated(scan%problem)) return
+      if (.not. body%in_key) then
+         call stop_at(scan, scan%line, "&"//body%name//": value '"// &
+                      shown(text(body%value%first:body%value%last))//"' without a key; write key = value")
+         return
+      end if
+      body%after_comma = .false.
+      body%n_found = body%n_found + body%value%count
+      if (body%i > 0 .and. body%n_found > 1) then
+         call stop_at(scan, scan%line, "&"//body%name//": one element of '"//body%key//"' takes one value")
+      else if (body%n_found > max_values) then
+         call stop_at(scan, scan%line, "&"//body%name//": key '"//body%key//"' has more than "// &
+                      to_text(max_values)//" values")
+      end if
+      if (body%i_key == 0) return
+      n = content%n_values + 1
+      if (n > size(content%values)) then
+         allocate (larger(2*n))
+         larger(1:n - 1) = content%values
+         call move_alloc(larger, content%values)
+      end if
+      content%n_values = n
+      content%values(n) = body%value
+      call link_value(content, body%i_key, n)
+      if (content%keys(body%i_key)%n_elements > max_values) then
+         call stop_at(scan, scan%line, "&"//body%name//": key '"//body%key//"' has more than "// &
+                      to_text(max_values)//" values")
+      end if
+   end subroutine store_value
+
+   !> Hangs value `n` into the chain of its key.
+   pure subroutine link_value(content, i_key, n)
+      type(content_t), intent(inout) :: content
+      integer, intent(in) :: i_key, n
+
+      associate (key => content%keys(i_key))
+         content%values(n)%next = 0
+         if (content%values(n)%i > 0) then
+            if (key%element_head == 0) key%element_head = n
+            if (key%element_tail > 0) content%values(key%element_tail)%next = n
+            key%element_tail = n
+            key%n_elements = key%n_elements + 1
+         else
+            if (key%head == 0) key%head = n
+            if (key%tail > 0) content%values(key%tail)%next = n
+            key%tail = n
+            key%n_listed = key%n_listed + content%values(n)%count
+         end if
+      end associate
+   end subroutine link_value
+
+   !> Puts the only key of `other` in the place of the same key of `content`: all of its values, or one element.
+   pure subroutine override(content, other)
+      type(content_t), intent(inout) :: content
+      type(content_t), intent(in) :: other
+      type(value_t), allocatable :: larger(:)
+      integer :: asked, i, i_key, n, same, second_line, shift
+
+      i_key = content%names%find(other%names%names(1))
+      if (i_key == 0) then
+         call content%add_key(other%names%names(1))
+         i_key = content%names%n
+      else if (other%keys(1)%head > 0) then
+         asked = content%keys(i_key)%asked
+         second_line = content%keys(i_key)%second_line
+         content%keys(i_key) = key_t(asked=asked, second_line=second_line)
+      end if
+      content%keys(i_key)%line = 0
+      shift = 0
+      if (allocated(content%text)) then
+         shift = len(content%text)
+         content%text = content%text//other%text
+      else
+         content%text = other%text
+      end if
+      allocate (larger(content%n_values + other%n_values))
+      if (content%n_values > 0) larger(1:content%n_values) = content%values(1:content%n_values)
+      call move_alloc(larger, content%values)
+      do i = 1, other%n_values
+         n = content%n_values + 1
+         content%n_values = n
+         content%values(n) = other%values(i)
+         content%values(n)%first = other%values(i)%first + shift
+         content%values(n)%last = other%values(i)%last + shift
+         content%values(n)%line = 0
+         content%values(n)%next = 0
+         same = 0
+         if (other%values(i)%i > 0) same = content%keys(i_key)%element_head
+         do while (same > 0)
+            if (content%values(same)%i == other%values(i)%i .and. content%values(same)%j == other%values(i)%j) exit
+            same = content%values(same)%next
+         end do
+         if (same > 0) then
+            content%values(n)%next = content%values(same)%next
+            content%values(same) = content%values(n)
+         else
+            call link_value(content, i_key, n)
+         end if
+      end do
+   end subroutine override
+
+   !> Adds a key without values.
+   pure subroutine content_add_key(self, name)
+      class(content_t), intent(inout) :: self
+      character(*), intent(in) :: name                                !! lower case, not yet a key
+      type(key_t), allocatable :: larger(:)
+
+      if (.not. allocated(self%keys)) allocate (self%keys(8))
+      if (self%names%n == size(self%keys)) then
+         allocate (larger(2*self%names%n))
+         larger(1:self%names%n) = self%keys
+         call move_alloc(larger, self%keys)
+      end if
+      call self%names%add(name)
+   end subroutine content_add_key
+
+   !> Whether key number `i_key` has a value.
+   pure logical function content_is_given(self, i_key) result(is_given)
+      class(content_t), intent(in) :: self
+      integer, intent(in) :: i_key
+
+      is_given = .false.
+      if (i_key > 0) is_given = self%keys(i_key)%head > 0 .or. self%keys(i_key)%element_head > 0
+   end function content_is_given
+
+   !> Text of value number `i_value`; of a quoted one without its quotes, doubled quotes made single.
+   pure function content_word(self, i_value) result(word)
+      class(content_t), intent(in) :: self
+      integer, intent(in) :: i_value
+      character(:), allocatable :: word
+      character(1) :: mark
+      integer(int64) :: first, i, last, n
+
+      first = int(self%values(i_value)%first, int64)
+      last = int(self%values(i_value)%last, int64)
+      word = self%text(first:last)
+      if (.not. self%values(i_value)%is_quoted) return
+      mark = self%text(first - 1:first - 1)
+      if (index(word, mark) == 0) return
+      n = 0
+      i = 1
+      do while (i <= last - first + 1)
+         n = n + 1
+         word(n:n) = word(i:i)
+         if (word(i:i) == mark) i = i + 1
+         i = i + 1
+      end do
+      word = word(1:n)
+   end function content_word
+
+   !> Whether a text is a Fortran name in lower case.
+   pure logical function is_name(text)
+      character(*), intent(in) :: text
+
+      is_name = .false.
+      if (len(text) == 0 .or. len(text) > max_name) return
+      is_name = index(letters, text(1:1)) > 0 .and. verify(text, letters//"0123456789_") == 0
+   end function is_name
+
+   !> Key with an index behind it, for messages; indices of 0 are left out.
+   pure function element_text(key, i, j) result(text)
+      character(*), intent(in) :: key
+      integer, intent(in) :: i, j
+      character(:), allocatable :: text
+
+      text = key
+      if (i > 0 .and. j > 0) then
+         text = key//"("//to_text(i)//", "//to_text(j)//")"
+      else if (i > 0) then
+         text = key//"("//to_text(i)//")"
+      end if
+   end function element_text
+
+   !> Text of the file as a message may show it: without control characters, long ones cut (not inside UTF-8).
+   pure function shown(text) result(clean)
+      character(*), intent(in) :: text
+      character(:), allocatable :: clean
+      integer, parameter :: longest = 60
+      integer :: i, n
+
+      n = len(text)
+      if (n > longest) then
+         n = longest
+         do while (n > longest - 4)
+            if (iand(ichar(text(n + 1:n + 1)), 192) /= 128) exit
+            n = n - 1
+         end do
+      end if
+      clean = text(1:n)
+      do i = 1, n
+         if (ichar(clean(i:i)) < 32 .or. ichar(clean(i:i)) == 127) clean(i:i) = "?"
+      end do
+      if (n < len(text)) clean = clean//"..."
+   end function shown
+
+   !> Notes what is wrong in which line; only the first counts.
+   pure subroutine stop_at(scan, line, problem)
+      type(scan_t), intent(inout) :: scan
+      integer, intent(in) :: line
+      character(*), intent(in) :: problem
+
+      if (allocated(scan%problem)) return
+      scan%problem = problem
+      scan%problem_line = line
+   end subroutine stop_at
+
+   !> Position of the last character of the word that begins at `first`, first - 1 when none does.
+   pure integer function word_last(text, first) result(last)
+      character(*), intent(in) :: text
+      integer, intent(in) :: first
+
+      last = first - 1
+      do while (last < len(text))
+         if (index(word_end, text(last + 1:last + 1)) > 0) exit
+         last = last + 1
+      end do
+   end function word_last
+
+   !> Moves over blanks, line ends and comments.
+   pure subroutine skip_blanks(text, scan)
+      character(*), intent(in) :: text
+      type(scan_t), intent(inout) :: scan
+
+      do while (scan%position <= len(text))
+         if (text(scan%position:scan%position) == "!") then
+            call skip_comment(text, scan)
+            cycle
+         end if
+         if (index(blanks, text(scan%position:scan%position)) == 0) exit
+         if (text(scan%position:scan%position) == line_feed) scan%line = scan%line + 1
+         scan%position = scan%position + 1
+      end do
+   end subroutine skip_blanks
+
+   !> Moves to the end of the line.
+   pure subroutine skip_comment(text, scan)
+      character(*), intent(in) :: text
+      type(scan_t), intent(inout) :: scan
+
+      do while (scan%position <= len(text))
+         if (text(scan%position:scan%position) == line_feed) exit
+         scan%position = scan%position + 1
+      end do
+   end subroutine skip_comment
+
+   !> Whether nothing but blanks and a comment follows in the line from `first` on.
+   pure logical function rest_is_empty(text, first)
+      character(*), intent(in) :: text
+      integer, intent(in) :: first
+      integer :: i
+
+      rest_is_empty = .true.
+      do i = first, len(text)
+         if (index(line_feed//"!", text(i:i)) > 0) return
+         if (index(blanks, text(i:i)) == 0) then
+            rest_is_empty = .false.
+            return
+         end if
+      end do
+   end function rest_is_empty
+end module hb_namelist_parser

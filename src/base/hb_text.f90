@@ -1,0 +1,475 @@
+!> Text helpers: numbers to text and back, lists of words, the closest known word, whole files.
+module hb_text
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan, ieee_negative_inf, ieee_positive_inf, &
+      ieee_quiet_nan, ieee_value
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: int64, wp
+   implicit none
+   private
+   public :: closest_word, join, lower, parse_integer, parse_real, quote, read_text_file, split, string_t
+   public :: text_builder_t, to_text
+
+   integer, parameter :: max_file_bytes = 16*1024**2
+   integer, parameter :: max_word = 63                                !! longest word that closest_word looks at
+   character(*), parameter :: upper_case = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+   character(*), parameter :: lower_case = "abcdefghijklmnopqrstuvwxyz"
+   character(*), parameter :: digits = "0123456789"
+
+   !> One text of a list whose members differ in length.
+   type :: string_t
+      character(:), allocatable :: value
+   end type string_t
+
+   !> Text that grows piece by piece at a cost linear in its final length.
+   type :: text_builder_t
+      character(:), allocatable, private :: buffer
+      integer(int64), private :: length = 0
+   contains
+      procedure :: add => text_builder_add
+      procedure :: text => text_builder_text
+   end type text_builder_t
+
+   !> Value as text; a real in the shortest form found that `parse_real` reads back to the same double.
+   interface to_text
+      module procedure integer_text, int64_text, real_text, logical_text
+   end interface to_text
+
+   !> Members of a list with `separator` between them; trailing blanks of a character array do not count.
+   interface join
+      module procedure join_strings, join_words
+   end interface join
+
+   !> The known word that was probably meant by `word`, ignoring case; empty when none is close.
+   interface closest_word
+      module procedure closest_string, closest_of_words
+   end interface closest_word
+
+contains
+
+   pure function integer_text(value) result(text)
+      integer, intent(in) :: value
+      character(:), allocatable :: text
+
+      text = int64_text(int(value, int64))
+   end function integer_text
+
+   pure function int64_text(value) result(text)
+      integer(int64), intent(in) :: value
+      character(:), allocatable :: text
+      character(24) :: buffer
+
+      write (buffer, "(i0)") value
+      text = trim(buffer)
+   end function int64_text
+
+   pure function logical_text(value) result(text)
+      logical, intent(in) :: value
+      character(:), allocatable :: text
+
+      if (value) then
+         text = ".true."
+      else
+         text = ".false."
+      end if
+   end function logical_text
+
+   !> Fifteen digits are tried first: whatever has a form of at most 15 digits is found by them (not so for tiny
+   !> numbers of reduced precision, which begin with one digit). Plain form from 0.01 to below 1e6.
+   pure function real_text(value) result(text)
+      real(wp), intent(in) :: value
+      character(:), allocatable :: text
+      character(:), allocatable :: mantissa
+      character(40) :: buffer, form
+      real(wp) :: back
+      integer :: exponent_10, first_try, n, n_digits, point
+      logical :: ok
+
+      if (.not. ieee_is_finite(value)) then
+         text = "nan"
+         if (.not. ieee_is_nan(value)) text = merge("-inf", "inf ", sign(1.0_wp, value) < 0.0_wp)
+         text = trim(text)
+         return
+      end if
+      first_try = merge(1, 15, abs(value) < 1e-290_wp)
+      do n_digits = first_try, 17
+         write (form, "(a,i0,a)") "(es40.", n_digits - 1, "e4)"
+         write (buffer, form) abs(value)
+         call parse_real(trim(adjustl(buffer)), back, ok)
+         if (ok .and. abs(back - abs(value)) <= 0.0_wp) exit
+      end do
+      buffer = adjustl(buffer)
+      point = index(buffer, ".")
+      n = scan(buffer, "E")
+      read (buffer(n + 1:), *) exponent_10
+      mantissa = buffer(1:point - 1)//buffer(point + 1:n - 1)
+      n = max(1, verify(mantissa, "0", back=.true.))
+      mantissa = mantissa(1:n)
+      if (exponent_10 >= 6 .or. exponent_10 < -2) then
+         text = mantissa(1:1)//"."
+         if (n > 1) text = text//mantissa(2:)
+         if (n == 1) text = text//"0"
+         text = text//"e"//to_text(exponent_10)
+      else if (exponent_10 < 0) then
+         text = trim(merge("0.0", "0. ", exponent_10 == -2))//mantissa
+      else if (n <= exponent_10 + 1) then
+         do n = n, exponent_10
+            mantissa = mantissa//"0"
+         end do
+         text = mantissa//".0"
+      else
+         text = mantissa(1:exponent_10 + 1)//"."//mantissa(exponent_10 + 2:)
+      end if
+      if (sign(1.0_wp, value) < 0.0_wp) text = "-"//text
+   end function real_text
+
+   !> Changes A to Z into a to z and nothing else, so UTF-8 passes unharmed.
+   pure function lower(text) result(changed)
+      character(*), intent(in) :: text
+      character(len(text)) :: changed
+      integer :: i, letter
+
+      changed = text
+      do i = 1, len(text)
+         letter = index(upper_case, text(i:i))
+         if (letter > 0) changed(i:i) = lower_case(letter:letter)
+      end do
+   end function lower
+
+   pure function join_strings(list, separator) result(text)
+      type(string_t), intent(in) :: list(:)
+      character(*), intent(in) :: separator
+      character(:), allocatable :: text
+      type(text_builder_t) :: builder
+      integer :: i
+
+      do i = 1, size(list)
+         if (i > 1) call builder%add(separator)
+         if (allocated(list(i)%value)) call builder%add(list(i)%value)
+      end do
+      text = builder%text()
+   end function join_strings
+
+   pure function join_words(list, separator) result(text)
+      character(*), intent(in) :: list(:)
+      character(*), intent(in) :: separator
+      character(:), allocatable :: text
+      type(text_builder_t) :: builder
+      integer :: i
+
+      do i = 1, size(list)
+         if (i > 1) call builder%add(separator)
+         call builder%add(trim(list(i)))
+      end do
+      text = builder%text()
+   end function join_words
+
+   !> Puts single quotes round a text and doubles those inside, as a Fortran namelist wants it.
+   pure function quote(text) result(quoted)
+      character(*), intent(in) :: text
+      character(:), allocatable :: quoted
+      integer :: i, n
+
+      n = 2 + len(text)
+      do i = 1, len(text)
+         if (text(i:i) == "'") n = n + 1
+      end do
+      allocate (character(n) :: quoted)
+      quoted(1:1) = "'"
+      n = 1
+      do i = 1, len(text)
+         n = n + 1
+         quoted(n:n) = text(i:i)
+         if (text(i:i) == "'") then
+            n = n + 1
+            quoted(n:n) = "'"
+         end if
+      end do
+      quoted(n + 1:n + 1) = "'"
+   end function quote
+
+   !> Cuts a text at every `separator`; n separators give n + 1 parts, of which any may be empty.
+   pure subroutine split(text, separator, parts)
+      character(*), intent(in) :: text
+      character(*), intent(in) :: separator                           !! not empty
+      type(string_t), allocatable, intent(out) :: parts(:)
+      integer :: first, i, n, pass, width
+
+      do pass = 1, 2
+         n = 1
+         first = 1
+         do
+            width = 0
+            if (len(separator) > 0) width = index(text(first:), separator)
+            if (width == 0) exit
+            if (pass == 2) parts(n)%value = text(first:first + width - 2)
+            first = first + width - 1 + len(separator)
+            n = n + 1
+         end do
+         if (pass == 1) allocate (parts(n))
+      end do
+      i = size(parts)
+      parts(i)%value = text(first:)
+   end subroutine split
+
+   pure function closest_string(word, known) result(closest)
+      character(*), intent(in) :: word
+      type(string_t), intent(in) :: known(:)
+      character(:), allocatable :: closest
+      integer :: best, distance, i
+
+      closest = ""
+      best = huge(best)
+      do i = 1, size(known)
+         if (.not. allocated(known(i)%value)) cycle
+         distance = distance_if_close(lower(trim(word)), lower(trim(known(i)%value)))
+         if (distance < best) then
+            best = distance
+            closest = trim(known(i)%value)
+         end if
+      end do
+   end function closest_string
+
+   pure function closest_of_words(word, known) result(closest)
+      character(*), intent(in) :: word
+      character(*), intent(in) :: known(:)
+      character(:), allocatable :: closest
+      integer :: best, distance, i
+
+      closest = ""
+      best = huge(best)
+      do i = 1, size(known)
+         distance = distance_if_close(lower(trim(word)), lower(trim(known(i))))
+         if (distance < best) then
+            best = distance
+            closest = trim(known(i))
+         end if
+      end do
+   end function closest_of_words
+
+   !> Edit distance (insert, delete, replace, swap of neighbours), or huge() when the words are not close: close is
+   !> at most one edit in three letters, or a beginning of three letters and more.
+   pure integer function distance_if_close(word, known) result(distance)
+      character(*), intent(in) :: word, known
+      integer :: rows(-1:max_word, 0:2)                               !! last, last but one and current row, rotating
+      integer :: before, current, i, j, last
+
+      distance = huge(distance)
+      if (len(word) > max_word .or. len(known) > max_word .or. len(word) == 0 .or. len(known) == 0) return
+      rows = 0
+      do j = 0, len(known)
+         rows(j, 0) = j
+      end do
+      do i = 1, len(word)
+         current = mod(i, 3)
+         last = mod(i + 2, 3)
+         before = mod(i + 1, 3)
+         rows(0, current) = i
+         do j = 1, len(known)
+            rows(j, current) = min(rows(j, last) + 1, rows(j - 1, current) + 1, &
+                                   rows(j - 1, last) + merge(0, 1, word(i:i) == known(j:j)))
+            if (i == 1 .or. j == 1) cycle
+            if (word(i:i) == known(j - 1:j - 1) .and. word(i - 1:i - 1) == known(j:j)) then
+               rows(j, current) = min(rows(j, current), rows(j - 2, before) + 1)
+            end if
+         end do
+      end do
+      distance = rows(len(known), mod(len(word), 3))
+      if (distance <= max(len(word), len(known))/3) return
+      if (min(len(word), len(known)) >= 3 .and. (index(known, word) == 1 .or. index(word, known) == 1)) return
+      distance = huge(distance)
+   end function distance_if_close
+
+   !> Reads a whole token as a real: sign, digits, point, exponent with e or d. `ok` is false and `value` zero for
+   !> anything else and for numbers beyond huge(); `nan` and `inf` are recognised, the caller decides about them.
+   !> The range is settled before the runtime converts, because it raises an overflow exception otherwise.
+   pure subroutine parse_real(token, value, ok)
+      character(*), intent(in) :: token
+      real(wp), intent(out) :: value
+      logical, intent(out) :: ok
+      integer, parameter :: max_kept = 800                            !! no double needs more to be rounded correctly
+      character(*), parameter :: largest = "179769313486231570814527423731704356798"
+      character(max_kept + 1) :: kept
+      character(max_kept + 40) :: normalised
+      integer(int64) :: exponent_10, scale_10
+      integer :: i, iostat, n, n_digits
+      logical :: after_point, is_negative, is_negative_exponent, is_sticky
+
+      ok = .false.
+      value = 0.0_wp
+      n = len(token)
+      if (n == 0) return
+      is_negative = token(1:1) == "-"
+      i = 1
+      if (scan(token(1:1), "+-") == 1) i = 2
+      if (n - i + 1 == 3 .or. n - i + 1 == 8) then
+         select case (lower(token(i:)))
+         case ("nan")
+            value = ieee_value(1.0_wp, ieee_quiet_nan)
+            ok = .true.
+         case ("inf", "infinity")
+            value = ieee_value(1.0_wp, ieee_positive_inf)
+            if (is_negative) value = ieee_value(1.0_wp, ieee_negative_inf)
+            ok = .true.
+         end select
+         if (ok) return
+      end if
+
+      ! The number is +-0.kept * 10**scale_10 with a first kept digit other than zero.
+      kept = ""
+      n = 0
+      n_digits = 0
+      scale_10 = 0
+      after_point = .false.
+      is_sticky = .false.
+      do i = i, len(token)
+         if (token(i:i) == "." .and. .not. after_point) then
+            after_point = .true.
+         else if (index(digits, token(i:i)) > 0) then
+            n_digits = n_digits + 1
+            if (n == 0 .and. token(i:i) == "0") then
+               if (after_point) scale_10 = scale_10 - 1
+            else
+               if (.not. after_point) scale_10 = scale_10 + 1
+               if (n < max_kept) then
+                  n = n + 1
+                  kept(n:n) = token(i:i)
+               else if (token(i:i) /= "0") then
+                  is_sticky = .true.
+               end if
+            end if
+         else
+            exit
+         end if
+      end do
+      if (n_digits == 0) return
+
+      exponent_10 = 0
+      if (i <= len(token)) then
+         if (scan(token(i:i), "eEdD") == 0) return
+         i = i + 1
+         is_negative_exponent = .false.
+         if (i <= len(token)) then
+            is_negative_exponent = token(i:i) == "-"
+            if (scan(token(i:i), "+-") == 1) i = i + 1
+         end if
+         if (i > len(token)) return
+         do i = i, len(token)
+            if (index(digits, token(i:i)) == 0) return
+            exponent_10 = min(10*exponent_10 + index(digits, token(i:i), kind=int64) - 1, 10_int64**12)
+         end do
+         if (is_negative_exponent) exponent_10 = -exponent_10
+      end if
+
+      scale_10 = scale_10 + exponent_10
+      if (n > 0 .and. scale_10 > 309) return
+      if (n > 0 .and. scale_10 == 309 .and. llt(largest, kept(1:max_kept))) return
+      if (n > 0 .and. scale_10 > -330) then
+         if (is_sticky) then
+            n = n + 1
+            kept(n:n) = "1"
+         end if
+         write (normalised, "(a,a,a,i0)") "0.", kept(1:n), "e", scale_10
+         read (normalised, *, iostat=iostat) value
+         if (iostat /= 0) then
+            value = 0.0_wp
+            return
+         end if
+      end if
+      if (is_negative) value = -value
+      ok = .true.
+   end subroutine parse_real
+
+   !> Reads a whole token as an integer: sign and digits; `ok` is false and `value` zero otherwise and when the
+   !> number does not fit.
+   pure subroutine parse_integer(token, value, ok)
+      character(*), intent(in) :: token
+      integer, intent(out) :: value
+      logical, intent(out) :: ok
+      integer(int64) :: number
+      integer :: first, i
+
+      ok = .false.
+      value = 0
+      if (len(token) == 0) return
+      first = 1
+      if (scan(token(1:1), "+-") == 1) first = 2
+      if (first > len(token)) return
+      number = 0
+      do i = first, len(token)
+         if (index(digits, token(i:i)) == 0) return
+         number = 10*number + index(digits, token(i:i), kind=int64) - 1
+         if (number > huge(value)) return
+      end do
+      if (token(1:1) == "-") number = -number
+      value = int(number)
+      ok = .true.
+   end subroutine parse_integer
+
+   !> Reads a whole file as it is, byte by byte; fails for what is no readable file of at most 16 MiB.
+   subroutine read_text_file(path, text, error)
+      character(*), intent(in) :: path
+      character(:), allocatable, intent(out) :: text
+      type(error_t), allocatable, intent(out) :: error
+      character(256) :: reason
+      integer(int64) :: n_bytes
+      integer :: iostat, unit
+      logical :: exists
+
+      if (len_trim(path) == 0) then
+         call fail(error, "the name of the file to read is empty")
+         return
+      end if
+      inquire (file=path, exist=exists)
+      if (.not. exists) then
+         call fail(error, "file '"//trim(path)//"' does not exist")
+         return
+      end if
+      reason = ""
+      open (newunit=unit, file=path, access="stream", form="unformatted", action="read", status="old", &
+            iostat=iostat, iomsg=reason)
+      if (iostat /= 0) then
+         call fail(error, "file '"//trim(path)//"' cannot be opened: "//trim(reason))
+         return
+      end if
+      inquire (unit=unit, size=n_bytes)
+      if (n_bytes < 0) then
+         call fail(error, "'"//trim(path)//"' is not a regular file")
+      else if (n_bytes > max_file_bytes) then
+         call fail(error, "file '"//trim(path)//"' has "//to_text(n_bytes)//" bytes; at most "// &
+                   to_text(max_file_bytes)//" (16 MiB) are read")
+      else
+         allocate (character(n_bytes) :: text)
+         if (n_bytes > 0) read (unit, iostat=iostat, iomsg=reason) text
+         if (iostat /= 0) call fail(error, "file '"//trim(path)//"' cannot be read: "//trim(reason))
+      end if
+      close (unit, iostat=iostat)
+      if (allocated(error) .and. allocated(text)) deallocate (text)
+   end subroutine read_text_file
+
+   !> Appends a piece.
+   pure subroutine text_builder_add(self, piece)
+      class(text_builder_t), intent(inout) :: self
+      character(*), intent(in) :: piece
+      character(:), allocatable :: larger
+      integer(int64) :: n
+
+      if (.not. allocated(self%buffer)) allocate (character(256) :: self%buffer)
+      n = self%length + len(piece, int64)
+      if (n > len(self%buffer, int64)) then
+         allocate (character(2*n) :: larger)
+         larger(1:self%length) = self%buffer(1:self%length)
+         call move_alloc(larger, self%buffer)
+      end if
+      self%buffer(self%length + 1:n) = piece
+      self%length = n
+   end subroutine text_builder_add
+
+   !> Everything added so far.
+   pure function text_builder_text(self) result(text)
+      class(text_builder_t), intent(in) :: self
+      character(:), allocatable :: text
+
+      text = ""
+      if (allocated(self%buffer)) text = self%buffer(1:self%length)
+   end function text_builder_text
+end module hb_text

@@ -1,0 +1,186 @@
+!> FFTW 3 behind a few types: aligned memory, batched real n-dimensional plans, wisdom. Nobody else touches FFTW.
+!>
+!> Source of the interfaces: FFTW 3.3 manual, chapter "Calling FFTW from Modern Fortran".
+module hb_fftw
+   use, intrinsic :: iso_c_binding
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   implicit none
+   private
+   public :: complex_block_t, export_wisdom, fft_plan_t, import_wisdom, new_complex_block, new_fft_plan, new_real_block
+   public :: planning, planning_names, real_block_t
+
+   include 'fftw3.f03'
+
+   !> Effort spent on the choice of an algorithm. `estimate` times nothing, so that every run and every MPI rank gets
+   !> the same plan and therefore bitwise the same numbers; the others are reproducible only with a wisdom file.
+   type :: planning_t
+      integer :: estimate = int(FFTW_ESTIMATE)
+      integer :: measure = int(FFTW_MEASURE)
+      integer :: patient = int(FFTW_PATIENT)
+   end type planning_t
+   type(planning_t), parameter :: planning = planning_t()
+   character(8), parameter :: planning_names(3) = [character(8) :: "estimate", "measure", "patient"]
+
+   !> Real array (n, m) in memory aligned for SIMD transforms.
+   type :: real_block_t
+      real(wp), pointer, contiguous :: values(:, :) => null()
+      type(c_ptr), private :: memory = c_null_ptr
+   contains
+      procedure :: destroy => real_block_destroy
+   end type real_block_t
+
+   !> Complex array (n, m) in memory aligned for SIMD transforms.
+   type :: complex_block_t
+      complex(wp), pointer, contiguous :: values(:, :) => null()
+      type(c_ptr), private :: memory = c_null_ptr
+   contains
+      procedure :: destroy => complex_block_destroy
+   end type complex_block_t
+
+   !> A pair of plans, spectrum -> samples and samples -> spectrum, for `n_batch` transforms of one shape.
+   type :: fft_plan_t
+      type(c_ptr), private :: backward = c_null_ptr
+      type(c_ptr), private :: forward = c_null_ptr
+   contains
+      procedure :: to_samples => fft_plan_to_samples
+      procedure :: to_spectrum => fft_plan_to_spectrum
+      procedure :: destroy => fft_plan_destroy
+   end type fft_plan_t
+
+contains
+
+   !> Allocates an aligned real array of shape (n, m), filled with zeros.
+   subroutine new_real_block(self, n, m, error)
+      type(real_block_t), intent(inout) :: self
+      integer, intent(in) :: n, m
+      type(error_t), allocatable, intent(out) :: error
+
+      call self%destroy()
+      self%memory = fftw_alloc_real(max(1_c_size_t, int(n, c_size_t)*int(m, c_size_t)))
+      if (.not. c_associated(self%memory)) then
+         call fail(error, "out of memory for samples of the torus")
+         return
+      end if
+      call c_f_pointer(self%memory, self%values, [n, m])
+      self%values = 0.0_wp
+   end subroutine new_real_block
+
+   !> Frees the array; safe to call twice.
+   subroutine real_block_destroy(self)
+      class(real_block_t), intent(inout) :: self
+
+      if (c_associated(self%memory)) call fftw_free(self%memory)
+      self%memory = c_null_ptr
+      nullify (self%values)
+   end subroutine real_block_destroy
+
+   !> Allocates an aligned complex array of shape (n, m), filled with zeros.
+   subroutine new_complex_block(self, n, m, error)
+      type(complex_block_t), intent(inout) :: self
+      integer, intent(in) :: n, m
+      type(error_t), allocatable, intent(out) :: error
+
+      call self%destroy()
+      self%memory = fftw_alloc_complex(max(1_c_size_t, int(n, c_size_t)*int(m, c_size_t)))
+      if (.not. c_associated(self%memory)) then
+         call fail(error, "out of memory for the spectrum of the torus")
+         return
+      end if
+      call c_f_pointer(self%memory, self%values, [n, m])
+      self%values = (0.0_wp, 0.0_wp)
+   end subroutine new_complex_block
+
+   !> Frees the array; safe to call twice.
+   subroutine complex_block_destroy(self)
+      class(complex_block_t), intent(inout) :: self
+
+      if (c_associated(self%memory)) call fftw_free(self%memory)
+      self%memory = c_null_ptr
+      nullify (self%values)
+   end subroutine complex_block_destroy
+
+   !> Plans `n_batch` real transforms of shape `n_samples` (first axis fastest), out of place, both ways.
+   !>
+   !> Samples of one transform are contiguous, (product(n_samples), n_batch); its spectrum is the half that FFTW keeps,
+   !> (n_samples(1)/2 + 1, n_samples(2), ...), (n_spectrum, n_batch). The arrays given are overwritten while planning;
+   !> arrays used later must come from `new_real_block` and `new_complex_block`.
+   subroutine new_fft_plan(self, n_samples, n_batch, effort, any_column, samples, spectrum, error)
+      type(fft_plan_t), intent(inout) :: self
+      integer, intent(in) :: n_samples(:)
+      integer, intent(in) :: n_batch
+      integer, intent(in) :: effort                                   !! one of `planning`
+      logical, intent(in) :: any_column                               !! used from any column of a block, not just the first
+      real(wp), intent(inout), contiguous :: samples(:, :)
+      complex(wp), intent(inout), contiguous :: spectrum(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      integer(c_int) :: rank, shape_c(size(n_samples)), n_total, n_spectrum, flags
+
+      call self%destroy()
+      rank = size(n_samples)
+      shape_c = n_samples(rank:1:-1)                                  ! C order: last axis fastest
+      n_total = product(n_samples)
+      n_spectrum = (n_samples(1)/2 + 1)*product(n_samples(2:))
+      flags = effort
+      if (any_column .and. modulo(n_total, 2) /= 0) flags = ior(flags, int(FFTW_UNALIGNED, c_int))
+      self%backward = fftw_plan_many_dft_c2r(rank, shape_c, n_batch, spectrum, shape_spectrum(), 1, n_spectrum, &
+         samples, shape_c, 1, n_total, flags)
+      self%forward = fftw_plan_many_dft_r2c(rank, shape_c, n_batch, samples, shape_c, 1, n_total, &
+         spectrum, shape_spectrum(), 1, n_spectrum, flags)
+      if (.not. (c_associated(self%backward) .and. c_associated(self%forward))) then
+         call self%destroy()
+         call fail(error, "FFTW could not plan the transform")
+      end if
+
+   contains
+
+      pure function shape_spectrum() result(n)
+         integer(c_int) :: n(size(n_samples))
+
+         n = shape_c
+         n(rank) = n_samples(1)/2 + 1
+      end function shape_spectrum
+   end subroutine new_fft_plan
+
+   !> Transforms spectra to samples, unnormalised (sum of spectrum * exp(+i j tau)); the spectra are destroyed.
+   subroutine fft_plan_to_samples(self, spectrum, samples)
+      class(fft_plan_t), intent(in) :: self
+      complex(wp), intent(inout), contiguous :: spectrum(:, :)
+      real(wp), intent(inout), contiguous :: samples(:, :)
+
+      call fftw_execute_dft_c2r(self%backward, spectrum, samples)
+   end subroutine fft_plan_to_samples
+
+   !> Transforms samples to spectra, unnormalised (sum of samples * exp(-i j tau)); the samples stay as they are.
+   subroutine fft_plan_to_spectrum(self, samples, spectrum)
+      class(fft_plan_t), intent(in) :: self
+      real(wp), intent(inout), contiguous :: samples(:, :)
+      complex(wp), intent(inout), contiguous :: spectrum(:, :)
+
+      call fftw_execute_dft_r2c(self%forward, samples, spectrum)
+   end subroutine fft_plan_to_spectrum
+
+   !> Frees the plans; safe to call twice.
+   subroutine fft_plan_destroy(self)
+      class(fft_plan_t), intent(inout) :: self
+
+      if (c_associated(self%backward)) call fftw_destroy_plan(self%backward)
+      if (c_associated(self%forward)) call fftw_destroy_plan(self%forward)
+      self%backward = c_null_ptr
+      self%forward = c_null_ptr
+   end subroutine fft_plan_destroy
+
+   !> Reads wisdom of earlier runs from a file; false when there is none that can be used.
+   logical function import_wisdom(path)
+      character(*), intent(in) :: path
+
+      import_wisdom = fftw_import_wisdom_from_filename(path//c_null_char) /= 0
+   end function import_wisdom
+
+   !> Writes the wisdom gathered so far to a file; false when the file cannot be written.
+   logical function export_wisdom(path)
+      character(*), intent(in) :: path
+
+      export_wisdom = fftw_export_wisdom_to_filename(path//c_null_char) /= 0
+   end function export_wisdom
+end module hb_fftw

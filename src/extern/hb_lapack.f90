@@ -1,0 +1,253 @@
+!> LAPACK and BLAS: explicit interfaces of the routines that the project calls; nobody else declares them.
+!>
+!> Names and arguments are those of the reference (https://netlib.org/lapack); `info` < 0 is a wrong argument,
+!> `info` > 0 is said at each routine. Leading dimensions must be at least 1, also for empty matrices.
+module hb_lapack
+   use hb_kinds, only: wp
+   implicit none
+   private
+   public :: ddot, dgecon, dgeev, dgels, dgemm, dgemv, dgetrf, dgetrs
+   public :: dnrm2, dpotrf, dsyev, dsygv, zgbcon, zgbtrf, zgbtrs, zgecon
+   public :: zgemm, zgemv, zgetrf, zgetrs
+
+   ! Linear equations, dense
+   interface
+      !> LU factors with row exchanges of a real matrix; info = i > 0: pivot i is exactly zero.
+      subroutine dgetrf(m, n, a, lda, ipiv, info)
+         import :: wp
+         implicit none
+         integer, intent(in) :: m, n, lda
+         real(wp), intent(inout) :: a(lda, *)
+         integer, intent(out) :: ipiv(*)
+         integer, intent(out) :: info
+      end subroutine dgetrf
+
+      !> Solves A X = B (trans = "N") or its transpose with the factors of `dgetrf`.
+      subroutine dgetrs(trans, n, nrhs, a, lda, ipiv, b, ldb, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: trans
+         integer, intent(in) :: n, nrhs, lda, ldb
+         real(wp), intent(in) :: a(lda, *)
+         integer, intent(in) :: ipiv(*)
+         real(wp), intent(inout) :: b(ldb, *)
+         integer, intent(out) :: info
+      end subroutine dgetrs
+
+      !> Estimates 1/(anorm |A^-1|) from the factors of `dgetrf`; work(4n), iwork(n).
+      subroutine dgecon(norm, n, a, lda, anorm, rcond, work, iwork, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: norm
+         integer, intent(in) :: n, lda
+         real(wp), intent(in) :: a(lda, *)
+         real(wp), intent(in) :: anorm
+         real(wp), intent(out) :: rcond
+         real(wp), intent(inout) :: work(*)
+         integer, intent(inout) :: iwork(*)
+         integer, intent(out) :: info
+      end subroutine dgecon
+
+      !> LU factors with row exchanges of a complex matrix; info = i > 0: pivot i is exactly zero.
+      subroutine zgetrf(m, n, a, lda, ipiv, info)
+         import :: wp
+         implicit none
+         integer, intent(in) :: m, n, lda
+         complex(wp), intent(inout) :: a(lda, *)
+         integer, intent(out) :: ipiv(*)
+         integer, intent(out) :: info
+      end subroutine zgetrf
+
+      !> Solves A X = B (trans = "N") or its transpose with the factors of `zgetrf`.
+      subroutine zgetrs(trans, n, nrhs, a, lda, ipiv, b, ldb, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: trans
+         integer, intent(in) :: n, nrhs, lda, ldb
+         complex(wp), intent(in) :: a(lda, *)
+         integer, intent(in) :: ipiv(*)
+         complex(wp), intent(inout) :: b(ldb, *)
+         integer, intent(out) :: info
+      end subroutine zgetrs
+
+      !> Estimates 1/(anorm |A^-1|) from the factors of `zgetrf`; work(2n), rwork(2n).
+      subroutine zgecon(norm, n, a, lda, anorm, rcond, work, rwork, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: norm
+         integer, intent(in) :: n, lda
+         complex(wp), intent(in) :: a(lda, *)
+         real(wp), intent(in) :: anorm
+         real(wp), intent(out) :: rcond
+         complex(wp), intent(inout) :: work(*)
+         real(wp), intent(inout) :: rwork(*)
+         integer, intent(out) :: info
+      end subroutine zgecon
+
+      !> Cholesky factors of a positive definite matrix; info = i > 0: leading minor i is not positive.
+      subroutine dpotrf(uplo, n, a, lda, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: uplo
+         integer, intent(in) :: n, lda
+         real(wp), intent(inout) :: a(lda, *)
+         integer, intent(out) :: info
+      end subroutine dpotrf
+
+      !> Least squares: min |b - A x| for m >= n and full rank; the first n rows of `b` return x.
+      subroutine dgels(trans, m, n, nrhs, a, lda, b, ldb, work, lwork, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: trans
+         integer, intent(in) :: m, n, nrhs, lda, ldb, lwork
+         real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+         real(wp), intent(inout) :: work(*)
+         integer, intent(out) :: info
+      end subroutine dgels
+   end interface
+
+   ! Linear equations, band matrices
+   interface
+      !> LU factors of a band matrix, ldab >= 2 kl + ku + 1, entry (i, j) at ab(kl + ku + 1 + i - j, j).
+      subroutine zgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
+         import :: wp
+         implicit none
+         integer, intent(in) :: m, n, kl, ku, ldab
+         complex(wp), intent(inout) :: ab(ldab, *)
+         integer, intent(out) :: ipiv(*)
+         integer, intent(out) :: info
+      end subroutine zgbtrf
+
+      !> Solves with the factors of `zgbtrf`.
+      subroutine zgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: trans
+         integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb
+         complex(wp), intent(in) :: ab(ldab, *)
+         integer, intent(in) :: ipiv(*)
+         complex(wp), intent(inout) :: b(ldb, *)
+         integer, intent(out) :: info
+      end subroutine zgbtrs
+
+      !> Estimates 1/(anorm |A^-1|) from the factors of `zgbtrf`; work(2n), rwork(n).
+      subroutine zgbcon(norm, n, kl, ku, ab, ldab, ipiv, anorm, rcond, work, rwork, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: norm
+         integer, intent(in) :: n, kl, ku, ldab
+         complex(wp), intent(in) :: ab(ldab, *)
+         integer, intent(in) :: ipiv(*)
+         real(wp), intent(in) :: anorm
+         real(wp), intent(out) :: rcond
+         complex(wp), intent(inout) :: work(*)
+         real(wp), intent(inout) :: rwork(*)
+         integer, intent(out) :: info
+      end subroutine zgbcon
+   end interface
+
+   ! Eigenvalues
+   interface
+      !> Eigenvalues wr + i wi and, if asked for, left and right eigenvectors; `a` is overwritten.
+      subroutine dgeev(jobvl, jobvr, n, a, lda, wr, wi, vl, ldvl, vr, ldvr, work, lwork, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: jobvl, jobvr
+         integer, intent(in) :: n, lda, ldvl, ldvr, lwork
+         real(wp), intent(inout) :: a(lda, *)
+         real(wp), intent(out) :: wr(*), wi(*), vl(ldvl, *), vr(ldvr, *)
+         real(wp), intent(inout) :: work(*)
+         integer, intent(out) :: info
+      end subroutine dgeev
+
+      !> Eigenvalues in ascending order of a symmetric matrix; `a` returns the eigenvectors if jobz = "V".
+      subroutine dsyev(jobz, uplo, n, a, lda, w, work, lwork, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: jobz, uplo
+         integer, intent(in) :: n, lda, lwork
+         real(wp), intent(inout) :: a(lda, *)
+         real(wp), intent(out) :: w(*)
+         real(wp), intent(inout) :: work(*)
+         integer, intent(out) :: info
+      end subroutine dsyev
+
+      !> Eigenvalues in ascending order of A x = w B x (itype = 1), A symmetric, B positive definite.
+      subroutine dsygv(itype, jobz, uplo, n, a, lda, b, ldb, w, work, lwork, info)
+         import :: wp
+         implicit none
+         integer, intent(in) :: itype
+         character, intent(in) :: jobz, uplo
+         integer, intent(in) :: n, lda, ldb, lwork
+         real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+         real(wp), intent(out) :: w(*)
+         real(wp), intent(inout) :: work(*)
+         integer, intent(out) :: info
+      end subroutine dsygv
+   end interface
+
+   ! Products
+   interface
+      !> Scalar product.
+      function ddot(n, x, incx, y, incy) result(value)
+         import :: wp
+         implicit none
+         integer, intent(in) :: n, incx, incy
+         real(wp), intent(in) :: x(*), y(*)
+         real(wp) :: value
+      end function ddot
+
+      !> Euclidean norm, safe against overflow.
+      function dnrm2(n, x, incx) result(value)
+         import :: wp
+         implicit none
+         integer, intent(in) :: n, incx
+         real(wp), intent(in) :: x(*)
+         real(wp) :: value
+      end function dnrm2
+
+      !> y := alpha op(A) x + beta y.
+      subroutine dgemv(trans, m, n, alpha, a, lda, x, incx, beta, y, incy)
+         import :: wp
+         implicit none
+         character, intent(in) :: trans
+         integer, intent(in) :: m, n, lda, incx, incy
+         real(wp), intent(in) :: alpha, beta
+         real(wp), intent(in) :: a(lda, *), x(*)
+         real(wp), intent(inout) :: y(*)
+      end subroutine dgemv
+
+      !> y := alpha op(A) x + beta y.
+      subroutine zgemv(trans, m, n, alpha, a, lda, x, incx, beta, y, incy)
+         import :: wp
+         implicit none
+         character, intent(in) :: trans
+         integer, intent(in) :: m, n, lda, incx, incy
+         complex(wp), intent(in) :: alpha, beta
+         complex(wp), intent(in) :: a(lda, *), x(*)
+         complex(wp), intent(inout) :: y(*)
+      end subroutine zgemv
+
+      !> C := alpha op(A) op(B) + beta C.
+      subroutine dgemm(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc)
+         import :: wp
+         implicit none
+         character, intent(in) :: transa, transb
+         integer, intent(in) :: m, n, k, lda, ldb, ldc
+         real(wp), intent(in) :: alpha, beta
+         real(wp), intent(in) :: a(lda, *), b(ldb, *)
+         real(wp), intent(inout) :: c(ldc, *)
+      end subroutine dgemm
+
+      !> C := alpha op(A) op(B) + beta C.
+      subroutine zgemm(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc)
+         import :: wp
+         implicit none
+         character, intent(in) :: transa, transb
+         integer, intent(in) :: m, n, k, lda, ldb, ldc
+         complex(wp), intent(in) :: alpha, beta
+         complex(wp), intent(in) :: a(lda, *), b(ldb, *)
+         complex(wp), intent(inout) :: c(ldc, *)
+      end subroutine zgemm
+   end interface
+end module hb_lapack

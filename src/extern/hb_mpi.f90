@@ -1,0 +1,295 @@
+!> Everything the program asks of MPI; the only module that uses `mpi_f08`.
+!>
+!> In the order of use: `start_mpi`, `world`, the questions `rank_of` and `size_of`, the collective calls, a
+!> `work_counter_t` that hands out points, `stop_mpi`. All take the communicator as an argument, so that a test can give
+!> its own. Source: MPI: A Message-Passing Interface Standard 3.1, chapters 5 (collective) and 11 (one-sided).
+module hb_mpi
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_ptr
+   use, intrinsic :: iso_fortran_env, only: int64
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   use mpi_f08, only: comm_t => MPI_Comm, MPI_Abort, MPI_ADDRESS_KIND, MPI_Allreduce, MPI_Barrier, &
+      MPI_Bcast, MPI_CHARACTER, MPI_Comm_dup, MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, MPI_Comm_set_errhandler, &
+      MPI_Comm_size, MPI_COMM_WORLD, MPI_Error_string, MPI_ERRORS_ARE_FATAL, MPI_ERRORS_RETURN, MPI_Fetch_and_op, &
+      MPI_Finalize, MPI_Finalized, MPI_INFO_NULL, MPI_Init, MPI_Initialized, MPI_INTEGER, MPI_LOCK_EXCLUSIVE, &
+      MPI_MAX, MPI_MAX_ERROR_STRING, MPI_MIN, MPI_NO_OP, MPI_SUCCESS, MPI_SUM, MPI_Win, MPI_Win_allocate, &
+      MPI_Win_flush, MPI_Win_free, MPI_Win_lock, MPI_Win_lock_all, MPI_WIN_NULL, MPI_Win_set_errhandler, &
+      MPI_Win_unlock, MPI_Win_unlock_all, operator(/=)
+   implicit none
+   private
+   public :: abort_run, as_comm, barrier, broadcast_text, comm_handle, comm_t, max_over, new_work_counter, &
+      no_info_handle, rank_of, share_error, size_of, start_mpi, stop_mpi, sum_over, wall_clock, work_counter_t, world
+
+   !> Makes a communicator of what a caller has: an integer handle of the old `mpi` module, or a communicator.
+   interface as_comm
+      module procedure as_comm_integer
+      module procedure as_comm_same
+   end interface as_comm
+
+   integer, parameter :: n_slots = 3                                  ! integers in the window of rank 0
+   integer(MPI_ADDRESS_KIND), parameter :: next_slot = 0, done_slot = 1, failed_slot = 2
+   integer, parameter :: owner = 0                                    ! rank that holds the window
+
+   !> A counter that all ranks share: `next` gives each number once over all ranks, without a rank that only serves.
+   !>
+   !> Beside it stand two tallies, of the points done and of those among them that failed, which any rank can read at
+   !> any time. Rank 0 holds the numbers. On one node they lie in shared memory and are reached while rank 0
+   !> computes; between nodes that needs a network with remote atomics, and without one a request waits for the next MPI call of
+   !> rank 0, for example its own `next`.
+   type :: work_counter_t
+      private
+      type(MPI_Win) :: window = MPI_WIN_NULL
+      type(comm_t) :: comm = MPI_COMM_NULL                            ! own copy, so that errors here can be returned
+   contains
+      procedure :: add_done => work_counter_add_done
+      procedure :: destroy => work_counter_destroy
+      procedure :: next => work_counter_next
+      procedure :: read_tallies => work_counter_read_tallies
+   end type work_counter_t
+
+contains
+
+   !> Starts MPI unless somebody has done so; works without mpirun too, as one rank.
+   subroutine start_mpi()
+      logical :: is_started
+
+      call MPI_Initialized(is_started)
+      if (.not. is_started) call MPI_Init()
+   end subroutine start_mpi
+
+   !> Ends MPI if it runs; the last MPI call of a program, safe to call twice.
+   subroutine stop_mpi()
+      if (is_running()) call MPI_Finalize()
+   end subroutine stop_mpi
+
+   logical function is_running()
+      logical :: is_started, is_stopped
+
+      call MPI_Initialized(is_started)
+      call MPI_Finalized(is_stopped)
+      is_running = is_started .and. .not. is_stopped
+   end function is_running
+
+   !> Ends the whole run at once on all ranks with exit status `status`; for drivers, when a collective end is impossible.
+   subroutine abort_run(comm, status)
+      type(comm_t), intent(in) :: comm
+      integer, intent(in) :: status
+
+      call MPI_Abort(comm, status)
+   end subroutine abort_run
+
+   !> Gives the communicator of all ranks.
+   type(comm_t) function world()
+      world = MPI_COMM_WORLD
+   end function world
+
+   pure type(comm_t) function as_comm_integer(comm)
+      integer, intent(in) :: comm
+
+      as_comm_integer%MPI_VAL = comm
+   end function as_comm_integer
+
+   pure type(comm_t) function as_comm_same(comm)
+      type(comm_t), intent(in) :: comm
+
+      as_comm_same = comm
+   end function as_comm_same
+
+   !> Gives the integer handle of a communicator, for libraries with an older interface.
+   pure integer function comm_handle(comm)
+      type(comm_t), intent(in) :: comm
+
+      comm_handle = comm%MPI_VAL
+   end function comm_handle
+
+   !> Gives the integer handle of the empty info object, for libraries with an older interface.
+   integer function no_info_handle()
+      no_info_handle = MPI_INFO_NULL%MPI_VAL
+   end function no_info_handle
+
+   !> Gives the number of this rank, from 0.
+   integer function rank_of(comm)
+      type(comm_t), intent(in) :: comm
+
+      call MPI_Comm_rank(comm, rank_of)
+   end function rank_of
+
+   !> Gives the number of ranks.
+   integer function size_of(comm)
+      type(comm_t), intent(in) :: comm
+
+      call MPI_Comm_size(comm, size_of)
+   end function size_of
+
+   !> Waits until all ranks are here; collective.
+   subroutine barrier(comm)
+      type(comm_t), intent(in) :: comm
+
+      call MPI_Barrier(comm)
+   end subroutine barrier
+
+   !> Gives every rank the text of rank `root` (default 0); an unallocated text arrives unallocated. Collective.
+   subroutine broadcast_text(comm, text, root)
+      type(comm_t), intent(in) :: comm
+      character(:), allocatable, intent(inout) :: text
+      integer, intent(in), optional :: root
+      integer :: source, length
+
+      source = 0
+      if (present(root)) source = root
+      length = -1
+      if (allocated(text)) length = len(text)
+      call MPI_Bcast(length, 1, MPI_INTEGER, source, comm)
+      if (rank_of(comm) /= source) then
+         if (allocated(text)) deallocate (text)
+         if (length >= 0) allocate (character(length) :: text)
+      end if
+      if (length > 0) call MPI_Bcast(text, length, MPI_CHARACTER, source, comm)
+   end subroutine broadcast_text
+
+   !> Gives every rank the sum of `value` over all ranks; collective.
+   integer function sum_over(comm, value)
+      type(comm_t), intent(in) :: comm
+      integer, intent(in) :: value
+
+      call MPI_Allreduce(value, sum_over, 1, MPI_INTEGER, MPI_SUM, comm)
+   end function sum_over
+
+   !> Gives every rank the largest `value` of all ranks; collective.
+   integer function max_over(comm, value)
+      type(comm_t), intent(in) :: comm
+      integer, intent(in) :: value
+
+      call MPI_Allreduce(value, max_over, 1, MPI_INTEGER, MPI_MAX, comm)
+   end function max_over
+
+   !> Makes an error of any rank known on all: afterwards all ranks have the error of the lowest rank that had one, or
+   !> none has. Collective.
+   subroutine share_error(comm, error)
+      type(comm_t), intent(in) :: comm
+      type(error_t), allocatable, intent(inout) :: error
+      character(:), allocatable :: message
+      integer :: mine, first
+
+      mine = size_of(comm)
+      if (allocated(error)) mine = rank_of(comm)
+      call MPI_Allreduce(mine, first, 1, MPI_INTEGER, MPI_MIN, comm)
+      if (first == size_of(comm)) return
+      if (rank_of(comm) == first) message = error%message
+      call broadcast_text(comm, message, root=first)
+      call fail(error, message)
+   end subroutine share_error
+
+   !> Gives the seconds since a fixed moment [s]; for differences. Works before `start_mpi`.
+   real(wp) function wall_clock()
+      integer(int64) :: ticks, ticks_per_second
+
+      call system_clock(ticks, ticks_per_second)
+      wall_clock = real(ticks, wp)/real(ticks_per_second, wp)
+   end function wall_clock
+
+   !> Makes a counter at 0 with empty tallies, shared by the ranks of `comm`; collective, as `destroy` is.
+   subroutine new_work_counter(self, comm, error)
+      type(work_counter_t), intent(out) :: self
+      type(comm_t), intent(in) :: comm
+      type(error_t), allocatable, intent(out) :: error
+      integer, parameter :: bytes_per_integer = storage_size(1)/8
+      integer, pointer :: slots(:)
+      integer(MPI_ADDRESS_KIND) :: n_bytes
+      type(c_ptr) :: memory
+      integer :: status
+
+      call MPI_Comm_dup(comm, self%comm, status)
+      if (status == MPI_SUCCESS) then
+         call MPI_Comm_set_errhandler(self%comm, MPI_ERRORS_RETURN)
+         n_bytes = 0
+         if (rank_of(comm) == owner) n_bytes = n_slots*bytes_per_integer
+         call MPI_Win_allocate(n_bytes, bytes_per_integer, MPI_INFO_NULL, self%comm, memory, self%window, status)
+      end if
+      if (status /= MPI_SUCCESS) call fail(error, "shared work counter: "//mpi_text(status))
+      call share_error(comm, error)
+      if (allocated(error)) return
+
+      ! From here on a failure is one of the machine and ends the run: next() has no way to return it.
+      call MPI_Win_set_errhandler(self%window, MPI_ERRORS_ARE_FATAL)
+      if (rank_of(comm) == owner) then
+         call MPI_Win_lock(MPI_LOCK_EXCLUSIVE, owner, 0, self%window)
+         call c_f_pointer(memory, slots, [n_slots])
+         slots = 0
+         call MPI_Win_unlock(owner, self%window)
+      end if
+      call MPI_Barrier(comm)
+      call MPI_Win_lock_all(0, self%window)
+   end subroutine new_work_counter
+
+   !> Gives the next number, from 0; every number is given once over all ranks.
+   integer function work_counter_next(self) result(number)
+      class(work_counter_t), intent(in) :: self
+
+      number = fetch_and_add(self, next_slot, 1)
+   end function work_counter_next
+
+   !> Counts one point more as done, and as failed too when `failed` is true.
+   subroutine work_counter_add_done(self, failed)
+      class(work_counter_t), intent(in) :: self
+      logical, intent(in) :: failed
+      integer :: before
+
+      before = fetch_and_add(self, done_slot, 1)       ! before failed, so that a reader never sees failed > done
+      if (failed) before = fetch_and_add(self, failed_slot, 1)
+   end subroutine work_counter_add_done
+
+   !> Reads how many points are done over all ranks, and how many of these failed; any rank, at any time.
+   subroutine work_counter_read_tallies(self, done, failed)
+      class(work_counter_t), intent(in) :: self
+      integer, intent(out) :: done, failed
+
+      failed = fetch(self, failed_slot)                ! before done, so that failed <= done
+      done = fetch(self, done_slot)
+   end subroutine work_counter_read_tallies
+
+   integer function fetch_and_add(self, slot, increment) result(before)
+      class(work_counter_t), intent(in) :: self
+      integer(MPI_ADDRESS_KIND), intent(in) :: slot
+      integer, intent(in) :: increment
+      integer, asynchronous :: addend, found           ! MPI may touch both until the flush
+
+      addend = increment
+      call MPI_Fetch_and_op(addend, found, MPI_INTEGER, owner, slot, MPI_SUM, self%window)
+      call MPI_Win_flush(owner, self%window)
+      before = found
+   end function fetch_and_add
+
+   integer function fetch(self, slot) result(value)
+      class(work_counter_t), intent(in) :: self
+      integer(MPI_ADDRESS_KIND), intent(in) :: slot
+      integer, asynchronous :: nothing, found
+
+      nothing = 0
+      call MPI_Fetch_and_op(nothing, found, MPI_INTEGER, owner, slot, MPI_NO_OP, self%window)
+      call MPI_Win_flush(owner, self%window)
+      value = found
+   end function fetch
+
+   !> Frees the window; collective, safe to call twice.
+   subroutine work_counter_destroy(self)
+      class(work_counter_t), intent(inout) :: self
+
+      if (.not. is_running()) return
+      if (self%window /= MPI_WIN_NULL) then
+         call MPI_Win_unlock_all(self%window)
+         call MPI_Win_free(self%window)
+      end if
+      if (self%comm /= MPI_COMM_NULL) call MPI_Comm_free(self%comm)
+   end subroutine work_counter_destroy
+
+   function mpi_text(status) result(text)
+      integer, intent(in) :: status
+      character(:), allocatable :: text
+      character(MPI_MAX_ERROR_STRING) :: buffer
+      integer :: length
+
+      call MPI_Error_string(status, buffer, length)
+      text = buffer(:length)
+   end function mpi_text
+end module hb_mpi

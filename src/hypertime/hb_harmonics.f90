@@ -1,0 +1,240 @@
+!> The finite set of integer tuples j that a solution keeps, and where the cosine and sine of each stand in a vector.
+!>
+!> x(tau) = sum over the set of a_j cos(j.tau) + b_j sin(j.tau). Of j and -j only the one whose first non-zero entry is
+!> positive is kept, so the set does not depend on the values of the base frequencies. Source: docs/theory.md, section 2.
+module hb_harmonics
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: int64, wp
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: canonical_sign, harmonics_t, new_box, new_diamond, new_harmonics, tuple_text
+
+   integer(int64), parameter :: largest_set = 20000000_int64         ! tuples; beyond this even the tables do not fit
+
+   !> A set of harmonics. Coefficients of one degree of freedom are a vector (n_coefficients): harmonic by harmonic
+   !> cosine then sine, without a sine for the zero tuple.
+   type :: harmonics_t
+      integer :: n_tones = 0
+      integer :: n_harmonics = 0
+      integer :: n_coefficients = 0                                   !! 2*n_harmonics, less one if the zero tuple is in
+      logical :: has_zero = .false.
+      integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics), the zero tuple first
+      integer, allocatable :: highest(:)                              !! (n_tones) largest |j_m|
+      integer, allocatable :: cos_at(:)                               !! (n_harmonics) place of the cosine
+      integer, allocatable :: sin_at(:)                               !! (n_harmonics) place of the sine, 0 for the zero tuple
+      integer, allocatable, private :: lookup(:)                      !! harmonic by linear key of the tuple
+   contains
+      procedure :: index_of => harmonics_index_of
+      procedure :: frequencies => harmonics_frequencies
+   end type harmonics_t
+
+contains
+
+   !> Set of all tuples with |j_m| <= orders(m); with `odd_only` just those whose entries sum to an odd number.
+   subroutine new_box(self, orders, odd_only, error)
+      type(harmonics_t), intent(out) :: self
+      integer, intent(in) :: orders(:)                                !! (n_tones), >= 0
+      logical, intent(in) :: odd_only
+      type(error_t), allocatable, intent(out) :: error
+
+      call enumerate(self, orders, sum(orders), odd_only, error)
+   end subroutine new_box
+
+   !> Set of all tuples with sum |j_m| <= order; with `odd_only` just those whose entries sum to an odd number.
+   subroutine new_diamond(self, n_tones, order, odd_only, error)
+      type(harmonics_t), intent(out) :: self
+      integer, intent(in) :: n_tones                                  !! >= 1
+      integer, intent(in) :: order                                    !! >= 0
+      logical, intent(in) :: odd_only
+      type(error_t), allocatable, intent(out) :: error
+      integer :: m
+
+      call enumerate(self, [(order, m=1, n_tones)], order, odd_only, error)
+   end subroutine new_diamond
+
+   !> Set given tuple by tuple; of j and -j either may be given, twice the same is an error.
+   subroutine new_harmonics(self, tuples, error)
+      type(harmonics_t), intent(out) :: self
+      integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: h, n_tuples
+
+      n_tuples = size(tuples, 2)
+      if (size(tuples, 1) < 1 .or. n_tuples < 1) then
+         call fail(error, "the set of harmonics is empty")
+         return
+      end if
+      self%n_tones = size(tuples, 1)
+      self%n_harmonics = n_tuples
+      allocate (self%tuples(self%n_tones, n_tuples))
+      do h = 1, n_tuples
+         self%tuples(:, h) = canonical_sign(tuples(:, h))*tuples(:, h)
+      end do
+      do h = 2, n_tuples                                               ! the zero tuple goes first
+         if (all(self%tuples(:, h) == 0)) then
+            self%tuples(:, 2:h) = self%tuples(:, 1:h - 1)
+            self%tuples(:, 1) = 0
+            exit
+         end if
+      end do
+      call index_coefficients(self, error)
+   end subroutine new_harmonics
+
+   !> Fills the set with the tuples of a box cut by sum |j_m| <= largest_sum.
+   subroutine enumerate(self, orders, largest_sum, odd_only, error)
+      type(harmonics_t), intent(inout) :: self
+      integer, intent(in) :: orders(:), largest_sum
+      logical, intent(in) :: odd_only
+      type(error_t), allocatable, intent(out) :: error
+      integer :: j(size(orders)), n_kept, pass
+
+      if (size(orders) < 1 .or. any(orders < 0)) then
+         call fail(error, "harmonics need one order of 0 or more for each tone")
+         return
+      end if
+      if (product(2*real(orders, wp) + 1) > real(largest_set, wp)) then
+         call fail(error, "the set of harmonics would have more than "//to_text(largest_set/2)//" tuples; lower the order")
+         return
+      end if
+      self%n_tones = size(orders)
+      do pass = 1, 2                                                   ! count, then keep
+         n_kept = 0
+         j = -orders
+         j(1) = 0
+         box: do
+            if (is_kept(j)) then
+               n_kept = n_kept + 1
+               if (pass == 2) self%tuples(:, n_kept) = j
+            end if
+            if (.not. advanced(j)) exit box
+         end do box
+         if (pass == 1) then
+            if (n_kept == 0) then
+               call fail(error, "the set of harmonics is empty")
+               return
+            end if
+            allocate (self%tuples(self%n_tones, n_kept))
+         end if
+      end do
+      self%n_harmonics = n_kept
+      call index_coefficients(self, error)
+
+   contains
+
+      pure logical function is_kept(tuple)
+         integer, intent(in) :: tuple(:)
+
+         is_kept = sum(abs(tuple)) <= largest_sum .and. (all(tuple == 0) .or. canonical_sign(tuple) == 1)
+         ! the sum of entries has the same parity as the sum of their magnitudes
+         if (is_kept .and. odd_only) is_kept = mod(sum(abs(tuple)), 2) == 1
+         if (is_kept .and. all(tuple == 0)) is_kept = .not. odd_only
+      end function is_kept
+
+      !> Next tuple in the order of an odometer, last entry fastest; false after the last one.
+      logical function advanced(tuple)
+         integer, intent(inout) :: tuple(:)
+         integer :: m
+
+         advanced = .true.
+         do m = size(tuple), 1, -1
+            if (tuple(m) < orders(m)) then
+               tuple(m) = tuple(m) + 1
+               return
+            end if
+            tuple(m) = merge(0, -orders(m), m == 1)
+         end do
+         advanced = .false.
+      end function advanced
+   end subroutine enumerate
+
+   !> Derives from the tuples all that is looked up later.
+   subroutine index_coefficients(self, error)
+      type(harmonics_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+      integer :: h, key
+
+      self%highest = maxval(abs(self%tuples), dim=2)
+      if (product(2*real(self%highest, wp) + 1) > real(largest_set, wp)) then
+         call fail(error, "the largest entries of the tuples span more than "//to_text(largest_set)//" tuples")
+         return
+      end if
+      allocate (self%lookup(product(2*self%highest + 1)), source=0)
+      do h = 1, self%n_harmonics
+         key = tuple_key(self, self%tuples(:, h))
+         if (self%lookup(key) /= 0) then
+            call fail(error, "tuple "//tuple_text(self%tuples(:, h))//" is in the set of harmonics twice (j and -j are the same)")
+            return
+         end if
+         self%lookup(key) = h
+      end do
+      self%has_zero = all(self%tuples(:, 1) == 0)
+      allocate (self%cos_at(self%n_harmonics), self%sin_at(self%n_harmonics))
+      do h = 1, self%n_harmonics
+         self%sin_at(h) = 2*h - merge(1, 0, self%has_zero)
+         self%cos_at(h) = self%sin_at(h) - 1
+      end do
+      self%n_coefficients = self%sin_at(self%n_harmonics)
+      if (self%has_zero) then
+         self%cos_at(1) = 1
+         self%sin_at(1) = 0
+         self%n_coefficients = 2*self%n_harmonics - 1
+      end if
+   end subroutine index_coefficients
+
+   !> Number of the harmonic with this tuple (or its negative), 0 when it is not in the set.
+   pure integer function harmonics_index_of(self, tuple)
+      class(harmonics_t), intent(in) :: self
+      integer, intent(in) :: tuple(:)                                 !! (n_tones)
+
+      harmonics_index_of = 0
+      if (size(tuple) /= self%n_tones) return
+      if (any(abs(tuple) > self%highest)) return
+      harmonics_index_of = self%lookup(tuple_key(self, canonical_sign(tuple)*tuple))
+   end function harmonics_index_of
+
+   !> Angular frequencies j.omega [rad/s] of all harmonics, (n_harmonics); may be negative.
+   pure function harmonics_frequencies(self, omega) result(frequencies)
+      class(harmonics_t), intent(in) :: self
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
+      real(wp) :: frequencies(self%n_harmonics)
+
+      frequencies = matmul(omega, real(self%tuples, wp))
+   end function harmonics_frequencies
+
+   !> Sign that makes the first non-zero entry positive: 1 or -1; 1 for the zero tuple.
+   pure integer function canonical_sign(tuple)
+      integer, intent(in) :: tuple(:)
+      integer :: first
+
+      first = findloc(tuple /= 0, .true., dim=1)
+      canonical_sign = 1
+      if (first > 0) canonical_sign = sign(1, tuple(first))
+   end function canonical_sign
+
+   !> Text such as (1,-2).
+   pure function tuple_text(tuple) result(text)
+      integer, intent(in) :: tuple(:)
+      character(:), allocatable :: text
+      integer :: m
+
+      text = "("
+      do m = 1, size(tuple)
+         if (m > 1) text = text//","
+         text = text//to_text(tuple(m))
+      end do
+      text = text//")"
+   end function tuple_text
+
+   pure integer function tuple_key(self, tuple)
+      type(harmonics_t), intent(in) :: self
+      integer, intent(in) :: tuple(:)
+      integer :: m
+
+      tuple_key = 0
+      do m = self%n_tones, 1, -1
+         tuple_key = tuple_key*(2*self%highest(m) + 1) + tuple(m) + self%highest(m)
+      end do
+      tuple_key = tuple_key + 1
+   end function tuple_key
+end module hb_harmonics

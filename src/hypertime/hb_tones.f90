@@ -1,0 +1,38 @@
+!> The base frequencies of a motion, one per phase of hypertime.
+module hb_tones
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: new_tones, tones_t
+
+   !> tau_m = omega_m t.
+   type :: tones_t
+      integer :: n_tones = 0
+      real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones), > 0
+   end type tones_t
+
+contains
+
+   !> Tones of the given angular frequencies; fails unless there is at least one and each is finite and positive.
+   pure subroutine new_tones(self, omega, error)
+      type(tones_t), intent(out) :: self
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: m
+
+      if (size(omega) < 1) then
+         call fail(error, "there must be at least one tone")
+         return
+      end if
+      do m = 1, size(omega)
+         if (ieee_is_finite(omega(m)) .and. omega(m) > 0.0_wp) cycle
+         call fail(error, "the frequency of tone "//to_text(m)//" must be a positive number")
+         return
+      end do
+      self%n_tones = size(omega)
+      self%omega = omega
+   end subroutine new_tones
+end module hb_tones

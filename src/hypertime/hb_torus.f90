@@ -1,0 +1,116 @@
+!> The sample grid in hypertime: how many samples each tone gets, and where they lie.
+module hb_torus
+   use hb_error, only: error_t, fail
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: int64, two_pi, wp
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: default_samples, fast_size, new_torus, torus_t
+
+   real(wp), parameter :: non_smooth_oversampling = 3.0_wp            ! times the 2N + 1 samples that N harmonics need
+   integer, parameter :: smallest_grid = 8                            ! samples of a tone with few harmonics
+   integer(int64), parameter :: largest_grid = 500000000_int64       ! samples, 4 GB for one degree of freedom
+
+   !> Equidistant grid tau_m = 2 pi i/n_m, i = 0..n_m - 1; tone 1 runs fastest.
+   type :: torus_t
+      integer :: n_total = 0
+      integer, allocatable :: n_samples(:)                            !! (n_tones)
+   contains
+      procedure :: phases => torus_phases
+      procedure :: refined => torus_refined
+   end type torus_t
+
+contains
+
+   !> Grid with the given numbers of samples; fails when a tone has too few to tell its harmonics apart.
+   subroutine new_torus(self, n_samples, harmonics, error)
+      type(torus_t), intent(out) :: self
+      integer, intent(in) :: n_samples(:)                             !! (n_tones), at least 2 N_m + 1 each
+      type(harmonics_t), intent(in) :: harmonics
+      type(error_t), allocatable, intent(out) :: error
+      integer :: m
+
+      if (size(n_samples) /= harmonics%n_tones) then
+         call fail(error, "samples are given for "//to_text(size(n_samples))//" tones, the scene has "// &
+            to_text(harmonics%n_tones))
+         return
+      end if
+      do m = 1, size(n_samples)
+         if (n_samples(m) < 2*harmonics%highest(m) + 1) then
+            call fail(error, "tone "//to_text(m)//" has "//to_text(n_samples(m))//" samples, order "// &
+               to_text(harmonics%highest(m))//" needs at least "//to_text(2*harmonics%highest(m) + 1))
+            return
+         end if
+      end do
+      if (product(real(n_samples, wp)) > real(largest_grid, wp)) then
+         call fail(error, "the torus would have "//to_text(product(real(n_samples, wp)))//" samples, more than "// &
+            to_text(largest_grid)//"; lower the orders or the samples")
+         return
+      end if
+      self%n_samples = n_samples
+      self%n_total = product(n_samples)
+   end subroutine new_torus
+
+   !> Samples per tone for a law that is a polynomial of the given degree (exact for all kept harmonics: (degree + 1) N + 1),
+   !> or for a non-smooth law (degree 0): three times what the harmonics need; rounded up to a fast size.
+   pure function default_samples(harmonics, degree) result(n_samples)
+      type(harmonics_t), intent(in) :: harmonics
+      integer, intent(in) :: degree
+      integer :: n_samples(harmonics%n_tones)
+      integer :: m, needed
+
+      do m = 1, harmonics%n_tones
+         if (degree > 0) then
+            needed = (degree + 1)*harmonics%highest(m) + 1
+         else
+            needed = ceiling(non_smooth_oversampling*(2*harmonics%highest(m) + 1))
+         end if
+         n_samples(m) = fast_size(max(needed, smallest_grid))
+      end do
+   end function default_samples
+
+   !> Smallest even number >= n whose prime factors are 2, 3, 5 and 7, which FFTW transforms fast.
+   pure integer function fast_size(n)
+      integer, intent(in) :: n
+      integer, parameter :: factors(4) = [2, 3, 5, 7]
+      integer :: i, rest
+
+      fast_size = n + modulo(n, 2)
+      do
+         rest = fast_size
+         do i = 1, size(factors)
+            do while (modulo(rest, factors(i)) == 0)
+               rest = rest/factors(i)
+            end do
+         end do
+         if (rest == 1) return
+         fast_size = fast_size + 2
+      end do
+   end function fast_size
+
+   !> Phases (n_tones, n_total) [rad] of all samples.
+   pure function torus_phases(self) result(tau)
+      class(torus_t), intent(in) :: self
+      real(wp) :: tau(size(self%n_samples), self%n_total)
+      integer :: i, m, rest
+
+      do i = 1, self%n_total
+         rest = i - 1
+         do m = 1, size(self%n_samples)
+            tau(m, i) = two_pi*modulo(rest, self%n_samples(m))/self%n_samples(m)
+            rest = rest/self%n_samples(m)
+         end do
+      end do
+   end function torus_phases
+
+   !> Grid with `factor` times the samples in each tone.
+   pure function torus_refined(self, factor) result(finer)
+      class(torus_t), intent(in) :: self
+      integer, intent(in) :: factor
+      type(torus_t) :: finer
+
+      finer%n_samples = factor*self%n_samples
+      finer%n_total = product(finer%n_samples)
+   end function torus_refined
+end module hb_torus

@@ -1,0 +1,253 @@
+!> Coefficients <-> samples on the torus, for many degrees of freedom at once, and the rate of change along time.
+!>
+!> With c = a - i b a motion is Re sum c_j exp(i j.tau); its discrete spectrum holds c/2 at j and conj(c)/2 at -j. Because
+!> the first non-zero entry of a kept tuple is positive, all j fall into the half spectrum that a real FFT keeps (j_1 >= 0);
+!> in its plane j_1 = 0 both j and -j are stored. Source: docs/theory.md, section 3.
+module hb_transform
+   use hb_error, only: error_t
+   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, real_block_t
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: wp
+   use hb_torus, only: torus_t
+   implicit none
+   private
+   public :: new_transform, product_table_t, transform_t
+
+   !> Plans and work arrays for one harmonic set on one grid. Owner of outside resources: call `destroy`.
+   type :: transform_t
+      type(harmonics_t) :: harmonics
+      type(torus_t) :: torus
+      integer :: n_channels = 0                                       !! transforms done at once
+      integer, allocatable, private :: at(:)                          ! (n_harmonics) place of j in the half spectrum
+      integer, allocatable, private :: mirror_at(:)                   ! place of -j, 0 where the half spectrum leaves it out
+      type(fft_plan_t), private :: batch_plan, single_plan
+      type(complex_block_t), private :: spectra
+   contains
+      procedure :: to_samples => transform_to_samples
+      procedure :: to_rate_samples => transform_to_rate_samples
+      procedure :: to_coefficients => transform_to_coefficients
+      procedure :: tabulate_product => transform_tabulate_product
+      procedure :: destroy => transform_destroy
+   end type transform_t
+
+   !> Fourier coefficients of a sampled function g at all sums and differences of the kept tuples, in the basis of
+   !> cos and sin. They hold the matrix of the operator x -> projection of g x; see `add_product_columns`.
+   type :: product_table_t
+      integer :: centre = 0                                           !! place of tuple zero in the tables
+      integer, allocatable :: offset(:)                               !! (n_harmonics) place of j, relative to the centre
+      real(wp), allocatable :: cosine(:), sine(:)                     !! mean of g cos(m.tau), g sin(m.tau)
+      integer, allocatable, private :: source(:)                      ! place in the half spectrum, negative: conjugate
+   contains
+      procedure :: columns => product_table_columns
+   end type product_table_t
+
+contains
+
+   !> Plans the transforms of `n_channels` functions at once.
+   subroutine new_transform(self, harmonics, torus, n_channels, effort, error)
+      type(transform_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      type(torus_t), intent(in) :: torus
+      integer, intent(in) :: n_channels                               !! >= 1
+      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
+      type(error_t), allocatable, intent(out) :: error
+      type(real_block_t) :: scratch
+      integer :: h, n_spectrum
+
+      call self%destroy()
+      self%harmonics = harmonics
+      self%torus = torus
+      self%n_channels = n_channels
+      n_spectrum = (torus%n_samples(1)/2 + 1)*product(torus%n_samples(2:))
+      call new_complex_block(self%spectra, n_spectrum, n_channels, error)
+      if (allocated(error)) return
+      call new_real_block(scratch, torus%n_total, n_channels, error)
+      if (allocated(error)) return
+      call new_fft_plan(self%batch_plan, torus%n_samples, n_channels, effort, .false., &
+         scratch%values, self%spectra%values, error)
+      if (.not. allocated(error)) then
+         call new_fft_plan(self%single_plan, torus%n_samples, 1, effort, .true., &
+            scratch%values, self%spectra%values, error)
+      end if
+      call scratch%destroy()
+      if (allocated(error)) return
+      if (allocated(self%at)) deallocate (self%at, self%mirror_at)
+      allocate (self%at(harmonics%n_harmonics), self%mirror_at(harmonics%n_harmonics))
+      do h = 1, harmonics%n_harmonics
+         associate (j => harmonics%tuples(:, h))
+            self%at(h) = spectrum_place(j, torus%n_samples)
+            self%mirror_at(h) = 0
+            if (j(1) == 0 .and. any(j /= 0)) self%mirror_at(h) = spectrum_place(-j, torus%n_samples)
+         end associate
+      end do
+   end subroutine new_transform
+
+   !> Samples of the motions with coefficients `x`.
+   subroutine transform_to_samples(self, x, samples)
+      class(transform_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:, :)                                 !! (n_coefficients, n_channels)
+      real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned
+      integer :: channel, h
+
+      associate (set => self%harmonics, spectra => self%spectra%values)
+         spectra = (0.0_wp, 0.0_wp)
+         do channel = 1, self%n_channels
+            if (set%has_zero) spectra(self%at(1), channel) = x(1, channel)
+            do h = merge(2, 1, set%has_zero), set%n_harmonics
+               call store(self, channel, h, 0.5_wp*cmplx(x(set%cos_at(h), channel), -x(set%sin_at(h), channel), wp))
+            end do
+         end do
+         call self%batch_plan%to_samples(spectra, samples)
+      end associate
+   end subroutine transform_to_samples
+
+   !> Samples of d/dt of the motions with coefficients `x`: tau_m = omega_m t, so cosine j turns with j.omega.
+   subroutine transform_to_rate_samples(self, x, frequencies, samples)
+      class(transform_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:, :)                                 !! (n_coefficients, n_channels)
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned
+      integer :: channel, h
+
+      associate (set => self%harmonics, spectra => self%spectra%values)
+         spectra = (0.0_wp, 0.0_wp)
+         do channel = 1, self%n_channels
+            do h = merge(2, 1, set%has_zero), set%n_harmonics
+               call store(self, channel, h, &
+                  0.5_wp*frequencies(h)*cmplx(x(set%sin_at(h), channel), x(set%cos_at(h), channel), wp))
+            end do
+         end do
+         call self%batch_plan%to_samples(spectra, samples)
+      end associate
+   end subroutine transform_to_rate_samples
+
+   !> Puts one complex value at j and its conjugate at -j where the half spectrum stores both.
+   pure subroutine store(self, channel, h, value)
+      type(transform_t), intent(inout) :: self
+      integer, intent(in) :: channel, h
+      complex(wp), intent(in) :: value
+
+      self%spectra%values(self%at(h), channel) = value
+      if (self%mirror_at(h) > 0) self%spectra%values(self%mirror_at(h), channel) = conjg(value)
+   end subroutine store
+
+   !> Coefficients of the sampled functions in the kept harmonics (their projection).
+   subroutine transform_to_coefficients(self, samples, x)
+      class(transform_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned; unchanged
+      real(wp), intent(out) :: x(:, :)                                !! (n_coefficients, n_channels)
+      integer :: channel, h
+      real(wp) :: weight
+
+      weight = 2.0_wp/self%torus%n_total
+      associate (set => self%harmonics, spectra => self%spectra%values)
+         call self%batch_plan%to_spectrum(samples, spectra)
+         do channel = 1, self%n_channels
+            if (set%has_zero) x(1, channel) = 0.5_wp*weight*real(spectra(self%at(1), channel))
+            do h = merge(2, 1, set%has_zero), set%n_harmonics
+               x(set%cos_at(h), channel) = weight*real(spectra(self%at(h), channel))
+               x(set%sin_at(h), channel) = -weight*aimag(spectra(self%at(h), channel))
+            end do
+         end do
+      end associate
+   end subroutine transform_to_coefficients
+
+   !> Fills the table of the function sampled in one column of `samples`. The table's index arrays are made at its first use.
+   subroutine transform_tabulate_product(self, samples, column, table)
+      class(transform_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous, target :: samples(:, :)    !! (n_total, any); unchanged
+      integer, intent(in) :: column
+      type(product_table_t), intent(inout) :: table
+      integer :: i, place
+      real(wp) :: weight
+
+      if (.not. allocated(table%source)) call index_table(self, table)
+      weight = 1.0_wp/self%torus%n_total
+      call self%single_plan%to_spectrum(samples(:, column:column), self%spectra%values)
+      do i = 1, size(table%source)
+         place = abs(table%source(i))
+         table%cosine(i) = weight*real(self%spectra%values(place, 1))
+         table%sine(i) = -sign(weight, real(table%source(i), wp))*aimag(self%spectra%values(place, 1))
+      end do
+   end subroutine transform_tabulate_product
+
+   !> Lays out the table over all m with |m_n| <= 2 N_n, wrapped onto the grid, so that what it holds is the exact
+   !> derivative of the discrete projection, aliases included.
+   subroutine index_table(self, table)
+      type(transform_t), intent(in) :: self
+      type(product_table_t), intent(inout) :: table
+      integer :: extent(self%harmonics%n_tones), stride(self%harmonics%n_tones), j(self%harmonics%n_tones)
+      integer :: h, i, m, rest
+
+      associate (set => self%harmonics, n => self%torus%n_samples)
+         extent = 4*set%highest + 1
+         stride(1) = 1
+         do m = 2, set%n_tones
+            stride(m) = stride(m - 1)*extent(m - 1)
+         end do
+         table%centre = 1 + dot_product(2*set%highest, stride)
+         allocate (table%offset(set%n_harmonics), table%source(product(extent)))
+         do h = 1, set%n_harmonics
+            table%offset(h) = dot_product(set%tuples(:, h), stride)
+         end do
+         do i = 1, size(table%source)
+            rest = i - 1
+            do m = 1, set%n_tones
+               j(m) = modulo(modulo(rest, extent(m)) - 2*set%highest(m), n(m))
+               rest = rest/extent(m)
+            end do
+            if (j(1) <= n(1)/2) then
+               table%source(i) = spectrum_place(j, n)
+            else
+               table%source(i) = -spectrum_place(-j, n)
+            end if
+         end do
+         allocate (table%cosine(size(table%source)), table%sine(size(table%source)))
+      end associate
+   end subroutine index_table
+
+   !> The two columns, for cosine and sine of harmonic k, of the matrix of x -> projection of g x:
+   !> its entry at cosine j, cosine k is mean g [cos((j-k).tau) + cos((j+k).tau)], and so on by the product formulas,
+   !> half of that in the row of the zero tuple. Source: docs/theory.md, eq. (11).
+   pure subroutine product_table_columns(self, set, k, cosine_column, sine_column)
+      class(product_table_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: k                                        !! harmonic
+      real(wp), intent(out) :: cosine_column(:), sine_column(:)       !! (n_coefficients); the sine of tuple zero is zero
+      integer :: h, minus, plus
+
+      do h = merge(2, 1, set%has_zero), set%n_harmonics
+         minus = self%centre + self%offset(h) - self%offset(k)
+         plus = self%centre + self%offset(h) + self%offset(k)
+         cosine_column(set%cos_at(h)) = self%cosine(plus) + self%cosine(minus)
+         cosine_column(set%sin_at(h)) = self%sine(plus) + self%sine(minus)
+         sine_column(set%cos_at(h)) = self%sine(plus) - self%sine(minus)
+         sine_column(set%sin_at(h)) = self%cosine(minus) - self%cosine(plus)
+      end do
+      if (set%has_zero) then
+         cosine_column(1) = self%cosine(self%centre + self%offset(k))
+         sine_column(1) = self%sine(self%centre + self%offset(k))
+      end if
+   end subroutine product_table_columns
+
+   !> Frees plans and memory; safe to call twice.
+   subroutine transform_destroy(self)
+      class(transform_t), intent(inout) :: self
+
+      call self%batch_plan%destroy()
+      call self%single_plan%destroy()
+      call self%spectra%destroy()
+   end subroutine transform_destroy
+
+   !> Place of tuple j (wrapped modulo the grid, its first entry then at most n_1/2) in the half spectrum.
+   pure integer function spectrum_place(j, n)
+      integer, intent(in) :: j(:), n(:)
+      integer :: m
+
+      spectrum_place = 0
+      do m = size(n), 2, -1
+         spectrum_place = spectrum_place*n(m) + modulo(j(m), n(m))
+      end do
+      spectrum_place = spectrum_place*(n(1)/2 + 1) + modulo(j(1), n(1)) + 1
+   end function spectrum_place
+end module hb_transform

@@ -1,0 +1,143 @@
+!> A nonlinear law: forces as a function of the motion, sample by sample on the torus.
+!>
+!> A law acts on coordinates z = shape^T q, linear forms of a few degrees of freedom q; its force f on the coordinates
+!> stands beside K q on the left-hand side, as shape f. Adding a law: a module that extends `law_t`, one `case` and one
+!> name in hb_law_catalogue. Source: docs/theory.md, section 5.
+module hb_law
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   use hb_text, only: string_t
+   implicit none
+   private
+   public :: law_box_t, law_t, place_on_dof, read_place
+
+   type, abstract :: law_t
+      character(:), allocatable :: label                              !! name given by the user, else kind and number
+      integer, allocatable :: dofs(:)                                 !! degrees of freedom of the structure
+      real(wp), allocatable :: shape(:, :)                            !! (n_dofs, n_coordinates)
+      integer :: degree = 0                                           !! of a polynomial law; 0: not smooth
+      logical :: needs_velocity = .false.
+      logical :: is_multiplier = .false.                              !! wants the reaction p; one coordinate
+   contains
+      procedure(read_law), deferred :: read
+      procedure(evaluate_law), deferred :: evaluate
+      procedure :: prepare => law_prepare
+      procedure :: correct => law_correct
+      procedure :: penetration => law_penetration
+      procedure :: length_scale => law_length_scale
+   end type law_t
+
+   !> Box for a law of any kind, so that laws of several kinds form an array.
+   type :: law_box_t
+      class(law_t), allocatable :: law
+   end type law_box_t
+
+   abstract interface
+      !> Reads the law's own keys, and its place by `read_place`, from a `&law` group that collects the problems.
+      subroutine read_law(self, group, structure)
+         import :: group_t, law_t, structure_t
+         class(law_t), intent(inout) :: self
+         type(group_t), intent(inout) :: group
+         type(structure_t), intent(in) :: structure
+      end subroutine read_law
+
+      !> Forces of all samples, and their derivatives when these are present.
+      subroutine evaluate_law(self, z, v, p, f, df_dz, df_dv, df_dp)
+         import :: law_t, wp
+         class(law_t), intent(in) :: self
+         real(wp), intent(in), contiguous :: z(:, :)                  !! coordinates [m], (n_samples, n_coordinates)
+         real(wp), intent(in), contiguous :: v(:, :)                  !! their rates [m/s]; no columns unless needs_velocity
+         real(wp), intent(in), contiguous :: p(:, :)                  !! reaction [N] that equilibrium asks of this law;
+                                                                      !! no columns unless is_multiplier
+         real(wp), intent(out), contiguous :: f(:, :)                 !! forces [N], as z
+         real(wp), intent(out), contiguous, optional :: df_dz(:, :, :)   !! last axis: the coordinate differentiated by
+         real(wp), intent(out), contiguous, optional :: df_dv(:, :, :)
+         real(wp), intent(out), contiguous, optional :: df_dp(:, :, :)
+      end subroutine evaluate_law
+   end interface
+
+contains
+
+   !> Tells the law the static stiffness [N/m] of the structure against its first coordinate; most laws do not care.
+   subroutine law_prepare(self, static_stiffness)
+      class(law_t), intent(inout) :: self
+      real(wp), intent(in) :: static_stiffness                        !! 0 when the structure is free to move
+   end subroutine law_prepare
+
+   !> Coordinates as the law allows them: the motion corrected to a wall. Other laws leave it as it is.
+   pure subroutine law_correct(self, z, corrected)
+      class(law_t), intent(in) :: self
+      real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
+      real(wp), intent(out) :: corrected(:, :)                        !! [m], as z
+
+      corrected = z
+   end subroutine law_correct
+
+   !> Largest penetration [m] of the samples into a rigid obstacle; 0 for laws without one.
+   pure real(wp) function law_penetration(self, z)
+      class(law_t), intent(in) :: self
+      real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
+
+      law_penetration = 0.0_wp
+   end function law_penetration
+
+   !> A length [m] that is typical of the law, such as its gap; 0 when there is none.
+   pure real(wp) function law_length_scale(self)
+      class(law_t), intent(in) :: self
+
+      law_length_scale = 0.0_wp
+   end function law_length_scale
+
+   !> Lets the law act on one degree of freedom.
+   pure subroutine place_on_dof(self, dof)
+      class(law_t), intent(inout) :: self
+      integer, intent(in) :: dof
+
+      self%dofs = [dof]
+      self%shape = reshape([1.0_wp], [1, 1])
+   end subroutine place_on_dof
+
+   !> Reads where a law of one coordinate acts: `dof`, or `dofs` and `weights` for z = sum of weight times
+   !> degree of freedom (weights 1, -1: a relative displacement).
+   subroutine read_place(self, group, structure)
+      class(law_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      type(string_t), allocatable :: names(:)
+      character(:), allocatable :: name
+      real(wp), allocatable :: weights(:)
+      type(error_t), allocatable :: error
+      integer :: i
+
+      if (group%given("dof") .and. group%given("dofs")) then
+         call group%problem("dofs", "give either 'dof' or 'dofs', not both")
+      end if
+      if (group%given("dofs")) then
+         call group%get("dofs", names)
+         call group%require("weights", weights, n=size(names))
+      else
+         call group%require("dof", name)
+         if (.not. allocated(name)) return
+         allocate (names(1))
+         names(1)%value = name
+         weights = [1.0_wp]
+      end if
+      if (.not. allocated(weights)) return
+      if (size(weights) /= size(names)) return
+      allocate (self%dofs(size(names)))
+      do i = 1, size(names)
+         call structure%find_dof(names(i)%value, self%dofs(i), error)
+         if (allocated(error)) then
+            call group%problem(merge("dofs", "dof ", group%given("dofs")), error%message)
+            return
+         end if
+         if (any(self%dofs(1:i - 1) == self%dofs(i))) then
+            call group%problem("dofs", "degree of freedom '"//names(i)%value//"' is named twice")
+         end if
+      end do
+      if (all(weights == 0.0_wp)) call group%problem("weights", "at least one weight must not be zero")
+      self%shape = reshape(weights, [size(weights), 1])
+   end subroutine read_place
+end module hb_law

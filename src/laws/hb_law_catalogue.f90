@@ -1,0 +1,51 @@
+!> The laws that an input file can name: one name and one case each.
+module hb_law_catalogue
+   use hb_law, only: law_box_t
+   use hb_law_cubic_spring, only: cubic_spring_t
+   use hb_law_elastic_stop, only: elastic_stop_t
+   use hb_law_polynomial, only: polynomial_t
+   use hb_law_rigid_wall, only: rigid_wall_t
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: allocate_law, law_names, read_law
+
+   character(16), parameter :: law_names(4) = [character(16) :: &
+      "cubic_spring", "elastic_stop", "polynomial", "rigid_wall"]
+
+contains
+
+   !> Makes the box hold a law of the named kind, with its defaults; it stays empty when there is no such kind.
+   subroutine allocate_law(box, name)
+      type(law_box_t), intent(out) :: box
+      character(*), intent(in) :: name                                !! one of `law_names`
+
+      select case (name)
+      case ("cubic_spring"); allocate (cubic_spring_t :: box%law)
+      case ("elastic_stop"); allocate (elastic_stop_t :: box%law)
+      case ("polynomial"); allocate (polynomial_t :: box%law)
+      case ("rigid_wall"); allocate (rigid_wall_t :: box%law)
+      end select
+   end subroutine allocate_law
+
+   !> Reads a `&law` group into a law of the kind that its key `type` names. Problems are collected in the group; the box
+   !> stays empty when the kind is unknown.
+   subroutine read_law(box, group, structure, number)
+      type(law_box_t), intent(out) :: box
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: number                                   !! of the group in the file, for the default label
+      character(:), allocatable :: kind_of_law, label
+
+      call group%require("type", kind_of_law, choices=law_names)
+      if (.not. allocated(kind_of_law)) return
+      call allocate_law(box, kind_of_law)
+      if (.not. allocated(box%law)) return
+      label = kind_of_law//" "//to_text(number)
+      call group%get("label", label)
+      box%law%label = label
+      call box%law%read(group, structure)
+   end subroutine read_law
+end module hb_law_catalogue

@@ -1,0 +1,52 @@
+!> Cubic spring, f = k3 z**3.
+!> Source: docs/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
+module hb_law_cubic_spring
+   use hb_kinds, only: wp
+   use hb_law, only: law_t, read_place
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: cubic_spring_t, new_cubic_spring
+
+   type, extends(law_t) :: cubic_spring_t
+      real(wp) :: stiffness = 0.0_wp                                  !! k3 [N/m**3], negative for a softening spring
+   contains
+      procedure :: read => cubic_spring_read
+      procedure :: evaluate => cubic_spring_evaluate
+   end type cubic_spring_t
+
+contains
+
+   !> Spring of the given stiffness; where it acts is set by hb_law%place_on_dof or hb_law%read_place.
+   pure subroutine new_cubic_spring(self, stiffness)
+      class(cubic_spring_t), intent(inout) :: self
+      real(wp), intent(in) :: stiffness                               !! k3 [N/m**3]
+
+      self%stiffness = stiffness
+      self%degree = 3
+   end subroutine new_cubic_spring
+
+   !> Reads a `&law type = 'cubic_spring'` group.
+   subroutine cubic_spring_read(self, group, structure)
+      class(cubic_spring_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      real(wp) :: stiffness
+
+      stiffness = 0.0_wp
+      call group%require("stiffness", stiffness)
+      call new_cubic_spring(self, stiffness)
+      call read_place(self, group, structure)
+   end subroutine cubic_spring_read
+
+   subroutine cubic_spring_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(cubic_spring_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+
+      f = self%stiffness*z**3
+      if (present(df_dz)) df_dz(:, :, 1) = 3.0_wp*self%stiffness*z**2
+   end subroutine cubic_spring_evaluate
+end module hb_law_cubic_spring

@@ -1,0 +1,72 @@
+!> Elastic stop behind a gap: f = k max(z - g, 0), two-sided also k min(z + g, 0).
+!> Source: docs/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
+module hb_law_elastic_stop
+   use hb_kinds, only: wp
+   use hb_law, only: law_t, read_place
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: elastic_stop_t, new_elastic_stop
+
+   type, extends(law_t) :: elastic_stop_t
+      real(wp) :: stiffness = 0.0_wp                                  !! k [N/m]
+      real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: pressed on at rest
+      logical :: two_sided = .false.
+   contains
+      procedure :: read => elastic_stop_read
+      procedure :: evaluate => elastic_stop_evaluate
+      procedure :: length_scale => elastic_stop_length_scale
+   end type elastic_stop_t
+
+contains
+
+   !> Stop of the given stiffness and gap, at z > gap, if `two_sided` also at z < -gap.
+   pure subroutine new_elastic_stop(self, stiffness, gap, two_sided)
+      class(elastic_stop_t), intent(inout) :: self
+      real(wp), intent(in) :: stiffness                               !! [N/m], >= 0
+      real(wp), intent(in) :: gap                                     !! [m]
+      logical, intent(in) :: two_sided
+
+      self%stiffness = stiffness
+      self%gap = gap
+      self%two_sided = two_sided
+   end subroutine new_elastic_stop
+
+   !> Reads a `&law type = 'elastic_stop'` group.
+   subroutine elastic_stop_read(self, group, structure)
+      class(elastic_stop_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      real(wp) :: gap, stiffness
+      logical :: two_sided
+
+      stiffness = 0.0_wp
+      gap = 0.0_wp
+      two_sided = self%two_sided
+      call group%require("stiffness", stiffness, minimum=0.0_wp)
+      call group%require("gap", gap)
+      call group%get("two_sided", two_sided)
+      call new_elastic_stop(self, stiffness, gap, two_sided)
+      call read_place(self, group, structure)
+   end subroutine elastic_stop_read
+
+   subroutine elastic_stop_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(elastic_stop_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+
+      f = self%stiffness*max(z - self%gap, 0.0_wp)
+      if (self%two_sided) f = f + self%stiffness*min(z + self%gap, 0.0_wp)
+      if (.not. present(df_dz)) return
+      df_dz(:, :, 1) = merge(self%stiffness, 0.0_wp, z > self%gap)
+      if (self%two_sided) df_dz(:, :, 1) = df_dz(:, :, 1) + merge(self%stiffness, 0.0_wp, z < -self%gap)
+   end subroutine elastic_stop_evaluate
+
+   pure real(wp) function elastic_stop_length_scale(self)
+      class(elastic_stop_t), intent(in) :: self
+
+      elastic_stop_length_scale = abs(self%gap)
+   end function elastic_stop_length_scale
+end module hb_law_elastic_stop

@@ -1,0 +1,100 @@
+!> Polynomial spring and dashpot, f = sum k_n z**n + sum d_n v**n, n from 1.
+!> Source: docs/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
+module hb_law_polynomial
+   use hb_kinds, only: wp
+   use hb_law, only: law_t, read_place
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: new_polynomial, polynomial_t
+
+   type, extends(law_t) :: polynomial_t
+      real(wp), allocatable :: stiffness(:)                           !! k_1, k_2, ... [N/m, N/m**2, ...]
+      real(wp), allocatable :: damping(:)                             !! d_1, d_2, ... [N s/m, N s**2/m**2, ...]
+   contains
+      procedure :: read => polynomial_read
+      procedure :: evaluate => polynomial_evaluate
+   end type polynomial_t
+
+contains
+
+   !> Polynomial with the given coefficients of z, z**2, ... and of the rate v, v**2, ...; either list may be empty.
+   pure subroutine new_polynomial(self, stiffness, damping)
+      class(polynomial_t), intent(inout) :: self
+      real(wp), intent(in) :: stiffness(:)                            !! [N/m**n]
+      real(wp), intent(in) :: damping(:)                              !! [N (s/m)**n]
+
+      self%stiffness = stiffness
+      self%damping = damping
+      self%degree = max(size(stiffness), size(damping), 1)
+      self%needs_velocity = size(damping) > 0
+   end subroutine new_polynomial
+
+   !> Reads a `&law type = 'polynomial'` group.
+   subroutine polynomial_read(self, group, structure)
+      class(polynomial_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      real(wp), allocatable :: damping(:), stiffness(:)
+
+      call group%get("stiffness", stiffness)
+      call group%get("damping", damping)
+      if (.not. (allocated(stiffness) .or. allocated(damping))) then
+         call group%problem("stiffness", "a polynomial law needs 'stiffness' or 'damping' coefficients")
+      end if
+      if (.not. allocated(stiffness)) allocate (stiffness(0))
+      if (.not. allocated(damping)) allocate (damping(0))
+      call new_polynomial(self, stiffness, damping)
+      call read_place(self, group, structure)
+   end subroutine polynomial_read
+
+   subroutine polynomial_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(polynomial_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+      integer :: i
+
+      do i = 1, size(z, 1)
+         f(i, 1) = horner(self%stiffness, z(i, 1))
+      end do
+      if (self%needs_velocity) then
+         do i = 1, size(z, 1)
+            f(i, 1) = f(i, 1) + horner(self%damping, v(i, 1))
+         end do
+      end if
+      if (present(df_dz)) then
+         do i = 1, size(z, 1)
+            df_dz(i, 1, 1) = horner_slope(self%stiffness, z(i, 1))
+         end do
+      end if
+      if (self%needs_velocity .and. present(df_dv)) then
+         do i = 1, size(z, 1)
+            df_dv(i, 1, 1) = horner_slope(self%damping, v(i, 1))
+         end do
+      end if
+   end subroutine polynomial_evaluate
+
+   !> c_1 x + c_2 x**2 + ...
+   pure real(wp) function horner(c, x)
+      real(wp), intent(in) :: c(:), x
+      integer :: n
+
+      horner = 0.0_wp
+      do n = size(c), 1, -1
+         horner = x*(c(n) + horner)
+      end do
+   end function horner
+
+   !> c_1 + 2 c_2 x + 3 c_3 x**2 + ...
+   pure real(wp) function horner_slope(c, x)
+      real(wp), intent(in) :: c(:), x
+      integer :: n
+
+      horner_slope = 0.0_wp
+      do n = size(c), 1, -1
+         horner_slope = n*c(n) + x*horner_slope
+      end do
+   end function horner_slope
+end module hb_law_polynomial

@@ -1,0 +1,110 @@
+!> Rigid wall, z <= g, exactly: no penetration on the samples, by the force that the wall must supply.
+!>
+!> With p the reaction that equilibrium asks for, lambda = max(0, p + eps (z - g)). At a solution p and lambda agree in the
+!> kept harmonics, so that lambda >= 0, z <= g and lambda (z - g) = 0 hold up to the truncation of the series, for any
+!> eps > 0. Two-sided also -max(0, -p - eps (z + g)). Source: docs/theory.md, section 5.3; augmented Lagrangian form of
+!> unilateral contact, Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375.
+module hb_law_rigid_wall
+   use hb_kinds, only: wp
+   use hb_law, only: law_t, read_place
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: new_rigid_wall, rigid_wall_t
+
+   type, extends(law_t) :: rigid_wall_t
+      real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: pressed on at rest
+      real(wp) :: augmentation = 0.0_wp                               !! eps [N/m]; 0: the static stiffness of the structure
+      logical :: two_sided = .false.
+   contains
+      procedure :: read => rigid_wall_read
+      procedure :: evaluate => rigid_wall_evaluate
+      procedure :: prepare => rigid_wall_prepare
+      procedure :: correct => rigid_wall_correct
+      procedure :: penetration => rigid_wall_penetration
+      procedure :: length_scale => rigid_wall_length_scale
+   end type rigid_wall_t
+
+contains
+
+   !> Wall at z = gap, if `two_sided` also at z = -gap.
+   pure subroutine new_rigid_wall(self, gap, augmentation, two_sided)
+      class(rigid_wall_t), intent(inout) :: self
+      real(wp), intent(in) :: gap                                     !! [m]
+      real(wp), intent(in) :: augmentation                            !! eps [N/m], 0: chosen from the structure
+      logical, intent(in) :: two_sided
+
+      self%gap = gap
+      self%augmentation = augmentation
+      self%two_sided = two_sided
+      self%is_multiplier = .true.
+   end subroutine new_rigid_wall
+
+   !> Reads a `&law type = 'rigid_wall'` group.
+   subroutine rigid_wall_read(self, group, structure)
+      class(rigid_wall_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      real(wp) :: augmentation, gap
+      logical :: two_sided
+
+      gap = 0.0_wp
+      augmentation = self%augmentation
+      two_sided = self%two_sided
+      call group%require("gap", gap)
+      call group%get("augmentation", augmentation, minimum=0.0_wp)
+      call group%get("two_sided", two_sided)
+      if (two_sided .and. gap < 0.0_wp) call group%problem("gap", "a two-sided rigid wall needs a gap of 0 or more")
+      call new_rigid_wall(self, gap, augmentation, two_sided)
+      call read_place(self, group, structure)
+   end subroutine rigid_wall_read
+
+   subroutine rigid_wall_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(rigid_wall_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+
+      associate (eps => self%augmentation, g => self%gap)
+         f = max(p + eps*(z - g), 0.0_wp)
+         if (self%two_sided) f = f + min(p + eps*(z + g), 0.0_wp)
+         if (.not. (present(df_dz) .and. present(df_dp))) return
+         df_dp(:, :, 1) = merge(1.0_wp, 0.0_wp, p + eps*(z - g) > 0.0_wp)
+         if (self%two_sided) df_dp(:, :, 1) = df_dp(:, :, 1) + merge(1.0_wp, 0.0_wp, p + eps*(z + g) < 0.0_wp)
+         df_dz(:, :, 1) = eps*df_dp(:, :, 1)
+      end associate
+   end subroutine rigid_wall_evaluate
+
+   !> Takes eps from the structure unless the user gave it: then the contact equations are scaled like the linear ones.
+   subroutine rigid_wall_prepare(self, static_stiffness)
+      class(rigid_wall_t), intent(inout) :: self
+      real(wp), intent(in) :: static_stiffness
+
+      if (self%augmentation <= 0.0_wp) self%augmentation = static_stiffness
+   end subroutine rigid_wall_prepare
+
+   !> Correction of the paper's figure 6: what lies behind the wall is put onto it.
+   pure subroutine rigid_wall_correct(self, z, corrected)
+      class(rigid_wall_t), intent(in) :: self
+      real(wp), intent(in) :: z(:, :)
+      real(wp), intent(out) :: corrected(:, :)
+
+      corrected = min(z, self%gap)
+      if (self%two_sided) corrected = max(corrected, -self%gap)
+   end subroutine rigid_wall_correct
+
+   pure real(wp) function rigid_wall_penetration(self, z)
+      class(rigid_wall_t), intent(in) :: self
+      real(wp), intent(in) :: z(:, :)
+
+      rigid_wall_penetration = max(maxval(z) - self%gap, 0.0_wp)
+      if (self%two_sided) rigid_wall_penetration = max(rigid_wall_penetration, -minval(z) - self%gap)
+   end function rigid_wall_penetration
+
+   pure real(wp) function rigid_wall_length_scale(self)
+      class(rigid_wall_t), intent(in) :: self
+
+      rigid_wall_length_scale = abs(self%gap)
+   end function rigid_wall_length_scale
+end module hb_law_rigid_wall

@@ -1,0 +1,81 @@
+!> Backtracking along a step, shared by the solvers: the residual must fall below the largest of the last few.
+!>
+!> Comparing with a few past residuals lets the iteration cross kinks of contact laws, where the residual may rise for a
+!> step or two. Source: Grippo, Lampariello, Lucidi, SIAM J. Numer. Anal. 23 (1986) 707-716, with the residual as merit.
+module hb_line_search
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_kinds, only: wp
+   use hb_problem, only: problem_t
+   implicit none
+   private
+   public :: line_search_t, new_line_search
+
+   integer, parameter :: window = 4                                   ! past residuals to compare with
+   integer, parameter :: most_halvings = 12
+   real(wp), parameter :: decrease = 1.0e-4_wp                        ! share of the decrease that a full step promises
+
+   type :: line_search_t
+      logical :: is_on = .true.                                       !! off: full steps always
+      integer :: n_residuals = 0                                      !! residuals evaluated so far
+      real(wp), private :: past(window) = 0.0_wp
+      integer, private :: n_past = 0
+      real(wp), allocatable, private :: x_trial(:), r_trial(:)        ! best trial so far
+   contains
+      procedure :: remember => line_search_remember
+      procedure :: advance => line_search_advance
+   end type line_search_t
+
+contains
+
+   !> Line search for `n` unknowns; with `is_on` false every full step with a finite residual is taken.
+   subroutine new_line_search(self, n, is_on)
+      type(line_search_t), intent(out) :: self
+      integer, intent(in) :: n
+      logical, intent(in) :: is_on
+
+      self%is_on = is_on
+      allocate (self%x_trial(n), self%r_trial(n))
+   end subroutine new_line_search
+
+   !> Adds the norm of an accepted point to those that later ones are compared with.
+   pure subroutine line_search_remember(self, norm)
+      class(line_search_t), intent(inout) :: self
+      real(wp), intent(in) :: norm
+
+      self%past(1 + modulo(self%n_past, window)) = norm
+      self%n_past = self%n_past + 1
+   end subroutine line_search_remember
+
+   !> Moves x along `step`, halving it until the residual is small enough; on success x, r and norm are those of the new
+   !> point and `fraction` tells how much of the step was taken; otherwise they stay and `fraction` is 0.
+   subroutine line_search_advance(self, problem, step, x, r, norm, fraction)
+      class(line_search_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in) :: step(:)                                 !! (n_unknowns)
+      real(wp), intent(inout), contiguous :: x(:), r(:)               !! (n_unknowns)
+      real(wp), intent(inout) :: norm
+      real(wp), intent(out) :: fraction
+      real(wp) :: reference, trial_norm
+      integer :: halving
+
+      reference = maxval(self%past(1:min(self%n_past, window)))
+      fraction = 1.0_wp
+      do halving = 0, most_halvings
+         self%x_trial = x + fraction*step
+         call problem%residual(self%x_trial, self%r_trial)
+         self%n_residuals = self%n_residuals + 1
+         trial_norm = problem%norm(self%r_trial)
+         if (ieee_is_finite(trial_norm)) then
+            if (.not. self%is_on .or. trial_norm <= (1.0_wp - decrease*fraction)*reference) then
+               x = self%x_trial
+               r = self%r_trial
+               norm = trial_norm
+               call self%remember(norm)
+               return
+            end if
+         end if
+         fraction = 0.5_wp*fraction
+      end do
+      fraction = 0.0_wp
+   end subroutine line_search_advance
+end module hb_line_search

@@ -1,0 +1,60 @@
+!> How the solution of a point ended: the statuses of all solvers, each written once with its name and its text.
+!>
+!> An outcome is part of a result and never an error: code says `if (result%status == outcome%converged)`.
+!> The numbers stand in the result file (docs/schema.md): they may be added to, never changed.
+module hb_outcome
+   implicit none
+   private
+   public :: outcome, outcome_name, outcome_names, outcome_text
+
+   type :: outcome_t
+      integer :: pending = 0                           !! not solved yet
+      integer :: converged = 1                         !! the residual is below the tolerance
+      integer :: stalled = 2                           !! no step makes the residual smaller
+      integer :: out_of_budget = 3                     !! the limit on iterations, evaluations or time was met first
+      integer :: singular = 4                          !! the linear system of a step has no unique solution
+      integer :: not_finite = 5                        !! NaN or infinity in the residual or the unknowns
+      integer :: failed = 6                            !! an error that belongs to this point alone, told by its message
+   end type outcome_t
+
+   type(outcome_t), parameter :: outcome = outcome_t()
+
+   !> Names as they stand in the result file (`flag_meanings`); the index is the status.
+   character(*), parameter :: outcome_names(0:6) = [character(13) :: &
+      "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed"]
+
+   character(*), parameter :: texts(0:6) = [character(60) :: &
+      "not solved yet", &
+      "converged", &
+      "stalled: no step makes the residual smaller", &
+      "out of budget: the limit was met before the tolerance", &
+      "singular: the linear system of a step has no unique solution", &
+      "not finite: NaN or infinity in the residual or the unknowns", &
+      "failed: see the message of the point"]
+
+contains
+
+   !> Gives the name of a status as it stands in the result file, `unknown` for a number that is no status.
+   pure function outcome_name(status) result(name)
+      integer, intent(in) :: status
+      character(:), allocatable :: name
+
+      name = "unknown"
+      if (is_status(status)) name = trim(outcome_names(status))
+   end function outcome_name
+
+   !> Gives a status in words for people, `unknown status` for a number that is no status.
+   pure function outcome_text(status) result(text)
+      integer, intent(in) :: status
+      character(:), allocatable :: text
+
+      text = "unknown status"
+      if (is_status(status)) text = trim(texts(status))
+   end function outcome_text
+
+   pure logical function is_status(status)
+      integer, intent(in) :: status
+
+      is_status = status >= lbound(texts, 1) .and. status <= ubound(texts, 1)
+   end function is_status
+end module hb_outcome

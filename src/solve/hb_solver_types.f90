@@ -1,0 +1,35 @@
+!> What all solvers take and give, and the choice between them.
+module hb_solver_types
+   use hb_kinds, only: wp
+   use hb_outcome, only: outcome
+   implicit none
+   private
+   public :: method, method_names, report_t, solver_config_t, start_names
+
+   type :: method_t
+      integer :: newton = 1
+      integer :: broyden = 2
+   end type method_t
+   type(method_t), parameter :: method = method_t()
+   character(7), parameter :: method_names(2) = [character(7) :: "newton", "broyden"]
+   character(7), parameter :: start_names(2) = [character(7) :: "linear", "tangent"]
+
+   !> Settings of a solver; the component initialisers are the defaults of the input group `&solver`.
+   type :: solver_config_t
+      integer :: method = method%newton
+      real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces
+      integer :: max_iterations = 100
+      logical :: line_search = .true.
+      integer :: memory = 40                                          !! updates that Broyden keeps before it starts anew
+      logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: linear part or tangent
+   end type solver_config_t
+
+   !> How a solution was found, or not.
+   type :: report_t
+      integer :: status = outcome%pending                             !! one of hb_outcome%outcome
+      integer :: iterations = 0
+      integer :: evaluations = 0                                      !! of the residual
+      integer :: factorizations = 0                                   !! of a tangent
+      real(wp) :: residual = huge(1.0_wp)                             !! last norm, relative
+   end type report_t
+end module hb_solver_types

@@ -1,0 +1,57 @@
+!> The tangent of a problem, scaled to unit magnitudes and LU factorised by LAPACK.
+module hb_tangent_factor
+   use hb_kinds, only: wp
+   use hb_lapack, only: dgetrf, dgetrs
+   use hb_problem, only: problem_t
+   implicit none
+   private
+   public :: new_tangent_factor, tangent_factor_t
+
+   type :: tangent_factor_t
+      real(wp), allocatable, private :: jacobian(:, :)
+      integer, allocatable, private :: pivots(:)
+   contains
+      procedure :: update => tangent_factor_update
+      procedure :: solve => tangent_factor_solve
+   end type tangent_factor_t
+
+contains
+
+   !> Allocates room for `n` unknowns.
+   subroutine new_tangent_factor(self, n)
+      type(tangent_factor_t), intent(out) :: self
+      integer, intent(in) :: n
+
+      allocate (self%jacobian(n, n), self%pivots(n))
+   end subroutine new_tangent_factor
+
+   !> Factorises the tangent at x; `is_singular` when it has no inverse or is not finite.
+   subroutine tangent_factor_update(self, problem, x, is_singular)
+      class(tangent_factor_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
+      logical, intent(out) :: is_singular
+      integer :: i, info, n
+
+      n = problem%n_unknowns
+      call problem%tangent(x, self%jacobian)
+      do i = 1, n
+         self%jacobian(:, i) = self%jacobian(:, i)*(problem%x_scale(i)/problem%r_scale)
+      end do
+      call dgetrf(n, n, self%jacobian, n, self%pivots, info)
+      is_singular = info /= 0
+   end subroutine tangent_factor_update
+
+   !> Overwrites r with the solution s of tangent s = r.
+   subroutine tangent_factor_solve(self, problem, r)
+      class(tangent_factor_t), intent(in) :: self
+      class(problem_t), intent(in) :: problem
+      real(wp), intent(inout), contiguous :: r(:)                     !! (n_unknowns)
+      integer :: info, n
+
+      n = problem%n_unknowns
+      r = r/problem%r_scale
+      call dgetrs("N", n, 1, self%jacobian, n, self%pivots, r, n, info)
+      r = r*problem%x_scale
+   end subroutine tangent_factor_solve
+end module hb_tangent_factor

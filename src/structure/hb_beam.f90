@@ -1,0 +1,153 @@
+!> Plane Euler-Bernoulli beam of equal Hermite cubic elements with consistent mass.
+!>
+!> Each node has a deflection `v` and a rotation `theta`, numbered from the left; dofs are node by node, v
+!> before theta, and those that a support holds are left out. With an even number of elements the midspan is
+!> `v(n_elements/2 + 1)`. Source of the element matrices: J. S. Przemieniecki, Theory of Matrix Structural
+!> Analysis, 1968, sections 5.6 and 11.3 (without shear and rotatory inertia).
+module hb_beam
+   use hb_error, only: annotate, error_t, fail
+   use hb_kinds, only: wp
+   use hb_namelist, only: group_t
+   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
+   use hb_structure, only: label_length, max_dofs, new_structure, structure_t, unit_length
+   use hb_text, only: join, to_text
+   implicit none
+   private
+   public :: new_beam, read_beam
+
+   character(*), parameter :: supports(4) = [character(7) :: "pinned", "clamped", "free", "guided"]
+
+contains
+
+   !> Reads the beam from the keys of its group `&structure`.
+   subroutine read_beam(group, structure, error)
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(out) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      type(proportional_damping_t) :: damping
+      character(:), allocatable :: left_support, right_support
+      real(wp) :: bending_stiffness, length, mass_per_length
+      integer :: n_elements
+
+      n_elements = 0
+      left_support = "pinned"
+      right_support = "pinned"
+      length = 0.0_wp
+      bending_stiffness = 0.0_wp
+      mass_per_length = 0.0_wp
+      call group%require("length", length, above=0.0_wp)
+      call group%require("bending_stiffness", bending_stiffness, above=0.0_wp)
+      call group%require("mass_per_length", mass_per_length, above=0.0_wp)
+      call group%require("n_elements", n_elements, minimum=1, maximum=max_dofs/2)
+      call group%get("left_support", left_support, choices=supports)
+      call group%get("right_support", right_support, choices=supports)
+      call read_proportional_damping(group, damping)
+      call group%finish(error)
+      if (allocated(error)) return
+      call new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, left_support, &
+                    right_support, damping, error)
+      call annotate(error, group%place())
+   end subroutine read_beam
+
+   !> Makes a beam; fails for a size that is not positive, an unknown support, or when no degree of freedom is
+   !> free.
+   subroutine new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, left_support, &
+                       right_support, damping, error)
+      type(structure_t), intent(out) :: structure
+      real(wp), intent(in) :: length                         !! [m]
+      real(wp), intent(in) :: bending_stiffness              !! E I [N m**2]
+      real(wp), intent(in) :: mass_per_length                !! rho A [kg/m]
+      integer, intent(in) :: n_elements
+      character(*), intent(in) :: left_support, right_support !! `pinned`, `clamped`, `free` or `guided`
+      type(proportional_damping_t), intent(in) :: damping
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: mass(:, :), stiffness(:, :)
+      character(label_length), allocatable :: labels(:)
+      character(unit_length), allocatable :: units(:)
+      logical, allocatable :: is_free(:)
+      integer, allocatable :: kept(:)
+      real(wp) :: element_mass(4, 4), element_stiffness(4, 4)
+      integer :: i, n_all
+
+      if (.not. min(length, bending_stiffness, mass_per_length) > 0.0_wp .or. n_elements < 1) then
+         call fail(error, "beam: length, bending stiffness, mass per length and number of elements "// &
+                   "must be above 0")
+         return
+      else if (.not. (any(supports == left_support) .and. any(supports == right_support))) then
+         call fail(error, "beam: unknown support in '"//trim(left_support)//"' and '"//trim(right_support)// &
+                   "'; known: "//join(supports, ", "))
+         return
+      end if
+
+      n_all = 2*(n_elements + 1)
+      allocate (mass(n_all, n_all), stiffness(n_all, n_all), source=0.0_wp)
+      element_mass = hermite_mass(mass_per_length, length/real(n_elements, wp))
+      element_stiffness = hermite_stiffness(bending_stiffness, length/real(n_elements, wp))
+      do i = 1, 2*n_elements, 2
+         mass(i:i + 3, i:i + 3) = mass(i:i + 3, i:i + 3) + element_mass
+         stiffness(i:i + 3, i:i + 3) = stiffness(i:i + 3, i:i + 3) + element_stiffness
+      end do
+
+      allocate (is_free(n_all), source=.true.)
+      is_free(:2) = is_free_at(left_support)
+      is_free(n_all - 1:) = is_free_at(right_support)
+      kept = pack([(i, i=1, n_all)], is_free)
+      if (size(kept) == 0) then
+         call fail(error, "beam: one element between clamped ends has no degree of freedom; use 2 or more")
+         return
+      end if
+
+      allocate (labels(n_all), units(n_all))
+      do i = 1, n_elements + 1
+         labels(2*i - 1) = "v"//to_text(i)
+         labels(2*i) = "theta"//to_text(i)
+         units(2*i - 1) = "m"
+         units(2*i) = "rad"
+      end do
+      mass = mass(kept, kept)
+      stiffness = stiffness(kept, kept)
+      call new_structure(structure, mass, damping%matrix(mass, stiffness), stiffness, labels(kept), &
+                         units(kept), error)
+   end subroutine new_beam
+
+   !> Whether deflection and rotation of a node at this support are free.
+   pure function is_free_at(support) result(is_free)
+      character(*), intent(in) :: support
+      logical :: is_free(2)
+
+      select case (support)
+      case ("pinned")
+         is_free = [.false., .true.]
+      case ("guided")
+         is_free = [.true., .false.]
+      case ("free")
+         is_free = .true.
+      case default                                           ! clamped
+         is_free = .false.
+      end select
+   end function is_free_at
+
+   !> Stiffness of one element of length `l` for the dofs v, theta at the left and v, theta at the right node.
+   pure function hermite_stiffness(bending_stiffness, l) result(k)
+      real(wp), intent(in) :: bending_stiffness, l
+      real(wp) :: k(4, 4)
+
+      k(:, 1) = [12.0_wp, 6*l, -12.0_wp, 6*l]
+      k(:, 2) = [6*l, 4*l**2, -6*l, 2*l**2]
+      k(:, 3) = -k(:, 1)
+      k(:, 4) = [6*l, 2*l**2, -6*l, 4*l**2]
+      k = bending_stiffness/l**3*k
+   end function hermite_stiffness
+
+   !> Consistent mass of one element, same order as `hermite_stiffness`.
+   pure function hermite_mass(mass_per_length, l) result(m)
+      real(wp), intent(in) :: mass_per_length, l
+      real(wp) :: m(4, 4)
+
+      m(:, 1) = [156.0_wp, 22*l, 54.0_wp, -13*l]
+      m(:, 2) = [22*l, 4*l**2, 13*l, -3*l**2]
+      m(:, 3) = [54.0_wp, 13*l, 156.0_wp, -22*l]
+      m(:, 4) = [-13*l, -3*l**2, -22*l, 4*l**2]
+      m = mass_per_length*l/420.0_wp*m
+   end function hermite_mass
+end module hb_beam

@@ -1,0 +1,133 @@
+!> Chain of masses in a line, each coupled to the next by a spring and, if wanted, to the ground by another.
+module hb_chain
+   use hb_error, only: annotate, error_t, fail
+   use hb_kinds, only: wp
+   use hb_namelist, only: group_t
+   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
+   use hb_structure, only: label_length, max_dofs, new_structure, structure_t, unit_length
+   use hb_text, only: join, to_text
+   implicit none
+   private
+   public :: new_chain, read_chain
+
+   character(*), parameter :: known_ends(3) = [character(10) :: "fixed", "free", "fixed-free"]
+
+contains
+
+   !> Reads the chain from the keys of its group `&structure`; a single value stands for all masses or
+   !> springs.
+   subroutine read_chain(group, structure, error)
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(out) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      type(proportional_damping_t) :: damping
+      real(wp), allocatable :: coupling_stiffness(:), ground_stiffness(:), mass(:)
+      character(:), allocatable :: ends
+      integer :: n_masses
+
+      ends = "fixed"
+      ground_stiffness = [0.0_wp]
+      n_masses = 0
+      call group%require("n_masses", n_masses, minimum=1, maximum=max_dofs)
+      call group%get("ends", ends, choices=known_ends)
+      call group%require("mass", mass, minimum=0.0_wp)
+      call group%require("coupling_stiffness", coupling_stiffness, minimum=0.0_wp)
+      call group%get("ground_stiffness", ground_stiffness)
+      call read_proportional_damping(group, damping)
+      if (n_masses > 0) then
+         call spread_value(group, "mass", mass, n_masses)
+         call spread_value(group, "coupling_stiffness", coupling_stiffness, n_springs(n_masses, ends))
+         call spread_value(group, "ground_stiffness", ground_stiffness, n_masses)
+      end if
+      call group%finish(error)
+      if (allocated(error)) return
+      call new_chain(structure, mass, coupling_stiffness, ground_stiffness, ends, damping, error)
+      call annotate(error, group%place())
+   end subroutine read_chain
+
+   !> Makes a chain; fails when a number of springs does not fit the number of masses.
+   subroutine new_chain(structure, mass, coupling_stiffness, ground_stiffness, ends, damping, error)
+      type(structure_t), intent(out) :: structure
+      real(wp), intent(in) :: mass(:)                        !! [kg], (n_masses), from the left
+      real(wp), intent(in) :: coupling_stiffness(:)   !! [N/m], from the left; a fixed end has one to the wall
+      real(wp), intent(in) :: ground_stiffness(:)            !! [N/m], (n_masses)
+      character(*), intent(in) :: ends              !! `fixed`, `free`, or `fixed-free`: the left end is fixed
+      type(proportional_damping_t), intent(in) :: damping
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: mass_matrix(:, :), stiffness(:, :)
+      character(label_length), allocatable :: labels(:)
+      character(unit_length), allocatable :: units(:)
+      integer :: first, i, n
+
+      n = size(mass)
+      if (.not. any(known_ends == ends)) then
+         call fail(error, "chain: unknown ends '"//trim(ends)//"'; known: "//join(known_ends, ", "))
+         return
+      else if (size(coupling_stiffness) /= n_springs(n, ends) .or. size(ground_stiffness) /= n) then
+         call fail(error, "chain: "//to_text(n)//" masses with ends '"//trim(ends)//"' need "// &
+                   to_text(n_springs(n, ends))//" coupling and "//to_text(n)//" ground springs, not "// &
+                   to_text(size(coupling_stiffness))//" and "//to_text(size(ground_stiffness)))
+         return
+      end if
+
+      allocate (mass_matrix(n, n), stiffness(n, n), source=0.0_wp)
+      allocate (labels(n), units(n))
+      units = "m"
+      do i = 1, n
+         labels(i) = "x"//to_text(i)
+         mass_matrix(i, i) = mass(i)
+         stiffness(i, i) = ground_stiffness(i)
+      end do
+      first = merge(1, 0, ends == "free")                    ! 0 is the wall
+      do i = 1, size(coupling_stiffness)
+         call add_spring(stiffness, first + i - 1, coupling_stiffness(i))
+      end do
+      call new_structure(structure, mass_matrix, damping%matrix(mass_matrix, stiffness), stiffness, labels, &
+                         units, error)
+   end subroutine new_chain
+
+   !> Adds a spring from mass `i` to mass `i + 1`; 0 and n_masses + 1 are walls.
+   pure subroutine add_spring(stiffness, i, k)
+      real(wp), intent(inout) :: stiffness(:, :)
+      integer, intent(in) :: i
+      real(wp), intent(in) :: k                              !! [N/m]
+      integer :: n
+
+      n = size(stiffness, 1)
+      if (i >= 1) stiffness(i, i) = stiffness(i, i) + k
+      if (i < n) stiffness(i + 1, i + 1) = stiffness(i + 1, i + 1) + k
+      if (i < 1 .or. i >= n) return
+      stiffness(i, i + 1) = stiffness(i, i + 1) - k
+      stiffness(i + 1, i) = stiffness(i + 1, i) - k
+   end subroutine add_spring
+
+   !> Number of coupling springs, those to a wall included.
+   pure integer function n_springs(n_masses, ends)
+      integer, intent(in) :: n_masses
+      character(*), intent(in) :: ends
+
+      select case (ends)
+      case ("fixed")
+         n_springs = n_masses + 1
+      case ("fixed-free")
+         n_springs = n_masses
+      case default                                           ! free
+         n_springs = n_masses - 1
+      end select
+   end function n_springs
+
+   !> Repeats a single value `n` times; any other number of values than 1 or `n` is a problem of the key.
+   subroutine spread_value(group, key, values, n)
+      type(group_t), intent(inout) :: group
+      character(*), intent(in) :: key
+      real(wp), allocatable, intent(inout) :: values(:)
+      integer, intent(in) :: n
+
+      if (.not. allocated(values)) return                    ! by now a problem of the group
+      if (size(values) == 1) then
+         values = spread(values(1), 1, n)
+      else if (size(values) /= n) then
+         call group%problem(key, "needs 1 or "//to_text(n)//" values, there are "//to_text(size(values)))
+      end if
+   end subroutine spread_value
+end module hb_chain

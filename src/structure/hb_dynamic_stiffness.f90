@@ -1,0 +1,222 @@
+!> Dynamic stiffness S(w) = K - w**2 M + i w D of each harmonic, condensed exactly to where the laws act.
+!>
+!> Convention: x(t) = Re(c exp(i w t)), c = a - i b for x = a cos(w t) + b sin(w t), forces likewise. With the
+!> degrees of freedom of the laws (l) and the interior, that is all others (r), S x = P becomes
+!>
+!>     S_c x_l = P_c,   S_c = S_ll - S_lr T,   P_c = P_l - S_lr y,   T = S_rr^-1 S_rl,   y = S_rr^-1 P_r,
+!>     x_r = y - T x_l.
+!>
+!> This is block elimination, no model reduction: nothing is lost at any frequency.
+module hb_dynamic_stiffness
+   use hb_block_solver, only: block_solver_t, new_block_solver
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   use hb_lapack, only: zgecon, zgetrf, zgetrs
+   use hb_structure, only: structure_t
+   use hb_structure_block, only: new_structure_block, structure_block_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: dynamic_stiffness_t, new_dynamic_stiffness
+
+   !> Below this reciprocal condition, or n_interior*epsilon if that is more, the interior counts as singular:
+   !> what rounding leaves of a singular matrix is of that size.
+   real(wp), parameter :: lowest_condition = 1.0e-14_wp
+
+   type :: dynamic_stiffness_t
+      integer :: n_dofs = 0, n_law = 0, n_harmonics = 0
+      complex(wp), allocatable :: condensed(:, :, :)         !! S_c [N/m], (n_law, n_law, n_harmonics)
+      complex(wp), allocatable :: load(:, :)                 !! P_c [N], (n_law, n_harmonics)
+      integer, allocatable, private :: law_dofs(:), interior(:)
+      complex(wp), allocatable, private :: transfer(:, :, :) !! T, (n_interior, n_law, n_harmonics)
+      complex(wp), allocatable, private :: held_motion(:, :) !! y, motion with the law dofs held still
+      real(wp), allocatable, private :: magnitude(:, :)      !! diagonal of S_ll before anything cancels
+   contains
+      procedure :: linear_amplitudes => dynamic_stiffness_linear_amplitudes
+      procedure :: recover => dynamic_stiffness_recover
+   end type dynamic_stiffness_t
+
+contains
+
+   !> Condenses `structure` to `law_dofs` (any order, none at all for a linear problem) at each frequency.
+   !>
+   !> Fails for law dofs that do not exist or occur twice, for sizes that disagree, and where the interior is
+   !> singular to working precision: at w = 0 a rigid-body motion, else an undamped resonance, that the law
+   !> dofs do not hold.
+   subroutine new_dynamic_stiffness(self, structure, law_dofs, frequencies, loads, error)
+      type(dynamic_stiffness_t), intent(out) :: self
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: law_dofs(:)                              !! (n_law)
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), of any sign
+      complex(wp), intent(in) :: loads(:, :)                          !! [N], (n_dofs, n_harmonics)
+      type(error_t), allocatable, intent(out) :: error
+      type(structure_block_t) :: ll, lr, rl, rr
+      type(block_solver_t) :: solver
+      complex(wp), allocatable :: s_ll(:), s_lr(:), s_rl(:)
+      real(wp), allocatable :: magnitude(:)
+      real(wp) :: reciprocal_condition
+      integer :: e, h, n_interior, n_law
+
+      call check_input(structure, law_dofs, frequencies, loads, error)
+      if (allocated(error)) return
+      n_law = size(law_dofs)
+      n_interior = structure%n_dofs - n_law
+      self%n_dofs = structure%n_dofs
+      self%n_law = n_law
+      self%n_harmonics = size(frequencies)
+      self%law_dofs = law_dofs
+      self%interior = all_but(law_dofs, structure%n_dofs)
+      allocate (self%condensed(n_law, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
+      allocate (self%transfer(n_interior, n_law, self%n_harmonics), self%magnitude(n_law, self%n_harmonics))
+      allocate (self%held_motion(n_interior, self%n_harmonics))
+
+      call new_structure_block(ll, structure, law_dofs, law_dofs)
+      call new_structure_block(lr, structure, law_dofs, self%interior)
+      call new_structure_block(rl, structure, self%interior, law_dofs)
+      call new_structure_block(rr, structure, self%interior, self%interior)
+      call new_block_solver(solver, rr, n_interior, n_law + 1, maxval([0.0_wp, abs(frequencies)]))
+      allocate (s_ll(ll%n_entries), s_lr(lr%n_entries), s_rl(rl%n_entries), magnitude(ll%n_entries))
+
+      do h = 1, self%n_harmonics
+         call rl%evaluate(frequencies(h), s_rl)
+         solver%rhs(:, :n_law) = (0.0_wp, 0.0_wp)
+         do e = 1, rl%n_entries
+            solver%rhs(rl%row(e), rl%column(e)) = s_rl(e)
+         end do
+         solver%rhs(:, n_law + 1) = loads(self%interior, h)
+         call solver%solve(frequencies(h), reciprocal_condition)
+         if (reciprocal_condition < max(lowest_condition, real(n_interior, wp)*epsilon(1.0_wp))) then
+            call fail(error, singular_text(h, frequencies(h), n_law > 0))
+            return
+         end if
+
+         associate (transfer => self%transfer(:, :, h), held_motion => self%held_motion(:, h), &
+                    condensed => self%condensed(:, :, h), load => self%load(:, h))
+            transfer = solver%rhs(:, :n_law)
+            held_motion = solver%rhs(:, n_law + 1)
+
+            call ll%evaluate(frequencies(h), s_ll)
+            call ll%magnitude(frequencies(h), magnitude)
+            condensed = (0.0_wp, 0.0_wp)
+            self%magnitude(:, h) = 0.0_wp
+            do e = 1, ll%n_entries
+               condensed(ll%row(e), ll%column(e)) = s_ll(e)
+               if (ll%row(e) == ll%column(e)) self%magnitude(ll%row(e), h) = magnitude(e)
+            end do
+            load = loads(law_dofs, h)
+            call lr%evaluate(frequencies(h), s_lr)
+            do e = 1, lr%n_entries
+               condensed(lr%row(e), :) = condensed(lr%row(e), :) - s_lr(e)*transfer(lr%column(e), :)
+               load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*held_motion(lr%column(e))
+            end do
+         end associate
+      end do
+   end subroutine new_dynamic_stiffness
+
+   !> Gives all degrees of freedom from those of the laws, x_r = y - T x_l.
+   pure subroutine dynamic_stiffness_recover(self, law_coefficients, coefficients)
+      class(dynamic_stiffness_t), intent(in) :: self
+      complex(wp), intent(in) :: law_coefficients(:, :)               !! [m], (n_law, n_harmonics)
+      complex(wp), intent(out) :: coefficients(:, :)                  !! [m], (n_dofs, n_harmonics)
+      integer :: h
+
+      do h = 1, self%n_harmonics
+         coefficients(self%law_dofs, h) = law_coefficients(:, h)
+         coefficients(self%interior, h) = self%held_motion(:, h) &
+                                          - matmul(self%transfer(:, :, h), law_coefficients(:, h))
+      end do
+   end subroutine dynamic_stiffness_recover
+
+   !> Solves S_c c = P_c: the motion of the law dofs without any law.
+   !>
+   !> Where S_c is singular to rounding, as for a free structure at w = 0, that motion is not determined: the
+   !> harmonic returns zero and is flagged.
+   subroutine dynamic_stiffness_linear_amplitudes(self, c, is_singular)
+      class(dynamic_stiffness_t), intent(in) :: self
+      complex(wp), intent(out) :: c(:, :)                             !! [m], (n_law, n_harmonics)
+      logical, intent(out) :: is_singular(:)                          !! (n_harmonics)
+      complex(wp) :: a(self%n_law, self%n_law), scale(self%n_law), work(2*self%n_law)
+      real(wp) :: norm, reciprocal_condition, rounding, rwork(2*self%n_law)
+      integer :: h, i, info, n, pivots(self%n_law)
+
+      n = self%n_law
+      c = (0.0_wp, 0.0_wp)
+      is_singular = .false.
+      if (n == 0) return
+      rounding = 100*real(self%n_dofs, wp)*epsilon(1.0_wp)
+      do h = 1, self%n_harmonics
+         ! Scaled by what cancelled in S_c, so that a remainder of rounding alone is recognised, in any units.
+         scale = (1.0_wp, 0.0_wp)
+         where (self%magnitude(:, h) > 0.0_wp) scale = cmplx(1.0_wp/sqrt(self%magnitude(:, h)), kind=wp)
+         do i = 1, n
+            a(:, i) = scale*self%condensed(:, i, h)*scale(i)
+         end do
+         norm = max(1.0_wp, maxval(sum(abs(a), dim=1)))
+         reciprocal_condition = 0.0_wp
+         call zgetrf(n, n, a, n, pivots, info)
+         if (info == 0) call zgecon("1", n, a, n, norm, reciprocal_condition, work, rwork, info)
+         is_singular(h) = reciprocal_condition < rounding
+         if (is_singular(h)) cycle
+         c(:, h) = scale*self%load(:, h)
+         call zgetrs("N", n, 1, a, n, pivots, c(:, h), n, info)
+         c(:, h) = scale*c(:, h)
+      end do
+   end subroutine dynamic_stiffness_linear_amplitudes
+
+   pure subroutine check_input(structure, law_dofs, frequencies, loads, error)
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: law_dofs(:)
+      real(wp), intent(in) :: frequencies(:)
+      complex(wp), intent(in) :: loads(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      do i = 1, size(law_dofs)
+         if (law_dofs(i) < 1 .or. law_dofs(i) > structure%n_dofs) then
+            call fail(error, "dynamic stiffness: a law acts on degree of freedom "//to_text(law_dofs(i))// &
+                      ", the structure has 1 to "//to_text(structure%n_dofs))
+            return
+         else if (any(law_dofs(:i - 1) == law_dofs(i))) then
+            call fail(error, "dynamic stiffness: degree of freedom "//trim(structure%labels(law_dofs(i)))// &
+                      " occurs twice among those of the laws")
+            return
+         end if
+      end do
+      if (size(loads, 1) /= structure%n_dofs .or. size(loads, 2) /= size(frequencies)) then
+         call fail(error, "dynamic stiffness: loads are "//to_text(size(loads, 1))//" x "// &
+                   to_text(size(loads, 2))// &
+                   ", degrees of freedom x frequencies are "// &
+                   to_text(structure%n_dofs)//" x "//to_text(size(frequencies)))
+      end if
+   end subroutine check_input
+
+   !> Why the interior is singular at this harmonic, and what helps.
+   pure function singular_text(harmonic, frequency, has_law_dofs) result(text)
+      integer, intent(in) :: harmonic
+      real(wp), intent(in) :: frequency
+      logical, intent(in) :: has_law_dofs
+      character(:), allocatable :: held, text
+
+      held = ""
+      if (has_law_dofs) held = " with the degrees of freedom of its laws held still"
+      text = "dynamic stiffness: singular at harmonic "//to_text(harmonic)//", frequency "// &
+             to_text(frequency)//" rad/s: "
+      if (abs(frequency) > 0.0_wp) then
+         text = text//"an undamped resonance of the structure"//held//"; add damping or change the frequency"
+      else
+         text = text//"the structure"//held//" is free to move as a rigid body; add a support or stiffness"
+      end if
+   end function singular_text
+
+   !> Numbers 1 to n that do not occur in `chosen`, ascending.
+   pure function all_but(chosen, n) result(others)
+      integer, intent(in) :: chosen(:), n
+      integer, allocatable :: others(:)
+      logical :: is_other(n)
+      integer :: i
+
+      is_other = .true.
+      is_other(chosen) = .false.
+      others = pack([(i, i=1, n)], is_other)
+   end function all_but
+end module hb_dynamic_stiffness

@@ -1,0 +1,82 @@
+!> Simply supported Euler-Bernoulli beam by its first sine modes, v(x, t) = sum over k of q_k(t) sin(k pi
+!> x/L).
+!>
+!> The degrees of freedom are the modal amplitudes q1, q2, ...; a law or load at the place x acts on them with
+!> the weights `modal_beam_weights`.
+module hb_modal_beam
+   use hb_error, only: annotate, error_t, fail
+   use hb_kinds, only: pi, wp
+   use hb_namelist, only: group_t
+   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
+   use hb_structure, only: label_length, max_dofs, new_structure, structure_t, unit_length
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: modal_beam_weights, new_modal_beam, read_modal_beam
+
+contains
+
+   !> Reads the modal beam from the keys of its group `&structure`.
+   subroutine read_modal_beam(group, structure, error)
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(out) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      type(proportional_damping_t) :: damping
+      real(wp) :: bending_stiffness, length, mass_per_length
+      integer :: n_modes
+
+      n_modes = 0
+      length = 0.0_wp
+      bending_stiffness = 0.0_wp
+      mass_per_length = 0.0_wp
+      call group%require("length", length, above=0.0_wp)
+      call group%require("bending_stiffness", bending_stiffness, above=0.0_wp)
+      call group%require("mass_per_length", mass_per_length, above=0.0_wp)
+      call group%require("n_modes", n_modes, minimum=1, maximum=max_dofs)
+      call read_proportional_damping(group, damping)
+      call group%finish(error)
+      if (allocated(error)) return
+      call new_modal_beam(structure, length, bending_stiffness, mass_per_length, n_modes, damping, error)
+      call annotate(error, group%place())
+   end subroutine read_modal_beam
+
+   !> Makes a modal beam, M_kk = rho A L/2 and K_kk = E I (k pi/L)**4 L/2; fails for what is not positive.
+   subroutine new_modal_beam(structure, length, bending_stiffness, mass_per_length, n_modes, damping, error)
+      type(structure_t), intent(out) :: structure
+      real(wp), intent(in) :: length                         !! L [m]
+      real(wp), intent(in) :: bending_stiffness              !! E I [N m**2]
+      real(wp), intent(in) :: mass_per_length                !! rho A [kg/m]
+      integer, intent(in) :: n_modes
+      type(proportional_damping_t), intent(in) :: damping
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: mass(:, :), stiffness(:, :)
+      character(label_length), allocatable :: labels(:)
+      character(unit_length), allocatable :: units(:)
+      integer :: k
+
+      if (.not. min(length, bending_stiffness, mass_per_length) > 0.0_wp .or. n_modes < 1) then
+         call fail(error, "modal beam: length, bending stiffness, mass per length and number of modes "// &
+                   "must be above 0")
+         return
+      end if
+      allocate (mass(n_modes, n_modes), stiffness(n_modes, n_modes), source=0.0_wp)
+      allocate (labels(n_modes), units(n_modes))
+      units = "m"
+      do k = 1, n_modes
+         labels(k) = "q"//to_text(k)
+         mass(k, k) = mass_per_length*length/2
+         stiffness(k, k) = bending_stiffness*(real(k, wp)*pi/length)**4*length/2
+      end do
+      call new_structure(structure, mass, damping%matrix(mass, stiffness), stiffness, labels, units, error)
+   end subroutine new_modal_beam
+
+   !> Gives the weights sin(k pi x/L) of the modal amplitudes in the deflection at `x`.
+   pure function modal_beam_weights(length, n_modes, x) result(weights)
+      real(wp), intent(in) :: length, x                      !! [m]
+      integer, intent(in) :: n_modes
+      real(wp) :: weights(n_modes)
+      integer :: k
+
+      weights = [(sin(real(k, wp)*pi*x/length), k=1, n_modes)]
+   end function modal_beam_weights
+end module hb_modal_beam

@@ -1,0 +1,42 @@
+!> Damping made from the matrices that a builder has anyway, D = diagonal I + mass M + stiffness K.
+module hb_proportional_damping
+   use hb_kinds, only: wp
+   use hb_namelist, only: group_t
+   implicit none
+   private
+   public :: proportional_damping_t, read_proportional_damping
+
+   type :: proportional_damping_t
+      real(wp) :: diagonal = 0.0_wp                          !! [N s/m] on each degree of freedom
+      real(wp) :: mass = 0.0_wp                              !! [1/s], Rayleigh
+      real(wp) :: stiffness = 0.0_wp                         !! [s], Rayleigh
+   contains
+      procedure :: matrix => proportional_damping_matrix
+   end type proportional_damping_t
+
+contains
+
+   !> Reads the optional keys `damping_diagonal`, `damping_mass` and `damping_stiffness`, none of them
+   !> negative.
+   subroutine read_proportional_damping(group, self)
+      type(group_t), intent(inout) :: group
+      type(proportional_damping_t), intent(out) :: self
+
+      call group%get("damping_diagonal", self%diagonal, minimum=0.0_wp)
+      call group%get("damping_mass", self%mass, minimum=0.0_wp)
+      call group%get("damping_stiffness", self%stiffness, minimum=0.0_wp)
+   end subroutine read_proportional_damping
+
+   !> Gives the damping matrix for this mass and stiffness.
+   pure function proportional_damping_matrix(self, mass, stiffness) result(damping)
+      class(proportional_damping_t), intent(in) :: self
+      real(wp), intent(in) :: mass(:, :), stiffness(:, :)    !! (n_dofs, n_dofs)
+      real(wp) :: damping(size(mass, 1), size(mass, 2))
+      integer :: i
+
+      damping = self%mass*mass + self%stiffness*stiffness
+      do i = 1, size(mass, 1)
+         damping(i, i) = damping(i, i) + self%diagonal
+      end do
+   end function proportional_damping_matrix
+end module hb_proportional_damping

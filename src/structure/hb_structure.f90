@@ -1,0 +1,244 @@
+!> The linear structure M x'' + D x' + K x = forces: what every builder makes and everything above reads.
+!>
+!> The matrix D holds all that multiplies the velocity, viscous (symmetric) and gyroscopic (skew-symmetric)
+!> alike.
+module hb_structure
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   use hb_lapack, only: dpotrf
+   use hb_text, only: closest_word, join, parse_integer, to_text
+   implicit none
+   private
+   public :: label_length, max_dofs, new_structure, structure_t, unit_length
+
+   integer, parameter :: label_length = 16                            !! longest name of a degree of freedom
+   integer, parameter :: unit_length = 8
+   integer, parameter :: max_dofs = 10000                    !! for readers: dense matrices then take 2.4 GB
+
+   type :: structure_t
+      integer :: n_dofs = 0
+      real(wp), allocatable :: mass(:, :)                  !! [kg], (n_dofs, n_dofs), symmetric, semi-definite
+      real(wp), allocatable :: damping(:, :)             !! [N s/m], (n_dofs, n_dofs), viscous plus gyroscopic
+      real(wp), allocatable :: stiffness(:, :)               !! [N/m], (n_dofs, n_dofs)
+      character(label_length), allocatable :: labels(:)      !! (n_dofs), unique, such as `v3`
+      character(unit_length), allocatable :: units(:)        !! (n_dofs), of the coordinate: `m`, `rad`
+   contains
+      procedure :: dof_index => structure_dof_index
+      procedure :: find_dof => structure_find_dof
+   end type structure_t
+
+contains
+
+   !> Makes a structure from its matrices.
+   !>
+   !> Fails, saying where, unless all sizes agree, all numbers are finite, the mass is symmetric and positive
+   !> semi-definite, and the labels are unique and begin with a letter.
+   subroutine new_structure(self, mass, damping, stiffness, labels, units, error)
+      type(structure_t), intent(out) :: self
+      real(wp), intent(in) :: mass(:, :)                              !! [kg], (n_dofs, n_dofs)
+      real(wp), intent(in) :: damping(:, :)                           !! [N s/m], (n_dofs, n_dofs)
+      real(wp), intent(in) :: stiffness(:, :)                         !! [N/m], (n_dofs, n_dofs)
+      character(*), intent(in) :: labels(:), units(:)                 !! (n_dofs)
+      type(error_t), allocatable, intent(out) :: error
+
+      call check_sizes(size(mass, 1), mass, damping, stiffness, labels, units, error)
+      if (allocated(error)) return
+      call check_names(labels, units, error)
+      if (allocated(error)) return
+      call check_finite("mass", mass, labels, error)
+      if (allocated(error)) return
+      call check_finite("damping", damping, labels, error)
+      if (allocated(error)) return
+      call check_finite("stiffness", stiffness, labels, error)
+      if (allocated(error)) return
+      call check_mass(mass, labels, error)
+      if (allocated(error)) return
+
+      self%n_dofs = size(mass, 1)
+      self%mass = mass
+      self%damping = damping
+      self%stiffness = stiffness
+      allocate (self%labels(self%n_dofs), self%units(self%n_dofs))
+      self%labels = labels
+      self%units = units
+   end subroutine new_structure
+
+   !> Number of the degree of freedom with this label, or with this number as text (`5`); 0 if there is none.
+   pure integer function structure_dof_index(self, label) result(dof)
+      class(structure_t), intent(in) :: self
+      character(*), intent(in) :: label
+      logical :: is_number
+
+      do dof = 1, self%n_dofs
+         if (self%labels(dof) == adjustl(label)) return
+      end do
+      call parse_integer(trim(adjustl(label)), dof, is_number)
+      if (dof < 1 .or. dof > self%n_dofs) dof = 0
+   end function structure_dof_index
+
+   !> Finds a degree of freedom as `dof_index` does; fails with the known labels and the closest one.
+   pure subroutine structure_find_dof(self, label, dof, error)
+      class(structure_t), intent(in) :: self
+      character(*), intent(in) :: label
+      integer, intent(out) :: dof
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: closest, message
+      integer :: number
+      logical :: is_number
+
+      dof = self%dof_index(label)
+      if (dof > 0) return
+      call parse_integer(trim(adjustl(label)), number, is_number)
+      if (is_number) then
+         call fail(error, "there is no degree of freedom "//to_text(number)//"; the structure has 1 to "// &
+                   to_text(self%n_dofs))
+         return
+      end if
+      message = "unknown degree of freedom '"//trim(adjustl(label))//"'; known: "//known_labels(self%labels)
+      closest = closest_word(label, self%labels)
+      if (len(closest) > 0) message = message//"; did you mean '"//closest//"'?"
+      call fail(error, message)
+   end subroutine structure_find_dof
+
+   !> All labels, or the ends of a long list.
+   pure function known_labels(labels) result(text)
+      character(*), intent(in) :: labels(:)
+      character(:), allocatable :: text
+      integer, parameter :: n_shown = 24, n_at_end = 4
+
+      if (size(labels) <= n_shown) then
+         text = join(labels, ", ")
+      else
+         text = join(labels(:n_shown - n_at_end), ", ")//", ..., "// &
+                join(labels(size(labels) - n_at_end + 1:), ", ")
+      end if
+   end function known_labels
+
+   !> Size of a matrix in words, such as `3 x 4`.
+   pure function shape_text(matrix) result(text)
+      real(wp), intent(in) :: matrix(:, :)
+      character(:), allocatable :: text
+
+      text = to_text(size(matrix, 1))//" x "//to_text(size(matrix, 2))
+   end function shape_text
+
+   pure subroutine check_sizes(n_dofs, mass, damping, stiffness, labels, units, error)
+      integer, intent(in) :: n_dofs
+      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
+      character(*), intent(in) :: labels(:), units(:)
+      type(error_t), allocatable, intent(out) :: error
+
+      if (n_dofs < 1) then
+         call fail(error, "structure: there are no degrees of freedom; at least 1 is needed")
+      else if (any(shape(mass) /= n_dofs)) then
+         call fail(error, "structure: the mass matrix must be square, it is "//shape_text(mass))
+      else if (any(shape(damping) /= n_dofs)) then
+         call fail(error, "structure: the damping matrix is "//shape_text(damping)//", the mass matrix "// &
+                   shape_text(mass))
+      else if (any(shape(stiffness) /= n_dofs)) then
+         call fail(error, "structure: the stiffness matrix is "//shape_text(stiffness)// &
+                   ", the mass matrix "//shape_text(mass))
+      else if (size(labels) /= n_dofs) then
+         call fail(error, "structure: there are "//to_text(size(labels))//" labels for "//to_text(n_dofs)// &
+                   " degrees of freedom")
+      else if (size(units) /= n_dofs) then
+         call fail(error, "structure: there are "//to_text(size(units))//" units for "//to_text(n_dofs)// &
+                   " degrees of freedom")
+      end if
+   end subroutine check_sizes
+
+   pure subroutine check_names(labels, units, error)
+      character(*), intent(in) :: labels(:), units(:)
+      type(error_t), allocatable, intent(out) :: error
+      character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+      integer :: i, j
+
+      do i = 1, size(labels)
+         if (scan(labels(i) (1:1), letters) == 0) then
+            call fail(error, "structure: label "//to_text(i)//" is '"//trim(labels(i))// &
+                      "', it must begin with a letter")
+            return
+         else if (len_trim(labels(i)) > label_length) then
+            call fail(error, "structure: label '"//trim(labels(i))//"' has more than "// &
+                      to_text(label_length)//" characters")
+            return
+         else if (len_trim(units(i)) == 0 .or. len_trim(units(i)) > unit_length) then
+            call fail(error, "structure: unit '"//trim(units(i))//"' of "//trim(labels(i))//" must have 1 to "// &
+                      to_text(unit_length)//" characters")
+            return
+         end if
+         do j = 1, i - 1
+            if (labels(i) == labels(j)) then
+               call fail(error, "structure: degrees of freedom "//to_text(j)//" and "//to_text(i)// &
+                         " both have the label '"//trim(labels(i))//"'; labels must be unique")
+               return
+            end if
+         end do
+      end do
+   end subroutine check_names
+
+   pure subroutine check_finite(name, matrix, labels, error)
+      character(*), intent(in) :: name
+      real(wp), intent(in) :: matrix(:, :)
+      character(*), intent(in) :: labels(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i, j
+
+      do j = 1, size(matrix, 2)
+         do i = 1, size(matrix, 1)
+            if (ieee_is_finite(matrix(i, j))) cycle
+            call fail(error, "structure: the "//name//" between "//trim(labels(i))//" and "// &
+                      trim(labels(j))//" is not a finite number")
+            return
+         end do
+      end do
+   end subroutine check_finite
+
+   !> Fails unless the mass is symmetric and positive semi-definite up to rounding, in any mixture of units.
+   subroutine check_mass(mass, labels, error)
+      real(wp), intent(in) :: mass(:, :)
+      character(*), intent(in) :: labels(:)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), parameter :: asymmetry = 1.0e-10_wp        ! matrices often come from text with few digits
+      real(wp), allocatable :: scaled(:, :), scale(:)
+      integer :: i, info, j, n_dofs
+
+      n_dofs = size(mass, 1)
+      allocate (scaled(n_dofs, n_dofs), scale(n_dofs))
+      do j = 1, n_dofs
+         if (mass(j, j) < 0.0_wp) then
+            call fail(error, "structure: the mass of "//trim(labels(j))//" is negative: "// &
+                      to_text(mass(j, j)))
+            return
+         end if
+         scale(j) = sqrt(mass(j, j))
+      end do
+      do j = 1, n_dofs
+         do i = 1, n_dofs
+            if (.not. abs(mass(i, j)) > 0.0_wp .and. .not. abs(mass(j, i)) > 0.0_wp) then
+               scaled(i, j) = 0.0_wp
+               cycle
+            else if (.not. scale(i)*scale(j) > 0.0_wp) then
+               call fail(error, "structure: the mass matrix is indefinite: "//trim(labels(i))//" and "// &
+                         trim(labels(j))//" are coupled by mass, but not both have a mass of their own")
+               return
+            else if (abs(mass(i, j) - mass(j, i)) > asymmetry*scale(i)*scale(j)) then
+               call fail(error, "structure: the mass matrix must be symmetric; between "//trim(labels(i))// &
+                         " and "//trim(labels(j))//" it is "//to_text(mass(i, j))// &
+                         " one way and "//to_text(mass(j, i))//" the other")
+               return
+            end if
+            scaled(i, j) = mass(i, j)/(scale(i)*scale(j))
+         end do
+         ! The shift lets a semi-definite matrix pass the Cholesky factorisation.
+         scaled(j, j) = scaled(j, j) + 10*real(n_dofs, wp)*asymmetry
+      end do
+
+      call dpotrf("L", n_dofs, scaled, n_dofs, info)
+      if (info > 0) then
+         call fail(error, "structure: the mass matrix is indefinite: a motion of the degrees of freedom "// &
+                   "up to "//trim(labels(info))//" would have negative kinetic energy")
+      end if
+   end subroutine check_mass
+end module hb_structure

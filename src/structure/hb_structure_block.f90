@@ -1,0 +1,76 @@
+!> A block of the dynamic stiffness S(w) = K - w**2 M + i w D between some rows and some columns, by its
+!> nonzero entries.
+!>
+!> The pattern is found once; at each frequency only the entries are touched, so narrow structures cost
+!> O(n_dofs).
+module hb_structure_block
+   use hb_kinds, only: wp
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: new_structure_block, structure_block_t
+
+   type :: structure_block_t
+      integer :: n_entries = 0
+      integer, allocatable :: row(:), column(:)                       !! (n_entries), place inside the block
+      real(wp), allocatable :: mass(:), damping(:), stiffness(:)      !! (n_entries)
+   contains
+      procedure :: evaluate => structure_block_evaluate
+      procedure :: magnitude => structure_block_magnitude
+   end type structure_block_t
+
+contains
+
+   !> Collects the entries of the block where mass, damping or stiffness is not zero, column by column.
+   pure subroutine new_structure_block(self, structure, rows, columns)
+      type(structure_block_t), intent(out) :: self
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: rows(:), columns(:)                      !! numbers of degrees of freedom
+      integer, allocatable :: column(:), row(:)
+      integer :: i, j, n_found
+
+      allocate (row(size(rows)*size(columns)), column(size(rows)*size(columns)))
+      n_found = 0
+      associate (m => structure%mass, d => structure%damping, k => structure%stiffness)
+         do j = 1, size(columns)
+            do i = 1, size(rows)
+               if (abs(k(rows(i), columns(j))) > 0.0_wp .or. abs(m(rows(i), columns(j))) > 0.0_wp &
+                   .or. abs(d(rows(i), columns(j))) > 0.0_wp) then
+                  n_found = n_found + 1
+                  row(n_found) = i
+                  column(n_found) = j
+               end if
+            end do
+         end do
+
+         self%n_entries = n_found
+         self%row = row(:n_found)
+         self%column = column(:n_found)
+         allocate (self%mass(n_found), self%damping(n_found), self%stiffness(n_found))
+         do i = 1, n_found
+            self%mass(i) = m(rows(row(i)), columns(column(i)))
+            self%damping(i) = d(rows(row(i)), columns(column(i)))
+            self%stiffness(i) = k(rows(row(i)), columns(column(i)))
+         end do
+      end associate
+   end subroutine new_structure_block
+
+   !> Values of the entries, s = k - w**2 m + i w d.
+   pure subroutine structure_block_evaluate(self, frequency, s)
+      class(structure_block_t), intent(in) :: self
+      real(wp), intent(in) :: frequency                               !! [rad/s], of any sign
+      complex(wp), intent(out) :: s(:)                                !! (n_entries)
+
+      s = cmplx(self%stiffness - frequency**2*self%mass, frequency*self%damping, wp)
+   end subroutine structure_block_evaluate
+
+   !> Sizes of the entries before anything cancels, |k| + w**2 |m| + |w d|: rounding in S is relative to
+   !> these.
+   pure subroutine structure_block_magnitude(self, frequency, magnitude)
+      class(structure_block_t), intent(in) :: self
+      real(wp), intent(in) :: frequency
+      real(wp), intent(out) :: magnitude(:)                           !! (n_entries)
+
+      magnitude = abs(self%stiffness) + frequency**2*abs(self%mass) + abs(frequency*self%damping)
+   end subroutine structure_block_magnitude
+end module hb_structure_block

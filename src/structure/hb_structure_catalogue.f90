@@ -1,0 +1,48 @@
+!> The known builders of structures. A new one is a module and, here, one name and one case.
+module hb_structure_catalogue
+   use hb_beam, only: read_beam
+   use hb_chain, only: read_chain
+   use hb_error, only: error_t, fail
+   use hb_matrices, only: read_matrices
+   use hb_modal_beam, only: read_modal_beam
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   use hb_text, only: closest_word, join
+   implicit none
+   private
+   public :: known_structures, read_structure
+
+   character(*), parameter :: known_structures(4) = &
+      [character(10) :: "beam", "chain", "matrices", "modal_beam"]
+
+contains
+
+   !> Reads the structure from its group `&structure`, whose key `type` names the builder.
+   subroutine read_structure(group, structure, error)
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(out) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: closest, name
+
+      name = ""
+      call group%get("type", name)
+      select case (name)
+      case ("beam")
+         call read_beam(group, structure, error)
+      case ("chain")
+         call read_chain(group, structure, error)
+      case ("matrices")
+         call read_matrices(group, structure, error)
+      case ("modal_beam")
+         call read_modal_beam(group, structure, error)
+      case ("")
+         call fail(error, group%place()//": type: needs the name of a structure in quotes; known: "// &
+                   join(known_structures, ", "))
+      case default
+         closest = closest_word(name, known_structures)
+         if (len(closest) > 0) closest = "; did you mean '"//closest//"'?"
+         call fail(error, group%place()//": type: unknown structure '"//name//"'; known: "// &
+                   join(known_structures, ", ")//closest)
+      end select
+   end subroutine read_structure
+end module hb_structure_catalogue

@@ -1,0 +1,222 @@
+!> One point of a study: from a scene to its solution and what is kept of it.
+module hb_point
+   use hb_balance, only: balance_t, new_balance
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+   use hb_error, only: error_t
+   use hb_fftw, only: new_real_block, real_block_t
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: int64, wp
+   use hb_law_set, only: law_dofs_of
+   use hb_outcome, only: outcome
+   use hb_results, only: point_result_t
+   use hb_scene, only: scene_t
+   use hb_solver, only: solve
+   use hb_solver_types, only: report_t
+   use hb_torus, only: new_torus, torus_t
+   implicit none
+   private
+   public :: solve_point
+
+   integer(int64), parameter :: largest_fine_grid = 4000000_int64     ! samples of the grid that penetration is looked for on
+   integer, parameter :: refinement = 4
+
+contains
+
+   !> Solves the scene. An `error` is trouble that belongs to this point alone, such as a singular interior; a solver that
+   !> does not converge is told by the status of the result.
+   subroutine solve_point(scene, result, error)
+      type(scene_t), intent(in) :: scene
+      type(point_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(dynamic_stiffness_t) :: stiffness
+      type(balance_t) :: balance
+      integer, allocatable :: law_dofs(:)
+      real(wp), allocatable :: frequencies(:)
+
+      law_dofs = law_dofs_of(scene%laws)
+      frequencies = scene%harmonics%frequencies(scene%tones%omega)
+      result%frequency = scene%tones%omega
+      result%n_harmonics = scene%harmonics%n_harmonics
+      call new_dynamic_stiffness(stiffness, scene%structure, law_dofs, frequencies, scene%loads, error)
+      if (allocated(error)) return
+      if (size(law_dofs) == 0) then
+         call solve_linear_scene(scene, stiffness, result)
+         return
+      end if
+      call new_balance(balance, scene%harmonics, scene%torus, frequencies, stiffness, scene%laws, scene%planning, error)
+      if (.not. allocated(error)) call solve_balance(scene, law_dofs, balance, result, error)
+      call balance%destroy()
+   end subroutine solve_point
+
+   !> A scene without laws: the condensed problem has no unknowns, all that is left is the linear motion.
+   subroutine solve_linear_scene(scene, stiffness, result)
+      type(scene_t), intent(in) :: scene
+      type(dynamic_stiffness_t), intent(in) :: stiffness
+      type(point_result_t), intent(inout) :: result
+      complex(wp) :: at_laws(0, scene%harmonics%n_harmonics)
+      complex(wp), allocatable :: c(:, :)
+
+      allocate (c(scene%structure%n_dofs, scene%harmonics%n_harmonics))
+      call stiffness%recover(at_laws, c)
+      call keep_motion(scene, c, result)
+      allocate (result%force_coefficients(2, scene%harmonics%n_harmonics, 0))
+      allocate (result%corrected_coefficients(2, scene%harmonics%n_harmonics, 0))
+      result%status = outcome%converged
+   end subroutine solve_linear_scene
+
+   subroutine solve_balance(scene, law_dofs, balance, result, error)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: law_dofs(:)
+      type(balance_t), intent(inout) :: balance
+      type(point_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(report_t) :: report
+      complex(wp), allocatable :: c(:, :)
+      real(wp), allocatable :: u(:, :)
+
+      allocate (u(scene%harmonics%n_coefficients, size(law_dofs)), source=0.0_wp)
+      if (scene%start_from_linear) call balance%linear_solution(u)
+      call add_start(scene, law_dofs, u)
+      call solve_unknowns(scene, balance, u, report)
+      result%status = report%status
+      result%iterations = report%iterations
+      result%evaluations = report%evaluations
+      result%residual = report%residual
+
+      allocate (c(scene%structure%n_dofs, scene%harmonics%n_harmonics))
+      call balance%all_dofs(u, c)
+      call keep_motion(scene, c, result)
+      call keep_forces(scene%harmonics, balance, u, result, error)
+      if (allocated(error)) return
+      call find_penetration(scene, balance, u, result, error)
+      if (allocated(error)) return
+      if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)
+   end subroutine solve_balance
+
+   !> The solver sees the coefficients as one vector.
+   subroutine solve_unknowns(scene, balance, u, report)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(inout), contiguous, target :: u(:, :)
+      type(report_t), intent(out) :: report
+      real(wp), pointer, contiguous :: x(:)
+
+      x(1:size(u)) => u
+      call solve(balance, scene%solver, x, report)
+   end subroutine solve_unknowns
+
+   !> Adds the user's first guess at the degrees of freedom of the laws; elsewhere the motion follows from there.
+   subroutine add_start(scene, law_dofs, u)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: law_dofs(:)
+      real(wp), intent(inout) :: u(:, :)
+      integer :: h, i
+
+      associate (set => scene%harmonics)
+         do i = 1, size(law_dofs)
+            do h = 1, set%n_harmonics
+               u(set%cos_at(h), i) = u(set%cos_at(h), i) + real(scene%start(law_dofs(i), h))
+               if (set%sin_at(h) > 0) u(set%sin_at(h), i) = u(set%sin_at(h), i) - aimag(scene%start(law_dofs(i), h))
+            end do
+         end do
+      end associate
+   end subroutine add_start
+
+   subroutine keep_motion(scene, c, result)
+      type(scene_t), intent(in) :: scene
+      complex(wp), intent(in) :: c(:, :)                              !! a - i b, (n_dofs, n_harmonics)
+      type(point_result_t), intent(inout) :: result
+      integer :: i
+
+      allocate (result%coefficients(2, scene%harmonics%n_harmonics, size(scene%output%dofs)))
+      do i = 1, size(scene%output%dofs)
+         result%coefficients(1, :, i) = real(c(scene%output%dofs(i), :))
+         result%coefficients(2, :, i) = -aimag(c(scene%output%dofs(i), :))
+      end do
+   end subroutine keep_motion
+
+   !> Forces of the laws and the motion corrected to walls, on the grid of the solution.
+   subroutine keep_forces(harmonics, balance, u, result, error)
+      type(harmonics_t), intent(in) :: harmonics
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(in) :: u(:, :)
+      type(point_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(real_block_t) :: corrected
+      real(wp), allocatable :: coefficients(:, :)
+
+      allocate (coefficients, mold=u)
+      call balance%sample(u)
+      call balance%law_set%evaluate()
+      call balance%project(balance%law_set%f%values, coefficients)
+      result%force_coefficients = as_pairs(harmonics, coefficients)
+      call new_real_block(corrected, size(balance%law_set%q%values, 1), size(u, 2), error)
+      if (allocated(error)) return
+      call balance%law_set%correct(corrected%values)
+      call balance%project(corrected%values, coefficients)
+      result%corrected_coefficients = as_pairs(harmonics, coefficients)
+      call corrected%destroy()
+   end subroutine keep_forces
+
+   !> Looks for the largest penetration between the samples of the solution as well.
+   subroutine find_penetration(scene, balance, u, result, error)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(in) :: balance
+      real(wp), intent(in) :: u(:, :)
+      type(point_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(balance_t) :: finer
+      integer :: factor
+
+      if (.not. balance%law_set%needs_reaction) return
+      factor = refinement
+      do while (factor > 1 .and. real(factor, wp)**scene%tones%n_tones*scene%torus%n_total > real(largest_fine_grid, wp))
+         factor = factor/2
+      end do
+      call new_balance(finer, scene%harmonics, scene%torus%refined(factor), balance%frequencies, balance%stiffness, &
+         scene%laws, scene%planning, error)
+      if (.not. allocated(error)) then
+         call finer%sample(u)
+         result%penetration = finer%law_set%penetration()
+      end if
+      call finer%destroy()
+   end subroutine find_penetration
+
+   !> Hypertime surfaces on the grid that the user asked for.
+   subroutine keep_surfaces(scene, balance, u, result, error)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(in) :: balance
+      real(wp), intent(in) :: u(:, :)
+      type(point_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(balance_t) :: shown
+      type(torus_t) :: torus
+
+      call new_torus(torus, scene%output%samples, scene%harmonics, error)
+      if (allocated(error)) return
+      call new_balance(shown, scene%harmonics, torus, balance%frequencies, balance%stiffness, scene%laws, scene%planning, error)
+      if (.not. allocated(error)) then
+         call shown%sample(u)
+         call shown%law_set%evaluate()
+         result%displacement_samples = shown%law_set%q%values
+         result%force_samples = shown%law_set%f%values
+         allocate (result%corrected_samples, mold=result%force_samples)
+         call shown%law_set%correct(result%corrected_samples)
+      end if
+      call shown%destroy()
+   end subroutine keep_surfaces
+
+   !> Coefficients as (cos and sin, harmonic, degree of freedom), the sine of the zero tuple being zero.
+   pure function as_pairs(set, coefficients) result(pairs)
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: coefficients(:, :)                      !! (n_coefficients, any)
+      real(wp) :: pairs(2, set%n_harmonics, size(coefficients, 2))
+      integer :: h
+
+      pairs = 0.0_wp
+      do h = 1, set%n_harmonics
+         pairs(1, h, :) = coefficients(set%cos_at(h), :)
+         if (set%sin_at(h) > 0) pairs(2, h, :) = coefficients(set%sin_at(h), :)
+      end do
+   end function as_pairs
+end module hb_point

@@ -1,0 +1,204 @@
+!> The points of a sweep: which input parameters take which values.
+!>
+!> Each `&sweep` group varies one parameter. Groups with the same `axis` number go side by side (zipped); different axes
+!> form a grid, the last axis running fastest. Without any group there is one point, the input as it is.
+module hb_sweep_plan
+   use hb_error, only: annotate, error_t, fail
+   use hb_kinds, only: int64, wp
+   use hb_namelist, only: document_t, group_t
+   use hb_text, only: quote, string_t, to_text
+   implicit none
+   private
+   public :: read_sweep_plan, sweep_plan_t, swept_t
+
+   integer(int64), parameter :: most_points = 2000000000_int64
+
+   !> One parameter and its values along its axis.
+   type :: swept_t
+      character(:), allocatable :: path                               !! in the input, such as law(1)%gap
+      integer :: axis = 0                                             !! index among the axes of the plan
+      logical :: is_text = .false.
+      real(wp), allocatable :: values(:)                              !! numbers, unless is_text
+      type(string_t), allocatable :: texts(:)
+   end type swept_t
+
+   type :: sweep_plan_t
+      integer :: n_points = 1
+      type(swept_t), allocatable :: parameters(:)
+      integer, allocatable, private :: length(:)                      ! of each axis
+   contains
+      procedure :: index_on => sweep_plan_index_on
+      procedure :: apply => sweep_plan_apply
+      procedure :: describe => sweep_plan_describe
+   end type sweep_plan_t
+
+contains
+
+   !> Reads all `&sweep` groups; the paths are tried out on a copy of the document, so that a wrong one is found at once.
+   subroutine read_sweep_plan(self, document, error)
+      type(sweep_plan_t), intent(out) :: self
+      type(document_t), intent(inout), target :: document
+      type(error_t), allocatable, intent(out) :: error
+      type(group_t), pointer :: group
+      integer, allocatable :: axis_of(:)
+      integer :: axis, i, n
+
+      n = document%count("sweep")
+      allocate (self%parameters(n), axis_of(n), self%length(0))
+      do i = 1, n
+         group => document%group("sweep", i)
+         axis = -i                                                    ! an axis of its own unless the user says otherwise
+         call group%get("axis", axis, minimum=1)
+         call read_values(self%parameters(i), group)
+         call group%finish(error)
+         if (allocated(error)) return
+         axis_of(i) = axis
+         self%parameters(i)%axis = findloc(axis_of(1:i - 1), axis, dim=1)
+         if (self%parameters(i)%axis > 0) then
+            self%parameters(i)%axis = self%parameters(self%parameters(i)%axis)%axis
+            if (self%length(self%parameters(i)%axis) /= n_values(self%parameters(i))) then
+               call group%problem("axis", "parameters on one axis need equally many values: "// &
+                  to_text(n_values(self%parameters(i)))//" here, "//to_text(self%length(self%parameters(i)%axis))//" before")
+               call group%finish(error)
+               return
+            end if
+         else
+            self%length = [self%length, n_values(self%parameters(i))]
+            self%parameters(i)%axis = size(self%length)
+         end if
+      end do
+      if (product(real(self%length, wp)) > real(most_points, wp)) then
+         call fail(error, "the sweep would have more than "//to_text(most_points)//" points")
+         return
+      end if
+      self%n_points = product(self%length)
+      call try_out(self, document, error)
+   end subroutine read_sweep_plan
+
+   !> Reads `parameter` and either `values`, `texts`, or `from`, `to`, `n`, `spacing`.
+   subroutine read_values(self, group)
+      type(swept_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      character(:), allocatable :: spacing
+      character(6), parameter :: spacings(2) = [character(6) :: "linear", "log"]
+      integer :: i, n
+      real(wp) :: first, last
+
+      call group%require("parameter", self%path)
+      if (count([group%given("values"), group%given("texts"), group%given("from")]) /= 1) then
+         call group%problem("values", "give one of 'values' (numbers), 'texts' (strings), or 'from', 'to' and 'n'")
+      end if
+      if (group%given("values")) then
+         call group%get("values", self%values)
+      else if (group%given("texts")) then
+         call group%get("texts", self%texts)
+         self%is_text = .true.
+      else if (group%given("from")) then
+         first = 0.0_wp
+         last = 0.0_wp
+         n = 2
+         spacing = spacings(1)
+         call group%require("from", first)
+         call group%require("to", last)
+         call group%require("n", n, minimum=1, maximum=100000000)
+         call group%get("spacing", spacing, choices=spacings)
+         if (spacing == "log" .and. .not. first*last > 0.0_wp) then
+            call group%problem("spacing", "a logarithmic range needs 'from' and 'to' of one sign, and not zero")
+            first = 1.0_wp
+            last = 1.0_wp
+         end if
+         allocate (self%values(n))
+         self%values(1) = first
+         do i = 2, n
+            if (spacing == "log") then
+               self%values(i) = first*(last/first)**(real(i - 1, wp)/(n - 1))
+            else
+               self%values(i) = first + (last - first)*(real(i - 1, wp)/(n - 1))
+            end if
+         end do
+         if (n > 1) self%values(n) = last
+      end if
+   end subroutine read_values
+
+   !> Applies the first values to a copy of the document.
+   subroutine try_out(self, document, error)
+      type(sweep_plan_t), intent(in) :: self
+      type(document_t), intent(in) :: document
+      type(error_t), allocatable, intent(out) :: error
+      type(document_t) :: trial
+
+      trial = document
+      call self%apply(1, trial, error)
+   end subroutine try_out
+
+   !> Which value of parameter `i` the point takes.
+   pure integer function sweep_plan_index_on(self, i, point)
+      class(sweep_plan_t), intent(in) :: self
+      integer, intent(in) :: i                                        !! parameter
+      integer, intent(in) :: point                                    !! 1 to n_points
+      integer :: axis, rest
+
+      rest = point - 1
+      do axis = size(self%length), self%parameters(i)%axis + 1, -1
+         rest = rest/self%length(axis)
+      end do
+      sweep_plan_index_on = 1 + modulo(rest, self%length(self%parameters(i)%axis))
+   end function sweep_plan_index_on
+
+   !> Sets the values of a point in a document.
+   subroutine sweep_plan_apply(self, point, document, error)
+      class(sweep_plan_t), intent(in) :: self
+      integer, intent(in) :: point                                    !! 1 to n_points
+      type(document_t), intent(inout), target :: document
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      do i = 1, size(self%parameters)
+         call document%set(self%parameters(i)%path, value_text(self%parameters(i), self%index_on(i, point)), error)
+         if (allocated(error)) then
+            call annotate(error, "&sweep")
+            return
+         end if
+      end do
+   end subroutine sweep_plan_apply
+
+   !> Text such as `law(1)%gap = 0.0015, solver%method = 'newton'`; empty without parameters.
+   function sweep_plan_describe(self, point) result(text)
+      class(sweep_plan_t), intent(in) :: self
+      integer, intent(in) :: point                                    !! 1 to n_points
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ""
+      do i = 1, size(self%parameters)
+         if (i > 1) text = text//", "
+         text = text//self%parameters(i)%path//" = "//value_text(self%parameters(i), self%index_on(i, point))
+      end do
+   end function sweep_plan_describe
+
+   pure integer function n_values(self)
+      type(swept_t), intent(in) :: self
+
+      if (self%is_text) then
+         n_values = size(self%texts)
+      else
+         n_values = size(self%values)
+      end if
+   end function n_values
+
+   !> A value as it would stand in the input; whole numbers without a decimal point, so that they suit integers as well.
+   function value_text(self, i) result(text)
+      type(swept_t), intent(in) :: self
+      integer, intent(in) :: i
+      character(:), allocatable :: text
+      real(wp), parameter :: largest_whole = 1.0e9_wp
+
+      if (self%is_text) then
+         text = quote(self%texts(i)%value)
+      else if (abs(self%values(i)) < largest_whole .and. self%values(i) == anint(self%values(i))) then
+         text = to_text(nint(self%values(i)))
+      else
+         text = to_text(self%values(i))
+      end if
+   end function value_text
+end module hb_sweep_plan
