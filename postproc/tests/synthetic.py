@@ -15,9 +15,10 @@ CONVENTION = (
 def box(n_tones, order):
     """Tuples with |j_m| <= order whose first non-zero entry is positive, and zero."""
     tuples = [
-        j for j in itertools.product(range(-order, order + 1), repeat=n_tones)
+        j
+        for j in itertools.product(range(-order, order + 1), repeat=n_tones)
         if next((k for k in j if k != 0), 0) >= 0
-    ]  # fmt: skip
+    ]
     return np.array(sorted(tuples, key=lambda j: (sum(abs(k) for k in j), j)), dtype=np.int32)
 
 
@@ -41,13 +42,15 @@ def write_results(
     title="synthetic",
     schema_version=1,
     strings="variable",
-    message_layout="fixed",
+    message_layout="chars",
+    dof_units=None,
     penetration=None,
 ):
     """Writes a file; `coefficients` (point, dof, harmonic, 2), `parameters` {name: (path, units, values)}.
 
-    `samples` etc. have the shape (point, law_dof, ..., tau_2, tau_1). `strings` chooses `variable`, or `fixed`
-    padded by blanks as Fortran does; `message_layout` chooses `fixed` strings or `chars`, the netCDF way.
+    `samples` etc. have the shape (point, law_dof, ..., tau_2, tau_1). `strings` chooses `variable`, or
+    `fixed` padded by blanks as Fortran does; `message_layout` chooses `fixed` strings or `chars`, the
+    netCDF way. `dof_units` gives each degree of freedom its own unit.
     """
     tuples = np.asarray(tuples, dtype=np.int32)
     frequency = np.asarray(frequency, dtype=float)
@@ -60,9 +63,12 @@ def write_results(
 
     with h5py.File(path, "w") as file:
         attributes = dict(
-            program_version="0.1.0", git_commit="unknown", created_utc="2024-01-02T03:04:05Z", title=title,
+            program_version="0.1.0",
+            git_commit="unknown",
+            created_utc="2024-01-02T03:04:05Z",
+            title=title,
             amplitude_convention=CONVENTION,
-        )  # fmt: skip
+        )
         for name, value in attributes.items():
             file.attrs[name] = np.bytes_(value) if strings == "fixed" else value
         file.attrs["schema_version"] = np.int32(schema_version)
@@ -99,15 +105,19 @@ def write_results(
             data = text_array(values) if is_text else np.asarray(values, float)
             add(name, data, ("point",), parameter_units, parameter=parameter)
         add(
-            "status", status, ("point",), long_name="outcome", flag_values=np.arange(7, dtype=np.int32),
+            "status",
+            status,
+            ("point",),
+            long_name="outcome",
+            flag_values=np.arange(7, dtype=np.int32),
             flag_meanings=STATUS_WORDS,
-        )  # fmt: skip
+        )
         messages = [m.encode() for m in (messages or [""] * n_points)]
         if message_layout == "chars":
-            size = file.create_dataset("message_size", data=np.zeros(200, np.int32))
+            size = file.create_dataset("message_byte", data=np.arange(200, dtype=np.int32))
             size.make_scale(f"This is a netCDF dimension but not a netCDF variable.{200:10d}")
             chars = np.array(messages, "S200").view("S1").reshape(n_points, 200)
-            add("message", chars, ("point", "message_size"), _Encoding="utf-8")
+            add("message", chars, ("point", "message_byte"), _Encoding="utf-8")
         else:
             add("message", np.array(messages, "S200"), ("point",))
         is_done = status != 0
@@ -118,11 +128,19 @@ def write_results(
         add("rank", np.zeros(n_points, np.int32), ("point",))
         add("n_harmonics", np.isfinite(coefficients[:, 0, :, 0]).sum(axis=1).astype(np.int32), ("point",))
         add("frequency", frequency, ("point", "tone"), "rad/s")
-        add("coefficients", coefficients, ("point", "dof", "harmonic", "component"), units)
+        own_units = {} if dof_units is None else {"dof_units": " ".join(dof_units)}
+        add("coefficients", coefficients, ("point", "dof", "harmonic", "component"), units, **own_units)
         add("force_coefficients", force, ("point", "law_dof", "harmonic", "component"), "N")
         add("corrected_coefficients", corrected, ("point", "law_dof", "harmonic", "component"), units)
-        add("penetration", np.zeros(n_points) if penetration is None else np.asarray(penetration), ("point",), units)
-        surfaces = dict(displacement_samples=samples, corrected_samples=corrected_samples, force_samples=force_samples)
+        add(
+            "penetration",
+            np.zeros(n_points) if penetration is None else np.asarray(penetration),
+            ("point",),
+            units,
+        )
+        surfaces = dict(
+            displacement_samples=samples, corrected_samples=corrected_samples, force_samples=force_samples
+        )
         if samples is not None:
             sizes = np.shape(samples)[2:][::-1]
             for m, n in enumerate(sizes, start=1):

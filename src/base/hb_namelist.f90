@@ -7,8 +7,8 @@
 !>     call group%get("tolerance", tolerance, above=0.0_wp)      ! as often as needed, no check in between
 !>     call document%finish(error)                               ! all problems of all groups at once
 !>
-!> The variable that holds a document needs the attribute `target`. Pointers to its groups stay valid until it is
-!> changed by an assignment or destroyed. Assignment makes a deep copy.
+!> The variable that holds a document needs the attribute `target`. Pointers to its groups stay valid until an
+!> assignment changes it or it is deallocated. Assignment makes a deep copy.
 module hb_namelist
    use hb_error, only: error_t, fail
    use hb_namelist_group, only: group_t, new_group
@@ -20,7 +20,7 @@ module hb_namelist
    public :: document_t, group_t, new_document
 
    integer, parameter :: max_groups = 100000
-   integer, parameter :: max_lines = 200                              !! of a message
+   integer, parameter :: max_lines = 200                    !! of a message
    character(*), parameter :: path_help = &
       "a path is like solver%tolerance, law(2)%gap, law(label)%gap or tones%frequency(2)"
 
@@ -32,12 +32,12 @@ module hb_namelist
    type :: document_t
       character(:), allocatable :: file_name
       integer, private :: n_groups = 0
-      type(holder_t), allocatable, private :: holders(:)              !! (capacity), file order, then added ones
-      type(name_table_t), private :: names                            !! of the groups, each name once
-      integer, allocatable, private :: n_of(:)                        !! groups of a name, (names%n)
-      integer, allocatable, private :: first_of(:)                    !! where a name begins in `order`, (names%n)
-      integer, allocatable, private :: order(:)                       !! groups, those of a name together, (n_groups)
-      type(string_t), allocatable, private :: known(:)                !! names that may occur
+      type(holder_t), allocatable, private :: holders(:)    !! (capacity), file order, then added ones
+      type(name_table_t), private :: names                  !! of the groups, each name once
+      integer, allocatable, private :: n_of(:)              !! groups of a name, (names%n)
+      integer, allocatable, private :: first_of(:)          !! where a name begins in `order`, (names%n)
+      integer, allocatable, private :: order(:)             !! groups, those of a name together, (n_groups)
+      type(string_t), allocatable, private :: known(:)      !! names that may occur
    contains
       procedure :: complete => document_complete
       procedure :: count => document_count
@@ -54,13 +54,13 @@ contains
    !> Takes the text of a namelist file apart; fails with file and line where the syntax is wrong.
    pure subroutine new_document(self, file_name, text, error)
       type(document_t), intent(out) :: self
-      character(*), intent(in) :: file_name                           !! for messages
+      character(*), intent(in) :: file_name                 !! for messages
       character(*), intent(in) :: text
       type(error_t), allocatable, intent(out) :: error
       type(scan_t) :: scan
       type(content_t) :: content
       character(:), allocatable :: name
-      integer, allocatable :: name_of(:)                              !! number of the name of each group
+      integer, allocatable :: name_of(:)                    !! number of the name of each group
       integer, allocatable :: larger(:)
       integer :: i, i_name, line, n
 
@@ -72,7 +72,8 @@ contains
          do i = 1, n
             if (text(i:i) == new_line("a")) line = line + 1
          end do
-         call fail(error, self%file_name//":"//to_text(line)//": the file contains a NUL byte; it is no text file")
+         call fail(error, &
+                   self%file_name//":"//to_text(line)//": the file contains a NUL byte; it is no text file")
          return
       end if
       if (index(text, char(239)//char(187)//char(191)) == 1) scan%position = 4  ! byte order mark
@@ -83,7 +84,8 @@ contains
          call parse_body(text, scan, name, content)
          if (allocated(scan%problem)) exit
          if (self%n_groups == max_groups) then
-            call fail(error, self%file_name//":"//to_text(line)//": more than "//to_text(max_groups)//" groups")
+            call fail(error, &
+                      self%file_name//":"//to_text(line)//": more than "//to_text(max_groups)//" groups")
             return
          end if
          call append_group(self, name, line, content)
@@ -142,7 +144,7 @@ contains
       if (self%count(name) == 0) call add_group(self, lower(trim(name)))
       group => self%group(name, 1)
       call check_single(self, name, error)
-      if (allocated(error)) call group%problem("", "is given "//to_text(self%count(name))//" times; give it once")
+      if (allocated(error)) call group%problem_as_is(error%message)
    end function document_optional_group
 
    !> The only group of a name; fails when there is none or more than one.
@@ -194,16 +196,18 @@ contains
          end associate
       end do
       if (n_unknown == 0) return
-      if (n_unknown > max_lines) call lines%add(new_line("a")//"and "//to_text(n_unknown - max_lines)//" more")
-      call fail(error, lines%text()//new_line("a")//self%file_name//": known groups: "//join(self%known, ", "))
+      if (n_unknown > max_lines) call lines%add(new_line("a")//"and "//to_text(n_unknown - max_lines)// &
+                                                " more")
+      call fail(error, &
+                lines%text()//new_line("a")//self%file_name//": known groups: "//join(self%known, ", "))
    end subroutine document_expect_groups
 
    !> Gives the key at `path` another value, in namelist form; the path names a group by its number or label.
    !> A single group that the file does not have is added.
    pure subroutine document_set(self, path, value_text, error)
       class(document_t), intent(inout) :: self
-      character(*), intent(in) :: path                                !! like law(2)%gap, see `path_help`
-      character(*), intent(in) :: value_text                          !! like 1.5e-3 or 'newton' or 3, 5
+      character(*), intent(in) :: path                      !! like law(2)%gap, see `path_help`
+      character(*), intent(in) :: value_text                !! like 1.5e-3 or 'newton' or 3, 5
       type(error_t), allocatable, intent(out) :: error
       type(content_t) :: content
       type(scan_t) :: scan
@@ -280,8 +284,9 @@ contains
       if (n_groups > 0) call fail(error, lines%text())
    end subroutine document_finish
 
-   !> The input after defaults and overrides: all groups that were read, with every key asked for. The same reader
-   !> reads it back to the same values.
+   !> The input after defaults and overrides: all groups that were read, with every key asked for. Reading it
+   !> again gives the same values; left out is what a namelist cannot express: values not allocated, empty
+   !> lists, NaN, infinity, strings of several lines.
    pure function document_complete(self) result(text)
       class(document_t), intent(in) :: self
       character(:), allocatable :: text
@@ -370,7 +375,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (self%count(name) < 2) return
-      call fail(error, self%file_name//":"//to_text(self%holders(position_of(self, name, 2))%group%line)//": &"// &
+      call fail(error, &
+                self%file_name//":"//to_text(self%holders(position_of(self, name, 2))%group%line)//": &"// &
                 lower(trim(name))//" is given "//to_text(self%count(name))//" times, first in line "// &
                 to_text(self%holders(position_of(self, name, 1))%group%line)//"; give it once")
    end subroutine check_single
@@ -392,26 +398,31 @@ contains
       character(*), intent(in) :: name
       character(:), allocatable :: text
       type(string_t), allocatable :: known(:)
-      character(:), allocatable :: close
 
-      text = ""
       if (allocated(self%known)) then
          if (.not. is_known(self, lower(trim(name)))) then
-            close = closest_word(name, self%known)
-            if (close /= "") text = "; did you mean '&"//close//"'?"
-            text = text//"; known groups: "//join(self%known, ", ")
+            text = suggestion(name, self%known)//" known groups: "//join(self%known, ", ")
             return
          end if
       end if
       call names_in_file(self, known)
-      close = closest_word(name, known)
-      if (close /= "") text = "; did you mean '&"//close//"'?"
-      if (size(known) > 0) then
-         text = text//"; the file has: "//join(known, ", ")
+      if (size(known) == 0) then
+         text = "; the file has no groups"
       else
-         text = text//"; the file has no groups"
+         text = suggestion(name, known)//" the file has: "//join(known, ", ")
       end if
    end function advice_on_group
+
+   !> The close name in a question, or just the semicolon.
+   pure function suggestion(name, known) result(text)
+      character(*), intent(in) :: name
+      type(string_t), intent(in) :: known(:)
+      character(:), allocatable :: text
+
+      text = closest_word(name, known)
+      if (text /= "") text = " did you mean '&"//text//"'?"
+      text = ";"//text
+   end function suggestion
 
    !> Names of the groups that there are, the first twenty.
    pure subroutine names_in_file(self, known)
@@ -425,7 +436,7 @@ contains
       end do
    end subroutine names_in_file
 
-   !> Cuts name(selector)%key into its parts; the selector is empty without brackets, the key when the path is wrong.
+   !> Cuts name(selector)%key into its parts; the selector is empty without brackets, the key in a wrong path.
    pure subroutine split_path(path, name, selector, key)
       character(*), intent(in) :: path
       character(:), allocatable, intent(out) :: name, selector, key
@@ -465,14 +476,16 @@ contains
       end if
       if (len(selector) == 0) then
          i_group = position_of(self, name, 1)
-         if (n > 1) call fail(error, "there are "//to_text(n)//" groups &"//name//"; write "//name//"(1) to "//name// &
+         if (n > 1) call fail(error, &
+               "there are "//to_text(n)//" groups &"//name//"; write "//name//"(1) to "//name// &
                               "("//to_text(n)//"), or "//name//"(label)")
          return
       end if
       call parse_integer(selector, number, is_number)
       if (is_number) then
          if (number < 1 .or. number > n) then
-            call fail(error, "there is no "//name//"("//shown(selector)//"); the file has "//name//"(1) to "//name// &
+            call fail(error, &
+                  "there is no "//name//"("//shown(selector)//"); the file has "//name//"(1) to "//name// &
                       "("//to_text(n)//")")
          else
             i_group = position_of(self, name, number)
@@ -488,12 +501,13 @@ contains
          i_group = position_of(self, name, i)
       end do
       if (n_matches > 1) then
-         call fail(error, to_text(n_matches)//" groups &"//name//" have the label "//quote(shown(selector))// &
+         call fail(error, &
+                   to_text(n_matches)//" groups &"//name//" have the label "//quote(shown(selector))// &
                    "; use their numbers")
       else if (n_matches == 0) then
          text = closest_word(selector, labels)
-         if (text /= "") text = "; did you mean "//quote(text)//"?"
-         call fail(error, "no group &"//name//" has the label "//quote(shown(selector))//text// &
+         if (text /= "") text = " did you mean "//quote(text)//"?"
+         call fail(error, "no group &"//name//" has the label "//quote(shown(selector))//";"//text// &
                    labels_text(labels))
       end if
    end subroutine select_group
@@ -509,9 +523,14 @@ contains
       do i = 1, size(labels)
          if (len(labels(i)%value) == 0 .or. n == 20) cycle
          n = n + 1
-         text = text//trim(merge("; labels: ", ",         ", n == 1))//" "//quote(shown(labels(i)%value))
+         if (n > 1) text = text//", "
+         text = text//quote(shown(labels(i)%value))
       end do
-      if (n == 0) text = "; none has one, use their numbers"
+      if (n == 0) then
+         text = " none has one, use their numbers"
+      else
+         text = " labels: "//text
+      end if
    end function labels_text
 
    !> Value of the key `label` of a group, empty when it has none.

@@ -1,20 +1,22 @@
 !> One group of a namelist file with typed access to its keys.
 !>
-!> `require` and `get` collect what is wrong instead of returning an error at every call; `finish` reports all of it
-!> at once, together with the keys of the file that nobody asked for. After a problem the value is untouched.
+!> `require` and `get` collect what is wrong instead of returning an error at every call; `finish` reports all
+!> of it at once, together with the keys of the file that nobody asked for. After a problem the value is
+!> untouched.
 module hb_namelist_group
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
    use hb_namelist_index, only: max_name
    use hb_namelist_parser, only: content_t, element_text, max_values, shown
-   use hb_text, only: closest_word, join, lower, parse_integer, parse_real, quote, string_t, text_builder_t, to_text
+   use hb_text, only: closest_word, join, lower, parse_integer, parse_real, quote, string_t, &
+         text_builder_t, to_text
    implicit none
    private
    public :: group_t, new_group
 
-   integer, parameter :: max_problems = 50                            !! more are counted, not told
-   integer, parameter :: line_width = 100                             !! of the text that `complete` returns
+   integer, parameter :: max_problems = 50                  !! more are counted, not told
+   integer, parameter :: line_width = 100                   !! of the text that `complete` returns
 
    !> What was asked for, and the value used in namelist form (not allocated where there is none to write).
    type :: asked_t
@@ -23,14 +25,14 @@ module hb_namelist_group
    end type asked_t
 
    type :: group_t
-      character(:), allocatable :: name                               !! lower case
+      character(:), allocatable :: name                     !! lower case
       character(:), allocatable :: file_name
-      integer :: line = 0                                             !! where it begins; 0: not in the file
-      integer :: number = 1                                           !! position among the groups of its name
-      logical :: is_repeated = .false.                                !! there are more groups of its name
-      logical :: was_opened = .false.                                 !! somebody reads it
+      integer :: line = 0                                   !! where it begins; 0: not in the file
+      integer :: number = 1                                 !! position among the groups of its name
+      logical :: is_repeated = .false.                      !! there are more groups of its name
+      logical :: was_opened = .false.                       !! somebody reads it
       type(content_t) :: content
-      type(asked_t), allocatable, private :: asked(:)                 !! (capacity), in the order of asking
+      type(asked_t), allocatable, private :: asked(:)       !! (capacity), in the order of asking
       integer, private :: n_asked = 0
       type(string_t), allocatable, private :: problems(:)
       integer, private :: n_problems = 0
@@ -39,13 +41,15 @@ module hb_namelist_group
       generic :: require => require_real, require_integer, require_logical, require_string, require_reals, &
          require_integers, require_logicals, require_strings, require_matrix
       !> `call group%get(key, value, ...)`: takes the value of a key when it is there.
-      generic :: get => get_real, get_integer, get_logical, get_string, get_reals, get_integers, get_logicals, &
+      generic :: get => get_real, get_integer, get_logical, get_string, get_reals, get_integers, &
+            get_logicals, &
          get_strings, get_matrix
       procedure :: complete => group_complete
       procedure :: finish => group_finish
       procedure :: given => group_given
       procedure :: place => group_place
       procedure :: problem => group_problem
+      procedure :: problem_as_is => group_problem_as_is
       procedure, private :: require_real => group_require_real
       procedure, private :: require_integer => group_require_integer
       procedure, private :: require_logical => group_require_logical
@@ -82,7 +86,7 @@ contains
    !> Group with a parsed body, `line` 0 for one that is not in the file.
    pure subroutine new_group(self, name, file_name, line, content)
       type(group_t), intent(out) :: self
-      character(*), intent(in) :: name                                !! lower case
+      character(*), intent(in) :: name                      !! lower case
       character(*), intent(in) :: file_name
       integer, intent(in) :: line
       type(content_t), intent(in), optional :: content
@@ -253,7 +257,7 @@ contains
    pure subroutine group_get_matrix(self, key, value, n, m, minimum, maximum, above, below)
       class(group_t), intent(inout) :: self
       character(*), intent(in) :: key
-      real(wp), allocatable, intent(inout) :: value(:, :)             !! (n, m)
+      real(wp), allocatable, intent(inout) :: value(:, :)   !! (n, m)
       integer, intent(in) :: n, m
       real(wp), intent(in), optional :: minimum, maximum, above, below
 
@@ -286,8 +290,8 @@ contains
       place = place_at(self, self%line, .false.)
    end function group_place
 
-   !> Adds a problem with a key that the reader cannot see; its line is the line of the key, or of the group when
-   !> the key is not given or empty.
+   !> Adds a problem with a key that the reader cannot see; its line is the line of the key, or of the group
+   !> when the key is not given or empty.
    pure subroutine group_problem(self, key, text)
       class(group_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -298,11 +302,20 @@ contains
       if (len_trim(key) == 0) then
          call add_problem(self, self%place()//": "//text)
       else if (self%content%is_given(i_key)) then
-         call add_problem(self, place_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(key)//": "//text)
+         call add_problem(self, &
+                          place_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(key)//": "//text)
       else
          call add_problem(self, self%place()//": "//trim(key)//": "//text)
       end if
    end subroutine group_problem
+
+   !> Adds a problem whose text has a place already.
+   pure subroutine group_problem_as_is(self, text)
+      class(group_t), intent(inout) :: self
+      character(*), intent(in) :: text
+
+      call add_problem(self, text)
+   end subroutine group_problem_as_is
 
    !> Reports all problems, keys given twice and keys of the file nobody asked for, one per line.
    pure subroutine group_finish(self, error)
@@ -333,7 +346,8 @@ contains
             end if
          end do
       end associate
-      if (n > max_problems) call lines%add(new_line("a")//self%place()//": and "//to_text(n - max_problems)// &
+      if (n > max_problems) call lines%add(new_line("a")//self%place()//": and "// &
+                                           to_text(n - max_problems)// &
                                            " more problems")
       if (n > 0) call fail(error, lines%text())
    end subroutine group_finish
@@ -436,12 +450,12 @@ contains
       end do
    end subroutine known_keys
 
-   !> Notes that a key is asked for. `i_key` is 0 when it is not given, which is a problem when it is required.
+   !> Notes that a key is asked for. `i_key` is 0 when it is not given, a problem when it is required.
    pure subroutine ask(self, key, is_required, kind, i_asked, i_key)
       class(group_t), intent(inout) :: self
       character(*), intent(in) :: key
       logical, intent(in) :: is_required
-      character(*), intent(in) :: kind                                !! what is needed, for the message
+      character(*), intent(in) :: kind                      !! what is needed, for the message
       integer, intent(out) :: i_asked, i_key
       type(asked_t), allocatable :: larger(:)
       character(:), allocatable :: name
@@ -489,14 +503,15 @@ contains
    pure subroutine value_problem(self, i_key, i_value, i, j, text)
       class(group_t), intent(inout) :: self
       integer, intent(in) :: i_key, i_value
-      integer, intent(in) :: i, j                                     !! element, 0 for a scalar
+      integer, intent(in) :: i, j                           !! element, 0 for a scalar
       character(*), intent(in) :: text
       character(:), allocatable :: word
 
       word = self%content%word(i_value)
       if (self%content%values(i_value)%is_quoted) word = quote(word)
       call add_problem(self, place_at(self, self%content%values(i_value)%line, .true.)//": "// &
-                       element_text(trim(self%content%names%names(i_key)), i, j)//" = "//shown(word)//" "//text)
+                       element_text(trim(self%content%names%names(i_key)), i, &
+                                    j)//" = "//shown(word)//" "//text)
    end subroutine value_problem
 
    !> Number of the only value of a key, 0 after a problem.
@@ -532,13 +547,15 @@ contains
          i_value = key%element_head
          do while (i_value > 0 .and. is_good)
             is_good = values(i_value)%j == 0
-            if (.not. is_good) call key_problem(self, i_key, "is a list; its elements have one index, like "// &
+            if (.not. is_good) call key_problem(self, i_key, &
+                                                "is a list; its elements have one index, like "// &
                                                 trim(self%content%names%names(i_key))//"(2)")
             n = max(n, values(i_value)%i)
             if (present(n_needed) .and. is_good) then
                is_good = values(i_value)%i <= n_needed
                if (.not. is_good) call value_problem(self, i_key, i_value, values(i_value)%i, 0, &
-                                                     "is out of range: the list has "//to_text(n_needed)//" elements")
+                                                     "is out of range: the list has "//to_text(n_needed)// &
+                                                     " elements")
             end if
             i_value = values(i_value)%next
          end do
@@ -548,11 +565,13 @@ contains
          call fill_elements(self, i_key, 0, order, is_good)
          first_gap = findloc(order, 0, dim=1)
          if (is_good .and. first_gap > 0) then
-            call key_problem(self, i_key, "has no element ("//to_text(first_gap)//"), but one ("//to_text(n)//")")
+            call key_problem(self, i_key, &
+                             "has no element ("//to_text(first_gap)//"), but one ("//to_text(n)//")")
             is_good = .false.
          else if (is_good .and. present(n_needed)) then
             is_good = n == n_needed
-            if (.not. is_good) call key_problem(self, i_key, "has "//counted(int(n, int64))//", needs "//to_text(n_needed))
+            if (.not. is_good) call key_problem(self, i_key, &
+                                                "has "//counted(int(n, int64))//", needs "//to_text(n_needed))
          end if
       end associate
       if (.not. is_good) then
@@ -579,7 +598,8 @@ contains
          do while (i_value > 0)
             associate (value => values(i_value))
                if (value%j == 0) then
-                  call value_problem(self, i_key, i_value, value%i, 0, "is an element of a matrix; write "//name//"(i, j)")
+                  call value_problem(self, i_key, i_value, value%i, 0, &
+                                     "is an element of a matrix; write "//name//"(i, j)")
                   return
                else if (value%i > n .or. value%j > m) then
                   call value_problem(self, i_key, i_value, value%i, value%j, &
@@ -628,13 +648,13 @@ contains
       end do
    end subroutine fill_listed
 
-   !> Puts the single elements of a key to their places in `order`; over listed ones they come from an override.
+   !> Puts the elements of a key to their places in `order`; over listed values they come from an override.
    pure subroutine fill_elements(self, i_key, m, order, is_good)
       class(group_t), intent(inout) :: self
       integer, intent(in) :: i_key
-      integer, intent(in) :: m                                        !! columns of a matrix, 0 for a list
+      integer, intent(in) :: m                              !! columns of a matrix, 0 for a list
       integer, intent(inout) :: order(:)
-      logical, intent(inout) :: is_good                               !! false after a problem
+      logical, intent(inout) :: is_good                     !! false after a problem
       integer :: i_value, position
 
       i_value = self%content%keys(i_key)%element_head
@@ -779,8 +799,9 @@ contains
          end do
          ok = .false.
          close = closest_word(value, choices)
-         if (close /= "") close = "; did you mean '"//close//"'?"
-         call value_problem(self, i_key, i_value, i, 0, "is not known"//close//" known: "//join(choices, ", "))
+         if (close /= "") close = " did you mean '"//close//"'?"
+         call value_problem(self, i_key, i_value, i, 0, &
+                            "is not known;"//close//" known: "//join(choices, ", "))
       end if
    end subroutine take_string
 
@@ -1033,11 +1054,11 @@ contains
    pure logical function is_one_line(text)
       character(*), intent(in) :: text
 
-      is_one_line = scan(text, achar(0)//new_line("a")) == 0
+      is_one_line = scan(text, achar(0)//achar(13)//new_line("a")) == 0
    end function is_one_line
 
-   !> Values in namelist form, a line for each row, four and more equal ones with a repeat count; nothing for an
-   !> empty list, which a namelist cannot express.
+   !> Values in namelist form, a line for each row, four and more equal ones with a repeat count; nothing for
+   !> an empty list, which a namelist cannot express.
    pure subroutine write_list(words, row_length, text)
       type(string_t), intent(in) :: words(:)
       integer, intent(in) :: row_length

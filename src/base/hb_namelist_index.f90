@@ -6,12 +6,12 @@ module hb_namelist_index
    private
    public :: max_name, name_table_t
 
-   integer, parameter :: max_name = 63                                !! length of the longest Fortran name
+   integer, parameter :: max_name = 63                      !! length of the longest Fortran name
 
    type :: name_table_t
-      integer :: n = 0                                                !! number of names
-      character(max_name), allocatable :: names(:)                    !! (capacity), the first n are in use
-      integer, allocatable, private :: slots(:)                       !! position of a name, 0 where free
+      integer :: n = 0                                      !! number of names
+      character(max_name), allocatable :: names(:)          !! (capacity), the first n are in use
+      integer, allocatable, private :: slots(:)             !! position of a name, 0 where free
    contains
       procedure :: add => name_table_add
       procedure :: find => name_table_find

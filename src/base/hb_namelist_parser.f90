@@ -12,7 +12,7 @@ module hb_namelist_parser
    public :: content_t, element_text, is_name, key_t, max_values, next_group, override, parse_body, scan_t
    public :: shown, value_t
 
-   integer, parameter :: max_values = 1000000                         !! of one key, repeat counts included
+   integer, parameter :: max_values = 1000000               !! of one key, repeat counts included
    character(*), parameter :: tab = achar(9), line_feed = achar(10), return = achar(13)
    character(*), parameter :: blanks = " "//tab//line_feed//return//achar(11)//achar(12)
    character(*), parameter :: quote_marks = "'"//'"'
@@ -23,37 +23,37 @@ module hb_namelist_parser
    type :: scan_t
       integer :: position = 1
       integer :: line = 1
-      character(:), allocatable :: problem                            !! allocated: parsing has failed
+      character(:), allocatable :: problem                  !! allocated: parsing has failed
       integer :: problem_line = 0
    end type scan_t
 
    !> One value, or equal values in a row, as written.
    type :: value_t
-      integer :: first = 1, last = 0                                  !! span in the text, without quotes
-      integer :: line = 0                                             !! 0: set from outside
-      integer :: count = 1                                            !! repeat count
-      integer :: i = 0, j = 0                                         !! element index, 0 where there is none
-      integer :: next = 0                                             !! next value of the key, 0 after the last
+      integer :: first = 1, last = 0                        !! span in the text, without quotes
+      integer :: line = 0                                   !! 0: set from outside
+      integer :: count = 1                                  !! repeat count
+      integer :: i = 0, j = 0                               !! element index, 0 where there is none
+      integer :: next = 0                                   !! next value of the key, 0 after the last
       logical :: is_quoted = .false.
    end type value_t
 
    !> One key: a chain of listed values, a chain of single elements, or (set from outside) both.
    type :: key_t
-      integer :: line = 0                                             !! of its first appearance; 0: set from outside
-      integer :: second_line = 0                                      !! line where the key is wrongly given again
-      integer :: head = 0, tail = 0                                   !! listed values
-      integer :: n_listed = 0                                         !! their number, repeat counts included
-      integer :: element_head = 0, element_tail = 0                   !! values of elements
+      integer :: line = 0                                   !! of its first appearance; 0: set from outside
+      integer :: second_line = 0                            !! line where the key is wrongly given again
+      integer :: head = 0, tail = 0                         !! listed values
+      integer :: n_listed = 0                               !! their number, repeat counts included
+      integer :: element_head = 0, element_tail = 0         !! values of elements
       integer :: n_elements = 0
-      integer :: asked = 0                                            !! position in the owner's list of asked keys
+      integer :: asked = 0                                  !! position in the owner's list of asked keys
    end type key_t
 
    !> Body of one group.
    type :: content_t
       character(:), allocatable :: text
-      type(name_table_t) :: names                                     !! of the keys
-      type(key_t), allocatable :: keys(:)                             !! (capacity), names%n in use
-      type(value_t), allocatable :: values(:)                         !! (capacity), n_values in use
+      type(name_table_t) :: names                           !! of the keys
+      type(key_t), allocatable :: keys(:)                   !! (capacity), names%n in use
+      type(value_t), allocatable :: values(:)               !! (capacity), n_values in use
       integer :: n_values = 0
    contains
       procedure :: add_key => content_add_key
@@ -63,20 +63,20 @@ module hb_namelist_parser
 
    !> What the parser knows while it is inside a group.
    type :: body_t
-      character(:), allocatable :: name                               !! of the group
-      character(:), allocatable :: key                                !! the latest one
-      logical :: in_key = .false.                                     !! there has been a key
+      character(:), allocatable :: name                     !! of the group
+      character(:), allocatable :: key                      !! the latest one
+      logical :: in_key = .false.                           !! there has been a key
       logical :: after_comma = .false.
-      integer :: i_key = 0                                            !! 0: values are passed over
-      integer :: i = 0, j = 0                                         !! element index of the key
-      integer :: n_found = 0                                          !! values of the key so far
-      type(value_t) :: value                                          !! the latest one
+      integer :: i_key = 0                                  !! 0: values are passed over
+      integer :: i = 0, j = 0                               !! element index of the key
+      integer :: n_found = 0                                !! values of the key so far
+      type(value_t) :: value                                !! the latest one
    end type body_t
 
 contains
 
-   !> Goes on to the next group: `name` is its name in lower case, empty when there are no more; the scan stands
-   !> behind the name.
+   !> Goes on to the next group: `name` is its name in lower case, empty when there are no more; the scan
+   !> stands behind the name.
    pure subroutine next_group(text, scan, name)
       character(*), intent(in) :: text
       type(scan_t), intent(inout) :: scan
@@ -113,12 +113,14 @@ contains
             end if
             name = lower(text(scan%position + 1:last))
             if (.not. is_name(name)) then
-               call stop_at(scan, scan%line, "'&"//shown(name)//"' is not a group name; write it like '&newton'")
+               call stop_at(scan, scan%line, &
+                            "'&"//shown(name)//"' is not a group name; write it like '&newton'")
             else if (name == "end") then
                call stop_at(scan, scan%line, "'&end' outside of a group")
             else if (last < len(text)) then
                if (index(blanks//"/!", text(last + 1:last + 1)) == 0) then
-                  call stop_at(scan, scan%line, "unexpected '"//text(last + 1:last + 1)//"' after '&"//name//"'")
+                  call stop_at(scan, scan%line, &
+                               "unexpected '"//text(last + 1:last + 1)//"' after '&"//name//"'")
                end if
             end if
             scan%position = last + 1
@@ -171,7 +173,8 @@ contains
             if (.not. body%in_key) then
                call stop_at(scan, scan%line, "&"//name//": unexpected ',' where a key is expected")
             else if (body%n_found == 0 .or. body%after_comma) then
-               call stop_at(scan, scan%line, "&"//name//": key '"//body%key//"' has an empty value before ','")
+               call stop_at(scan, scan%line, &
+                            "&"//name//": key '"//body%key//"' has an empty value before ','")
             end if
             body%after_comma = .true.
             scan%position = start + 1
@@ -305,12 +308,13 @@ contains
       scan%position = scan%position + close
    end subroutine read_index
 
-   !> Reads the value at the scan's position: a word that ends at `last`, or a string, or a repeat count with either.
+   !> Reads the value at the scan's position: a word that ends at `last`, a string, or a repeated one of them.
    pure subroutine read_value(text, scan, body, last)
       character(*), intent(in) :: text
       type(scan_t), intent(inout) :: scan
       type(body_t), intent(inout) :: body
-      integer, intent(in) :: last                                     !! before the scan's position when no word is there
+      integer, &
+            intent(in) :: last                           !! before the scan's position when no word is there
       integer :: star
       logical :: is_quote_next, ok
 
@@ -356,7 +360,7 @@ contains
       is_closed = .false.
       i = scan%position + 1
       do while (i <= len(text))
-         if (text(i:i) == line_feed) exit
+         if (text(i:i) == line_feed .or. text(i:i) == return) exit
          if (text(i:i) == mark) then
             is_closed = .true.
             if (i < len(text)) is_closed = text(i + 1:i + 1) /= mark
@@ -366,7 +370,8 @@ contains
          i = i + 1
       end do
       if (.not. is_closed) then
-         call stop_at(scan, scan%line, "&"//body%name//": string "//shown(text(scan%position:min(i, len(text) + 1) - 1))// &
+         call stop_at(scan, scan%line, &
+                      "&"//body%name//": string "//shown(text(scan%position:min(i, len(text) + 1) - 1))// &
                       " is not closed in its line; its quote is "//mark)
          return
       end if
@@ -375,7 +380,8 @@ contains
       body%value%is_quoted = .true.
       if (i < len(text)) then
          if (index(blanks//",/!", text(i + 1:i + 1)) == 0) then
-            call stop_at(scan, scan%line, "&"//body%name//": a blank or comma is missing after the string "// &
+            call stop_at(scan, scan%line, &
+                         "&"//body%name//": a blank or comma is missing after the string "// &
                          shown(text(scan%position:i)))
          end if
       end if
@@ -442,7 +448,7 @@ contains
       end associate
    end subroutine link_value
 
-   !> Puts the only key of `other` in the place of the same key of `content`: all of its values, or one element.
+   !> Puts the only key of `other` in the place of the same key of `content`: all its values, or one element.
    pure subroutine override(content, other)
       type(content_t), intent(inout) :: content
       type(content_t), intent(in) :: other
@@ -480,8 +486,10 @@ contains
          same = 0
          if (other%values(i)%i > 0) same = content%keys(i_key)%element_head
          do while (same > 0)
-            if (content%values(same)%i == other%values(i)%i .and. content%values(same)%j == other%values(i)%j) exit
-            same = content%values(same)%next
+            associate (old => content%values(same), new => other%values(i))
+               if (old%i == new%i .and. old%j == new%j) exit
+               same = old%next
+            end associate
          end do
          if (same > 0) then
             content%values(n)%next = content%values(same)%next
@@ -495,7 +503,7 @@ contains
    !> Adds a key without values.
    pure subroutine content_add_key(self, name)
       class(content_t), intent(inout) :: self
-      character(*), intent(in) :: name                                !! lower case, not yet a key
+      character(*), intent(in) :: name                      !! lower case, not yet a key
       type(key_t), allocatable :: larger(:)
 
       if (.not. allocated(self%keys)) allocate (self%keys(8))

@@ -1,6 +1,7 @@
 !> Text helpers: numbers to text and back, lists of words, the closest known word, whole files.
 module hb_text
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan, ieee_negative_inf, ieee_positive_inf, &
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan, ieee_negative_inf, &
+         ieee_positive_inf, &
       ieee_quiet_nan, ieee_value
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
@@ -10,7 +11,7 @@ module hb_text
    public :: text_builder_t, to_text
 
    integer, parameter :: max_file_bytes = 16*1024**2
-   integer, parameter :: max_word = 63                                !! longest word that closest_word looks at
+   integer, parameter :: max_word = 63                      !! longest word that closest_word looks at
    character(*), parameter :: upper_case = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
    character(*), parameter :: lower_case = "abcdefghijklmnopqrstuvwxyz"
    character(*), parameter :: digits = "0123456789"
@@ -73,8 +74,8 @@ contains
       end if
    end function logical_text
 
-   !> Fifteen digits are tried first: whatever has a form of at most 15 digits is found by them (not so for tiny
-   !> numbers of reduced precision, which begin with one digit). Plain form from 0.01 to below 1e6.
+   !> Fifteen digits are tried first: whatever has a form of at most 15 digits is found by them (not so for
+   !> tiny numbers of reduced precision, which begin with one digit). Plain form from 0.01 to below 1e6.
    pure function real_text(value) result(text)
       real(wp), intent(in) :: value
       character(:), allocatable :: text
@@ -190,7 +191,7 @@ contains
    !> Cuts a text at every `separator`; n separators give n + 1 parts, of which any may be empty.
    pure subroutine split(text, separator, parts)
       character(*), intent(in) :: text
-      character(*), intent(in) :: separator                           !! not empty
+      character(*), intent(in) :: separator                 !! not empty
       type(string_t), allocatable, intent(out) :: parts(:)
       integer :: first, i, n, pass, width
 
@@ -246,11 +247,11 @@ contains
       end do
    end function closest_of_words
 
-   !> Edit distance (insert, delete, replace, swap of neighbours), or huge() when the words are not close: close is
-   !> at most one edit in three letters, or a beginning of three letters and more.
+   !> Edit distance (insert, delete, replace, swap of neighbours), or huge() when the words are not close;
+   !> close is at most one edit in three letters, or a beginning of three letters and more.
    pure integer function distance_if_close(word, known) result(distance)
       character(*), intent(in) :: word, known
-      integer :: rows(-1:max_word, 0:2)                               !! last, last but one and current row, rotating
+      integer :: rows(-1:max_word, 0:2)                     !! last, last but one and current row, rotating
       integer :: before, current, i, j, last
 
       distance = huge(distance)
@@ -279,14 +280,14 @@ contains
       distance = huge(distance)
    end function distance_if_close
 
-   !> Reads a whole token as a real: sign, digits, point, exponent with e or d. `ok` is false and `value` zero for
-   !> anything else and for numbers beyond huge(); `nan` and `inf` are recognised, the caller decides about them.
-   !> The range is settled before the runtime converts, because it raises an overflow exception otherwise.
+   !> Reads a whole token as a real: sign, digits, point, exponent with e or d. `ok` is false and `value` zero
+   !> for anything else and for numbers beyond huge(); `nan` and `inf` are recognised, the caller decides
+   !> about them. The range is settled before the runtime converts, which would raise an overflow exception.
    pure subroutine parse_real(token, value, ok)
       character(*), intent(in) :: token
       real(wp), intent(out) :: value
       logical, intent(out) :: ok
-      integer, parameter :: max_kept = 800                            !! no double needs more to be rounded correctly
+      integer, parameter :: max_kept = 800                  !! no double needs more to be rounded correctly
       character(*), parameter :: largest = "179769313486231570814527423731704356798"
       character(max_kept + 1) :: kept
       character(max_kept + 40) :: normalised
@@ -379,8 +380,8 @@ contains
       ok = .true.
    end subroutine parse_real
 
-   !> Reads a whole token as an integer: sign and digits; `ok` is false and `value` zero otherwise and when the
-   !> number does not fit.
+   !> Reads a whole token as an integer: sign and digits; `ok` is false and `value` zero otherwise and when
+   !> the number does not fit.
    pure subroutine parse_integer(token, value, ok)
       character(*), intent(in) :: token
       integer, intent(out) :: value

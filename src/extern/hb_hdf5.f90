@@ -1,12 +1,12 @@
 !> HDF5 files in the few forms the program needs, with errors as values; the only module that uses `hdf5`.
 !>
-!> In the order of use: `create_file` (one process) makes a file, `add_...` its datasets with their space on the disk,
-!> `make_scale`, `attach_scale` and `set_attribute` describe them, `close` ends. `open_file_parallel` then opens it on
-!> all ranks, and `write_rows` puts raw data in place: it changes no metadata, so ranks need not agree on anything and
-!> a killed run leaves a sound file.
+!> In the order of use: `create_file` (one process) makes a file, `add_...` its datasets with their space on
+!> the disk, `make_scale`, `attach_scale` and `set_attribute` describe them, `close` ends.
+!> `open_file_parallel` then opens it on all ranks, and `write_row` puts raw data in place: it changes no
+!> metadata, so ranks need not agree on anything and a killed run leaves a sound file.
 !>
-!> Extents are given in the order of Fortran, fastest first: h5py, h5dump and xarray show them reversed. Datasets are
-!> contiguous, never compressed. Messages of the library are not printed but put into the error.
+!> Extents are given in the order of Fortran, fastest first: h5py, h5dump and xarray show them reversed.
+!> Datasets are contiguous, never compressed. Messages of the library are not printed but put into the error.
 !> Source: HDF5 1.10 Reference Manual; HDF5 Dimension Scale Specification.
 module hb_hdf5
    use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, c_loc, &
@@ -16,6 +16,7 @@ module hb_hdf5
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
    use hb_mpi, only: comm_handle, comm_t, no_info_handle
+   use hb_text, only: to_text
    use hdf5, only: h5aclose_f, h5acreate_f, h5aget_space_f, h5aopen_f, h5aread_f, h5awrite_f, &
       H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, h5dclose_f, h5dcreate_f, h5dget_space_f, &
       h5dget_type_f, h5dopen_f, h5dread_f, h5dvlen_reclaim_f, h5dwrite_f, h5eset_auto_f, H5F_ACC_EXCL_F, &
@@ -62,14 +63,14 @@ module hb_hdf5
       procedure :: make_scale => dataset_make_scale
       generic :: read => read_integer, read_real, read_texts
       generic :: write => write_integer, write_real
-      generic :: write_rows => write_integer_rows, write_real_rows, write_text_row
+      generic :: write_row => write_integer_row, write_real_row, write_text_row
       procedure, private :: read_integer => dataset_read_integer
       procedure, private :: read_real => dataset_read_real
       procedure, private :: read_texts => dataset_read_texts
       procedure, private :: write_integer => dataset_write_integer
-      procedure, private :: write_integer_rows => dataset_write_integer_rows
+      procedure, private :: write_integer_row => dataset_write_integer_row
       procedure, private :: write_real => dataset_write_real
-      procedure, private :: write_real_rows => dataset_write_real_rows
+      procedure, private :: write_real_row => dataset_write_real_row
       procedure, private :: write_text_row => dataset_write_text_row
    end type h5_dataset_t
 
@@ -118,7 +119,8 @@ contains
 
    ! Files
 
-   !> Makes a new file for this process alone. An existing file is an error, or is replaced when `replace` is true.
+   !> Makes a new file for this process alone. An existing file is an error, or is replaced when `replace` is
+   !> true.
    subroutine create_file(self, path, replace, error)
       type(h5_file_t), intent(out) :: self
       character(*), intent(in) :: path
@@ -130,7 +132,8 @@ contains
       self%place = "file '"//path//"'"
       call new_file_access(access, error)
       if (.not. allocated(error)) then
-         call h5fcreate_f(path, merge(H5F_ACC_TRUNC_F, H5F_ACC_EXCL_F, replace), self%id, status, access_prp=access)
+         call h5fcreate_f(path, merge(H5F_ACC_TRUNC_F, H5F_ACC_EXCL_F, replace), self%id, status, &
+                          access_prp=access)
          call check(status, "create", error)
          call h5pclose_f(access, status)
       end if
@@ -157,8 +160,8 @@ contains
       call annotate(error, self%place)
    end subroutine open_file
 
-   !> Opens a file for writing on all ranks of `comm`; collective, and so is its `close`. Raw data may then be written
-   !> by any rank alone. The error is that of this rank.
+   !> Opens a file for writing on all ranks of `comm`; collective, and so is its `close`. Raw data may then be
+   !> written by any rank alone. The error is that of this rank.
    subroutine open_file_parallel(self, path, comm, error)
       type(h5_file_t), intent(out) :: self
       character(*), intent(in) :: path
@@ -247,10 +250,11 @@ contains
       call add_dataset(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, extents, c_loc(fill), dataset, error)
    end subroutine file_add_integer
 
-   !> Adds a dataset of single bytes, all null, its space taken on the disk: the first extent is the room for a string.
+   !> Adds a dataset of single bytes, all null, its space taken on the disk: the first extent is the room for
+   !> a string.
    !>
-   !> Strings of fixed length would be shorter to describe, but netCDF-C before 4.9.1 crashes on them, and parallel HDF5
-   !> cannot write strings of any length.
+   !> Strings of fixed length would be shorter to describe, but netCDF-C before 4.9.1 crashes on them, and
+   !> parallel HDF5 cannot write strings of any length.
    subroutine file_add_characters(self, name, extents, dataset, error)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -267,8 +271,8 @@ contains
       call h5tclose_f(byte_type, status)
    end subroutine file_add_characters
 
-   !> Adds a vector of strings of any length and writes it; blanks at the ends are dropped. For serial files only: the
-   !> library cannot write such strings in parallel.
+   !> Adds a vector of strings of any length and writes it; blanks at the ends are dropped. For serial files
+   !> only: the library cannot write such strings in parallel.
    subroutine file_add_texts(self, name, values, dataset, error)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -330,7 +334,8 @@ contains
       call h5tclose_f(text_type, status)
    end subroutine add_varying
 
-   !> Adds a dataset of any type with early allocation; without an address of a fill value the fill is zero bytes.
+   !> Adds a dataset of any type with early allocation; without an address of a fill value the fill is zero
+   !> bytes.
    subroutine add_dataset(file, name, file_type, fill_type, extents, fill, dataset, error)
       class(h5_file_t), intent(in) :: file
       character(*), intent(in) :: name
@@ -444,8 +449,8 @@ contains
       dataset_has_scale = dataset_has_scale .and. status >= 0
    end function dataset_has_scale
 
-   !> Gives the number of a dimension in the order of the file: `h5ds`, unlike the rest of the Fortran interface, does
-   !> not reverse it.
+   !> Gives the number of a dimension in the order of the file: `h5ds`, unlike the rest of the Fortran
+   !> interface, does not reverse it.
    pure integer function file_index(self, i)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: i
@@ -473,28 +478,28 @@ contains
       call write_all(self, H5T_NATIVE_INTEGER, c_loc(values), size(values), error)
    end subroutine dataset_write_integer
 
-   !> Writes whole rows (all indices but the slowest) from row `first` on, counted from 1; independent of other ranks.
-   subroutine dataset_write_real_rows(self, first, values, error)
+   !> Writes one whole row (all indices but the slowest), counted from 1; independent of other ranks.
+   subroutine dataset_write_real_row(self, row, values, error)
       class(h5_dataset_t), intent(in) :: self
-      integer, intent(in) :: first
+      integer, intent(in) :: row
       real(wp), intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
 
-      call write_block(self, first, H5T_NATIVE_DOUBLE, c_loc(values), size(values), error)
-   end subroutine dataset_write_real_rows
+      call write_values_of_row(self, row, H5T_NATIVE_DOUBLE, c_loc(values), size(values), error)
+   end subroutine dataset_write_real_row
 
-   !> Writes whole rows (all indices but the slowest) from row `first` on, counted from 1; independent of other ranks.
-   subroutine dataset_write_integer_rows(self, first, values, error)
+   !> Writes one whole row (all indices but the slowest), counted from 1; independent of other ranks.
+   subroutine dataset_write_integer_row(self, row, values, error)
       class(h5_dataset_t), intent(in) :: self
-      integer, intent(in) :: first
+      integer, intent(in) :: row
       integer, intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
 
-      call write_block(self, first, H5T_NATIVE_INTEGER, c_loc(values), size(values), error)
-   end subroutine dataset_write_integer_rows
+      call write_values_of_row(self, row, H5T_NATIVE_INTEGER, c_loc(values), size(values), error)
+   end subroutine dataset_write_integer_row
 
-   !> Writes a string into row `row`, counted from 1, of a matrix of bytes; what is too long is cut. Independent of other
-   !> ranks.
+   !> Writes a string into row `row`, counted from 1, of a matrix of bytes; what is too long is cut.
+   !> Independent of other ranks.
    subroutine dataset_write_text_row(self, row, text, error)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: row
@@ -511,7 +516,7 @@ contains
       call new_byte_type(byte_type, status)
       call check(status, "make the text type", error)
       if (allocated(error)) return
-      call write_block(self, row, byte_type, c_loc(bytes), size(bytes), error)
+      call write_values_of_row(self, row, byte_type, c_loc(bytes), size(bytes), error)
       call h5tclose_f(byte_type, status)
    end subroutine dataset_write_text_row
 
@@ -530,30 +535,28 @@ contains
       call annotate(error, self%place)
    end subroutine write_all
 
-   subroutine write_block(self, first, memory_type, address, n_values, error)
+   subroutine write_values_of_row(self, row, memory_type, address, n_values, error)
       class(h5_dataset_t), intent(in) :: self
-      integer, intent(in) :: first, n_values
+      integer, intent(in) :: row, n_values
       integer(hid_t), intent(in) :: memory_type
       type(c_ptr), intent(in) :: address
       type(error_t), allocatable, intent(out) :: error
-      integer(hsize_t) :: start(size(self%extents)), block(size(self%extents)), row_size, n_rows
+      integer(hsize_t) :: start(size(self%extents)), block(size(self%extents))
       integer(hid_t) :: in_file, in_memory
       integer :: n, status
 
       n = size(self%extents)
-      row_size = product(self%extents(:n - 1))
-      if (row_size == 0 .and. n_values == 0) return    ! rows without elements: nothing to write
-      n_rows = n_values/max(row_size, 1_hsize_t)
-      call check_size(self, n_values, n_rows*row_size, error)
+      call check_size(self, n_values, product(self%extents(:n - 1)), error)
       if (allocated(error)) return
-      if (first < 1 .or. first - 1 + n_rows > self%extents(n)) then
-         call fail(error, self%place//": rows outside its extent")
+      if (row < 1 .or. row > self%extents(n)) then
+         call fail(error, self%place//": no row "//to_text(row)//", there are "//to_text(self%extents(n)))
          return
       end if
+      if (n_values == 0) return
       start = 0
-      start(n) = first - 1
+      start(n) = row - 1
       block = self%extents
-      block(n) = n_rows
+      block(n) = 1
       call new_space(in_file, self%extents, status)
       if (status >= 0) call h5sselect_hyperslab_f(in_file, H5S_SELECT_SET_F, start, block, status)
       if (status >= 0) call new_space(in_memory, [int(n_values, hsize_t)], status)
@@ -563,7 +566,7 @@ contains
       if (allocated(error)) return
       call h5sclose_f(in_memory, status)
       call h5sclose_f(in_file, status)
-   end subroutine write_block
+   end subroutine write_values_of_row
 
    !> Reads the whole dataset.
    subroutine dataset_read_real(self, values, error)
@@ -678,11 +681,9 @@ contains
       integer, intent(in) :: n_values
       integer(hsize_t), intent(in) :: n_expected
       type(error_t), allocatable, intent(out) :: error
-      character(60) :: sizes
 
-      if (n_values == n_expected) return
-      write (sizes, "(i0, a, i0)") n_values, " values given, expected ", n_expected
-      call fail(error, self%place//": "//trim(sizes))
+      if (n_values /= n_expected) &
+         call fail(error, self%place//": "//to_text(n_values)//" values, expected "//to_text(n_expected))
    end subroutine check_size
 
    ! Attributes
@@ -716,7 +717,8 @@ contains
       integer, target :: copy
 
       copy = value
-      call set_attribute(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, [integer(hsize_t) ::], c_loc(copy), error)
+      call set_attribute(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, [integer(hsize_t) ::], &
+         c_loc(copy), error)
    end subroutine object_set_integer_attribute
 
    !> Gives the object an attribute of several integers.

@@ -7,7 +7,7 @@ module hb_lapack
    implicit none
    private
    public :: ddot, dgecon, dgeev, dgels, dgemm, dgemv, dgetrf, dgetrs
-   public :: dnrm2, dpotrf, dsyev, dsygv, zgbcon, zgbtrf, zgbtrs, zgecon
+   public :: dnrm2, dpotrf, dsyev, dsygv, zgbtrf, zgbtrs, zgecon
    public :: zgemm, zgemv, zgetrf, zgetrs
 
    ! Linear equations, dense
@@ -129,21 +129,6 @@ module hb_lapack
          complex(wp), intent(inout) :: b(ldb, *)
          integer, intent(out) :: info
       end subroutine zgbtrs
-
-      !> Estimates 1/(anorm |A^-1|) from the factors of `zgbtrf`; work(2n), rwork(n).
-      subroutine zgbcon(norm, n, kl, ku, ab, ldab, ipiv, anorm, rcond, work, rwork, info)
-         import :: wp
-         implicit none
-         character, intent(in) :: norm
-         integer, intent(in) :: n, kl, ku, ldab
-         complex(wp), intent(in) :: ab(ldab, *)
-         integer, intent(in) :: ipiv(*)
-         real(wp), intent(in) :: anorm
-         real(wp), intent(out) :: rcond
-         complex(wp), intent(inout) :: work(*)
-         real(wp), intent(inout) :: rwork(*)
-         integer, intent(out) :: info
-      end subroutine zgbcon
    end interface
 
    ! Eigenvalues

@@ -1,24 +1,27 @@
 !> Everything the program asks of MPI; the only module that uses `mpi_f08`.
 !>
 !> In the order of use: `start_mpi`, `world`, the questions `rank_of` and `size_of`, the collective calls, a
-!> `work_counter_t` that hands out points, `stop_mpi`. All take the communicator as an argument, so that a test can give
-!> its own. Source: MPI: A Message-Passing Interface Standard 3.1, chapters 5 (collective) and 11 (one-sided).
+!> `work_counter_t` that hands out points, `stop_mpi`. All take the communicator as an argument, so that a
+!> test can give its own. Source: MPI: A Message-Passing Interface Standard 3.1, chapters 5 (collective) and
+!> 11 (one-sided).
 module hb_mpi
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_ptr
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use mpi_f08, only: comm_t => MPI_Comm, MPI_Abort, MPI_ADDRESS_KIND, MPI_Allreduce, MPI_Barrier, &
-      MPI_Bcast, MPI_CHARACTER, MPI_Comm_dup, MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, MPI_Comm_set_errhandler, &
-      MPI_Comm_size, MPI_COMM_WORLD, MPI_Error_string, MPI_ERRORS_ARE_FATAL, MPI_ERRORS_RETURN, MPI_Fetch_and_op, &
-      MPI_Finalize, MPI_Finalized, MPI_INFO_NULL, MPI_Init, MPI_Initialized, MPI_INTEGER, MPI_LOCK_EXCLUSIVE, &
-      MPI_MAX, MPI_MAX_ERROR_STRING, MPI_MIN, MPI_NO_OP, MPI_SUCCESS, MPI_SUM, MPI_Win, MPI_Win_allocate, &
-      MPI_Win_flush, MPI_Win_free, MPI_Win_lock, MPI_Win_lock_all, MPI_WIN_NULL, MPI_Win_set_errhandler, &
-      MPI_Win_unlock, MPI_Win_unlock_all, operator(/=)
+      MPI_Bcast, MPI_CHARACTER, MPI_Comm_dup, MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, &
+      MPI_Comm_set_errhandler, MPI_Comm_size, MPI_COMM_WORLD, MPI_Error_string, MPI_ERRORS_ARE_FATAL, &
+      MPI_ERRORS_RETURN, MPI_Fetch_and_op, MPI_Finalize, MPI_Finalized, MPI_INFO_NULL, MPI_Init, &
+      MPI_Initialized, MPI_INTEGER, MPI_LOCK_EXCLUSIVE, MPI_MAX, MPI_MAX_ERROR_STRING, MPI_MIN, MPI_NO_OP, &
+      MPI_SUCCESS, MPI_SUM, MPI_Win, MPI_Win_allocate, MPI_Win_flush, MPI_Win_free, MPI_Win_lock, &
+      MPI_Win_lock_all, MPI_WIN_NULL, MPI_Win_set_errhandler, MPI_Win_unlock, MPI_Win_unlock_all, &
+      operator(/=)
    implicit none
    private
    public :: abort_run, as_comm, barrier, broadcast_text, comm_handle, comm_t, max_over, new_work_counter, &
-      no_info_handle, rank_of, share_error, size_of, start_mpi, stop_mpi, sum_over, wall_clock, work_counter_t, world
+      no_info_handle, rank_of, share_error, size_of, start_mpi, stop_mpi, sum_over, wall_clock, &
+      work_counter_t, world
 
    !> Makes a communicator of what a caller has: an integer handle of the old `mpi` module, or a communicator.
    interface as_comm
@@ -30,16 +33,17 @@ module hb_mpi
    integer(MPI_ADDRESS_KIND), parameter :: next_slot = 0, done_slot = 1, failed_slot = 2
    integer, parameter :: owner = 0                                    ! rank that holds the window
 
-   !> A counter that all ranks share: `next` gives each number once over all ranks, without a rank that only serves.
+   !> A counter that all ranks share: `next` gives each number once over all ranks, without a rank that only
+   !> serves.
    !>
-   !> Beside it stand two tallies, of the points done and of those among them that failed, which any rank can read at
-   !> any time. Rank 0 holds the numbers. On one node they lie in shared memory and are reached while rank 0
-   !> computes; between nodes that needs a network with remote atomics, and without one a request waits for the next MPI call of
-   !> rank 0, for example its own `next`.
+   !> Beside it stand two tallies, of the points done and of those among them that failed, which any rank can
+   !> read at any time. Rank 0 holds the numbers. On one node they lie in shared memory and are reached while
+   !> rank 0 computes; between nodes that needs a network with remote atomics, and without one a request waits
+   !> for the next MPI call of rank 0, for example its own `next`.
    type :: work_counter_t
       private
       type(MPI_Win) :: window = MPI_WIN_NULL
-      type(comm_t) :: comm = MPI_COMM_NULL                            ! own copy, so that errors here can be returned
+      type(comm_t) :: comm = MPI_COMM_NULL             ! own copy, so that errors here can be returned
    contains
       procedure :: add_done => work_counter_add_done
       procedure :: destroy => work_counter_destroy
@@ -70,7 +74,8 @@ contains
       is_running = is_started .and. .not. is_stopped
    end function is_running
 
-   !> Ends the whole run at once on all ranks with exit status `status`; for drivers, when a collective end is impossible.
+   !> Ends the whole run at once on all ranks with exit status `status`; for drivers, when a collective end is
+   !> impossible.
    subroutine abort_run(comm, status)
       type(comm_t), intent(in) :: comm
       integer, intent(in) :: status
@@ -128,7 +133,8 @@ contains
       call MPI_Barrier(comm)
    end subroutine barrier
 
-   !> Gives every rank the text of rank `root` (default 0); an unallocated text arrives unallocated. Collective.
+   !> Gives every rank the text of rank `root` (default 0); an unallocated text arrives unallocated.
+   !> Collective.
    subroutine broadcast_text(comm, text, root)
       type(comm_t), intent(in) :: comm
       character(:), allocatable, intent(inout) :: text
@@ -163,8 +169,8 @@ contains
       call MPI_Allreduce(value, max_over, 1, MPI_INTEGER, MPI_MAX, comm)
    end function max_over
 
-   !> Makes an error of any rank known on all: afterwards all ranks have the error of the lowest rank that had one, or
-   !> none has. Collective.
+   !> Makes an error of any rank known on all: afterwards all ranks have the error of the lowest rank that had
+   !> one, or none has. Collective.
    subroutine share_error(comm, error)
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(inout) :: error
@@ -204,7 +210,8 @@ contains
          call MPI_Comm_set_errhandler(self%comm, MPI_ERRORS_RETURN)
          n_bytes = 0
          if (rank_of(comm) == owner) n_bytes = n_slots*bytes_per_integer
-         call MPI_Win_allocate(n_bytes, bytes_per_integer, MPI_INFO_NULL, self%comm, memory, self%window, status)
+         call MPI_Win_allocate(n_bytes, bytes_per_integer, MPI_INFO_NULL, self%comm, memory, self%window, &
+                               status)
       end if
       if (status /= MPI_SUCCESS) call fail(error, "shared work counter: "//mpi_text(status))
       call share_error(comm, error)
@@ -235,7 +242,7 @@ contains
       logical, intent(in) :: failed
       integer :: before
 
-      before = fetch_and_add(self, done_slot, 1)       ! before failed, so that a reader never sees failed > done
+      before = fetch_and_add(self, done_slot, 1)       ! before failed: nobody sees failed > done
       if (failed) before = fetch_and_add(self, failed_slot, 1)
    end subroutine work_counter_add_done
 

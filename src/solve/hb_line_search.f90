@@ -10,7 +10,7 @@ module hb_line_search
    private
    public :: line_search_t, new_line_search
 
-   integer, parameter :: window = 4                                   ! past residuals to compare with
+   integer, parameter :: window = 6                                   ! past residuals to compare with
    integer, parameter :: most_halvings = 12
    real(wp), parameter :: decrease = 1.0e-4_wp                        ! share of the decrease that a full step promises
 

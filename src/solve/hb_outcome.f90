@@ -1,7 +1,8 @@
-!> How the solution of a point ended: the statuses of all solvers, each written once with its name and its text.
+!> How the solution of a point ended: the statuses of all solvers, each written once with its name and its
+!> text.
 !>
-!> An outcome is part of a result and never an error: code says `if (result%status == outcome%converged)`.
-!> The numbers stand in the result file (docs/schema.md): they may be added to, never changed.
+!> An outcome is part of a result and never an error: code says `if (result%status == outcome%converged)`. The
+!> numbers stand in the result file (docs/schema.md): they may be added to, never changed.
 module hb_outcome
    implicit none
    private
@@ -11,10 +12,10 @@ module hb_outcome
       integer :: pending = 0                           !! not solved yet
       integer :: converged = 1                         !! the residual is below the tolerance
       integer :: stalled = 2                           !! no step makes the residual smaller
-      integer :: out_of_budget = 3                     !! the limit on iterations, evaluations or time was met first
+      integer :: out_of_budget = 3                     !! a limit on work or time came first
       integer :: singular = 4                          !! the linear system of a step has no unique solution
       integer :: not_finite = 5                        !! NaN or infinity in the residual or the unknowns
-      integer :: failed = 6                            !! an error that belongs to this point alone, told by its message
+      integer :: failed = 6                            !! an error of this point alone, told by its message
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()

@@ -8,6 +8,7 @@
 !>
 !> This is block elimination, no model reduction: nothing is lost at any frequency.
 module hb_dynamic_stiffness
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_block_solver, only: block_solver_t, new_block_solver
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -182,11 +183,15 @@ contains
             return
          end if
       end do
-      if (size(loads, 1) /= structure%n_dofs .or. size(loads, 2) /= size(frequencies)) then
+      if (.not. all(ieee_is_finite(frequencies))) then
+         call fail(error, "dynamic stiffness: a frequency is not a finite number")
+      else if (size(loads, 1) /= structure%n_dofs .or. size(loads, 2) /= size(frequencies)) then
          call fail(error, "dynamic stiffness: loads are "//to_text(size(loads, 1))//" x "// &
                    to_text(size(loads, 2))// &
                    ", degrees of freedom x frequencies are "// &
                    to_text(structure%n_dofs)//" x "//to_text(size(frequencies)))
+      else if (.not. all(ieee_is_finite(real(loads)) .and. ieee_is_finite(aimag(loads)))) then
+         call fail(error, "dynamic stiffness: a load is not a finite number")
       end if
    end subroutine check_input
 

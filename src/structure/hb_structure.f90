@@ -1,7 +1,6 @@
 !> The linear structure M x'' + D x' + K x = forces: what every builder makes and everything above reads.
 !>
-!> The matrix D holds all that multiplies the velocity, viscous (symmetric) and gyroscopic (skew-symmetric)
-!> alike.
+!> D holds all that multiplies the velocity: viscous (symmetric) plus gyroscopic (skew-symmetric) terms.
 module hb_structure
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t, fail
@@ -12,14 +11,14 @@ module hb_structure
    private
    public :: label_length, max_dofs, new_structure, structure_t, unit_length
 
-   integer, parameter :: label_length = 16                            !! longest name of a degree of freedom
+   integer, parameter :: label_length = 16                   !! longest name of a degree of freedom
    integer, parameter :: unit_length = 8
    integer, parameter :: max_dofs = 10000                    !! for readers: dense matrices then take 2.4 GB
 
    type :: structure_t
       integer :: n_dofs = 0
-      real(wp), allocatable :: mass(:, :)                  !! [kg], (n_dofs, n_dofs), symmetric, semi-definite
-      real(wp), allocatable :: damping(:, :)             !! [N s/m], (n_dofs, n_dofs), viscous plus gyroscopic
+      real(wp), allocatable :: mass(:, :)                    !! [kg], (n_dofs, n_dofs), symmetric
+      real(wp), allocatable :: damping(:, :)                 !! [N s/m], (n_dofs, n_dofs)
       real(wp), allocatable :: stiffness(:, :)               !! [N/m], (n_dofs, n_dofs)
       character(label_length), allocatable :: labels(:)      !! (n_dofs), unique, such as `v3`
       character(unit_length), allocatable :: units(:)        !! (n_dofs), of the coordinate: `m`, `rad`
@@ -130,20 +129,20 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (n_dofs < 1) then
-         call fail(error, "structure: there are no degrees of freedom; at least 1 is needed")
+         call fail(error, "there are no degrees of freedom; at least 1 is needed")
       else if (any(shape(mass) /= n_dofs)) then
-         call fail(error, "structure: the mass matrix must be square, it is "//shape_text(mass))
+         call fail(error, "the mass matrix must be square, it is "//shape_text(mass))
       else if (any(shape(damping) /= n_dofs)) then
-         call fail(error, "structure: the damping matrix is "//shape_text(damping)//", the mass matrix "// &
+         call fail(error, "the damping matrix is "//shape_text(damping)//", the mass matrix "// &
                    shape_text(mass))
       else if (any(shape(stiffness) /= n_dofs)) then
-         call fail(error, "structure: the stiffness matrix is "//shape_text(stiffness)// &
+         call fail(error, "the stiffness matrix is "//shape_text(stiffness)// &
                    ", the mass matrix "//shape_text(mass))
       else if (size(labels) /= n_dofs) then
-         call fail(error, "structure: there are "//to_text(size(labels))//" labels for "//to_text(n_dofs)// &
+         call fail(error, "there are "//to_text(size(labels))//" labels for "//to_text(n_dofs)// &
                    " degrees of freedom")
       else if (size(units) /= n_dofs) then
-         call fail(error, "structure: there are "//to_text(size(units))//" units for "//to_text(n_dofs)// &
+         call fail(error, "there are "//to_text(size(units))//" units for "//to_text(n_dofs)// &
                    " degrees of freedom")
       end if
    end subroutine check_sizes
@@ -156,21 +155,21 @@ contains
 
       do i = 1, size(labels)
          if (scan(labels(i) (1:1), letters) == 0) then
-            call fail(error, "structure: label "//to_text(i)//" is '"//trim(labels(i))// &
+            call fail(error, "label "//to_text(i)//" is '"//trim(labels(i))// &
                       "', it must begin with a letter")
             return
          else if (len_trim(labels(i)) > label_length) then
-            call fail(error, "structure: label '"//trim(labels(i))//"' has more than "// &
+            call fail(error, "label '"//trim(labels(i))//"' has more than "// &
                       to_text(label_length)//" characters")
             return
          else if (len_trim(units(i)) == 0 .or. len_trim(units(i)) > unit_length) then
-            call fail(error, "structure: unit '"//trim(units(i))//"' of "//trim(labels(i))//" must have 1 to "// &
-                      to_text(unit_length)//" characters")
+            call fail(error, "unit '"//trim(units(i))//"' of "//trim(labels(i))// &
+                      " must have 1 to "//to_text(unit_length)//" characters")
             return
          end if
          do j = 1, i - 1
             if (labels(i) == labels(j)) then
-               call fail(error, "structure: degrees of freedom "//to_text(j)//" and "//to_text(i)// &
+               call fail(error, "degrees of freedom "//to_text(j)//" and "//to_text(i)// &
                          " both have the label '"//trim(labels(i))//"'; labels must be unique")
                return
             end if
@@ -188,7 +187,7 @@ contains
       do j = 1, size(matrix, 2)
          do i = 1, size(matrix, 1)
             if (ieee_is_finite(matrix(i, j))) cycle
-            call fail(error, "structure: the "//name//" between "//trim(labels(i))//" and "// &
+            call fail(error, "the "//name//" between "//trim(labels(i))//" and "// &
                       trim(labels(j))//" is not a finite number")
             return
          end do
@@ -208,7 +207,7 @@ contains
       allocate (scaled(n_dofs, n_dofs), scale(n_dofs))
       do j = 1, n_dofs
          if (mass(j, j) < 0.0_wp) then
-            call fail(error, "structure: the mass of "//trim(labels(j))//" is negative: "// &
+            call fail(error, "the mass of "//trim(labels(j))//" is negative: "// &
                       to_text(mass(j, j)))
             return
          end if
@@ -220,11 +219,11 @@ contains
                scaled(i, j) = 0.0_wp
                cycle
             else if (.not. scale(i)*scale(j) > 0.0_wp) then
-               call fail(error, "structure: the mass matrix is indefinite: "//trim(labels(i))//" and "// &
+               call fail(error, "the mass matrix is indefinite: "//trim(labels(i))//" and "// &
                          trim(labels(j))//" are coupled by mass, but not both have a mass of their own")
                return
             else if (abs(mass(i, j) - mass(j, i)) > asymmetry*scale(i)*scale(j)) then
-               call fail(error, "structure: the mass matrix must be symmetric; between "//trim(labels(i))// &
+               call fail(error, "the mass matrix must be symmetric; between "//trim(labels(i))// &
                          " and "//trim(labels(j))//" it is "//to_text(mass(i, j))// &
                          " one way and "//to_text(mass(j, i))//" the other")
                return
@@ -237,7 +236,7 @@ contains
 
       call dpotrf("L", n_dofs, scaled, n_dofs, info)
       if (info > 0) then
-         call fail(error, "structure: the mass matrix is indefinite: a motion of the degrees of freedom "// &
+         call fail(error, "the mass matrix is indefinite: a motion of the degrees of freedom "// &
                    "up to "//trim(labels(info))//" would have negative kinetic energy")
       end if
    end subroutine check_mass

@@ -26,33 +26,29 @@ contains
       type(structure_block_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: rows(:), columns(:)                      !! numbers of degrees of freedom
-      integer, allocatable :: column(:), row(:)
-      integer :: i, j, n_found
+      integer :: e, i, j, pass
 
-      allocate (row(size(rows)*size(columns)), column(size(rows)*size(columns)))
-      n_found = 0
-      associate (m => structure%mass, d => structure%damping, k => structure%stiffness)
+      do pass = 1, 2                                         ! count, then fill
+         e = 0
          do j = 1, size(columns)
-            do i = 1, size(rows)
-               if (abs(k(rows(i), columns(j))) > 0.0_wp .or. abs(m(rows(i), columns(j))) > 0.0_wp &
-                   .or. abs(d(rows(i), columns(j))) > 0.0_wp) then
-                  n_found = n_found + 1
-                  row(n_found) = i
-                  column(n_found) = j
-               end if
-            end do
+            associate (m => structure%mass(:, columns(j)), d => structure%damping(:, columns(j)), &
+                       k => structure%stiffness(:, columns(j)))
+               do i = 1, size(rows)
+                  if (.not. max(abs(m(rows(i))), abs(d(rows(i))), abs(k(rows(i)))) > 0.0_wp) cycle
+                  e = e + 1
+                  if (pass == 1) cycle
+                  self%row(e) = i
+                  self%column(e) = j
+                  self%mass(e) = m(rows(i))
+                  self%damping(e) = d(rows(i))
+                  self%stiffness(e) = k(rows(i))
+               end do
+            end associate
          end do
-
-         self%n_entries = n_found
-         self%row = row(:n_found)
-         self%column = column(:n_found)
-         allocate (self%mass(n_found), self%damping(n_found), self%stiffness(n_found))
-         do i = 1, n_found
-            self%mass(i) = m(rows(row(i)), columns(column(i)))
-            self%damping(i) = d(rows(row(i)), columns(column(i)))
-            self%stiffness(i) = k(rows(row(i)), columns(column(i)))
-         end do
-      end associate
+         if (pass == 2) exit
+         self%n_entries = e
+         allocate (self%row(e), self%column(e), self%mass(e), self%damping(e), self%stiffness(e))
+      end do
    end subroutine new_structure_block
 
    !> Values of the entries, s = k - w**2 m + i w d.

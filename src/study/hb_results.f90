@@ -1,8 +1,9 @@
 !> The result file of a run: the only writer of the schema in docs/schema.md.
 !>
-!> In the order of use: fill a `results_layout_t`, `create_results`, then `write_point` by any rank for any point, then
-!> `close`. The file is made whole before the first point is solved; after that only raw data are written in place, the
-!> status of a point last, so that a killed run leaves a sound file in which a status other than 0 means complete.
+!> In the order of use: fill a `results_layout_t`, `create_results`, then `write_point` by any rank for any
+!> point, then `close`. The file is made whole before the first point is solved; after that only raw data are
+!> written in place, the status of a point last, so that a killed run leaves a sound file in which a status
+!> other than 0 means complete.
 module hb_results
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_null_char, c_null_ptr, c_ptr, c_size_t
    use, intrinsic :: iso_fortran_env, only: int64
@@ -11,6 +12,7 @@ module hb_results
    use hb_kinds, only: two_pi, wp
    use hb_mpi, only: comm_t, rank_of, share_error
    use hb_outcome, only: outcome, outcome_names
+   use hb_text, only: to_text
    implicit none
    private
    public :: create_results, point_result_t, results_layout_t, results_t, swept_parameter_t
@@ -23,24 +25,24 @@ module hb_results
 
    !> One swept input parameter with its value at every point.
    type :: swept_parameter_t
-      character(:), allocatable :: path                               !! in the input, for example `law(1)%gap`
-      character(:), allocatable :: units                              !! of the input
-      logical :: is_text = .false.                                    !! which of the next two holds the values
-      real(wp), allocatable :: values(:)                              !! (n_points)
-      character(64), allocatable :: text_values(:)                    !! (n_points)
+      character(:), allocatable :: path                 !! in the input, for example `law(1)%gap`
+      character(:), allocatable :: units                !! of the input
+      logical :: is_text = .false.                      !! which of the next two holds the values
+      real(wp), allocatable :: values(:)                !! (n_points)
+      character(64), allocatable :: text_values(:)      !! (n_points)
    end type swept_parameter_t
 
    !> All that is known before the first point is solved; the same on all ranks.
    type :: results_layout_t
       integer :: n_points = 0
-      integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics), the union over all points
-      character(16), allocatable :: dof_labels(:), dof_units(:)       !! stored degrees of freedom, units `m` or `rad`
+      integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics), the union over all points
+      character(16), allocatable :: dof_labels(:), dof_units(:) !! stored degrees of freedom; `m`, `rad`
       character(16), allocatable :: law_dof_labels(:), law_dof_units(:) !! those on which laws act
-      integer, allocatable :: n_samples(:)                            !! grid per tone; size 0: no surfaces are stored
+      integer, allocatable :: n_samples(:)              !! grid per tone; size 0: no surfaces are stored
       type(swept_parameter_t), allocatable :: parameters(:)
       character(:), allocatable :: title
-      character(:), allocatable :: input_text                         !! the input as given
-      character(:), allocatable :: input_complete                     !! the input after defaults
+      character(:), allocatable :: input_text           !! the input as given
+      character(:), allocatable :: input_complete       !! the input after defaults
       integer :: n_ranks = 1
       character(:), allocatable :: program_version
       character(:), allocatable :: git_commit
@@ -48,22 +50,22 @@ module hb_results
 
    !> The result of one point. What is not allocated stays NaN in the file.
    type :: point_result_t
-      integer :: status = outcome%pending                             !! hb_outcome
-      character(:), allocatable :: message                            !! why the point failed; cut to 200 bytes
+      integer :: status = outcome%pending               !! hb_outcome
+      character(:), allocatable :: message              !! why the point failed; cut to 200 bytes
       integer :: iterations = 0
-      integer :: evaluations = 0                                      !! of the residual
-      real(wp) :: residual = 0.0_wp                                   !! relative to the scale of the forces
+      integer :: evaluations = 0                        !! of the residual
+      real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
       real(wp) :: solve_seconds = 0.0_wp
-      integer :: rank = 0                                             !! that solved it
-      integer :: n_harmonics = 0                                      !! in the set of this point
-      real(wp), allocatable :: frequency(:)                           !! [rad/s], (n_tones)
-      real(wp), allocatable :: coefficients(:, :, :)                  !! (cos and sin, n_harmonics, n_dofs)
-      real(wp), allocatable :: force_coefficients(:, :, :)            !! [N], (cos and sin, n_harmonics, n_law_dofs)
-      real(wp), allocatable :: corrected_coefficients(:, :, :)        !! (cos and sin, n_harmonics, n_law_dofs)
-      real(wp) :: penetration = 0.0_wp                                !! [m]
-      real(wp), allocatable :: displacement_samples(:, :)             !! (n_samples_total, n_law_dofs), tone 1 fastest
-      real(wp), allocatable :: corrected_samples(:, :)                !! same
-      real(wp), allocatable :: force_samples(:, :)                    !! [N], same
+      integer :: rank = 0                               !! that solved it
+      integer :: n_harmonics = 0                        !! in the set of this point
+      real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
+      real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
+      real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
+      real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
+      real(wp) :: penetration = 0.0_wp                  !! [m]
+      real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
+      real(wp), allocatable :: corrected_samples(:, :)  !! same
+      real(wp), allocatable :: force_samples(:, :)      !! [N], same
    end type point_result_t
 
    !> A dimension of the file.
@@ -76,9 +78,9 @@ module hb_results
    !> A dataset of the file that has one row per point.
    type :: variable_t
       character(:), allocatable :: name, long_name, units
-      integer :: kind = 0                                             ! one of the three below
-      integer, allocatable :: axes(:)                                 ! indices of axes, fastest first
-      character(:), allocatable :: dof_units                          ! unit of each degree of freedom, where they are an axis
+      integer :: kind = 0                               ! one of the three below
+      integer, allocatable :: axes(:)                   ! indices of axes, fastest first
+      character(:), allocatable :: dof_units            ! of each degree of freedom, where they are an axis
       type(h5_dataset_t) :: dataset
    end type variable_t
 
@@ -155,8 +157,8 @@ contains
 
    !> Makes the result file and opens it on all ranks; collective, and an error is the same on all ranks.
    !>
-   !> An existing file is an error unless `overwrite` is true. It is replaced only when the new file is complete: that is
-   !> made under another name in the same folder.
+   !> An existing file is an error unless `overwrite` is true. It is replaced only when the new file is
+   !> complete: that is made under another name in the same folder.
    subroutine create_results(self, path, layout, overwrite, comm, error)
       type(results_t), intent(out) :: self
       character(*), intent(in) :: path
@@ -198,7 +200,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (i < 1 .or. i > self%n_points) then
-         call fail(error, "result file '"//self%path//"': no point "//int_text(i)//", there are "//int_text(self%n_points))
+         call fail(error, "result file '"//self%path//"': no point "//to_text(i)//", there are "// &
+                   to_text(self%n_points))
          return
       end if
       call put_message(self, i, or_empty(point%message), error)
@@ -217,7 +220,7 @@ contains
       call put(self, "corrected_samples", i, point%corrected_samples, error)
       call put(self, "force_samples", i, point%force_samples, error)
       call put(self, "status", i, [point%status], error)
-      call annotate(error, "point "//int_text(i))
+      call annotate(error, "point "//to_text(i))
    end subroutine results_write_point
 
    !> Closes the file; collective, safe to call twice.
@@ -237,14 +240,14 @@ contains
       type(error_t), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
-      call self%plan%variables(index_of(self, name))%dataset%write_rows(i, values, error)
+      call self%plan%variables(index_of(self, name))%dataset%write_row(i, values, error)
    end subroutine put_integer
 
    subroutine put_real(self, name, i, values, error)
       class(results_t), intent(inout) :: self
       character(*), intent(in) :: name
       integer, intent(in) :: i
-      real(wp), intent(in), optional, contiguous :: values(..)          !! absent: the row stays NaN
+      real(wp), intent(in), optional, contiguous :: values(..) !! absent: the row stays NaN
       type(error_t), allocatable, intent(inout) :: error
       integer :: j
 
@@ -254,7 +257,7 @@ contains
          call fail(error, "'"//name//"' given, but the layout has no grid for surfaces")
          return
       end if
-      call self%plan%variables(j)%dataset%write_rows(i, values, error)
+      call self%plan%variables(j)%dataset%write_row(i, values, error)
    end subroutine put_real
 
    subroutine put_message(self, i, message, error)
@@ -265,7 +268,7 @@ contains
 
       if (allocated(error)) return
       associate (text => message(:whole_length(message, message_length)))
-         call self%plan%variables(index_of(self, "message"))%dataset%write_rows(i, text, error)
+         call self%plan%variables(index_of(self, "message"))%dataset%write_row(i, text, error)
       end associate
    end subroutine put_message
 
@@ -301,7 +304,8 @@ contains
       call add("message", is_characters, [message_axis, point_axis], "1", "why the point failed")
       call add("iterations", is_integer, [point_axis], "1", "iterations of the solver")
       call add("evaluations", is_integer, [point_axis], "1", "evaluations of the residual")
-      call add("residual", is_real, [point_axis], "1", "norm of the balance relative to the scale of the forces")
+      call add("residual", is_real, [point_axis], "1", &
+         "norm of the balance relative to the scale of the forces")
       call add("solve_seconds", is_real, [point_axis], "s", "wall time of the point")
       call add("rank", is_integer, [point_axis], "1", "MPI rank that solved the point")
       call add("n_harmonics", is_integer, [point_axis], "1", "number of harmonics in the set of the point")
@@ -310,8 +314,8 @@ contains
          "coefficients of the motion", layout%dof_units)
       call add("force_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], "", &
          "coefficients of the force of the laws, on the left-hand side", force_units(layout%law_dof_units))
-      call add("corrected_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], "", &
-         "coefficients of the displacement corrected to the wall", layout%law_dof_units)
+      call add("corrected_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], &
+         "", "coefficients of the displacement corrected to the wall", layout%law_dof_units)
       call add("penetration", is_real, [point_axis], "m", "largest penetration into a rigid wall")
       if (size(taus) == 0) return
       taus = [(n_plain_axes + i, i=1, size(taus))]
@@ -354,11 +358,13 @@ contains
       call set(tone_axis, "tone", size(layout%tuples, 1), "1", "number of the tone, from 1")
       call set(harmonic_axis, "harmonic", size(layout%tuples, 2), "1", "number of the harmonic, from 0")
       call set(dof_axis, "dof", size(layout%dof_labels), "1", "stored degree of freedom")
-      call set(law_dof_axis, "law_dof", size(layout%law_dof_labels), "1", "degree of freedom on which laws act")
+      call set(law_dof_axis, "law_dof", size(layout%law_dof_labels), "1", &
+         "degree of freedom on which laws act")
       call set(component_axis, "component", 2, "1", "part of a coefficient")
       call set(message_axis, "message_byte", message_length, "1", "byte of a message")
       do i = 1, size(layout%n_samples)
-         call set(n_plain_axes + i, "tau_"//int_text(i), layout%n_samples(i), "rad", "hypertime of tone "//int_text(i))
+         call set(n_plain_axes + i, "tau_"//to_text(i), layout%n_samples(i), "rad", &
+            "hypertime of tone "//to_text(i))
       end do
    contains
       subroutine set(i_axis, name, length, units, long_name)
@@ -372,8 +378,8 @@ contains
       end subroutine set
    end subroutine list_axes
 
-   !> Gives a variable name for each swept parameter: its path in lower case with one underscore for every run of other
-   !> characters; a number is added where the name is taken.
+   !> Gives a variable name for each swept parameter: its path in lower case with one underscore for every run
+   !> of other characters; a number is added where the name is taken.
    function parameter_names(layout, plan) result(names)
       type(results_layout_t), intent(in) :: layout
       type(plan_t), intent(in) :: plan
@@ -396,7 +402,7 @@ contains
          n = 1
          do while (any(names(i) == taken))
             n = n + 1
-            names(i) = stem//"_"//int_text(n)
+            names(i) = stem//"_"//to_text(n)
          end do
          taken = [character(name_length) :: taken, names(i)]
       end do
@@ -431,9 +437,10 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
-      if (.not. (allocated(layout%tuples) .and. allocated(layout%dof_labels) .and. allocated(layout%dof_units) &
-                 .and. allocated(layout%law_dof_labels) .and. allocated(layout%law_dof_units) &
-                 .and. allocated(layout%n_samples) .and. allocated(layout%parameters))) then
+      if (.not. (allocated(layout%tuples) .and. allocated(layout%dof_labels) .and. &
+                 allocated(layout%dof_units) .and. allocated(layout%law_dof_labels) .and. &
+                 allocated(layout%law_dof_units) .and. allocated(layout%n_samples) .and. &
+                 allocated(layout%parameters))) then
          call fail(error, "layout: an array is not allocated")
       else if (layout%n_points < 1 .or. size(layout%tuples) < 1) then
          call fail(error, "layout: at least one point, one tone and one harmonic are needed")
@@ -441,7 +448,7 @@ contains
                size(layout%law_dof_units) /= size(layout%law_dof_labels)) then
          call fail(error, "layout: labels and units of the degrees of freedom differ in number")
       else if (all(size(layout%n_samples) /= [0, size(layout%tuples, 1)]) .or. any(layout%n_samples < 1)) then
-         call fail(error, "layout: the grid for surfaces needs a positive size for each tone, or no size at all")
+         call fail(error, "layout: the grid of surfaces needs a positive size for each tone, or no size")
       else
          do i = 1, size(layout%parameters)
             call check_parameter(layout%parameters(i), layout%n_points, error)
@@ -464,7 +471,7 @@ contains
       if (parameter%is_text .and. allocated(parameter%text_values)) n_values = size(parameter%text_values)
       if (.not. parameter%is_text .and. allocated(parameter%values)) n_values = size(parameter%values)
       if (n_values /= n_points) call fail(error, "layout: swept parameter '"//parameter%path//"' has "// &
-                                          int_text(n_values)//" values for "//int_text(n_points)//" points")
+                                          to_text(n_values)//" values for "//to_text(n_points)//" points")
    end subroutine check_parameter
 
    ! Making the file; one process
@@ -490,7 +497,7 @@ contains
       end if
       if (allocated(error)) return
 
-      temporary = path//"."//int_text(int(c_getpid()))//".part"
+      temporary = path//"."//to_text(int(c_getpid()))//".part"
       call fill_file(temporary, layout, plan, error)
       if (allocated(error)) then
          error%message = "cannot be made; check permission and space ("//size_text(plan)// &
@@ -520,7 +527,7 @@ contains
          ! a file system without links: rename after all
       end if
       if (c_rename(c_path(temporary), c_path(path)) /= 0) &
-         call fail(error, "cannot be put in place of '"//temporary//"'; check permissions or give another --output")
+         call fail(error, "'"//temporary//"' cannot be renamed to it; give another --output")
    end subroutine put_in_place
 
    subroutine fill_file(path, layout, plan, error)
@@ -592,10 +599,11 @@ contains
       end do
    end subroutine add_scales
 
-   !> Gives the name that a scale keeps in the file: its own, or the words of netCDF for a dimension without coordinate.
+   !> Gives the name that a scale keeps in the file: its own, or the words of netCDF for a dimension without
+   !> coordinate.
    function scale_name(axis, i) result(name)
       type(axis_t), intent(in) :: axis
-      integer, intent(in) :: i                         !! its index
+      integer, intent(in) :: i                          !! its index
       character(:), allocatable :: name
       character(64) :: words
 
@@ -683,7 +691,8 @@ contains
                call file%add_characters(variable%name, extents, variable%dataset, error)
             end select
             if (.not. allocated(error)) call attach(variable%dataset, plan, variable%axes, error)
-            if (.not. allocated(error)) call describe(variable%dataset, variable%units, variable%long_name, error)
+            if (.not. allocated(error)) &
+               call describe(variable%dataset, variable%units, variable%long_name, error)
             if (allocated(variable%dof_units) .and. .not. allocated(error)) &
                call variable%dataset%set_attribute("dof_units", variable%dof_units, error)
             if (variable%kind == is_characters .and. .not. allocated(error)) &
@@ -701,7 +710,7 @@ contains
    subroutine attach(dataset, plan, axes, error)
       type(h5_dataset_t), intent(in) :: dataset
       type(plan_t), intent(in) :: plan
-      integer, intent(in) :: axes(:)                   !! indices, fastest first
+      integer, intent(in) :: axes(:)                    !! indices, fastest first
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
@@ -788,15 +797,6 @@ contains
       if (present(text)) or_empty = text
    end function or_empty
 
-   pure function int_text(number) result(text)
-      integer, intent(in) :: number
-      character(:), allocatable :: text
-      character(12) :: digits
-
-      write (digits, "(i0)") number
-      text = trim(digits)
-   end function int_text
-
    !> Gives the size of the file in words.
    function size_text(plan) result(text)
       type(plan_t), intent(in) :: plan
@@ -838,7 +838,8 @@ contains
       character(21, c_char) :: bytes
       integer(c_size_t) :: length
 
-      length = c_strftime(bytes, len(bytes, c_size_t), c_path("%Y-%m-%dT%H:%M:%SZ"), c_gmtime(c_time(c_null_ptr)))
+      length = c_strftime(bytes, len(bytes, c_size_t), "%Y-%m-%dT%H:%M:%SZ"//c_null_char, &
+                          c_gmtime(c_time(c_null_ptr)))
       text = bytes(:length)
    end function utc_now
 end module hb_results

@@ -1,8 +1,9 @@
-!> What a serial test file sees with `use funit`: the names and semantics of pFUnit 4.x, as far as the runner has them.
+!> What a serial test file sees with `use funit`: the names and semantics of pFUnit 4.x, as far as the runner
+!> has them.
 module funit
    use runner_cases, only: AbstractTestParameter, ParameterizedTestCase, TestCase
-   use runner_conditions, only: assertAll, assertAny, assertExceptionRaised, assertFail, assertFalse, assertIsFinite, &
-      assertIsNaN, assertTrue
+   use runner_conditions, only: assertAll, assertAny, assertExceptionRaised, assertFail, assertFalse, &
+      assertIsFinite, assertIsNaN, assertTrue
    use runner_equal, only: assertEqual
    use runner_exceptions, only: SourceLocation, anyExceptions, throw
    use runner_greater_than, only: assertGreaterThan

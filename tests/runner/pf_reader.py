@@ -1,7 +1,7 @@
 """Reads a pFUnit test file (.pf): rewrites its assertions and finds its tests and fixtures.
 
-Accepted is a subset of what pFUnit 4.x accepts. Whatever pFUnit would skip without a word (a trailing comment after a
-directive, a prefix before `subroutine`, ...), misread or not compile is refused here, with file and line.
+Accepted is a subset of what pFUnit 4.x accepts. Whatever pFUnit would skip without a word (a trailing comment
+after a directive, a prefix before `subroutine`, ...), misread or not compile is refused here, with file and line.
 """
 
 import re
@@ -11,13 +11,14 @@ from pathlib import Path
 MAX_COLUMNS = 120  # the generated call is a few columns longer and has to stay below 132
 MAX_TEST_NAME = 44
 RESERVED = {"t", "suite", "test", "run", "initialize", "finalize", "stub", "throw", "catch"}
-PARENTS = {"testcase": "TestCase", "parameterizedtestcase": "ParameterizedTestCase", "mpitestcase": "MpiTestCase"}
+PARENTS = {name.lower(): name for name in ("TestCase", "ParameterizedTestCase", "MpiTestCase")}
 
 # assertion: (fewest positional arguments, most, keywords, keywords that must be there)
 _COMPARE = (2, 2, {"tolerance", "message"}, set())
 _CONDITION = (1, 1, {"message"}, set())
 ASSERTIONS = {
-    **dict.fromkeys(["equal", "notequal", "lessthan", "lessthanorequal", "greaterthan", "greaterthanorequal"], _COMPARE),
+    **dict.fromkeys(["equal", "notequal"], _COMPARE),
+    **dict.fromkeys(["lessthan", "lessthanorequal", "greaterthan", "greaterthanorequal"], _COMPARE),
     **dict.fromkeys(["true", "false", "any", "all", "isfinite", "isnan"], _CONDITION),
     "relativelyequal": (2, 2, {"tolerance", "message"}, {"tolerance"}),
     "fail": (1, 1, set(), set()),
@@ -34,6 +35,8 @@ DIRECTIVES = {
     "testcase": {"constructor", "npes", "testparameters"},
     "testparameter": {"constructor"},
 }
+
+OPTION_VALUES = {"npes": r"\[\s*([1-9]\d*(?:\s*,\s*[1-9]\d*)*)\s*\]", "testparameters": r"\{(.+)\}"}  # else a name
 
 STRING = re.compile(r"'[^']*'|\"[^\"]*\"")
 SUBROUTINE = re.compile(r"\s*subroutine\s+(\w+)\s*(?:\(\s*([\w\s,]*?)\s*\))?\s*", re.I)
@@ -108,7 +111,7 @@ class TestFile:
         self.in_declarations = True  # of the module, until its 'contains'
         self.in_block = False
         self.tests = []
-        self.fixture = {}  # before, after: procedure names
+        self.fixture = {}  # before, after: (procedure name, number of arguments, line)
         self.case = None  # (type name, parent, directive) of @testCase
         self.parameter = None  # (type name, directive) of @testParameter
 
@@ -128,11 +131,12 @@ class TestFile:
         raise Refused(line_number or self.line_number, reason)
 
     def refuse_dangling(self):
-        what = "type, extends(...) :: name" if self.pending.name in ("testcase", "testparameter") else "subroutine name(...)"
+        is_type = self.pending.name in ("testcase", "testparameter")
+        what = "type, extends(...) :: name" if is_type else "subroutine name(...)"
         self.refuse(f"@{self.pending.name} must be followed by a line that is only '{what}' "
                     "(comments and blank lines may stand between)", self.pending.line_number)
 
-    # --- reading -----------------------------------------------------------------------------------------------
+    # --- reading ---
 
     def read_ordinary_line(self, line):
         code = code_of(line).strip()
@@ -215,7 +219,7 @@ class TestFile:
                 if depth == 0:
                     break
             if depth:
-                self.refuse("a directive is one whole line: closing parenthesis missing, continuation is not possible")
+                self.refuse("a directive is one whole line: ')' is missing, continuation is not possible")
             arguments, rest = split_arguments(rest[1:i]), rest[i + 1:].strip()
         if rest.startswith("!"):
             self.refuse("no comment may follow a directive")
@@ -273,11 +277,10 @@ class TestFile:
         self.pending = directive
 
     def read_option(self, name, key, value):
-        pattern = {"npes": r"\[\s*([1-9]\d*(?:\s*,\s*[1-9]\d*)*)\s*\]", "testparameters": r"\{(.+)\}"}.get(key, r"(\w+)")
-        match = re.fullmatch(pattern, value)
+        match = re.fullmatch(OPTION_VALUES.get(key, r"(\w+)"), value)
         if not match:
-            self.refuse(f"@{name}: '{key}={value}' is not understood, "
-                        "expected npes=[1,2] (numbers only), testParameters={expression}, constructor=name, ifdef=NAME")
+            self.refuse(f"@{name}: '{key}={value}' is not understood, expected npes=[1,2] (numbers only), "
+                        "testParameters={expression}, constructor=name, ifdef=NAME")
         return [int(number) for number in match[1].split(",")] if key == "npes" else match[1]
 
     def attach(self, line):
@@ -306,9 +309,10 @@ class TestFile:
         else:
             if directive.name in self.fixture:
                 self.refuse(f"one @{directive.name} in a file")
-            self.fixture[directive.name] = (match[1], len(split_arguments(match[2] or "")), directive.line_number)
+            n_arguments = len(split_arguments(match[2] or ""))
+            self.fixture[directive.name] = (match[1], n_arguments, directive.line_number)
 
-    # --- what only the whole file tells ------------------------------------------------------------------------
+    # --- what only the whole file tells ---
 
     @property
     def is_mpi(self):
@@ -341,8 +345,9 @@ class TestFile:
 
     def check_test(self, test):
         line_number, options = test.directive.line_number, test.directive.options
-        if test.n_arguments != (1 if self.case or test.npes else 0):
-            self.refuse(f"test '{test.name}' takes {'one argument' if self.case or test.npes else 'no arguments'}", line_number)
+        takes_this = bool(self.case or test.npes)
+        if test.n_arguments != takes_this:
+            self.refuse(f"test '{test.name}' takes {'one argument' if takes_this else 'no arguments'}", line_number)
         if "ifdef" in options and "ifndef" in options:
             self.refuse("ifdef= or ifndef=, not both", line_number)
         if self.case and test.directive.disabled:

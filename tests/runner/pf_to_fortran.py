@@ -3,8 +3,8 @@
 
     pf_to_fortran.py test_thing.pf test_thing.F90
 
-The output is the module with its directives rewritten, followed by one external subroutine `test_thing_suite` that
-runs the tests in the order of the file. It has to be compiled with the C preprocessor, because `#line` keeps
+The output is the module with its directives rewritten, followed by one external subroutine `test_thing_suite`
+that runs the tests in the order of the file. It has to be compiled with the C preprocessor, because `#line` keeps
 compiler messages and debuggers at the .pf file.
 """
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pf_reader import Refused, TestFile
 
-CASE_INTERFACE = """\
+METHOD_INTERFACE = """\
    abstract interface
       subroutine runner_method(this)
          import :: {type}
@@ -21,15 +21,13 @@ CASE_INTERFACE = """\
       end subroutine runner_method
    end interface"""
 
-# fixture without parameters
-CASE = """\
-contains
-   subroutine runner_case(name, method)
-      character(*), intent(in) :: name
-      procedure(runner_method) :: method
+SERIAL_CASE = """\
+   subroutine runner_case(label, method{argument})
+      character(*), intent(in) :: label
+      procedure(runner_method) :: method{declaration}
       type({type}) :: fixture
 
-      if (.not. runner_wants(name)) return{construct}
+      if (.not. runner_wants(label)) return{construct}
       call fixture%setUp()
       if (.not. anyExceptions()) then
          call method(fixture)
@@ -38,20 +36,39 @@ contains
       call runner_finish()
    end subroutine runner_case"""
 
-# one fixture for each parameter; the calls in between are SERIAL_RUN or MPI_RUN
-PARAMETER_CASE = """\
-contains
-   subroutine runner_case(name, method, npes, parameters)
+MPI_CASE = """\
+   subroutine runner_case(label, method{argument})
+      character(*), intent(in) :: label
+      procedure(runner_method) :: method{declaration}
+      type({type}) :: fixture
+
+      if (.not. runner_wants_mpi(label, parameter%getNumProcessesRequested())) return{construct}
+      call runner_enter(fixture, parameter%getNumProcessesRequested())
+      if (runner_takes_part(fixture)) then
+         call fixture%setUp()
+         if (.not. runner_any_failed(fixture)) then
+            call method(fixture)
+            call fixture%tearDown()
+         end if
+      end if
+      call runner_finish_mpi(fixture)
+   end subroutine runner_case"""
+
+ALL_CASES = """\
+   subroutine runner_cases(name, method, parameters{argument})
       character(*), intent(in) :: name
       procedure(runner_method) :: method
-      integer, intent(in) :: npes
-      type({parameter}), intent(in) :: parameters(:)
+      type({parameter}), intent(in) :: parameters(:){declaration}
+      type({parameter}) :: parameter
       integer :: i
 
       do i = 1, size(parameters)
-         call runner_single_case(name, method, npes, parameters(i))
+         parameter = parameters(i){set_processes}
+         call runner_case({label}, method, parameter)
       end do
-   end subroutine runner_case"""
+   end subroutine runner_cases"""
+
+
 def suite_lines(file):
     """The subroutine `<module>_suite`."""
     head = [f"subroutine {file.module}_suite()",
@@ -60,7 +77,10 @@ def suite_lines(file):
     if file.base == "pfunit":
         head += ["   use runner_mpi, only: runner_any_failed, runner_enter, runner_finish_mpi, runner_run_mpi, &",
                  "      & runner_takes_part, runner_wants_mpi"]
-    body = case_body(file) if file.case else [line for test in file.tests for line in guarded(test, plain_calls(file, test))]
+    if file.case:
+        body = case_body(file)
+    else:
+        body = [line for test in file.tests for line in guarded(test, plain_calls(file, test))]
     return [*head, "   implicit none", *body, f"end subroutine {file.module}_suite"]
 
 
@@ -83,42 +103,40 @@ def plain_calls(file, test):
 
 
 def case_body(file):
-    """Declarations, calls and the internal procedure of a file with @testCase."""
+    """Declarations, calls and internal procedures of a file with @testCase."""
     type_name, parent, directive = file.case
     is_mpi = parent == "MpiTestCase"
     # an MPI case always has a parameter: it carries the number of processes
     parameter = file.parameter[0] if file.parameter else "MpiTestParameter" if is_mpi else None
     constructor = directive.options.get("constructor")
-    lines = [CASE_DECLARATIONS.format(type=type_name)]
-    if parameter:
-        lines.append(PARAMETER_DECLARATIONS.format(parameter=parameter))
-    if parameter and not file.parameter:
-        lines.append("   allocate (runner_parameters(1))")
+    lines = [METHOD_INTERFACE.format(type=type_name)]
     for test in file.tests:
-        lines += guarded(test, case_calls(file, test, bool(parameter), is_mpi))
-    lines.append("contains\n" + (MPI_CASE if is_mpi else SERIAL_CASE).format(
+        lines += guarded(test, case_calls(file, test, is_mpi))
+    lines += ["contains", (MPI_CASE if is_mpi else SERIAL_CASE).format(
         type=type_name,
         argument=", parameter" if parameter else "",
         declaration=f"\n      type({parameter}), intent(in) :: parameter" if parameter else "",
-        label='name//" ["//parameter%toString()//"]"' if file.parameter else "name",
-        construct=f"\n      fixture = {constructor}({'parameter' if parameter else ''})" if constructor else ""))
+        construct=f"\n      fixture = {constructor}({'parameter' if parameter else ''})" if constructor else "")]
+    if parameter:
+        lines.append(ALL_CASES.format(
+            parameter=parameter,
+            argument=", npes" if is_mpi else "",
+            declaration="\n      integer, intent(in) :: npes" if is_mpi else "",
+            set_processes="\n         call parameter%setNumProcessesRequested(npes)" if is_mpi else "",
+            label='name//" ["//parameter%toString()//"]"' if file.parameter else "name"))
     return lines
 
 
-def case_calls(file, test, has_parameter, is_mpi):
-    """Calls of a test for each number of processes and each parameter."""
-    call = f'call runner_case("{file.module}.{test.name}", &\n         & {test.name}'
-    if not has_parameter:
-        return [f"   {call})"]
-    lines = []
-    for npes in (test.npes or file.case[2].options.get("npes", [1])) if is_mpi else [None]:
-        if file.parameter:
-            lines.append(f"   runner_parameters = {file.parameters_of(test)}")
-        lines.append("   do runner_i = 1, size(runner_parameters)")
-        if npes:
-            lines.append(f"      call runner_parameters(runner_i)%setNumProcessesRequested({npes})")
-        lines += [f"      {call}, runner_parameters(runner_i))", "   end do"]
-    return lines
+def case_calls(file, test, is_mpi):
+    """Calls of a test, one for each number of processes."""
+    label = f'"{file.module}.{test.name}"'
+    if not file.parameter and not is_mpi:
+        return [f"   call runner_case({label}, &\n      & {test.name})"]
+    parameters = file.parameters_of(test) if file.parameter else "[MpiTestParameter(1)]"
+    call = f"   call runner_cases({label}, &\n      & {test.name}, &\n      & {parameters}"
+    if not is_mpi:
+        return [f"{call})"]
+    return [f"{call}, &\n      & {npes})" for npes in test.npes or file.case[2].options.get("npes", [1])]
 
 
 def main(arguments):

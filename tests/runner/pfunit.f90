@@ -1,4 +1,5 @@
-!> What an MPI test file sees with `use pfunit`: everything of `funit`, the MPI fixtures and, as in pFUnit, all of `mpi`.
+!> What an MPI test file sees with `use pfunit`: everything of `funit`, the MPI fixtures and, as in pFUnit,
+!> all of `mpi`.
 module pfunit
    use funit
    use mpi

@@ -1,31 +1,33 @@
-!> Comparison of two values or arrays of equal shape, and the message when it fails.
-!> The assertions of any rank, kind and relation end here: they flatten their arguments with `values` and call `compare`.
+!> Comparison of two values or arrays of equal shape, and the message when it fails. The assertions of any
+!> rank, kind and relation end here: they flatten their arguments with `values` and call `compare`.
 module runner_comparison
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
-   use, intrinsic :: ieee_exceptions, only: ieee_get_status, ieee_set_halting_mode, ieee_set_status, ieee_status_type, &
-      ieee_usual
+   use, intrinsic :: ieee_exceptions, only: ieee_get_status, ieee_set_halting_mode, ieee_set_status, &
+      ieee_status_type, ieee_usual
    use, intrinsic :: iso_fortran_env, only: int32, int64, real32, real64
    use runner_exceptions, only: SourceLocation, throw
    implicit none
    private
    public :: compare, values
-   public :: equal, not_equal, less_than, less_than_or_equal, greater_than, greater_than_or_equal, relatively_equal
+   public :: equal, not_equal, less_than, less_than_or_equal, greater_than, greater_than_or_equal, &
+      relatively_equal
 
    enum, bind(c)
-      enumerator :: equal = 1, not_equal, less_than, less_than_or_equal, greater_than, greater_than_or_equal, &
-         relatively_equal
+      enumerator :: equal = 1, not_equal, less_than, less_than_or_equal, greater_than, &
+         greater_than_or_equal, relatively_equal
    end enum
 
    character(*), parameter :: relation_texts(7) = [character(26) :: &
-      "equal to", "different from", "less than", "less than or equal to", "greater than", "greater than or equal to", &
-      "relatively equal to"]
+      "equal to", "different from", "less than", "less than or equal to", "greater than", &
+      "greater than or equal to", "relatively equal to"]
 
    !> Elements of `x` in memory order, for rank 0 to 5 (pFUnit's default limit); higher ranks are a failure.
    interface values
       procedure :: values_int32, values_int64, values_real32, values_real64, values_complex64, values_logical
    end interface values
 
-   !> Throws unless `left` (scalar, or the shape of `right`) and `right` are in the relation, element by element.
+   !> Throws unless `left` (scalar, or the shape of `right`) and `right` are in the relation, element by
+   !> element.
    interface compare
       procedure :: compare_integers, compare_reals, compare_complex, compare_logicals
    end interface compare
@@ -140,7 +142,7 @@ contains
          j = merge(1, i, size(left_shape) == 0)
          call ieee_get_status(status)
          call ieee_set_halting_mode(ieee_usual, .false.)
-         distance = abs(right(i) - left(j))               ! NaN for the same infinity, which pFUnit fails as well
+         distance = abs(right(i) - left(j))     ! NaN for the same infinity, which pFUnit fails as well
          holds = .false.
          if (.not. ieee_is_nan(distance)) holds = (distance <= t) .eqv. (relation == equal)
          call ieee_set_status(status)
@@ -195,8 +197,8 @@ contains
       conformable = size(left_shape) == 0
       if (size(left_shape) == size(right_shape)) conformable = all(left_shape == right_shape)
       if (.not. conformable) &
-         call throw(lead(message)//"shapes are not conformable: expected "//text_indices(left_shape)//", found "// &
-         text_indices(right_shape), location)
+         call throw(lead(message)//"shapes are not conformable: expected "//text_indices(left_shape)// &
+         ", found "//text_indices(right_shape), location)
    end function conformable
 
    subroutine throw_difference(relation, left, right, right_shape, i_element, message, location, tolerance)

@@ -5,7 +5,8 @@ module runner_conditions
    use runner_exceptions, only: SourceLocation, catch_exception, throw
    implicit none
    private
-   public :: assertAll, assertAny, assertExceptionRaised, assertFail, assertFalse, assertIsFinite, assertIsNaN, assertTrue
+   public :: assertAll, assertAny, assertExceptionRaised, assertFail, assertFalse, assertIsFinite, &
+      assertIsNaN, assertTrue
 
    interface assertTrue
       procedure :: true_scalar, true_array

@@ -1,11 +1,12 @@
-!> Failures that the running test has collected: `throw` adds one, the preprocessor's `if (anyExceptions()) return`
-!> ends the test at the first, `take_report` hands all of them over as text.
+!> Failures that the running test has collected: `throw` adds one, the preprocessor's `if (anyExceptions())
+!> return` ends the test at the first, `take_report` hands all of them over as text.
 module runner_exceptions
    implicit none
    private
    public :: SourceLocation, anyExceptions, catch_exception, take_report, throw
 
-   !> Line of a .pf file. Lengths are fixed, because gfortran 12 loses memory of structure constructors otherwise.
+   !> Line of a .pf file. Lengths are fixed, because gfortran 12 loses memory of structure constructors
+   !> otherwise.
    type :: SourceLocation
       character(80) :: fileName = ""
       integer :: lineNumber = 0
@@ -62,7 +63,8 @@ contains
       n_exceptions = n_exceptions - 1
    end subroutine catch_exception
 
-   !> Return all failures, a line each that ends with `suffix` and a line feed, and forget them; empty if none.
+   !> Return all failures, a line each that ends with `suffix` and a line feed, and forget them; empty if
+   !> none.
    subroutine take_report(report, suffix)
       character(:), allocatable, intent(out) :: report
       character(*), intent(in) :: suffix

@@ -1,9 +1,9 @@
-!> Tests on several processes. Each runs on a communicator of the first `npes` processes, the others wait in the
-!> collection of the messages, which ends the test on all of them.
+!> Tests on several processes. Each runs on a communicator of the first `npes` processes, the others wait in
+!> the collection of the messages, which ends the test on all of them.
 module runner_mpi
-   use mpi, only: MPI_CHARACTER, MPI_COMM_NULL, MPI_COMM_WORLD, MPI_INTEGER, MPI_LOGICAL, MPI_LOR, MPI_UNDEFINED, &
-      MPI_Allreduce, MPI_Bcast, MPI_Comm_free, MPI_Comm_rank, MPI_Comm_size, MPI_Comm_split, MPI_Finalize, MPI_Gather, &
-      MPI_Gatherv, MPI_Init
+   use mpi, only: MPI_CHARACTER, MPI_COMM_NULL, MPI_COMM_WORLD, MPI_INTEGER, MPI_LOGICAL, MPI_LOR, &
+      MPI_UNDEFINED, MPI_Allreduce, MPI_Bcast, MPI_Comm_free, MPI_Comm_rank, MPI_Comm_size, MPI_Comm_split, &
+      MPI_Finalize, MPI_Gather, MPI_Gatherv, MPI_Init
    use runner_cases, only: AbstractTestParameter, ParameterizedTestCase
    use runner_exceptions, only: anyExceptions, take_report, throw
    use runner_session, only: is_selected, print_totals, read_command_line, record_test, set_root, start_test
@@ -11,7 +11,8 @@ module runner_mpi
    private
    public :: MpiTestCase, MpiTestMethod, MpiTestParameter
    public :: finish_run, start_run
-   public :: runner_any_failed, runner_enter, runner_finish_mpi, runner_run_mpi, runner_takes_part, runner_wants_mpi
+   public :: runner_any_failed, runner_enter, runner_finish_mpi, runner_run_mpi, runner_takes_part, &
+      runner_wants_mpi
 
    !> Fixture with a communicator, valid from `setUp` to `tearDown`.
    type, abstract, extends(ParameterizedTestCase) :: MpiTestCase
@@ -27,8 +28,8 @@ module runner_mpi
    type, extends(MpiTestCase) :: MpiTestMethod
    end type MpiTestMethod
 
-   !> Parameter of an MPI case. The component is public and has no default, as in pFUnit: structure constructors of
-   !> extending types begin with it.
+   !> Parameter of an MPI case. The component is public and has no default, as in pFUnit: structure
+   !> constructors of extending types begin with it.
    type, extends(AbstractTestParameter) :: MpiTestParameter
       integer :: numProcessesRequested
    contains
@@ -142,7 +143,8 @@ contains
       if (runner_wants_mpi) call start_test(label//" (npes="//trim(number)//")")
    end function runner_wants_mpi
 
-   !> Give the first `npes` processes their communicator; too few processes are a failure, and no process takes part.
+   !> Give the first `npes` processes their communicator; too few processes are a failure, and no process
+   !> takes part.
    subroutine runner_enter(this, npes)
       class(MpiTestCase), intent(inout) :: this
       integer, intent(in) :: npes
@@ -170,7 +172,8 @@ contains
       class(MpiTestCase), intent(in) :: this
       integer :: ierror
 
-      call MPI_Allreduce(anyExceptions(), runner_any_failed, 1, MPI_LOGICAL, MPI_LOR, this%communicator, ierror)
+      call MPI_Allreduce(anyExceptions(), runner_any_failed, 1, MPI_LOGICAL, MPI_LOR, this%communicator, &
+         ierror)
    end function runner_any_failed
 
    !> End of the running test: collects the messages on rank 0. Collective over all processes of the run.

@@ -1,5 +1,6 @@
-!> The relational assertions, a module each: assertEqual, assertNotEqual, assertLessThan, ... Every module is the same
-!> specifics (runner_relation.inc) with another relation; the preprocessor only names their arguments.
+!> The relational assertions, a module each: assertEqual, assertNotEqual, assertLessThan, ... Every module is
+!> the same specifics (runner_relation.inc) with another relation; the preprocessor only names their
+!> arguments.
 
 #define LEFT expected
 #define RIGHT actual
@@ -79,8 +80,8 @@ contains
       character(*), intent(in), optional :: message
       type(SourceLocation), intent(in), optional :: location
 
-      call compare(relatively_equal, shape(expected), values(expected), shape(actual), values(actual), tolerance, &
-         message, location)
+      call compare(relatively_equal, shape(expected), values(expected), shape(actual), values(actual), &
+         tolerance, message, location)
    end subroutine double_double
 
    subroutine single_double(expected, actual, tolerance, message, location)
@@ -90,8 +91,8 @@ contains
       character(*), intent(in), optional :: message
       type(SourceLocation), intent(in), optional :: location
 
-      call compare(relatively_equal, shape(expected), values(expected), shape(actual), values(actual), tolerance, &
-         message, location)
+      call compare(relatively_equal, shape(expected), values(expected), shape(actual), values(actual), &
+         tolerance, message, location)
    end subroutine single_double
 end module runner_relatively_equal
 

@@ -1,10 +1,10 @@
-!> One run of a test executable: command line, a line per test, totals, exit status. Also runs the serial tests.
+!> One run of a test executable: command line, a line per test, totals, exit status. Runs the serial tests.
 module runner_session
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use runner_exceptions, only: anyExceptions, take_report
    implicit none
    private
-   public :: print_totals, read_command_line, record_test, set_root       ! for the main program, serial or MPI
+   public :: print_totals, read_command_line, record_test, set_root       ! for the main program
    public :: is_selected, start_test
    public :: finish_run, start_run
    public :: runner_finish, runner_run, runner_skip, runner_wants         ! for the generated suites
@@ -57,7 +57,8 @@ contains
             i = i + 1
             call get_argument(i, pattern)
          else
-            write (error_unit, "(a)") "unknown argument '"//argument//"'; usage: [-v] [-f <part of a test name>]"
+            write (error_unit, "(a)") "unknown argument '"//argument// &
+               "'; usage: [-v] [-f <part of a test name>]"
             stop 2, quiet=.true.
          end if
       end do

@@ -17,10 +17,11 @@ from .reader import QUANTITIES, Results
 _DESCRIPTION = """\
 Draws and prints what is in an HDF5 result file of nhbm.
 
-A point of a sweep is chosen by --point NUMBER or by --at NAME=VALUE (name or input path of a swept parameter, to six
-digits; repeat it for several parameters). Without either it is the first converged point. Without --dof it is the
-first degree of freedom on which a law acts. Pictures go next to the file and are named after it: beam.h5 gives
-beam_spectrum.png; --output chooses another name, and its ending the format (.png, .pdf or .svg).
+A point of a sweep is chosen by --point NUMBER or by --at NAME=VALUE (name or input path of a swept
+parameter, to six digits; repeat it for several parameters). Without either it is the first
+converged point. Without --dof it is the first degree of freedom on which a law acts. Pictures go
+next to the file and are named after it: beam.h5 gives beam_spectrum.png; --output chooses another
+name, and its ending the format (.png, .pdf or .svg).
 """
 
 
@@ -49,7 +50,7 @@ def main(argv: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="nhbm-post", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
-    )  # fmt: skip
+    )
     parser.add_argument("--version", action="version", version=f"nhbm-post {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
 
@@ -60,83 +61,139 @@ def _parser() -> argparse.ArgumentParser:
         return sub
 
     sub = command(
-        "info", _info, "print what is in a file",
+        "info",
+        _info,
+        "print what is in a file",
         "Prints title, version, swept parameters, counts of outcomes, and a row a point: parameters, status, "
         "iterations, residual, seconds and the largest amplitudes (or why the point failed).",
-    )  # fmt: skip
+    )
     _add_dof(sub)
-    sub.add_argument("--points", type=_count(0), default=20, metavar="N", help="rows to print at most (default 20)")
+    sub.add_argument(
+        "--points", type=_count(0), default=20, metavar="N", help="rows to print at most (default 20)"
+    )
 
     sub = command(
-        "value", _value, "print one harmonic with all digits",
-        "Prints cos, sin and amplitude of one harmonic on one line, with 17 digits each. A mirrored tuple -j gives "
-        "(cos, -sin) of the stored one.",
-    )  # fmt: skip
+        "value",
+        _value,
+        "print one harmonic with all digits",
+        "Prints cos, sin and amplitude of one harmonic on one line, with 17 digits each. A mirrored tuple "
+        "-j gives (cos, -sin) of the stored one.",
+    )
     _add_dof(sub)
     _add_quantity(sub)
     _add_point(sub)
-    sub.add_argument("--tuple", type=_tuple, required=True, metavar="J1,J2,...", help="harmonic, for example 1,0 or 2,-1")
+    sub.add_argument(
+        "--tuple", type=_tuple, required=True, metavar="J1,J2,...", help="harmonic, for example 1,0 or 2,-1"
+    )
 
     sub = command(
-        "correction", _correction, "correction to the wall, four panels (figure 6 of the paper)",
-        "Draws (a) the spectrum of the motion, (b) the motion over hypertime, (c) the same corrected to the wall, "
-        "(d) the spectrum of the corrected motion. Uses the surfaces of the file if it has any (&output samples), "
-        "else sums the coefficients and says so in the picture. With three tones or more the surfaces are the "
-        "section at tau_3 = ... = 0.",
-    )  # fmt: skip
+        "correction",
+        _correction,
+        "correction to the wall, four panels (figure 6 of the paper)",
+        "Draws (a) the spectrum of the motion, (b) the motion over hypertime, (c) the same corrected to "
+        "the wall, (d) the spectrum of the corrected motion. Uses the surfaces of the file if it has any "
+        "(&output samples), else sums the coefficients and says so in the picture. With three tones or "
+        "more the surfaces are the section at tau_3 = ... = 0.",
+    )
     _add_dof(sub, "degree of freedom on which a law acts (default: the first)")
     _add_point(sub)
-    sub.add_argument("--view", choices=("surface", "map"), default="surface", help="3-D surfaces (default) or level maps")
-    sub.add_argument("--samples", type=_count(4), default=96, metavar="N",
-                     help="samples a tone where surfaces are summed from coefficients (default 96)")  # fmt: skip
+    sub.add_argument(
+        "--view", choices=("surface", "map"), default="surface", help="3-D surfaces (default) or level maps"
+    )
+    sub.add_argument(
+        "--samples",
+        type=_count(4),
+        default=96,
+        metavar="N",
+        help="samples a tone where surfaces are summed from coefficients (default 96)",
+    )
     _add_decades(sub)
     _add_output(sub)
 
     sub = command(
-        "time", _time, "motion over time (figures 4 and 7 of the paper)",
-        "Draws a degree of freedom over time, for one or several points of a sweep, over other result files or over "
-        "recorded time series. Default window: 8 periods of the slowest tone from t = 0, or the last 8 periods of an "
-        "overlaid record.",
-    )  # fmt: skip
+        "time",
+        _time,
+        "motion over time (figures 4 and 7 of the paper)",
+        "Draws a degree of freedom over time, for one or several points of a sweep, over other result "
+        "files or over recorded time series. Default window: 8 periods of the slowest tone from t = 0, or "
+        "the last 8 periods of an overlaid record.",
+    )
     _add_dof(sub)
     _add_quantity(sub)
     _add_point(sub, several=True)
     sub.add_argument("--from", dest="t_from", type=float, metavar="T", help="start of the window [s]")
     sub.add_argument("--to", dest="t_to", type=float, metavar="T", help="end of the window [s]")
-    sub.add_argument("--level", type=float, metavar="X", help="draw a wall at this displacement, in the unit of the file")
-    sub.add_argument("--overlay", type=_overlay, action="append", default=[], metavar="[LABEL:]PATH",
-                     help="draw below: a second result file (.h5; the same --at, else its first converged point), or a "
-                     "table t,x in a text file (a column headed like the dof, else the second); may be repeated")  # fmt: skip
-    sub.add_argument("--difference", action="store_true", help="add a panel with the difference to the first overlay")
-    sub.add_argument("--samples", type=_count(2), metavar="N", help="samples in the window (default: 24 a period of the fastest harmonic)")
+    sub.add_argument(
+        "--level", type=float, metavar="X", help="draw a wall at this displacement, in the unit of the file"
+    )
+    sub.add_argument(
+        "--overlay",
+        type=_overlay,
+        action="append",
+        default=[],
+        metavar="[LABEL:]PATH",
+        help="draw below: a second result file (.h5; the same --at, else its first converged point), or a "
+        "table t,x in a text file (a column headed like the dof, else the second); may be repeated",
+    )
+    sub.add_argument(
+        "--difference", action="store_true", help="add a panel with the difference to the first overlay"
+    )
+    sub.add_argument(
+        "--samples",
+        type=_count(2),
+        metavar="N",
+        help="samples in the window (default: 24 a period of the fastest harmonic)",
+    )
     _add_output(sub)
 
     sub = command(
-        "spectrum", _spectrum, "amplitudes of all harmonics (figure 8 of the paper)",
-        "Draws |c_j| on a logarithmic scale: a map over (j1, j2) for two tones (the redundant half hatched), stems over "
-        "j for one tone, stems over the frequency |j.omega| for three tones and more.",
-    )  # fmt: skip
+        "spectrum",
+        _spectrum,
+        "amplitudes of all harmonics (figure 8 of the paper)",
+        "Draws |c_j| on a logarithmic scale: a map over (j1, j2) for two tones (the redundant half "
+        "hatched), stems over j for one tone, stems over the frequency |j.omega| for three tones and more.",
+    )
     _add_dof(sub)
     _add_quantity(sub)
     _add_point(sub)
-    sub.add_argument("--form", choices=("map", "bars", "stem"), help="map (default for two tones), 3-D bars, or stems")
-    sub.add_argument("--over", choices=("tuple", "frequency"), default="tuple", help="axis: tuples (default) or frequency")
-    sub.add_argument("--absolute", action="store_true", help="amplitudes in units, not relative to the largest")
+    sub.add_argument(
+        "--form", choices=("map", "bars", "stem"), help="map (default for two tones), 3-D bars, or stems"
+    )
+    sub.add_argument(
+        "--over", choices=("tuple", "frequency"), default="tuple", help="axis: tuples (default) or frequency"
+    )
+    sub.add_argument(
+        "--absolute", action="store_true", help="amplitudes in units, not relative to the largest"
+    )
     _add_decades(sub)
     _add_output(sub)
 
     sub = command(
-        "response", _response, "response curve of a sweep",
-        "Draws a measure of a degree of freedom over a swept parameter; further swept parameters make several curves. "
-        "Points that did not converge are hollow red marks on the axis, counted in the legend; curves are broken there.",
-    )  # fmt: skip
+        "response",
+        _response,
+        "response curve of a sweep",
+        "Draws a measure of a degree of freedom over a swept parameter; further swept parameters make "
+        "several curves. Points that did not converge are hollow red marks on the axis, counted in the "
+        "legend; curves are broken there.",
+    )
     _add_dof(sub)
     _add_quantity(sub)
-    sub.add_argument("--over", metavar="NAME", help="swept parameter of the x axis (default: the number with most values)")
-    sub.add_argument("--at", type=_assignment, action="append", default=[], metavar="NAME=VALUE",
-                     help="only points with this value of a swept parameter; may be repeated")  # fmt: skip
-    sub.add_argument("--measure", choices=("peak", "rms", "harmonic"),
-                     help="peak: max|x| over hypertime (default); rms; harmonic: amplitude of --tuple")  # fmt: skip
+    sub.add_argument(
+        "--over", metavar="NAME", help="swept parameter of the x axis (default: the number with most values)"
+    )
+    sub.add_argument(
+        "--at",
+        type=_assignment,
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="only points with this value of a swept parameter; may be repeated",
+    )
+    sub.add_argument(
+        "--measure",
+        choices=("peak", "rms", "harmonic"),
+        help="peak: max|x| over hypertime (default); rms; harmonic: amplitude of --tuple",
+    )
     sub.add_argument("--tuple", type=_tuple, metavar="J1,J2,...", help="harmonic to draw, for example 1,0")
     _add_output(sub)
     return parser
@@ -150,29 +207,57 @@ def _add_dof(sub, text="degree of freedom, for example v3 (default: the first on
 
 
 def _add_quantity(sub):
-    sub.add_argument("--of", dest="quantity", choices=tuple(QUANTITIES), default="motion",
-                     help="motion (default), force of the laws, or motion corrected to the wall")  # fmt: skip
+    sub.add_argument(
+        "--of",
+        dest="quantity",
+        choices=tuple(QUANTITIES),
+        default="motion",
+        help="motion (default), force of the laws, or motion corrected to the wall",
+    )
 
 
 def _add_point(sub, several=False):
     choice = sub.add_mutually_exclusive_group()
     if several:
-        choice.add_argument("--point", type=_numbers, metavar="N,N,...", help="numbers of the points (default: first converged)")
+        choice.add_argument(
+            "--point",
+            type=_numbers,
+            metavar="N,N,...",
+            help="numbers of the points (default: first converged)",
+        )
     else:
-        choice.add_argument("--point", type=_count(0), metavar="N", help="number of the point (default: first converged)")
-    choice.add_argument("--at", type=_assignment, action="append", default=[], metavar="NAME=VALUE",
-                        help="point with this value of a swept parameter, for example law_1_gap=1.5e-3; may be repeated"
-                        + ("; all points that fit are drawn" if several else ""))  # fmt: skip
-    sub.add_argument("--unconverged", action="store_true", help="take also points that ended without convergence")
+        choice.add_argument(
+            "--point", type=_count(0), metavar="N", help="number of the point (default: first converged)"
+        )
+    choice.add_argument(
+        "--at",
+        type=_assignment,
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="point with this value of a swept parameter, for example law_1_gap=1.5e-3; may be repeated"
+        + ("; all points that fit are drawn" if several else ""),
+    )
+    sub.add_argument(
+        "--unconverged", action="store_true", help="take also points that ended without convergence"
+    )
 
 
 def _add_decades(sub):
-    sub.add_argument("--decades", type=_positive, default=8.0, metavar="N", help="range of the amplitude scale below the largest (default 8)")
+    sub.add_argument(
+        "--decades",
+        type=_positive,
+        default=8.0,
+        metavar="N",
+        help="range of the amplitude scale below the largest (default 8)",
+    )
 
 
 def _add_output(sub):
     sub.add_argument("--output", "-o", type=Path, metavar="PATH", help="picture to write: .png, .pdf or .svg")
-    sub.add_argument("--dpi", type=_count(20), default=200, metavar="N", help="dots per inch of a .png (default 200)")
+    sub.add_argument(
+        "--dpi", type=_count(20), default=200, metavar="N", help="dots per inch of a .png (default 200)"
+    )
 
 
 def _count(least):
@@ -205,7 +290,9 @@ def _tuple(text):
     try:
         return tuple(int(part) for part in text.strip("() ").split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no tuple of integers; write for example 1,0 or 2,-1") from None
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is no tuple of integers; write for example 1,0 or 2,-1"
+        ) from None
 
 
 def _assignment(text):
@@ -253,9 +340,14 @@ def _correction(arguments):
     with Results(arguments.file) as results:
         point = results.point(arguments.point, dict(arguments.at))
         fig = draw.draw_correction(
-            results, point, arguments.dof, view=arguments.view, decades=arguments.decades, n_samples=arguments.samples,
+            results,
+            point,
+            arguments.dof,
+            view=arguments.view,
+            decades=arguments.decades,
+            n_samples=arguments.samples,
             allow_unconverged=arguments.unconverged,
-        )  # fmt: skip
+        )
     _save(fig, arguments)
 
 
@@ -266,9 +358,13 @@ def _spectrum(arguments):
         point = results.point(arguments.point, dict(arguments.at))
         series = results.series(point, arguments.dof, arguments.quantity, arguments.unconverged)
         fig = draw.draw_spectrum(
-            series, title=_origin(results, point, arguments.quantity), form=arguments.form, over=arguments.over,
-            decades=arguments.decades, is_normalised=not arguments.absolute,
-        )  # fmt: skip
+            series,
+            title=_origin(results, point, arguments.quantity),
+            form=arguments.form,
+            over=arguments.over,
+            decades=arguments.decades,
+            is_normalised=not arguments.absolute,
+        )
     _save(fig, arguments)
 
 
@@ -280,11 +376,18 @@ def _response(arguments):
         raise UsageError("--measure harmonic and --tuple belong together")
     with Results(arguments.file) as results:
         if arguments.tuple and len(arguments.tuple) != results.n_tones:
-            raise UsageError(f"--tuple has {len(arguments.tuple)} entries; {arguments.file} has {results.n_tones} tones")
+            raise UsageError(
+                f"--tuple has {len(arguments.tuple)} entries; {arguments.file} has {results.n_tones} tones"
+            )
         fig = draw.draw_response(
-            results, arguments.dof, quantity=arguments.quantity, measure=measure, j=arguments.tuple, over=arguments.over,
+            results,
+            arguments.dof,
+            quantity=arguments.quantity,
+            measure=measure,
+            j=arguments.tuple,
+            over=arguments.over,
             at=dict(arguments.at),
-        )  # fmt: skip
+        )
     _save(fig, arguments)
 
 
@@ -302,7 +405,10 @@ def _time(arguments):
             points = [results.point()]
         dof = arguments.dof or results.default_dof(arguments.quantity)
         curves = [
-            (_legend(results, point, points), results.series(point, dof, arguments.quantity, arguments.unconverged))
+            (
+                _legend(results, point, points),
+                results.series(point, dof, arguments.quantity, arguments.unconverged),
+            )
             for point in points
         ]
         title = ", ".join(part for part in (results.title, *_common_parameters(results, points)) if part)
@@ -318,9 +424,15 @@ def _time(arguments):
             record = read_record(path, dof)
             references.append(type(record)(label, record.t, record.x) if label else record)
     fig = draw.draw_time(
-        curves, references, title=title, t_from=arguments.t_from, t_to=arguments.t_to, level=arguments.level,
-        n_samples=arguments.samples, has_difference=arguments.difference,
-    )  # fmt: skip
+        curves,
+        references,
+        title=title,
+        t_from=arguments.t_from,
+        t_to=arguments.t_to,
+        level=arguments.level,
+        n_samples=arguments.samples,
+        has_difference=arguments.difference,
+    )
     _save(fig, arguments)
 
 
@@ -329,14 +441,16 @@ def _legend(results: Results, point: int, points: list[int]) -> str:
     series_text = f"{results.n_tones}-HBM"
     differing = [
         p.text(point) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) > 1
-    ]  # fmt: skip
+    ]
     if len(points) == 1:
         return f"{series_text}, {int(results.per_point('n_harmonics')[point])} harmonics"
     return f"{series_text}, " + (", ".join(differing) or f"point {point}")
 
 
 def _common_parameters(results: Results, points: list[int]) -> list[str]:
-    return [p.text(points[0]) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) == 1]
+    return [
+        p.text(points[0]) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) == 1
+    ]
 
 
 def _quantity_words(quantity: str) -> str:

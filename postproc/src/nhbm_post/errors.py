@@ -6,7 +6,7 @@ class NhbmPostError(Exception):
 
 
 class ReaderError(NhbmPostError):
-    """A file, point, degree of freedom or harmonic is not what was asked for; says which and what there is."""
+    """A file, point, degree of freedom or harmonic is not as asked for; says which, and what there is."""
 
 
 class UsageError(NhbmPostError):

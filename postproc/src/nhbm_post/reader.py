@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Iterator, Mapping, Sequence
 
 import h5py
 import numpy as np
@@ -18,9 +18,14 @@ SCHEMA_VERSION = 1
 
 PENDING, CONVERGED, FAILED = 0, 1, 6
 _STATUS_NAMES = {
-    PENDING: "pending", CONVERGED: "converged", 2: "stalled", 3: "out_of_budget", 4: "singular", 5: "not_finite",
+    PENDING: "pending",
+    CONVERGED: "converged",
+    2: "stalled",
+    3: "out_of_budget",
+    4: "singular",
+    5: "not_finite",
     FAILED: "failed",
-}  # fmt: skip
+}
 
 _REQUIRED = ("point", "tone", "harmonic", "dof", "tuple", "status", "frequency", "coefficients")
 
@@ -40,7 +45,9 @@ class _Quantity:
 # What can be read harmonic by harmonic, by the word that users give.
 QUANTITIES = {
     "motion": _Quantity("coefficients", "dof", "displacement_samples", "displacement", "{}"),
-    "force": _Quantity("force_coefficients", "law_dof", "force_samples", "force of the laws", "law force on {}"),
+    "force": _Quantity(
+        "force_coefficients", "law_dof", "force_samples", "force of the laws", "law force on {}"
+    ),
     "corrected": _Quantity(
         "corrected_coefficients", "law_dof", "corrected_samples", "corrected displacement", "corrected {}"
     ),
@@ -49,7 +56,7 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Parameter:
-    """One swept parameter: `name` of its dataset, `path` in the input, a value a point (floats or strings)."""
+    """One swept parameter: `name` of its dataset, `path` in the input, a float or string a point."""
 
     name: str
     path: str
@@ -191,12 +198,15 @@ class Results:
             fits_one = parameter.fits(value)
             if not fits_one.any():
                 raise ReaderError(
-                    f"{self.path}: no point with {parameter.name} = {value}; values: {_values_text(parameter)}"
+                    f"{self.path}: no point with {parameter.name} = {value}; "
+                    f"values: {_values_text(parameter)}"
                 )
             fits &= fits_one
         points = [int(i) for i in np.flatnonzero(fits)]
         if not points:
-            raise ReaderError(f"{self.path}: no point with {_at_text(at)} together; see nhbm-post info for the points")
+            raise ReaderError(
+                f"{self.path}: no point with {_at_text(at)} together; see nhbm-post info for the points"
+            )
         return points
 
     def point(self, number: int | None = None, at: Mapping[str, object] | None = None) -> int:
@@ -208,7 +218,9 @@ class Results:
         if at:
             points = self.select(at)
             if len(points) > 1:
-                differing = [p.name for p in self.parameters.values() if len({str(v) for v in p.values[points]}) > 1]
+                differing = [
+                    p.name for p in self.parameters.values() if len({str(v) for v in p.values[points]}) > 1
+                ]
                 raise ReaderError(
                     f"{self.path}: {_at_text(at)} fits points {range_text(points)}; "
                     f"say also {list_text(differing) if differing else 'the number of the point'}"
@@ -224,7 +236,9 @@ class Results:
         for parameter in self.parameters.values():
             if key in (parameter.name, parameter.path):
                 return parameter
-        raise ReaderError(f"{self.path}: no swept parameter '{key}'; swept: {list_text(list(self.parameters))}")
+        raise ReaderError(
+            f"{self.path}: no swept parameter '{key}'; swept: {list_text(list(self.parameters))}"
+        )
 
     def point_text(self, point: int) -> str:
         """`point 3, law_1_gap = 0.0015 m`, for titles."""
@@ -243,8 +257,14 @@ class Results:
         """Labels of the degrees of freedom of which `quantity` is stored."""
         return self.dofs if QUANTITIES[quantity].labels == "dof" else self.law_dofs
 
-    def units(self, quantity: str = "motion") -> str:
-        return _text(self._dataset(QUANTITIES[quantity].coefficients).attrs.get("units", ""))
+    def units(self, quantity: str = "motion", dof: str | None = None) -> str:
+        """Unit of a degree of freedom (its own where the file has `dof_units`), or the one of all."""
+        attributes = self._dataset(QUANTITIES[quantity].coefficients).attrs
+        labels = self.labels(quantity)
+        by_dof = _text(attributes.get("dof_units", "")).split()
+        if dof in labels and len(by_dof) == len(labels):
+            return by_dof[labels.index(dof)]
+        return _text(attributes.get("units", ""))
 
     def frequency(self, point: int) -> np.ndarray:
         """Base frequencies of a point [rad/s], (n_tones)."""
@@ -253,7 +273,7 @@ class Results:
     def series(
         self, point: int, dof: str | None = None, quantity: str = "motion", allow_unconverged: bool = False
     ) -> Series:
-        """Harmonics of one degree of freedom at a point, without those that are not in the set of the point."""
+        """Harmonics of one degree of freedom at a point, those in the set of the point."""
         self._require_outcome(point, allow_unconverged)
         dof = self.default_dof(quantity) if dof is None else dof
         i_dof = self._dof_index(dof, quantity)
@@ -267,7 +287,12 @@ class Results:
             yield int(point), self._series(int(point), dof, quantity, values[point])
 
     def coefficients(
-        self, point: int, dof: str, j: Sequence[int], quantity: str = "motion", allow_unconverged: bool = False
+        self,
+        point: int,
+        dof: str,
+        j: Sequence[int],
+        quantity: str = "motion",
+        allow_unconverged: bool = False,
     ) -> tuple[float, float]:
         """(cos, sin) of tuple `j`; a mirrored tuple -j gives (cos, -sin) of the stored one."""
         series = self.series(point, dof, quantity, allow_unconverged)
@@ -291,20 +316,22 @@ class Results:
         return self.series(point, dof, quantity).evaluate(t)
 
     def on_grid(self, point: int, dof: str, shape, quantity: str = "motion") -> np.ndarray:
-        """Values on a hypertime grid of any size, axes in the order tau_1, tau_2, ... (see Series.on_grid)."""
+        """Values on a hypertime grid of any size, axes in the order tau_1, tau_2, ...; see Series.on_grid."""
         return self.series(point, dof, quantity).on_grid(shape)
 
     def samples(
         self, point: int, dof: str, quantity: str = "motion", allow_unconverged: bool = False
     ) -> tuple[list[np.ndarray], np.ndarray] | None:
-        """Stored surface as (hypertime axes, values), axes in the order tau_1, tau_2, ...; None if not stored."""
+        """Stored surface as (hypertime axes, values), in the order tau_1, tau_2, ...; None if not stored."""
         self._require_outcome(point, allow_unconverged)
         name = QUANTITIES[quantity].samples
         axes = [f"tau_{m}" for m in range(1, self.n_tones + 1)]
         if name not in self._file or any(axis not in self._file for axis in axes):
             return None
         if dof not in self.law_dofs:
-            raise ReaderError(f"{self.path}: no surface of '{dof}' is stored; stored: {list_text(self.law_dofs)}")
+            raise ReaderError(
+                f"{self.path}: no surface of '{dof}' is stored; stored: {list_text(self.law_dofs)}"
+            )
         values = self._file[name][point, self.law_dofs.index(dof)].T
         if not np.isfinite(values).all():
             raise ReaderError(f"{self.path}: '{name}' of point {point} holds values that are not finite")
@@ -316,17 +343,23 @@ class Results:
         is_in_set = ~np.isnan(values).all(axis=-1)
         if not is_in_set.any():
             raise ReaderError(
-                f"{self.path}: point {point} ({self.status_name(point)}) holds no {QUANTITIES[quantity].words} of '{dof}'"
+                f"{self.path}: point {point} ({self.status_name(point)}) holds no "
+                f"{QUANTITIES[quantity].words} of '{dof}'"
             )
         values = values[is_in_set]
         if not np.isfinite(values).all():
             raise ReaderError(
-                f"{self.path}: {QUANTITIES[quantity].words} of '{dof}' at point {point} has values that are not finite"
+                f"{self.path}: {QUANTITIES[quantity].words} of '{dof}' at point {point} "
+                "has values that are not finite"
             )
         return Series(
-            self.tuples[is_in_set], self.frequency(point), values[:, 0], values[:, 1],
-            QUANTITIES[quantity].symbol.format(dof), self.units(quantity),
-        )  # fmt: skip
+            self.tuples[is_in_set],
+            self.frequency(point),
+            values[:, 0],
+            values[:, 1],
+            QUANTITIES[quantity].symbol.format(dof),
+            self.units(quantity, dof),
+        )
 
     def _require_outcome(self, point: int, allow_unconverged: bool) -> None:
         """Raises unless the point has converged, or has at least ended with numbers and that is enough."""
@@ -335,9 +368,9 @@ class Results:
         status = self.status[point]
         if status == CONVERGED or (allow_unconverged and status not in (PENDING, FAILED)):
             return
-        why = self.message(point)
+        why = f": {self.message(point)}" if self.message(point) else ""
         raise ReaderError(
-            f"{self.path}: point {point} has no result (status {self.status_name(point)}{': ' + why if why else ''}); "
+            f"{self.path}: point {point} has no result (status {self.status_name(point)}{why}); "
             f"converged points: {range_text(self.converged)}"
         )
 
@@ -345,7 +378,8 @@ class Results:
         labels = self.labels(quantity)
         if dof not in labels:
             raise ReaderError(
-                f"{self.path}: no {QUANTITIES[quantity].words} of degree of freedom '{dof}'; stored: {list_text(labels)}"
+                f"{self.path}: no {QUANTITIES[quantity].words} of degree of freedom '{dof}'; "
+                f"stored: {list_text(labels)}"
             )
         return labels.index(dof)
 
@@ -363,21 +397,25 @@ class Results:
             raise ReaderError(f"{self.path}: no result file of nhbm: it has no attribute 'schema_version'")
         version = np.ravel(version)[0]
         if version != SCHEMA_VERSION:
-            raise ReaderError(f"{self.path}: schema version {version}; this nhbm-post reads version {SCHEMA_VERSION}")
+            raise ReaderError(
+                f"{self.path}: schema version {version}; this nhbm-post reads version {SCHEMA_VERSION}"
+            )
         missing = [name for name in _REQUIRED if name not in self._file]
         if missing:
-            raise ReaderError(f"{self.path}: result file without {list_text(missing)}: written by another program?")
+            raise ReaderError(
+                f"{self.path}: result file without {list_text(missing)}: written by another program?"
+            )
         n_harmonics, n_tones = self._file["tuple"].shape
         found = self._file["coefficients"].shape
         expected = (self._file["status"].size, self._file["dof"].shape[0], n_harmonics, 2)
         if found != expected:
             raise ReaderError(
-                f"{self.path}: 'coefficients' has shape {found}; points, dofs, harmonics and components make {expected}"
+                f"{self.path}: 'coefficients' has shape {found}; "
+                f"points, dofs, harmonics and components make {expected}"
             )
-        if self._file["frequency"].shape != (expected[0], n_tones):
-            raise ReaderError(
-                f"{self.path}: 'frequency' has shape {self._file['frequency'].shape}, expected {(expected[0], n_tones)}"
-            )
+        found, expected = self._file["frequency"].shape, (expected[0], n_tones)
+        if found != expected:
+            raise ReaderError(f"{self.path}: 'frequency' has shape {found}, expected {expected}")
 
     def _read_parameters(self) -> Iterator[Parameter]:
         for name, dataset in self._file.items():
@@ -410,16 +448,16 @@ def _open(path: Path) -> h5py.File:
     if not path.is_file():
         raise ReaderError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}")
     try:
-        # No lock: a run may still be writing, and the schema makes complete points readable at any time.
-        return h5py.File(path, "r", locking=False)
-    except (TypeError, ValueError):  # HDF5 library without that choice
-        pass
-    except OSError as error:
-        raise ReaderError(f"{path}: cannot be read as HDF5 ({_first_line(error)})") from None
-    try:
         return h5py.File(path, "r")
     except OSError as error:
-        raise ReaderError(f"{path}: cannot be read as HDF5 ({_first_line(error)})") from None
+        first = error
+    if "lock" in str(first):
+        # A run may still be writing. Complete points are readable at any time, so do without the lock.
+        try:
+            return h5py.File(path, "r", locking=False)
+        except (OSError, TypeError, ValueError):  # the last two: HDF5 library without that choice
+            pass
+    raise ReaderError(f"{path}: cannot be read as HDF5 ({_first_line(first)})")
 
 
 def _first_line(error: BaseException) -> str:

@@ -17,7 +17,8 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
     if dof not in results.dofs:
         raise ReaderError(f"{results.path}: no degree of freedom '{dof}'; stored: {list_text(results.dofs)}")
     sweeps = [
-        f"{p.name} ({p.path}{', ' + p.units if p.units not in ('', '1') else ''}): {len(set(p.values.tolist()))} values"
+        f"{p.name} ({', '.join(part for part in (p.path, p.units) if part not in ('', '1'))}): "
+        f"{len(set(p.values.tolist()))} values"
         for p in results.parameters.values()
     ]
     counts = ", ".join(f"{n} {name}" for name, n in results.status_counts().items())
@@ -42,7 +43,9 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
     return "\n".join(lines)
 
 
-def value(results: Results, point: int, dof: str, j, quantity: str = "motion", allow_unconverged: bool = False) -> str:
+def value(
+    results: Results, point: int, dof: str, j, quantity: str = "motion", allow_unconverged: bool = False
+) -> str:
     """`cos sin amplitude` of one harmonic with 17 digits, enough to get the stored numbers back."""
     cos, sin = results.coefficients(point, dof, j, quantity, allow_unconverged)
     return " ".join(f"{number:.16e}" for number in (cos, sin, np.hypot(cos, sin)))
@@ -50,7 +53,7 @@ def value(results: Results, point: int, dof: str, j, quantity: str = "motion", a
 
 def _point_rows(results: Results, dof: str, shown: int) -> list[list[str]]:
     parameters = list(results.parameters.values())
-    units = results.units()
+    units = results.units("motion", dof)
     heading = ["point", *(p.name for p in parameters), "status", "iterations", "residual", "seconds"]
     rows = [[*heading, f"largest amplitudes of {dof}" + (f" [{units}]" if units not in ("", "1") else "")]]
     columns = [results.per_point(name) for name in ("iterations", "residual", "solve_seconds")]
@@ -81,4 +84,7 @@ def _last_column(results: Results, point: int, dof: str) -> str:
 def _table(rows: list[list[str]]) -> list[str]:
     """Columns of equal width, numbers to the right; the last column is left as it is."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
-    return ["  ".join([*(text.rjust(width) for text, width in zip(row, widths)), row[-1]]).rstrip() for row in rows]
+    return [
+        "  ".join([*(text.rjust(width) for text, width in zip(row, widths)), row[-1]]).rstrip()
+        for row in rows
+    ]

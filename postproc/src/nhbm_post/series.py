@@ -1,11 +1,11 @@
 """A multi-tone Fourier series: one degree of freedom of one solution, without knowledge of files.
 
-x(t) = sum_h [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], with tau_m = omega_m t on the torus of d tones.
+x(t) = sum_h [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], tau_m = omega_m t.
 Only one of j and -j is stored. Amplitudes are one-sided peaks, sqrt(cos_h**2 + sin_h**2).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Sequence
 
 import numpy as np
 
@@ -78,12 +78,14 @@ class Series:
     def on_grid(self, shape) -> np.ndarray:
         """Values on the grid tau_m = 2 pi k / shape[m], axes in the order tau_1, tau_2, ...
 
-        `shape` is one number for all tones or one a tone; any size is right, also one coarser than the harmonics,
-        because at a grid point exp(i j tau_m) depends on j modulo shape[m] only.
+        `shape` is one number for all tones or one a tone. Any size is right, also one coarser than the
+        harmonics, because at a grid point exp(i j tau_m) depends on j modulo shape[m] only.
         """
         shape = (int(shape),) * self.n_tones if np.ndim(shape) == 0 else tuple(int(n) for n in shape)
         if len(shape) != self.n_tones or min(shape) < 1:
-            raise ValueError(f"a grid for {self.n_tones} tones needs {self.n_tones} sizes of 1 or more, got {shape}")
+            raise ValueError(
+                f"a grid for {self.n_tones} tones needs {self.n_tones} sizes of 1 or more, got {shape}"
+            )
         spectrum = np.zeros(shape, dtype=complex)
         half = 0.5 * (self.cos - 1j * self.sin)
         np.add.at(spectrum, tuple((self.tuples % shape).T), half)
@@ -110,7 +112,7 @@ class Series:
         return best
 
     def _climb(self, tau: np.ndarray) -> float:
-        """Largest |x| met by Newton steps on the gradient from `tau`; a step that loses height ends the climb."""
+        """Largest |x| met by Newton steps on the gradient from `tau`; a step without gain ends the climb."""
         j = self.tuples
         height = abs(float(self.at(tau)))
         for _ in range(8):

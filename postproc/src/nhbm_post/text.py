@@ -1,6 +1,6 @@
 """Small pieces of text shared by messages, tables and pictures."""
 
-from typing import Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 
 def tuple_text(j: Iterable[int]) -> str:

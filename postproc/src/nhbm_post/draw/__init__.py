@@ -1,4 +1,4 @@
-"""Pictures of result files, one module a family; every `draw_*` returns a matplotlib Figure, drawn without a display."""
+"""Pictures of result files, one module a family; every `draw_*` returns a Figure and needs no display."""
 
 from .correction import draw_correction
 from .response import draw_response

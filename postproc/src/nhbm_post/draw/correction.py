@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_rgba
 from matplotlib.patches import FancyArrowPatch, Patch
 
 from ..errors import ReaderError
@@ -28,7 +31,7 @@ def draw_correction(
     n_samples: int = 96,
     allow_unconverged: bool = False,
 ):
-    """Four panels: (a) spectrum and (b) hypertime surface of the motion, (c) surface and (d) spectrum corrected.
+    """Four panels: (a) spectrum and (b) surface of the motion, (c) surface and (d) spectrum corrected.
 
     Takes the stored surfaces, else sums the stored coefficients on `n_samples` points a tone, and says which.
     view: `surface` (3-D) or `map`. More than two tones: the section of the surface at tau_3 = ... = 0.
@@ -36,7 +39,9 @@ def draw_correction(
     dof = results.default_dof("corrected") if dof is None else dof
     before = results.series(point, dof, "motion", allow_unconverged)
     after = results.series(point, dof, "corrected", allow_unconverged)
-    taus, motion, corrected, is_stored = _surfaces(results, point, dof, before, after, n_samples, allow_unconverged)
+    taus, motion, corrected, is_stored = _surfaces(
+        results, point, dof, before, after, n_samples, allow_unconverged
+    )
 
     n_tones = before.n_tones
     factor, units = style.unit_scale(max(np.abs(motion).max(), np.abs(corrected).max()), before.units)
@@ -46,7 +51,7 @@ def draw_correction(
         raise ReaderError(f"{results.path}: the motion of '{dof}' at point {point} is zero: nothing to draw")
     norm = amplitude_norm(np.concatenate(spectra), decades)
     amplitude_label = style.with_unit(rf"$|c_j|$ of {dof}", units)
-    # A cut-off series differs from the motion everywhere, so only stored surfaces tell where it was corrected.
+    # A cut-off series differs from the motion everywhere: only stored surfaces tell where it was corrected.
     difference = np.abs(corrected - motion)
     touch = (difference > _TOUCH * np.ptp(motion)) & is_stored
     label = style.with_unit(dof, units)
@@ -58,7 +63,9 @@ def draw_correction(
             else:
                 draw_stem(axes[name], series, amplitudes, norm, amplitude_label)
         if n_tones == 2:
-            colour_bar(fig, norm, amplitude_label, cax=bars[0], orientation="horizontal")
+            colour_bar(
+                fig, norm, np.concatenate(spectra), amplitude_label, cax=bars[0], orientation="horizontal"
+            )
         if n_tones == 1:
             _draw_curves((axes["b"], axes["c"]), taus[0], motion, corrected, touch, label)
         else:
@@ -66,31 +73,47 @@ def draw_correction(
             draw = _draw_solid if view == "surface" else _draw_level
             draw(axes["b"], taus, motion, levels, label, np.zeros_like(touch))
             draw(axes["c"], taus, corrected, levels, label, touch)
-            bar = fig.colorbar(ScalarMappable(levels, "cividis"), cax=bars[1], orientation="horizontal", label=label)
+            bar = fig.colorbar(
+                ScalarMappable(levels, "cividis"), cax=bars[1], orientation="horizontal", label=label
+            )
             bar.outline.set_linewidth(0.5)
             if touch.any():
-                key = Patch(facecolor=style.CORRECTED, label=f"corrected: {100.0 * touch.mean():.3g} % of hypertime")
+                whole = "hypertime" if n_tones == 2 else "the section"
+                key = Patch(
+                    facecolor=style.CORRECTED, label=f"corrected: {100.0 * touch.mean():.3g} % of {whole}"
+                )
                 place = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
                 if view == "surface":
                     place = {"loc": "upper left", "bbox_to_anchor": (0.085, 1.0)}
                 axes["c"].legend(handles=[key], borderaxespad=0.3, borderpad=0.0, **place)
         is_moved = difference.max() > _TOUCH * np.ptp(motion)
-        moved = f"largest correction {difference.max():.3g} {units}" if is_moved else "no place needs correction"
+        moved = (
+            f"largest correction {difference.max():.3g} {units}" if is_moved else "no place needs correction"
+        )
         source = "surfaces as stored by the run"
         if not is_stored:
-            source = "surfaces summed from the stored coefficients, so (c) is cut off at the same harmonics as (d)"
-        section = "" if n_tones <= 2 else "section " + " = ".join(f"tau_{m}" for m in range(3, n_tones + 1)) + " = 0"
-        outcome = "" if results.status[point] == CONVERGED else f"NOT CONVERGED ({results.status_name(point)})"
+            source = (
+                "surfaces summed from the stored coefficients, so (c) is cut off at the same harmonics as (d)"
+            )
+        section = (
+            ""
+            if n_tones <= 2
+            else "section " + " = ".join(f"tau_{m}" for m in range(3, n_tones + 1)) + " = 0"
+        )
+        outcome = (
+            "" if results.status[point] == CONVERGED else f"NOT CONVERGED ({results.status_name(point)})"
+        )
         style.head(
-            fig, f"Correction of {dof} to the wall, {before.n_harmonics} harmonics",
+            fig,
+            f"Correction of {dof} to the wall, {before.n_harmonics} harmonics",
             ", ".join(part for part in (results.title, results.point_text(point), outcome) if part),
             "; ".join(part for part in (moved, section, source) if part),
-        )  # fmt: skip
+        )
     return fig
 
 
 def _panels(n_tones: int, view: str):
-    """Figure with axes a (top left), b (top right), c (below b), d (below a), arrows a-b-c-d, and two bar axes."""
+    """Figure with axes a and b above d and c, arrows from a to b to c to d, and axes for two colour bars."""
     is_solid = view == "surface" and n_tones > 1
     has_maps = n_tones == 2
     side, pitch, lift = 2.85, 3.9, 0.30
@@ -109,13 +132,17 @@ def _panels(n_tones: int, view: str):
     }
     for name, floor in zip("bc", floors):
         if is_solid:
-            axes[name] = style.axes_at(fig, right - 0.35, floor - 0.32, right_width + 0.6, side + 0.55, projection="3d")
+            axes[name] = style.axes_at(
+                fig, right - 0.35, floor - 0.32, right_width + 0.6, side + 0.55, projection="3d"
+            )
         else:
             axes[name] = style.axes_at(fig, right, floor, right_width, side)
     for name, left, floor, heading in (
-        ("a", 0.75, floors[0], "motion, multi-frequency domain"), ("b", right, floors[0], "motion, hypertime domain"),
-        ("d", 0.75, floors[1], "corrected, multi-frequency domain"), ("c", right, floors[1], "corrected, hypertime domain"),
-    ):  # fmt: skip
+        ("a", 0.75, floors[0], "motion, multi-frequency domain"),
+        ("b", right, floors[0], "motion, hypertime domain"),
+        ("d", 0.75, floors[1], "corrected, multi-frequency domain"),
+        ("c", right, floors[1], "corrected, hypertime domain"),
+    ):
         _write(fig, left, floor + side + lift, f"({name}) {heading}", weight="bold", size=9.5, va="bottom")
     gutter = 0.75 + left_width + 0.1
     prefix = "" if n_tones == 1 else f"{n_tones}-"
@@ -126,7 +153,10 @@ def _panels(n_tones: int, view: str):
     _arrow(fig, (turn, floors[0] - 0.02), (turn, floors[1] + side + 0.32), "wall", (-0.09, -0.27), "right")
     if n_tones == 1:
         return fig, axes, []
-    bars = [style.axes_at(fig, left, 0.52, width, 0.12) for left, width in ((0.75, left_width), (right, side if not is_solid else 3.55))]
+    bars = [
+        style.axes_at(fig, left, 0.52, width, 0.12)
+        for left, width in ((0.75, left_width), (right, side if not is_solid else 3.55))
+    ]
     if not has_maps:
         bars[0].remove()
     return fig, axes, bars
@@ -143,17 +173,26 @@ def _arrow(fig, start, end, text, offset, align) -> None:
     size = fig.get_size_inches()
     fig.add_artist(
         FancyArrowPatch(
-            tuple(start / size), tuple(end / size), transform=fig.transFigure, arrowstyle="-|>", mutation_scale=10,
-            linewidth=1.0, color=style.MUTED, shrinkA=0, shrinkB=0,
+            tuple(start / size),
+            tuple(end / size),
+            transform=fig.transFigure,
+            arrowstyle="-|>",
+            mutation_scale=10,
+            linewidth=1.0,
+            color=style.MUTED,
+            shrinkA=0,
+            shrinkB=0,
         )
-    )  # fmt: skip
+    )
     x, y = min(start[0], end[0]) + offset[0], max(start[1], end[1]) + offset[1]
     _write(fig, x, y, text, size=8.0, ha=align, va="bottom")
 
 
 def _surfaces(results, point, dof, before, after, n_samples, allow_unconverged):
     """(axes, motion, corrected, whether stored) on at most two hypertime axes closed at 2 pi."""
-    stored = [results.samples(point, dof, quantity, allow_unconverged) for quantity in ("motion", "corrected")]
+    stored = [
+        results.samples(point, dof, quantity, allow_unconverged) for quantity in ("motion", "corrected")
+    ]
     if None not in stored:
         taus = [np.append(tau, 2.0 * np.pi) for tau in stored[0][0][:2]]
         values = [surface for _, surface in stored]
@@ -173,19 +212,23 @@ def _surfaces(results, point, dof, before, after, n_samples, allow_unconverged):
 
 def _draw_solid(ax, taus, values, levels, label, touch) -> None:
     """3-D surface over (tau_1, tau_2); corrected places in the colour of the legend."""
-    import matplotlib
-
     taus, values, touch = _resample(taus, values, touch)
     mean = 0.25 * (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:])
-    colours = matplotlib.colormaps["cividis"](levels(mean))
-    colours[touch[:-1, :-1] & touch[1:, :-1] & touch[:-1, 1:] & touch[1:, 1:]] = matplotlib.colors.to_rgba(
-        style.CORRECTED
-    )
+    colours = colormaps["cividis"](levels(mean))
+    colours[touch[:-1, :-1] & touch[1:, :-1] & touch[:-1, 1:] & touch[1:, 1:]] = to_rgba(style.CORRECTED)
     tau_1, tau_2 = np.meshgrid(*taus, indexing="ij")
     ax.plot_surface(
-        tau_1, tau_2, values, facecolors=colours, rcount=values.shape[0], ccount=values.shape[1], linewidth=0.0,
-        antialiased=False, shade=False, rasterized=True,
-    )  # fmt: skip
+        tau_1,
+        tau_2,
+        values,
+        facecolors=colours,
+        rcount=values.shape[0],
+        ccount=values.shape[1],
+        linewidth=0.0,
+        antialiased=False,
+        shade=False,
+        rasterized=True,
+    )
     ax.set(xlim=(0.0, 2.0 * np.pi), ylim=(0.0, 2.0 * np.pi), zlim=(levels.vmin, levels.vmax))
     ax.set_xlabel(r"$\tau_1$ [rad]", labelpad=-2)
     ax.set_ylabel(r"$\tau_2$ [rad]", labelpad=-2)
@@ -201,15 +244,17 @@ def _resample(taus, values, touch):
     fine = np.linspace(0.0, 2.0 * np.pi, _N_FACES + 1)
     held = touch.astype(float)
     for axis, tau in enumerate(taus):
-        values = np.apply_along_axis(lambda line: np.interp(fine, tau, line), axis, values)
-        held = np.apply_along_axis(lambda line: np.interp(fine, tau, line), axis, held)
+        values = np.apply_along_axis(partial(np.interp, fine, tau), axis, values)
+        held = np.apply_along_axis(partial(np.interp, fine, tau), axis, held)
     return [fine, fine], values, held > 0.5
 
 
 def _draw_level(ax, taus, values, levels, label, touch) -> None:
     """Heat map over (tau_1, tau_2) with level lines; the edge of corrected places is drawn."""
     ax.pcolormesh(*taus, values.T, norm=levels, cmap="cividis", shading="gouraud", rasterized=True)
-    ax.contour(*taus, values.T, levels=np.linspace(levels.vmin, levels.vmax, 9)[1:-1], colors="white", linewidths=0.4)
+    ax.contour(
+        *taus, values.T, levels=np.linspace(levels.vmin, levels.vmax, 9)[1:-1], colors="white", linewidths=0.4
+    )
     if touch.any():
         ax.contourf(*taus, touch.T, levels=[0.5, 1.5], colors=[style.CORRECTED])
     ax.set(xlabel=r"$\tau_1$ [rad]", ylabel=r"$\tau_2$ [rad]", aspect="equal")
@@ -224,7 +269,9 @@ def _draw_curves(axes, tau, motion, corrected, touch, label) -> None:
     axes[1].plot(tau, motion, color=style.WALL, linestyle="--", linewidth=1.0, label="before")
     axes[1].plot(tau, corrected, color=style.COLOURS[0], label="corrected")
     if touch.any():
-        axes[1].plot(tau[touch], corrected[touch], ".", color=style.CORRECTED, markersize=4, label="at the wall")
+        axes[1].plot(
+            tau[touch], corrected[touch], ".", color=style.CORRECTED, markersize=4, label="at the wall"
+        )
     axes[1].legend(loc="best")
     for ax in axes:
         ax.set(xlabel=r"$\tau_1$ [rad]", ylabel=label, xlim=(0.0, 2.0 * np.pi))

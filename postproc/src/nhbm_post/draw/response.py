@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
@@ -42,14 +43,16 @@ def draw_response(
 ):
     """Curves of `measure` (`peak`, `rms`, or `harmonic` with its tuple `j`) over the parameter `over`.
 
-    Further swept parameters make several curves; `at` keeps only points with given values. A curve is broken where
-    a point has not converged; such points stand as hollow red marks on the axis.
+    Further swept parameters make several curves; `at` keeps only points with given values. A curve is
+    broken where a point has not converged; such points stand as hollow red marks on the axis.
     """
     dof = results.default_dof(quantity) if dof is None else dof
     points = np.array(results.select(at) if at else range(results.n_points), dtype=int)
     swept = _swept_parameter(results, over, points)
     others = [
-        p for p in results.parameters.values() if p is not swept and len({str(v) for v in p.values[points]}) > 1
+        p
+        for p in results.parameters.values()
+        if p is not swept and len({str(v) for v in p.values[points]}) > 1
     ]
     values = measure_values(results, dof, quantity, measure, j)
     if not np.isfinite(values[points]).any():
@@ -62,7 +65,7 @@ def draw_response(
     if swept.is_number:
         x_factor, x_units = style.unit_scale(np.nanmax(np.abs(swept.values[points])), swept.units)
     x = x_factor * _positions(swept)
-    factor, units = style.unit_scale(np.nanmax(values[points]), results.units(quantity))
+    factor, units = style.unit_scale(np.nanmax(values[points]), results.units(quantity, dof))
     what, symbol = _words(measure, QUANTITIES[quantity].symbol.format(dof), j)
     groups = _groups(others, points)
     with style.look():
@@ -74,8 +77,14 @@ def draw_response(
             members = members[np.argsort(x[members], kind="stable")]
             look = _curve_look(i, ramp, key) | ({} if swept.is_number else {"linestyle": "none"})
             label = ", ".join(p.text(int(members[0])) for p in others) or "converged"
-            ax.plot(x[members], factor * values[members], markersize=3.6, linewidth=1.2,
-                    label=None if is_ramp else label, **look)  # fmt: skip
+            ax.plot(
+                x[members],
+                factor * values[members],
+                markersize=3.6,
+                linewidth=1.2,
+                label=None if is_ramp else label,
+                **look,
+            )
         ax.set_xlabel(style.with_unit(_axis_words(swept), x_units))
         ax.set_ylabel(style.with_unit(symbol, units))
         ax.set_ylim(0.0, 1.06 * factor * np.nanmax(values[points]) or 1.0)
@@ -86,14 +95,25 @@ def draw_response(
         elif _is_logarithmic(x[points]):
             ax.set_xscale("log")
         if is_ramp:
-            fig.colorbar(ScalarMappable(ramp, style.COLOUR_MAP), ax=ax, label=style.with_unit(others[0].name, others[0].units))
+            fig.colorbar(
+                ScalarMappable(ramp, style.COLOUR_MAP),
+                ax=ax,
+                label=style.with_unit(others[0].name, others[0].units),
+            )
         _mark_unsolved(ax, results, points, x, values, measure)
         handles, _ = ax.get_legend_handles_labels()
         if len(handles) > 1 or (is_ramp and handles):
-            ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2 if len(groups) <= 7 else 3, borderaxespad=0.3,
-                      columnspacing=1.4)  # fmt: skip
+            ax.legend(
+                loc="lower left",
+                bbox_to_anchor=(0.0, 1.0),
+                ncol=2 if len(groups) <= 7 else 3,
+                borderaxespad=0.3,
+                columnspacing=1.4,
+            )
         chosen = ", ".join(f"{key} = {value}" for key, value in (at or {}).items())
-        style.head(fig, f"{what} over {_axis_words(swept)}", ", ".join(t for t in (results.title, chosen) if t))
+        style.head(
+            fig, f"{what} over {_axis_words(swept)}", ", ".join(t for t in (results.title, chosen) if t)
+        )
     return fig
 
 
@@ -114,20 +134,21 @@ def _groups(others: list[Parameter], points: np.ndarray) -> list[tuple[tuple, np
     """Points by the values of the other swept parameters, in ascending order of the values."""
     keys = [tuple(p.values[point] for p in others) for point in points]
     found = sorted(set(keys))
-    return [(key, np.array([point for point, k in zip(points, keys) if k == key], dtype=int)) for key in found]
+    return [
+        (key, np.array([point for point, k in zip(points, keys) if k == key], dtype=int)) for key in found
+    ]
 
 
 def _curve_look(i: int, ramp, key) -> dict:
     if ramp is not None:
-        import matplotlib
-
-        colour = matplotlib.colormaps[style.COLOUR_MAP](0.95 * ramp(key[0]))
+        colour = colormaps[style.COLOUR_MAP](0.95 * ramp(key[0]))
         return {"color": colour, "marker": "o", "linestyle": "-"}
     n, turn = len(style.COLOURS), i // len(style.COLOURS)
     return {
-        "color": style.COLOURS[i % n], "marker": style.MARKERS[(i + turn) % n],
+        "color": style.COLOURS[i % n],
+        "marker": style.MARKERS[(i + turn) % n],
         "linestyle": style.DASHES[turn % len(style.DASHES)],
-    }  # fmt: skip
+    }
 
 
 def _mark_unsolved(ax, results: Results, points, x, values, measure) -> None:
@@ -135,16 +156,37 @@ def _mark_unsolved(ax, results: Results, points, x, values, measure) -> None:
     is_pending = results.status[points] == PENDING
     is_unsolved = (results.status[points] != CONVERGED) & ~is_pending
     without_tuple = int(((results.status[points] == CONVERGED) & np.isnan(values[points])).sum())
-    on_axis = dict(linestyle="none", marker="o", clip_on=False, zorder=5, transform=ax.get_xaxis_transform(), fillstyle="none")
+    on_axis = dict(
+        linestyle="none",
+        marker="o",
+        clip_on=False,
+        zorder=5,
+        transform=ax.get_xaxis_transform(),
+        fillstyle="none",
+    )
     if is_unsolved.any():
         names = [results.status_name(p) for p in points[is_unsolved]]
         counts = ", ".join(f"{len(list(g))} {name}" for name, g in itertools.groupby(sorted(names)))
-        ax.plot(x[points[is_unsolved]], np.zeros(is_unsolved.sum()), color=style.FAILURE, markersize=6.5, markeredgewidth=1.3,
-                label=f"not converged: {is_unsolved.sum()} of {len(points)} ({counts})", **on_axis)  # fmt: skip
+        ax.plot(
+            x[points[is_unsolved]],
+            np.zeros(is_unsolved.sum()),
+            color=style.FAILURE,
+            markersize=6.5,
+            markeredgewidth=1.3,
+            label=f"not converged: {is_unsolved.sum()} of {len(points)} ({counts})",
+            **on_axis,
+        )
     if is_pending.any():
         on_axis["marker"] = "s"
-        ax.plot(x[points[is_pending]], np.zeros(is_pending.sum()), color=style.WALL, markersize=5.5, markeredgewidth=1.2,
-                label=f"not solved yet: {is_pending.sum()} of {len(points)}", **on_axis)  # fmt: skip
+        ax.plot(
+            x[points[is_pending]],
+            np.zeros(is_pending.sum()),
+            color=style.WALL,
+            markersize=5.5,
+            markeredgewidth=1.2,
+            label=f"not solved yet: {is_pending.sum()} of {len(points)}",
+            **on_axis,
+        )
     if without_tuple:
         ax.plot([], [], linestyle="none", label=f"{without_tuple} converged without this harmonic")
 
@@ -175,7 +217,7 @@ def _positions(parameter: Parameter) -> np.ndarray:
 
 
 def _is_logarithmic(x: np.ndarray) -> bool:
-    """Whether a sweep runs over two decades or more in equal ratios, so that a logarithmic axis shows it evenly."""
+    """Whether a sweep runs over two decades or more in about equal ratios."""
     x = np.unique(x[np.isfinite(x)])
     if len(x) < 3 or x[0] <= 0.0 or x[-1] < 99.0 * x[0]:
         return False

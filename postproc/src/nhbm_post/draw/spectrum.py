@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 
 from ..errors import UsageError
 from ..series import Series
@@ -35,7 +36,9 @@ def draw_spectrum(
     `frequency` for stems over |j . omega|, which is also what `tuple` means for 3 tones and more.
     """
     if form in ("map", "bars") and (series.n_tones != 2 or over == "frequency"):
-        raise UsageError(f"form '{form}' needs 2 tones and tuples as axes; this file has {series.n_tones} tone(s)")
+        raise UsageError(
+            f"form '{form}' needs 2 tones and tuples as axes; this file has {series.n_tones} tone(s)"
+        )
     if form is None:
         form = "map" if series.n_tones == 2 and over == "tuple" else "stem"
     amplitudes = series.amplitudes
@@ -54,7 +57,7 @@ def draw_spectrum(
             fig = style.figure(6.2, 5.4)
             ax = fig.add_subplot()
             draw_map(ax, series.tuples, amplitudes, norm)
-            colour_bar(fig, norm, label, ax=ax)
+            colour_bar(fig, norm, amplitudes, label, ax=ax)
         elif form == "bars":
             fig = style.figure(7.2, 5.6, is_arranged=False)
             _draw_bars(fig, series.tuples, amplitudes, norm, label)
@@ -68,15 +71,16 @@ def draw_spectrum(
 
 
 def amplitude_norm(amplitudes: np.ndarray, decades: float = DECADES) -> LogNorm:
-    """Logarithmic colour scale from the largest amplitude down, no further than `decades` or the smallest."""
+    """Logarithmic scale from the largest amplitude down: by `decades`, or to a power of ten below all."""
     largest = float(np.max(amplitudes))
-    positive = amplitudes[amplitudes > 0.0]
-    floor = max(largest * 10.0**-decades, float(positive.min()))
-    return LogNorm(min(floor, 0.1 * largest), largest)
+    smallest = float(amplitudes[amplitudes > 0.0].min())
+    if smallest > largest * 10.0**-decades:
+        return LogNorm(10.0 ** np.floor(np.log10(0.999 * smallest)), largest)
+    return LogNorm(largest * 10.0**-decades, largest)
 
 
 def draw_map(ax, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, has_legend: bool = True) -> None:
-    """Heat map over (j1, j2): stored tuples coloured, mirrored ones hatched white, tuples outside the set grey."""
+    """Heat map over (j1, j2): stored tuples coloured, mirrored ones hatched, those outside the set grey."""
     n1, n2 = np.maximum(np.abs(tuples).max(axis=0), 1)
     values = np.ma.masked_all((2 * n2 + 1, 2 * n1 + 1))
     values[tuples[:, 1] + n2, tuples[:, 0] + n1] = np.maximum(amplitudes, 0.999 * norm.vmin)
@@ -85,34 +89,68 @@ def draw_map(ax, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, has_
     is_outside = ~is_stored & ~is_mirror
 
     ax.pcolormesh(
-        np.arange(-n1, n1 + 2) - 0.5, np.arange(-n2, n2 + 2) - 0.5, values, norm=norm, cmap=_colour_map(),
-        edgecolors="white", linewidth=0.4 if max(n1, n2) <= 20 else 0.0, rasterized=max(n1, n2) > 40,
-    )  # fmt: skip
-    ax.add_patch(PathPatch(_cells(is_mirror, n1, n2), facecolor="white", edgecolor="#b4b9c1", hatch="////", linewidth=0))
-    keys = [Patch(facecolor="white", edgecolor="#b4b9c1", hatch="////", linewidth=0.4, label=r"redundant: $c_{-j}=\bar c_j$")]
+        np.arange(-n1, n1 + 2) - 0.5,
+        np.arange(-n2, n2 + 2) - 0.5,
+        values,
+        norm=norm,
+        cmap=colormaps[style.COLOUR_MAP],
+        edgecolors="white",
+        linewidth=0.4 if max(n1, n2) <= 20 else 0.0,
+        rasterized=max(n1, n2) > 40,
+    )
+    ax.add_patch(
+        PathPatch(
+            _cells(is_mirror, n1, n2), facecolor="white", edgecolor="#b4b9c1", hatch="////", linewidth=0
+        )
+    )
+    keys = [
+        Patch(
+            facecolor="white",
+            edgecolor="#b4b9c1",
+            hatch="////",
+            linewidth=0.4,
+            label=r"redundant: $c_{-j}=\bar c_j$",
+        )
+    ]
     if is_outside.any():
-        ax.add_patch(PathPatch(_cells(is_outside, n1, n2), facecolor="#e4e6ea", edgecolor="none", linewidth=0))
+        ax.add_patch(
+            PathPatch(_cells(is_outside, n1, n2), facecolor="#e4e6ea", edgecolor="none", linewidth=0)
+        )
         keys.append(Patch(facecolor="#e4e6ea", label="not in the set"))
-    ax.set(xlim=(-n1 - 0.5, n1 + 0.5), ylim=(-n2 - 0.5, n2 + 0.5), xlabel=r"$j_1$", ylabel=r"$j_2$", aspect="equal")
+    ax.set(
+        xlim=(-n1 - 0.5, n1 + 0.5),
+        ylim=(-n2 - 0.5, n2 + 0.5),
+        xlabel=r"$j_1$",
+        ylabel=r"$j_2$",
+        aspect="equal",
+    )
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(9, integer=True))
     ax.spines[["top", "right"]].set_visible(True)
     if has_legend:
         ax.legend(
-            handles=keys, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2, borderaxespad=0.3, handlelength=1.6,
+            handles=keys,
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncol=2,
+            borderaxespad=0.3,
+            handlelength=1.6,
             borderpad=0.0,
-        )  # fmt: skip
+        )
 
 
-def colour_bar(fig, norm: LogNorm, label: str, **place):
-    """Colour bar of amplitudes at `ax` or in `cax`; the tip says that smaller values have the lowest colour."""
-    bar = fig.colorbar(ScalarMappable(norm, _colour_map()), extend="min", label=label, **place)
+def colour_bar(fig, norm: LogNorm, amplitudes: np.ndarray, label: str, **place):
+    """Colour bar of amplitudes at `ax` or in `cax`; a tip stands for values below the scale, if any."""
+    tip = "min" if (amplitudes < norm.vmin).any() else "neither"
+    bar = fig.colorbar(ScalarMappable(norm, colormaps[style.COLOUR_MAP]), extend=tip, label=label, **place)
     bar.outline.set_linewidth(0.5)
     bar.ax.minorticks_off()
     return bar
 
 
-def draw_stem(ax, series: Series, amplitudes: np.ndarray, norm: LogNorm, label: str, over: str = "tuple") -> None:
+def draw_stem(
+    ax, series: Series, amplitudes: np.ndarray, norm: LogNorm, label: str, over: str = "tuple"
+) -> None:
     """Stems over j (one tone) or over |j . omega|, logarithmic; the largest carry their tuples."""
     is_over_tuple = over == "tuple" and series.n_tones == 1
     x = series.tuples[:, 0] if is_over_tuple else np.abs(series.frequencies)
@@ -120,10 +158,15 @@ def draw_stem(ax, series: Series, amplitudes: np.ndarray, norm: LogNorm, label: 
     bottom, top = norm.vmin / 1.6, norm.vmax * (2.0 if is_over_tuple else 6.0)
     is_dense = is_shown.sum() > 60
     stem_colour = "#9cc4de" if is_dense else style.COLOURS[0]
-    ax.vlines(x[is_shown], bottom, amplitudes[is_shown], color=stem_colour, linewidth=0.7 if is_dense else 1.1)
-    ax.plot(x[is_shown], amplitudes[is_shown], "o", color=style.COLOURS[0], markersize=2.2 if is_dense else 3.4)
+    ax.vlines(
+        x[is_shown], bottom, amplitudes[is_shown], color=stem_colour, linewidth=0.7 if is_dense else 1.1
+    )
+    ax.plot(
+        x[is_shown], amplitudes[is_shown], "o", color=style.COLOURS[0], markersize=2.2 if is_dense else 3.4
+    )
     ax.set_yscale("log")
     ax.set_ylim(bottom, top)
+    ax.yaxis.set_major_locator(LogLocator(10.0, numticks=14))
     ax.grid(axis="y")
     ax.set_ylabel(label)
     ax.set_xlabel(r"harmonic $j$" if is_over_tuple else r"frequency $|j\cdot\omega|$ [rad/s]")
@@ -137,9 +180,11 @@ def draw_stem(ax, series: Series, amplitudes: np.ndarray, norm: LogNorm, label: 
     n_hidden = int((~is_shown).sum())
     if n_hidden:
         ax.set_title(
-            f"{n_hidden} of {series.n_harmonics} harmonics are below {norm.vmin:.1e} and not shown", color=style.MUTED,
-            size=8.0, loc="right",
-        )  # fmt: skip
+            f"{n_hidden} of {series.n_harmonics} harmonics are below {norm.vmin:.1e} and not shown",
+            color=style.MUTED,
+            size=8.0,
+            loc="right",
+        )
 
 
 def _label_stems(ax, x, tuples, amplitudes, span, limit=16) -> None:
@@ -154,14 +199,22 @@ def _label_stems(ax, x, tuples, amplitudes, span, limit=16) -> None:
         half_width = span * 0.027 * len(tuple_text(tuples[k])) / inches
         level = np.log10(amplitudes[k])
         is_crossed = amplitudes[k] < amplitudes[np.abs(x - x[k]) < 0.75 * half_width].max()
-        is_over_text = any(abs(x[k] - a) < half_width + b and abs(level - c) < 0.06 * decades for a, b, c in placed)
+        is_over_text = any(
+            abs(x[k] - a) < half_width + b and abs(level - c) < 0.06 * decades for a, b, c in placed
+        )
         if is_crossed or is_over_text:
             continue
         ax.annotate(
-            tuple_text(tuples[k]), (x[k], amplitudes[k]), xytext=(0, 4), textcoords="offset points", size=7.5,
-            ha="left" if x[k] < half_width else "center", va="bottom", color=style.INK,
+            tuple_text(tuples[k]),
+            (x[k], amplitudes[k]),
+            xytext=(0, 4),
+            textcoords="offset points",
+            size=7.5,
+            ha="left" if x[k] < half_width else "center",
+            va="bottom",
+            color=style.INK,
             path_effects=[withStroke(linewidth=2.0, foreground="white")],
-        )  # fmt: skip
+        )
         placed.append((x[k], half_width, level))
 
 
@@ -173,26 +226,40 @@ def _draw_bars(fig, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, l
     n1, n2 = np.maximum(np.abs(tuples).max(axis=0), 1)
     is_shown = (amplitudes >= norm.vmin) & (heights > 0.0)
     width = 0.78
-    # Seen from the empty half, the largest bars stand in front. One call a bar, the farthest first: matplotlib
-    # sorts faces, not bars, and would draw tall bars over short ones before them.
+    # Seen from the empty half, the largest bars stand in front. One call a bar, the farthest first, because
+    # matplotlib sorts faces, not bars, and would draw tall bars over short ones before them.
     azimuth = -130.0
     towards_viewer = tuples @ np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
     for rank, k in enumerate(np.argsort(towards_viewer, kind="stable")):
         if is_shown[k]:
             ax.bar3d(
-                tuples[k, 0] - width / 2, tuples[k, 1] - width / 2, 0.0, width, width, heights[k],
-                color=_colour_map()(norm(amplitudes[k])), edgecolor=(0, 0, 0, 0.35), linewidth=0.2, shade=True,
+                tuples[k, 0] - width / 2,
+                tuples[k, 1] - width / 2,
+                0.0,
+                width,
+                width,
+                heights[k],
+                color=colormaps[style.COLOUR_MAP](norm(amplitudes[k])),
+                edgecolor=(0, 0, 0, 0.35),
+                linewidth=0.2,
+                shade=True,
                 zorder=10 + rank,
-            )  # fmt: skip
+            )
     top = max(1.0, np.ceil(np.log10(norm.vmax) - bottom - 1e-9))
-    ax.set(xlim=(-n1 - 0.5, n1 + 0.5), ylim=(-n2 - 0.5, n2 + 0.5), zlim=(0.0, top), xlabel=r"$j_1$", ylabel=r"$j_2$")
+    ax.set(
+        xlim=(-n1 - 0.5, n1 + 0.5),
+        ylim=(-n2 - 0.5, n2 + 0.5),
+        zlim=(0.0, top),
+        xlabel=r"$j_1$",
+        ylabel=r"$j_2$",
+    )
     ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
     ax.yaxis.set_major_locator(MaxNLocator(7, integer=True))
     ax.zaxis.set_major_locator(MaxNLocator(8, integer=True))
     ax.zaxis.set_major_formatter(FuncFormatter(lambda z, _: rf"$10^{{{int(round(z + bottom))}}}$"))
     ax.view_init(elev=30.0, azim=azimuth)
     style_3d(ax)
-    colour_bar(fig, norm, label, cax=style.axes_at(fig, 6.25, 1.1, 0.14, 3.1))
+    colour_bar(fig, norm, amplitudes, label, cax=style.axes_at(fig, 6.25, 1.1, 0.14, 3.1))
 
 
 def style_3d(ax) -> None:
@@ -212,9 +279,3 @@ def _cells(mask: np.ndarray, n1: int, n2: int) -> Outline:
     if not corners:
         return Outline(np.empty((0, 2)))
     return Outline(np.concatenate(corners), codes * len(corners))
-
-
-def _colour_map():
-    import matplotlib
-
-    return matplotlib.colormaps[style.COLOUR_MAP]

@@ -1,4 +1,4 @@
-"""Common look of all pictures: sizes, colours that colour-blind readers can tell apart, units, headings, saving."""
+"""Common look of all pictures: colours that colour-blind readers can tell apart, units, headings, saving."""
 
 import textwrap
 from contextlib import contextmanager
@@ -55,7 +55,7 @@ _RC = {
 }
 
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-_WITH_PREFIX = ("m", "N", "rad", "s", "Pa", "m/s", "N m", "N/m", "rad/s", "Hz")
+_WITH_PREFIX = ("m", "N", "rad", "s", "Pa", "m/s", "N m", "N*m", "N/m", "rad/s", "Hz")
 
 
 @contextmanager
@@ -68,14 +68,16 @@ def look():
 
 
 def figure(width: float, height: float, is_arranged: bool = True) -> Figure:
-    """Empty figure of a size in inches, not tied to any display; its axes are arranged unless told otherwise."""
+    """Empty figure of a size in inches, without display; its axes are arranged unless told otherwise."""
     return Figure(figsize=(width, height), layout="constrained" if is_arranged else None)
 
 
 def axes_at(fig: Figure, left: float, bottom: float, width: float, height: float, **kwargs):
     """Axes at a place given in inches, for pictures whose parts must not move."""
     full_width, full_height = fig.get_size_inches()
-    return fig.add_axes((left / full_width, bottom / full_height, width / full_width, height / full_height), **kwargs)
+    return fig.add_axes(
+        (left / full_width, bottom / full_height, width / full_width, height / full_height), **kwargs
+    )
 
 
 def head(fig: Figure, title: str, *lines: str) -> None:
@@ -87,16 +89,22 @@ def head(fig: Figure, title: str, *lines: str) -> None:
     for texts, size, weight, colour in ((titles, 10.5, "bold", INK), (details, 8.5, "normal", MUTED)):
         for text in texts:
             fig.text(
-                0.10 / width, 1.0 - top / height, text.replace("$", r"\$"), va="top", ha="left", size=size, weight=weight,
+                0.10 / width,
+                1.0 - top / height,
+                text.replace("$", r"\$"),
+                va="top",
+                ha="left",
+                size=size,
+                weight=weight,
                 color=colour,
-            )  # fmt: skip
+            )
             top += size * 1.35 / 72.0
     if fig.get_layout_engine() is not None:
         fig.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - (top + 0.05) / height))
 
 
 def unit_scale(largest: float, units: str) -> tuple[float, str]:
-    """(factor, unit text) that bring values of size `largest` to handy numbers: 1.5e-3 m gives (1e3, `mm`)."""
+    """(factor, unit text) that make handy numbers of values up to `largest`: 1.5e-3 m gives (1e3, `mm`)."""
     if not np.isfinite(largest) or largest <= 0.0:
         return 1.0, units
     power = int(3 * np.floor((np.log10(largest) + 0.31) / 3.0))

@@ -1,4 +1,4 @@
-"""Displacement in time: points of a file, beside each other and beside a reference (figures 4 and 7 of the paper)."""
+"""Displacement in time: points of a file and references (figures 4 and 7 of the paper)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ def read_record(path, dof: str = "") -> Record:
     try:
         lines = [line.split("#")[0].strip() for line in path.read_text().splitlines()]
     except (OSError, UnicodeDecodeError) as error:
-        raise ReaderError(f"{path}: cannot be read as text ({getattr(error, 'strerror', None) or error})") from None
+        raise ReaderError(
+            f"{path}: cannot be read as text ({getattr(error, 'strerror', None) or error})"
+        ) from None
     rows = [_fields(line) for line in lines if line]
     column, names = 1, []
     if rows and not _is_number(rows[0][0]):
@@ -47,8 +49,12 @@ def read_record(path, dof: str = "") -> Record:
     try:
         table = np.array([[float(row[0]), float(row[column])] for row in rows])
     except (ValueError, IndexError):
-        bad = next(i for i, row in enumerate(rows) if len(row) <= column or not _is_number(row[0], row[column]))
-        raise ReaderError(f"{path}: data row {bad + 1} is no pair of numbers (t, x): {' '.join(rows[bad])}") from None
+        bad = next(
+            i for i, row in enumerate(rows) if len(row) <= column or not _is_number(row[0], row[column])
+        )
+        raise ReaderError(
+            f"{path}: data row {bad + 1} is no pair of numbers (t, x): {' '.join(rows[bad])}"
+        ) from None
     if len(table) < 2:
         raise ReaderError(f"{path}: needs at least two rows of numbers (t, x), found {len(table)}")
     table = table[np.argsort(table[:, 0], kind="stable")]
@@ -86,7 +92,8 @@ def draw_time(
             inside = (reference.t >= t_from) & (reference.t <= t_to)
             if inside.sum() < 2:
                 raise UsageError(
-                    f"'{reference.label}' covers {reference.t[0]:g} to {reference.t[-1]:g} s: nothing from {t_from:g} to {t_to:g} s"
+                    f"'{reference.label}' covers {reference.t[0]:g} to {reference.t[-1]:g} s: "
+                    f"nothing from {t_from:g} to {t_to:g} s"
                 )
             reference_data.append((reference.label, reference.t[inside], reference.x[inside]))
         else:
@@ -98,12 +105,23 @@ def draw_time(
     factor, units = style.unit_scale(largest, first.units)
     with style.look():
         fig = style.figure(7.4, 4.0 if not has_difference else 5.2)
-        axes = fig.subplots(2 if has_difference else 1, 1, sharex=True, squeeze=False,
-                            gridspec_kw={"height_ratios": (2.4, 1.0) if has_difference else (1.0,)})[:, 0]  # fmt: skip
+        axes = fig.subplots(
+            2 if has_difference else 1,
+            1,
+            sharex=True,
+            squeeze=False,
+            gridspec_kw={"height_ratios": (2.4, 1.0) if has_difference else (1.0,)},
+        )[:, 0]
         ax = axes[0]
         for i, (label, t_reference, x) in enumerate(reference_data):
-            ax.plot(t_reference, factor * x, color=("#b9bec7", "#8d939e", "#d8c9a8")[i % 3], linewidth=3.2, label=label,
-                    solid_capstyle="round")  # fmt: skip
+            ax.plot(
+                t_reference,
+                factor * x,
+                color=("#b9bec7", "#8d939e", "#d8c9a8")[i % 3],
+                linewidth=3.2,
+                label=label,
+                solid_capstyle="round",
+            )
         for i, (label, x) in enumerate(curve_data):
             dashes = style.DASHES[(i + (1 if references else 0)) % len(style.DASHES)]
             ax.plot(t, factor * x, color=style.COLOURS[i % len(style.COLOURS)], linestyle=dashes, label=label)
@@ -111,9 +129,20 @@ def draw_time(
         if level is not None:
             low, high = _draw_wall(ax, factor * level, units, low, high)
         margin = 0.06 * (high - low or abs(high) or 1.0)
-        ax.set(xlim=(t_from, t_to), ylim=(low - margin, high + margin), ylabel=style.with_unit(first.label, units))
+        ax.set(
+            xlim=(t_from, t_to),
+            ylim=(low - margin, high + margin),
+            ylabel=style.with_unit(first.label, units),
+        )
         ax.grid(True)
-        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=3, borderaxespad=0.3, handlelength=2.6, columnspacing=1.4)
+        ax.legend(
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncol=3,
+            borderaxespad=0.3,
+            handlelength=2.6,
+            columnspacing=1.4,
+        )
         if has_difference:
             _draw_difference(axes[1], curves, reference_data[0], first)
         axes[-1].set_xlabel(r"time $t$ [s]")
@@ -126,8 +155,15 @@ def _draw_wall(ax, level: float, units: str, low: float, high: float) -> tuple[f
     depth = 0.07 * max(high - low, 1e-300)
     is_above = level >= 0.5 * (low + high)
     edge = max(high, level + depth) if is_above else min(low, level - depth)
-    ax.axhspan(min(level, edge + (depth if is_above else -depth)), max(level, edge + (depth if is_above else -depth)),
-               facecolor="none", edgecolor=style.WALL, hatch="////", linewidth=0, zorder=0.5)  # fmt: skip
+    ax.axhspan(
+        min(level, edge + (depth if is_above else -depth)),
+        max(level, edge + (depth if is_above else -depth)),
+        facecolor="none",
+        edgecolor=style.WALL,
+        hatch="////",
+        linewidth=0,
+        zorder=0.5,
+    )
     ax.axhline(level, color=style.INK, linewidth=0.9, label=f"wall at {level:.6g} {units}".rstrip())
     return min(low, edge), max(high, edge)
 
@@ -139,15 +175,24 @@ def _draw_difference(ax, curves, reference, first: Series) -> None:
     largest = max(np.abs(d).max() for d in differences)
     factor, units = style.unit_scale(largest, first.units)
     for i, difference in enumerate(differences):
-        ax.plot(t, factor * difference, color=style.COLOURS[i % len(style.COLOURS)],
-                linestyle=style.DASHES[(i + 1) % len(style.DASHES)], linewidth=1.0)  # fmt: skip
+        ax.plot(
+            t,
+            factor * difference,
+            color=style.COLOURS[i % len(style.COLOURS)],
+            linestyle=style.DASHES[(i + 1) % len(style.DASHES)],
+            linewidth=1.0,
+        )
     ax.set_ylabel(style.with_unit("difference", units))
-    ax.set_title(f"difference to {reference[0]}: largest {factor * largest:.3g} {units}".rstrip(), color=style.MUTED, size=8.5)
+    ax.set_title(
+        f"difference to {reference[0]}: largest {factor * largest:.3g} {units}".rstrip(),
+        color=style.MUTED,
+        size=8.5,
+    )
     ax.grid(True)
 
 
 def _window(series: Series, references, t_from, t_to) -> tuple[float, float]:
-    """Start and end in seconds: as given, else some periods of the slowest tone, at the end of a reference record."""
+    """Start and end [s]: as given, else some periods of the slowest tone, at the end of a record if any."""
     slowest = _slowest(series)
     length = _PERIODS * 2.0 * np.pi / slowest if slowest > 0.0 else 1.0
     ends = [reference.t[-1] for reference in references if isinstance(reference, Record)]

@@ -1,0 +1,101 @@
+# shellcheck shell=bash
+# Set-up shared by drivers/quickstart and tests/run, which source this file: Debian packages, Python environment, build.
+
+# Everything that the build, the tests and the pictures need on Debian 12; the only list of packages in the project.
+hb_packages=(
+   gcc gfortran cmake make
+   libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libfftw3-dev libopenblas-dev
+   python3 python3-venv python3-setuptools python3-wheel
+   python3-numpy python3-h5py python3-matplotlib python3-xarray python3-h5netcdf python3-netcdf4 python3-pytest
+)
+
+hb_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+hb_venv=$hb_root/build/venv
+hb_status_packages=3 # exit status when packages are missing and may not be installed
+
+hb_say() { printf '\n==> %s\n' "$*"; }
+
+hb_fail() {
+   printf '%s: %s\n' "${0##*/}" "$*" >&2
+   exit 1
+}
+
+# Leaves with status 2 unless the option is followed by a number of 1 or more: hb_check_jobs OPTION VALUE
+hb_check_jobs() {
+   [[ $2 =~ ^[1-9][0-9]*$ ]] && return
+   printf '%s: %s needs a number of 1 or more, not "%s"\n' "${0##*/}" "$1" "$2" >&2
+   exit 2
+}
+
+# Environment of every program that we start.
+hb_environment() {
+   export OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg
+   if ((EUID == 0)); then
+      export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+   fi
+   if (($(nproc) < 2)); then
+      export OMPI_MCA_rmaps_base_oversubscribe=1
+   fi
+}
+
+hb_missing_packages() {
+   local package
+   for package in "${hb_packages[@]}"; do
+      [[ $(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null) == installed ]] || printf '%s\n' "$package"
+   done
+}
+
+# Installs what is missing; with `no` as the argument, or on another system than Debian, only says what is missing.
+hb_install_packages() {
+   local missing as_root=()
+   if ! command -v dpkg-query >/dev/null; then
+      hb_say "No dpkg here: going on with what is installed. On Debian the packages would be"
+      printf '%s\n' "${hb_packages[*]}"
+      return
+   fi
+   mapfile -t missing < <(hb_missing_packages)
+   ((${#missing[@]} == 0)) && return
+   if [[ $1 == no ]]; then
+      hb_say "Missing packages, going on without them (--no-install): ${missing[*]}"
+      return
+   fi
+   if ((EUID != 0)); then
+      # sudo may ask for a password only where somebody can answer
+      if command -v sudo >/dev/null && { sudo -n true 2>/dev/null || [[ -t 0 ]]; }; then
+         as_root=(sudo)
+      else
+         printf '%s: these packages are missing, and only root can install them:\n\n' "${0##*/}" >&2
+         printf '   apt-get update && apt-get install --no-install-recommends %s\n\n' "${missing[*]}" >&2
+         printf 'Run that line as root, then this command again. --no-install goes on without them.\n' >&2
+         exit "$hb_status_packages"
+      fi
+   fi
+   hb_say "Installing ${#missing[@]} packages (a few minutes on a fresh machine): ${missing[*]}"
+   "${as_root[@]}" apt-get update -qq || echo "apt-get update failed; trying with the package lists at hand" >&2
+   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+      apt-get install -qq --yes --no-install-recommends "${missing[@]}" >/dev/null ||
+      hb_fail "apt-get could not install the packages (see above)"
+}
+
+# Python environment in build/venv with the packages of the system and our post-processing; downloads nothing.
+hb_make_venv() {
+   local python=/usr/bin/python3
+   [[ -x $python ]] || python=python3
+   hb_say "Python environment in build/venv"
+   # a copied or moved tree leaves an environment that points elsewhere, and so does a changed Python
+   if ! "$hb_venv/bin/python" -c 'import sys; sys.exit(sys.prefix != sys.argv[1])' "$hb_venv" 2>/dev/null; then
+      "$python" -m venv --clear --system-site-packages "$hb_venv" || hb_fail "cannot make build/venv"
+   fi
+   "$hb_venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation \
+      --editable "$hb_root/postproc" || hb_fail "cannot install postproc/ into build/venv"
+   "$hb_venv/bin/nhbm-post" --version
+}
+
+# Configures and builds a preset: hb_build PRESET JOBS [TARGET]
+hb_build() {
+   local target=()
+   (($# > 2)) && target=(--target "$3")
+   hb_say "Building the $1 preset in build/$1"
+   (cd "$hb_root" && cmake --preset "$1" -DPython3_EXECUTABLE="$hb_venv/bin/python") || hb_fail "cmake could not configure $1"
+   (cd "$hb_root" && cmake --build --preset "$1" --parallel "$2" "${target[@]}") || hb_fail "the $1 build failed"
+}

@@ -1,0 +1,190 @@
+"""The command line: what it prints, the files it names, and one line with status 2 for mistakes."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import single, walled
+
+from nhbm_post import Results
+from nhbm_post.cli import main
+
+
+def run(capsys, *words):
+    """(status, stdout, stderr) of a call."""
+    try:
+        status = main([str(word) for word in words])
+    except SystemExit as stop:
+        status = stop.code
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def test_value_prints_all_digits(sweep, capsys):
+    status, out, _ = run(
+        capsys,
+        "value",
+        sweep,
+        "--dof",
+        "v3",
+        "--tuple",
+        "1,-2",
+        "--at",
+        "law_1_gap=1.5e-3",
+        "--at",
+        "solver_method=newton",
+    )
+    cos, sin, amplitude = (float(word) for word in out.split())
+    with Results(sweep) as results:
+        assert status == 0 and (cos, sin) == results.coefficients(1, "v3", (1, -2))
+    assert amplitude == np.hypot(cos, sin)
+    assert all(len(word.lstrip("-").split("e")[0]) == 18 for word in out.split())
+
+
+def test_value_takes_mirrored_tuples(sweep, capsys):
+    _, out, _ = run(capsys, "value", sweep, "--tuple", "1,0")
+    _, mirrored, _ = run(capsys, "value", sweep, "--tuple", "-1,0")
+    cos, sin, _ = (float(word) for word in out.split())
+    assert [float(word) for word in mirrored.split()][:2] == [cos, -sin]
+
+
+def test_info_tells_what_is_in_a_file(sweep, capsys):
+    status, out, _ = run(capsys, "info", sweep)
+    assert status == 0
+    for part in (
+        "sweep of the gap",
+        "nhbm 0.1.0",
+        "law_1_gap (law(1)%gap, m): 3 values",
+        "v1, v3",
+        "6: 1 pending, 3 converged, 1 stalled, 1 failed",
+        "dgetrf: singular matrix",
+        "1.00e-11",
+    ):
+        assert part in out
+    _, short, _ = run(capsys, "info", sweep, "--points", 2)
+    assert "... 4 more points" in short and len(short.splitlines()) == len(out.splitlines()) - 3
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["spectrum"],
+        ["spectrum", "--form", "bars"],
+        ["spectrum", "--over", "frequency"],
+        ["correction"],
+        ["correction", "--view", "map"],
+        ["time", "--level", "-1e-3"],
+    ],
+)
+def test_picture_is_named_after_the_file(tmp_path, capsys, words):
+    path = walled(tmp_path / "beam.h5", 2)
+    status, out, err = run(capsys, words[0], path, *words[1:], "--dpi", 50)
+    picture = tmp_path / f"beam_{words[0]}.png"
+    assert (status, out, err) == (0, f"wrote {picture}\n", "")
+    assert picture.stat().st_size > 5000
+
+
+def test_response_writes_a_pdf(sweep, tmp_path, capsys):
+    status, _, _ = run(capsys, "response", sweep, "--tuple", "1,0", "-o", tmp_path / "r.pdf")
+    assert status == 0 and (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_time_overlays_points_files_and_records(sweep, tmp_path, capsys):
+    other = single(tmp_path / "other.h5", 2)
+    record = tmp_path / "march.csv"
+    t = np.linspace(0.0, 30.0, 400)
+    record.write_text("t,v1,v3\n" + "\n".join(f"{a},0,{1e-3 * np.cos(a)}" for a in t))
+    status, _, err = run(
+        capsys,
+        "time",
+        sweep,
+        "--point",
+        "0,1,2",
+        "--overlay",
+        f"time integration:{record}",
+        "--overlay",
+        other,
+        "--from",
+        2,
+        "--to",
+        9,
+        "--difference",
+        "--dpi",
+        50,
+    )
+    assert (status, err) == (0, "")
+    assert (tmp_path / "sweep_time.png").stat().st_size > 5000
+
+
+def test_unconverged_points_are_drawn_only_when_told(sweep, capsys):
+    assert run(capsys, "spectrum", sweep, "--point", 3)[0] == 2
+    assert run(capsys, "spectrum", sweep, "--point", 3, "--unconverged")[0] == 0
+    assert run(capsys, "spectrum", sweep, "--point", 4, "--unconverged")[0] == 2
+
+
+@pytest.mark.parametrize(
+    "words, message",
+    [
+        (["info", "none.h5"], "none.h5: no such file"),
+        (["spectrum", "FILE", "--dof", "v9"], "stored: v1, v3"),
+        (["spectrum", "FILE", "--point", "9"], "no point 9; points: 0 to 5"),
+        (["spectrum", "FILE", "--point", "4"], "status failed: dgetrf: singular matrix"),
+        (["spectrum", "FILE", "--point", "5"], "status pending"),
+        (["spectrum", "FILE", "--point", "-1"], "-1 is less than 0"),
+        (["spectrum", "FILE", "--point", "x"], "invalid whole number value: 'x'"),
+        (["spectrum", "FILE", "--form", "bars", "--over", "frequency"], "needs 2 tones and tuples as axes"),
+        (["spectrum", "FILE", "--output", "a.gif"], "must end in .png"),
+        (["spectrum", "FILE", "--output", "none/a.png"], "cannot write 'none/a.png'"),
+        (["spectrum", "FILE", "--decades", "-3"], "-3 is not between 0 and 300"),
+        (["value", "FILE"], "--tuple"),
+        (["value", "FILE", "--tuple", "1,x"], "'1,x' is no tuple of integers"),
+        (["value", "FILE", "--tuple", "1,0,0"], "the file has 2 tones"),
+        (["value", "FILE", "--tuple", "9,9"], "tuple (9,9) is not in the set of point 0"),
+        (["value", "FILE", "--tuple", "1,0", "--at", "law_1_gap"], "'law_1_gap' is no NAME=VALUE"),
+        (["value", "FILE", "--tuple", "1,0", "--at", "law_1_gap=abc"], "no point with law_1_gap = abc"),
+        (
+            ["value", "FILE", "--tuple", "1,0", "--at", "law_1_gap=1e-3"],
+            "fits points 0, 3; say also solver_method",
+        ),
+        (["value", "FILE", "--tuple", "1,0", "--at", "law_1_gap=1e-3", "--point", "1"], "not allowed with"),
+        (["correction", "FILE", "--dof", "v1"], "stored: v3"),
+        (["time", "FILE", "--from", "3", "--to", "1"], "window is empty"),
+        (["time", "FILE", "--point", "0,a"], "'0,a' is no list of points"),
+        (["time", "FILE", "--overlay", "none.csv"], "none.csv: cannot be read as text"),
+        (["time", "FILE", "--overlay", "FILE", "--dof", "v9"], "stored: v1, v3"),
+        (["response", "FILE", "--over", "x"], "no swept parameter 'x'"),
+        (["response", "FILE", "--measure", "harmonic"], "belong together"),
+        (["response", "FILE", "--tuple", "1"], "has 2 tones"),
+        (["response", "FILE", "--tuple", "8,8"], "in the set of no converged point"),
+        (["frobnicate"], "invalid choice: 'frobnicate'"),
+        ([], "COMMAND"),
+    ],
+)
+def test_mistakes_give_one_line_and_status_2(sweep, tmp_path, monkeypatch, capsys, words, message):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(capsys, *(sweep if word == "FILE" else word for word in words))
+    assert status == 2 and out == ""
+    assert err.startswith("nhbm-post") and err.count("\n") == 1 and message in err
+
+
+@pytest.mark.parametrize("text", ["", "t,x\n", "t,x\n0,1\n", "t,x\n0,1\n1,abc\n", "0\n1\n", "0,nan\n1,2\n"])
+def test_bad_records_give_one_line(sweep, tmp_path, capsys, text):
+    record = tmp_path / "r.csv"
+    record.write_text(text)
+    status, _, err = run(capsys, "time", sweep, "--overlay", record)
+    assert status == 2 and err.count("\n") == 1 and "r.csv" in err
+
+
+@pytest.mark.parametrize("command", ["info", "value", "correction", "time", "spectrum", "response"])
+def test_help_says_something(capsys, command):
+    status, out, _ = run(capsys, command, "--help")
+    assert status == 0 and len(out) > 500
+
+
+def test_runs_as_a_module_without_display(sweep):
+    call = [sys.executable, "-m", "nhbm_post", "info", str(sweep)]
+    done = subprocess.run(
+        call, capture_output=True, text=True, env={"PYTHONPATH": ":".join(sys.path)}, check=True
+    )
+    assert "sweep of the gap" in done.stdout

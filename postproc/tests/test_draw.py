@@ -1,0 +1,191 @@
+"""Pictures are written, hold something, and show what the data say."""
+
+import numpy as np
+import pytest
+from conftest import single, walled
+from matplotlib.image import imread
+
+from nhbm_post import Results, UsageError
+from nhbm_post.draw import draw_correction, draw_response, draw_spectrum, draw_time, save
+from nhbm_post.draw.style import unit_scale
+from nhbm_post.draw.time_history import Record, read_record
+
+
+def assert_picture(fig, path):
+    save(fig, path, dpi=50)
+    pixels = imread(path)[..., :3]
+    assert min(pixels.shape[:2]) > 100
+    assert pixels.std() > 0.02, "an empty picture"
+
+
+def texts_of(fig):
+    return " ".join(
+        [t.get_text() for t in fig.texts] + [t.get_text() for ax in fig.axes for t in _legend_texts(ax)]
+    )
+
+
+def _legend_texts(ax):
+    return ax.get_legend().get_texts() if ax.get_legend() else []
+
+
+@pytest.mark.parametrize("n_tones", [1, 2, 3])
+@pytest.mark.parametrize("view", ["surface", "map"])
+@pytest.mark.parametrize("is_stored", [True, False])
+def test_correction(tmp_path, n_tones, view, is_stored):
+    path = (walled if is_stored else single)(tmp_path / "a.h5", n_tones)
+    with Results(path) as results:
+        fig = draw_correction(results, 0, view=view, n_samples=24)
+    assert_picture(fig, tmp_path / "a.png")
+    source = "as stored by the run" if is_stored else "summed from the stored coefficients"
+    assert source in texts_of(fig)
+    assert ("section tau_3 = 0" in texts_of(fig)) == (n_tones == 3)
+
+
+def test_map_hatches_the_redundant_half(tmp_path):
+    with Results(single(tmp_path / "a.h5", 2)) as results:
+        fig = draw_spectrum(results.series(0))
+    ax = fig.axes[0]
+    shown = ax.collections[0].get_array().reshape(7, 7)
+    mask = np.ma.getmaskarray(shown)
+    assert (~mask).sum() == 25 and mask[:, :3].all() and mask[:3, 3].all() and not mask[3:, 3].any()
+    hatched = [patch for patch in ax.patches if patch.get_hatch()]
+    assert len(hatched) == 1 and len(hatched[0].get_path().vertices) == 24 * 5
+
+
+@pytest.mark.parametrize("n_tones", [1, 2, 3])
+@pytest.mark.parametrize("over", ["tuple", "frequency"])
+@pytest.mark.parametrize("is_normalised", [True, False])
+def test_spectrum(tmp_path, n_tones, over, is_normalised):
+    with Results(single(tmp_path / "a.h5", n_tones)) as results:
+        fig = draw_spectrum(results.series(0), title="a title", over=over, is_normalised=is_normalised)
+    assert_picture(fig, tmp_path / "a.png")
+
+
+def test_spectrum_as_bars(tmp_path):
+    with Results(single(tmp_path / "a.h5", 2)) as results:
+        assert_picture(draw_spectrum(results.series(0), form="bars"), tmp_path / "a.png")
+    with Results(single(tmp_path / "b.h5", 1)) as results, pytest.raises(UsageError, match="needs 2 tones"):
+        draw_spectrum(results.series(0), form="bars")
+
+
+def test_time_draws_the_motion(tmp_path):
+    with Results(single(tmp_path / "a.h5", 2)) as results:
+        series = results.series(0)
+    fig = draw_time([("two tones", series)], t_from=1.0, t_to=3.0, level=1e-3)
+    t, x = fig.axes[0].lines[0].get_data()
+    assert (t[0], t[-1]) == (1.0, 3.0)
+    assert fig.axes[0].get_ylabel() in ("v3 [mm]", "v3 [µm]")
+    factor = 1e3 if "mm" in fig.axes[0].get_ylabel() else 1e6
+    np.testing.assert_allclose(x, factor * series.evaluate(t), rtol=1e-12)
+    assert_picture(fig, tmp_path / "a.png")
+
+
+def test_time_difference_to_a_record_is_drawn(tmp_path):
+    with Results(single(tmp_path / "a.h5", 2)) as results:
+        series = results.series(0)
+    t = np.linspace(0.0, 50.0, 3001)
+    fig = draw_time(
+        [("balance", series)], [Record("marched", t, series.evaluate(t) - 2e-6)], has_difference=True
+    )
+    np.testing.assert_allclose(fig.axes[1].lines[0].get_ydata(), 2.0, rtol=1e-9)
+    assert fig.axes[1].get_ylabel() == "difference [µm]"
+    assert fig.axes[0].get_xlim()[1] == 50.0
+    assert_picture(fig, tmp_path / "a.png")
+
+
+def test_time_refuses_empty_windows(tmp_path):
+    with Results(single(tmp_path / "a.h5", 1)) as results:
+        curve = [("x", results.series(0))]
+    with pytest.raises(UsageError, match="window is empty"):
+        draw_time(curve, t_from=2.0, t_to=1.0)
+    with pytest.raises(UsageError, match="covers 0 to 1 s: nothing from 5 to 6 s"):
+        draw_time(curve, [Record("r", np.array([0.0, 1.0]), np.zeros(2))], t_from=5.0, t_to=6.0)
+    with pytest.raises(UsageError, match="--overlay"):
+        draw_time(curve, has_difference=True)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["0,1\n1,3\n", "# by a program\nt,x\n0,1\n1,3\n", "t;v1;v3 [m]\n0;9;1\n1;9;3\n", "1 3\n0 1 # first\n"],
+)
+def test_record_of_many_forms(tmp_path, text):
+    path = tmp_path / "r.csv"
+    path.write_text(text)
+    record = read_record(path, "v3")
+    np.testing.assert_array_equal(record.t, [0.0, 1.0])
+    np.testing.assert_array_equal(record.x, [1.0, 3.0])
+
+
+def test_response_breaks_at_unconverged_points(sweep, tmp_path):
+    with Results(sweep) as results:
+        fig = draw_response(results, "v3", measure="rms", over="law_1_gap")
+        expected = [results.series(point, "v3").rms for point in range(3)]
+        factor, _ = unit_scale(max(expected), "m")
+    newton, broyden = sorted(fig.axes[0].lines[:2], key=lambda line: np.isnan(line.get_ydata()).any())
+    np.testing.assert_allclose(newton.get_ydata(), factor * np.array(expected))
+    assert np.isnan(broyden.get_ydata()).all()
+    assert "not converged: 2 of 6 (1 failed, 1 stalled)" in texts_of(fig)
+    assert "not solved yet: 1 of 6" in texts_of(fig)
+    failed = next(line for line in fig.axes[0].lines if "not converged" in str(line.get_label()))
+    assert failed.get_fillstyle() == "none" and failed.get_linestyle() == "None"
+    np.testing.assert_allclose(failed.get_xdata(), [1.0, 1.5])
+    assert_picture(fig, tmp_path / "a.png")
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"measure": "rms"}, {"measure": "harmonic", "j": (3, 0)}, {"over": "solver_method"}]
+)
+def test_response_measures(sweep, tmp_path, options):
+    with Results(sweep) as results:
+        fig = draw_response(results, **options)
+    assert_picture(fig, tmp_path / "a.png")
+    if "j" in options:
+        assert "1 converged without this harmonic" in texts_of(fig)
+
+
+def test_response_needs_a_sweep(tmp_path, sweep):
+    with (
+        Results(single(tmp_path / "a.h5", 1)) as results,
+        pytest.raises(UsageError, match="a response needs a sweep"),
+    ):
+        draw_response(results)
+    with (
+        Results(sweep) as results,
+        pytest.raises(UsageError, match="none of the chosen points has converged"),
+    ):
+        draw_response(results, at={"solver_method": "broyden"})
+
+
+@pytest.mark.parametrize("ending, start", [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_ending_chooses_the_format(tmp_path, ending, start):
+    with Results(single(tmp_path / "a.h5", 1)) as results:
+        path = save(draw_spectrum(results.series(0)), tmp_path / f"a.{ending}")
+    assert path.read_bytes().startswith(start)
+
+
+def test_saving_refuses_bad_names(tmp_path):
+    with Results(single(tmp_path / "a.h5", 1)) as results:
+        fig = draw_spectrum(results.series(0))
+    with pytest.raises(UsageError, match="must end in .png, .pdf, .svg"):
+        save(fig, tmp_path / "a.gif")
+    with pytest.raises(UsageError, match="cannot write"):
+        save(fig, tmp_path / "none" / "a.png")
+
+
+@pytest.mark.parametrize(
+    "largest, units, expected",
+    [
+        (1.5e-3, "m", "mm"),
+        (2.0e-5, "m", "µm"),
+        (0.6, "m", "m"),
+        (1.2e4, "N", "kN"),
+        (3.0, "rad", "rad"),
+        (1e-3, "m or rad", r"$10^{-3}$ m or rad"),
+        (1e-14, "m", r"$10^{-15}$ m"),
+        (0.0, "m", "m"),
+    ],
+)
+def test_units_get_prefixes(largest, units, expected):
+    factor, text = unit_scale(largest, units)
+    assert text == expected
+    assert largest == 0.0 or 0.4 < largest * factor < 1000.0

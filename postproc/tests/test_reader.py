@@ -1,0 +1,199 @@
+"""The reader against files written by the schema, and its messages on anything else."""
+
+import h5py
+import numpy as np
+import pytest
+from conftest import GAPS, single, walled
+from synthetic import STATUS_WORDS, box, write_results
+
+from nhbm_post import ReaderError, Results
+from nhbm_post.reader import _STATUS_NAMES
+
+
+def test_head_of_a_file(sweep):
+    with Results(sweep) as results:
+        assert results.title == "sweep of the gap"
+        assert results.program_version == "0.1.0"
+        assert results.git_commit == "unknown"
+        assert results.created_utc == "2024-01-02T03:04:05Z"
+        assert "sqrt(cos_h**2 + sin_h**2)" in results.amplitude_convention
+        assert (results.n_points, results.n_tones, results.n_harmonics, results.n_ranks) == (6, 2, 25, 2)
+        assert (results.dofs, results.law_dofs, results.default_dof()) == (["v1", "v3"], ["v3"], "v3")
+        assert results.status_counts() == {"pending": 1, "converged": 3, "stalled": 1, "failed": 1}
+        assert results.message(4) == "dgetrf: singular matrix"
+        assert "&output" in results.input_text and "&output" in results.input_complete
+        assert list(results.converged) == [0, 1, 2]
+
+
+def test_parameters_carry_path_units_and_values(sweep):
+    with Results(sweep) as results:
+        gap, method = results.parameters["law_1_gap"], results.parameters["solver_method"]
+        assert (gap.path, gap.units, gap.is_number) == ("law(1)%gap", "m", True)
+        np.testing.assert_array_equal(gap.values, GAPS + GAPS)
+        assert not method.is_number and list(method.values) == ["newton"] * 3 + ["broyden"] * 3
+        assert results.parameter("law(1)%gap") is gap
+
+
+@pytest.mark.parametrize("strings", ["variable", "fixed"])
+@pytest.mark.parametrize("layout", ["fixed", "chars"])
+def test_every_kind_of_string_reads_alike(tmp_path, strings, layout):
+    path = single(
+        tmp_path / "a.h5",
+        1,
+        strings=strings,
+        message_layout=layout,
+        messages=["a message"],
+        title="a title",
+        parameters={"solver_method": ("solver%method", "1", ["newton"])},
+    )
+    with Results(path) as results:
+        assert results.dofs == ["v3"] and results.title == "a title" and results.message(0) == "a message"
+        assert list(results.parameters["solver_method"].values) == ["newton"]
+        assert results.units() == "m"
+
+
+def test_degrees_of_freedom_have_their_own_units(tmp_path):
+    tuples = box(1, 1)
+    path = write_results(
+        tmp_path / "a.h5",
+        tuples,
+        [[1.0]],
+        np.ones((1, 2, 2, 2)),
+        dofs=("v3", "r3"),
+        law_dofs=("v3", "r3"),
+        units="see dof_units",
+        dof_units=("m", "rad"),
+    )
+    with Results(path) as results:
+        assert [results.series(0, dof).units for dof in results.dofs] == ["m", "rad"]
+        assert results.units() == "see dof_units"
+
+
+def test_names_of_statuses_are_those_of_the_schema():
+    assert list(_STATUS_NAMES) == list(range(7)) and " ".join(_STATUS_NAMES.values()) == STATUS_WORDS
+
+
+def test_selection_of_points(sweep):
+    with Results(sweep) as results:
+        assert results.point() == 0
+        assert results.point(2) == 2
+        assert results.point(at={"law_1_gap": "1.5e-3", "solver_method": "newton"}) == 1
+        assert results.select({"law(1)%gap": 0.0015}) == [1, 4]
+        with pytest.raises(ReaderError, match=r"fits points 1, 4; say also solver_method"):
+            results.point(at={"law_1_gap": 1.5e-3})
+        with pytest.raises(
+            ReaderError, match=r"sweep.h5: no point with law_1_gap = 1.4e-3; values: 0.001, 0.0015, 0.002"
+        ):
+            results.point(at={"law_1_gap": "1.4e-3"})
+        with pytest.raises(ReaderError, match=r"no swept parameter 'gap'; swept: law_1_gap, solver_method"):
+            results.point(at={"gap": 1.0})
+        with pytest.raises(ReaderError, match=r"no point 6; points: 0 to 5"):
+            results.point(6)
+
+
+def test_coefficients_are_those_written(sweep):
+    with h5py.File(sweep, "r") as file, Results(sweep) as results:
+        h = int(np.flatnonzero((file["tuple"][()] == (1, -2)).all(axis=1))[0])
+        cos, sin = file["coefficients"][1, 1, h]
+        assert results.coefficients(1, "v3", (1, -2)) == (cos, sin)
+        assert results.coefficients(1, "v3", (-1, 2)) == (cos, -sin)
+        assert results.amplitude(1, "v3", (1, -2)) == np.hypot(cos, sin)
+        series = results.series(1, "v3")
+        np.testing.assert_array_equal(results.evaluate(1, "v3", [0.0, 2.0]), series.evaluate([0.0, 2.0]))
+        np.testing.assert_array_equal(results.on_grid(1, "v3", (4, 6)), series.on_grid((4, 6)))
+
+
+def test_all_series_are_the_converged_ones(sweep):
+    with Results(sweep) as results:
+        found = dict(results.all_series("v1"))
+        assert list(found) == [0, 1, 2]
+        np.testing.assert_array_equal(found[2].cos, results.series(2, "v1").cos)
+
+
+def test_harmonics_outside_the_set_are_left_out(sweep):
+    with Results(sweep) as results:
+        assert results.series(0).n_harmonics == 13
+        assert results.series(1).n_harmonics == 25
+        with pytest.raises(
+            ReaderError,
+            match=r"tuple \(3,0\) is not in the set of point 0; it has 13 tuples with \|j1\| <= 2",
+        ):
+            results.coefficients(0, "v3", (3, 0))
+        with pytest.raises(ReaderError, match=r"tuple \(1\) has 1 entries; the file has 2 tones"):
+            results.coefficients(0, "v3", (1,))
+
+
+def test_points_without_result_are_refused(sweep):
+    with Results(sweep) as results:
+        with pytest.raises(
+            ReaderError, match=r"point 3 has no result \(status stalled\); converged points: 0-2"
+        ):
+            results.series(3)
+        assert results.series(3, allow_unconverged=True).n_harmonics == 25
+        for point, why in ((4, "failed: dgetrf: singular matrix"), (5, "pending")):
+            for allow in (False, True):
+                with pytest.raises(
+                    ReaderError, match=rf"sweep.h5: point {point} has no result \(status {why}\)"
+                ):
+                    results.series(point, allow_unconverged=allow)
+
+
+def test_unknown_dof_names_the_stored_ones(sweep):
+    with Results(sweep) as results:
+        with pytest.raises(
+            ReaderError, match="sweep.h5: no displacement of degree of freedom 'v9'; stored: v1, v3"
+        ):
+            results.series(0, "v9")
+        with pytest.raises(ReaderError, match="no force of the laws of degree of freedom 'v1'; stored: v3"):
+            results.series(0, "v1", "force")
+
+
+@pytest.mark.parametrize("n_tones", [1, 2, 3])
+def test_samples_have_axes_in_the_order_of_tones(tmp_path, n_tones):
+    with Results(walled(tmp_path / "a.h5", n_tones)) as results:
+        axes, surface = results.samples(0, "v3")
+        assert [len(axis) for axis in axes] == list(surface.shape)
+        np.testing.assert_allclose(surface, results.on_grid(0, "v3", 16), atol=1e-17)
+
+
+def test_file_without_samples(sweep):
+    with Results(sweep) as results:
+        assert results.samples(0, "v3") is None
+
+
+def test_no_converged_point(tmp_path):
+    tuples = box(1, 1)
+    path = write_results(tmp_path / "a.h5", tuples, [[1.0]] * 2, np.full((2, 1, 2, 2), np.nan), status=[0, 6])
+    with (
+        Results(path) as results,
+        pytest.raises(ReaderError, match=r"no point has converged \(1 pending, 1 failed\)"),
+    ):
+        results.point()
+
+
+def test_converged_point_without_numbers(tmp_path):
+    path = write_results(tmp_path / "a.h5", box(1, 1), [[1.0]], np.full((1, 1, 2, 2), np.nan))
+    with Results(path) as results, pytest.raises(ReaderError, match="holds no displacement of 'v3'"):
+        results.series(0)
+
+
+def test_other_files_are_refused(tmp_path):
+    text, other, newer, torn = (tmp_path / name for name in ("a.txt", "other.h5", "newer.h5", "torn.h5"))
+    text.write_text("no HDF5")
+    with h5py.File(other, "w") as file:
+        file["x"] = 1.0
+    single(newer, 1, schema_version=2)
+    single(torn, 1)
+    with h5py.File(torn, "a") as file:
+        del file["status"]
+    for path, message in (
+        (tmp_path / "none.h5", "no such file"),
+        (tmp_path, "is a folder"),
+        (text, "cannot be read as HDF5"),
+        (other, "no result file of nhbm: it has no attribute 'schema_version'"),
+        (newer, "schema version 2; this nhbm-post reads version 1"),
+        (torn, "result file without status"),
+    ):
+        with pytest.raises(ReaderError, match=message) as caught:
+            Results(path)
+        assert str(path) in str(caught.value)

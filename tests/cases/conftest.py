@@ -1,0 +1,19 @@
+"""Case tests: the program as users run it. NHBM=/path/to/nhbm python3 -m pytest tests/cases"""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "postproc" / "src"))
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "long: takes more than about ten seconds")
+
+
+@pytest.fixture
+def inputs():
+    """Folder of the example inputs."""
+    return ROOT / "inputs"

@@ -1,0 +1,190 @@
+"""Expected results that stand in an input file as comments, and their check against a result file.
+
+    ! expect: [PARAMETER=VALUE ...] SUBJECT = NUMBER to TOLERANCE
+    ! expect: [PARAMETER=VALUE ...] SUBJECT < NUMBER
+    ! expect: [PARAMETER=VALUE ...] status = NAME
+
+SUBJECT is a coefficient, `DOF (j1,j2,...) cos|sin|amplitude`, or one of penetration, residual, iterations, n_harmonics.
+TOLERANCE is relative; `<` compares the magnitude. Parameters are named as in the result file (law_1_gap) and select
+points; without any, the line is about every point. It must hold at each selected point, and there must be one.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+
+from nhbm_post.errors import ReaderError
+from nhbm_post.reader import Results
+
+QUANTITIES = ("penetration", "residual", "iterations", "n_harmonics")
+COMPONENTS = ("cos", "sin", "amplitude")
+STATUSES = ("converged", "stalled", "out_of_budget", "singular", "not_finite", "failed")
+
+_FORMS = (
+    "[PARAMETER=VALUE ...] then DOF (j1,j2) cos|sin|amplitude or "
+    + "|".join(QUANTITIES)
+    + ", then '= NUMBER to TOLERANCE' or '< NUMBER'; or status = NAME"
+)
+_MARK = re.compile(r"!\s*expect", re.IGNORECASE)
+_LINE = re.compile(r"\s*! expect: (.*\S)\s*")
+_PARAMETER = re.compile(r"([A-Za-z]\w*)=(\S+)\s+")
+_STATUS = re.compile(r"status = (\w+)")
+_COMPARISON = re.compile(r"(?P<subject>.+?) (?:= (?P<number>\S+) to (?P<tolerance>\S+)|< (?P<bound>\S+))")
+_COEFFICIENT = re.compile(r"(\S+) \(([^()]*)\) (\w+)")
+
+
+class MalformedExpectation(ValueError):
+    """A line that says `! expect` but not in one of the known forms."""
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """One line. `number` is what to find, or the bound where `tolerance` is None."""
+
+    text: str
+    line: int
+    parameters: dict[str, str] = field(default_factory=dict)
+    status: str | None = None
+    quantity: str | None = None
+    dof: str | None = None
+    j: tuple[int, ...] = ()
+    component: str | None = None
+    number: float = math.nan
+    tolerance: float | None = None
+
+    def points(self, results: Results) -> list[int]:
+        """Points that the line is about; ReaderError where there are none."""
+        return results.select(self.parameters)
+
+    def value(self, results: Results, point: int) -> float:
+        """What the file holds in place of `number`."""
+        if self.quantity:
+            return float(results.per_point(self.quantity)[point])
+        if self.component == "amplitude":
+            return results.amplitude(point, self.dof, self.j)
+        cosine, sine = results.coefficients(point, self.dof, self.j)
+        return float(cosine if self.component == "cos" else sine)
+
+    def holds_for(self, value: float) -> bool:
+        """Whether a value is as expected; NaN never is."""
+        if self.tolerance is None:
+            return abs(value) < self.number
+        return abs(value - self.number) <= self.tolerance * abs(self.number)
+
+
+def read_expectations(text: str) -> list[Expectation]:
+    """All expectations of an input file; raises MalformedExpectation with the number of the line."""
+    found = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if _MARK.search(line):
+            found.append(_parse(line, number))
+    return found
+
+
+def failures(expectations: list[Expectation], results: Results) -> list[str]:
+    """What does not hold, a sentence each. Points that no line gives a status must have converged."""
+    problems = []
+    expected_status = {point: "converged" for point in range(results.n_points)}
+    for expectation in expectations:
+        try:
+            points = expectation.points(results)
+        except ReaderError as error:
+            problems.append(_sentence(expectation, str(error)))
+            continue
+        if expectation.status:
+            expected_status.update((point, expectation.status) for point in points)
+        else:
+            problems += _wrong_values(expectation, results, points)
+    for point, name in expected_status.items():
+        if results.status_name(point) != name:
+            what = f"status is {results.status_name(point)}, not {name}"
+            problems.append(f"{results.point_text(point)}: {what} {results.message(point)}".rstrip())
+    return problems
+
+
+def expects_only_converged(expectations: list[Expectation]) -> bool:
+    """Whether no line tells of a point that does not converge."""
+    return all(e.status in (None, "converged") for e in expectations)
+
+
+def _wrong_values(expectation: Expectation, results: Results, points: list[int]) -> list[str]:
+    problems = []
+    for point in points:
+        try:
+            value = expectation.value(results, point)
+        except ReaderError as error:
+            problems.append(_sentence(expectation, str(error)))
+            continue
+        if expectation.holds_for(value):
+            continue
+        found = f"found {value:.17g} at {results.point_text(point)}"
+        if expectation.tolerance is not None and expectation.number:
+            found += f", relative difference {abs(value / expectation.number - 1.0):.1e}"
+        problems.append(_sentence(expectation, found))
+    return problems
+
+
+def _sentence(expectation: Expectation, what: str) -> str:
+    return f"line {expectation.line}: '{expectation.text}': {what}"
+
+
+def _parse(line: str, number: int) -> Expectation:
+    match = _LINE.fullmatch(line)
+    if not match:
+        raise _malformed(number, line, "must be a comment of its own that begins with '! expect: '")
+    text = rest = match[1]
+    parameters: dict[str, str] = {}
+    while parameter := _PARAMETER.match(rest):
+        if parameter[1] in parameters:
+            raise _malformed(number, line, f"names {parameter[1]} twice")
+        parameters[parameter[1]] = parameter[2]
+        rest = rest[parameter.end() :]
+    common = {"text": text, "line": number, "parameters": parameters}
+
+    if status := _STATUS.fullmatch(rest):
+        if status[1] not in STATUSES:
+            raise _malformed(number, line, f"unknown status '{status[1]}'; known: {', '.join(STATUSES)}")
+        return Expectation(status=status[1], **common)
+
+    comparison = _COMPARISON.fullmatch(rest)
+    if not comparison:
+        raise _malformed(number, line, f"the form is {_FORMS}")
+    if comparison["bound"]:
+        common["number"] = _number(comparison["bound"], number, line)
+        if not common["number"] > 0.0:
+            raise _malformed(number, line, "a bound must be above 0, or nothing can hold")
+    else:
+        common["number"] = _number(comparison["number"], number, line)
+        common["tolerance"] = _number(comparison["tolerance"], number, line)
+        if not 0.0 <= common["tolerance"] < 1.0:
+            raise _malformed(number, line, "the relative tolerance must be from 0 to below 1")
+        if common["number"] == 0.0 and common["tolerance"] > 0.0:
+            raise _malformed(number, line, "no relative tolerance fits 0; use '< NUMBER'")
+
+    subject = comparison["subject"]
+    if subject in QUANTITIES:
+        return Expectation(quantity=subject, **common)
+    coefficient = _COEFFICIENT.fullmatch(subject)
+    if not coefficient or coefficient[3] not in COMPONENTS:
+        raise _malformed(number, line, f"'{subject}' is no subject; the form is {_FORMS}")
+    try:
+        j = tuple(int(entry) for entry in coefficient[2].split(","))
+    except ValueError:
+        raise _malformed(number, line, f"({coefficient[2]}) is no tuple of integers") from None
+    return Expectation(dof=coefficient[1], j=j, component=coefficient[3], **common)
+
+
+def _number(text: str, number: int, line: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise _malformed(number, line, f"'{text}' is no finite number")
+    return value
+
+
+def _malformed(number: int, line: str, what: str) -> MalformedExpectation:
+    return MalformedExpectation(f"line {number}: '{line.strip()}': {what}")

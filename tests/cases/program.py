@@ -1,0 +1,102 @@
+"""Runs the program under test and reads what it wrote. Environment: NHBM, the program; MPIEXEC, default mpirun."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+ALL_CONVERGED, NOT_ALL_CONVERGED, BAD_INPUT = 0, 1, 2
+
+# Nothing here takes this long; a run that hangs must end the test.
+_TIME_LIMIT = 120.0
+
+# Open MPI under root and on few cores; one thread a rank, so that sums have one order.
+_ENVIRONMENT = {
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+
+
+@dataclass(frozen=True)
+class Run:
+    """How a run of the program ended."""
+
+    status: int
+    stdout: str
+    stderr: str
+
+    @property
+    def messages(self) -> list[str]:
+        """Messages of the program on standard error; a message may have several lines."""
+        return [m for m in ("\n" + self.stderr).split("\nnhbm: ")[1:]]
+
+
+def program() -> str:
+    """Path of the program under test."""
+    path = os.environ.get("NHBM", "")
+    if not path or not os.access(path, os.X_OK):
+        raise RuntimeError(f"set NHBM to the path of the program; it is '{path}'")
+    return str(Path(path).resolve())
+
+
+def command(*arguments, ranks: int | None = None) -> list[str]:
+    """Command line of the program, under mpirun if `ranks` are given."""
+    words = [program(), *map(str, arguments)]
+    if ranks is None:
+        return words
+    return [os.environ.get("MPIEXEC") or "mpirun", "-n", str(ranks), *words]
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, **_ENVIRONMENT}
+
+
+def run(*arguments, cwd, ranks: int | None = None) -> Run:
+    """Runs the program in the folder `cwd` and waits for its end."""
+    done = subprocess.run(
+        command(*arguments, ranks=ranks), cwd=cwd, env=environment(), capture_output=True, timeout=_TIME_LIMIT
+    )
+    return Run(done.returncode, done.stdout.decode(errors="replace"), done.stderr.decode(errors="replace"))
+
+
+def solve(text: str, folder: Path, *options, ranks: int | None = None, status: int = ALL_CONVERGED, name="case") -> Path:
+    """Writes an input, solves it and gives the result file; fails when the exit status is another."""
+    source = folder / f"{name}.nml"
+    source.write_text(text)
+    result = folder / f"{name}.h5"
+    done = run("solve", source, "-o", result, "--overwrite", "--quiet", *options, cwd=folder, ranks=ranks)
+    assert done.status == status, f"exit status {done.status} instead of {status}: {done.stderr}{messages_of(result)}"
+    return result
+
+
+def messages_of(result: Path) -> str:
+    """Status and message of every point of a result file, for the text of a failed test."""
+    if not result.exists():
+        return ""
+    with h5py.File(result, "r") as file:
+        texts = [bytes(row).decode(errors="replace").strip("\0 ") for row in np.atleast_2d(file["message"][()])]
+        return f"\nstatus {file['status'][()].tolist()}, residual {file['residual'][()].tolist()}, {texts}"
+
+
+def read(result: Path, *names: str):
+    """Datasets of a result file as arrays; one alone when one name is given."""
+    with h5py.File(result, "r") as file:
+        values = [file[name][()] for name in names]
+    return values[0] if len(values) == 1 else values
+
+
+def coefficients_by_tuple(result: Path, point: int = 0, dof: int = 0) -> dict[tuple[int, ...], tuple[float, float]]:
+    """(cos, sin) of every harmonic in the set of a point."""
+    tuples, values = read(result, "tuple", "coefficients")
+    return {
+        tuple(int(k) for k in j): (float(c), float(s))
+        for j, (c, s) in zip(tuples, values[point, dof])
+        if not (np.isnan(c) and np.isnan(s))
+    }

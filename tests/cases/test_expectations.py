@@ -1,0 +1,137 @@
+"""The judge judged: expectations.py accepts what is right, refuses what is wrong, and stumbles over nothing else."""
+
+import pytest
+from nhbm_post.reader import Results
+
+from expectations import MalformedExpectation, expects_only_converged, failures, read_expectations
+from program import NOT_ALL_CONVERGED, solve
+
+# x'' + x'/10 + (1 + k) x = cos(2t) + 3 with k = 0 and 7: closed forms below. The third point has a wrong value.
+SCENE = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0,
+   ground_stiffness = 1.0, damping_mass = 0.1 /
+&tones frequency = 2.0 /
+&harmonics order = 1 /
+&load dof = 'x1', tuple = 1, cos = 1.0 /
+&load dof = 'x1', tuple = 0, cos = 3.0 /
+&law type = 'polynomial', dof = 'x1', stiffness = 0.0 /
+&sweep parameter = 'law(1)%stiffness', values = 0.0, 7.0, axis = 1 /
+&sweep parameter = 'solver%max_iterations', values = 100, 100, axis = 1 /
+"""
+FAILING = SCENE.replace("values = 0.0, 7.0", "values = 0.0, 7.0, 1e300").replace("100, 100", "100, 100, 0")
+
+
+def closed_form(k):
+    return 1.0 / (1.0 + k - 4.0 + 0.2j)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    with Results(solve(SCENE, tmp_path_factory.mktemp("judge"))) as file:
+        yield file
+
+
+@pytest.fixture(scope="module")
+def failing_results(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("judge")
+    with Results(solve(FAILING, folder, status=NOT_ALL_CONVERGED)) as file:
+        yield file
+
+
+def problems(results, *lines):
+    return failures(read_expectations("\n".join(f"! expect: {line}" for line in lines)), results)
+
+
+def test_right_expectations_hold(results):
+    soft, stiff = closed_form(0.0), closed_form(7.0)
+    assert not problems(
+        results,
+        f"law_1_stiffness=0 x1 (1) cos = {soft.real!r} to 1e-12",
+        f"law_1_stiffness=0 x1 (1) sin = {-soft.imag!r} to 1e-12",
+        f"law_1_stiffness=7.0 x1 (1) amplitude = {abs(stiff)!r} to 1e-12",
+        f"law_1_stiffness=7.0 solver_max_iterations=100 x1 (-1) sin = {stiff.imag!r} to 1e-12",
+        "law_1_stiffness=0 x1 (0) cos = 3.0 to 1e-12",
+        "x1 (0) sin < 1e-300",
+        "n_harmonics = 2 to 0",
+        "residual < 1e-12",
+        "iterations < 10",
+        "status = converged",
+    )
+
+
+@pytest.mark.parametrize(
+    "line, says",
+    [
+        ("law_1_stiffness=0 x1 (0) cos = 3.001 to 1e-4", "found 3"),
+        ("law_1_stiffness=0 x1 (0) cos = -3.0 to 1e-4", "found 3"),
+        ("x1 (0) cos = 3.0 to 1e-4", "law_1_stiffness = 7"),
+        ("law_1_stiffness=0 x1 (1) cos = 3.0 to 1e-4", "found -0.33"),
+        ("law_1_stiffness=0 x1 (1) sin < 1e-3", "found 0.02"),
+        ("n_harmonics = 3 to 0", "found 2"),
+        ("law_1_stiffness=5 n_harmonics = 2 to 0", "no point with law_1_stiffness = 5"),
+        ("law_1_gap=5 n_harmonics = 2 to 0", "no swept parameter 'law_1_gap'"),
+        ("x2 (1) cos < 1.0", "'x2'"),
+        ("x1 (2) cos < 1.0", "tuple (2) is not in the set"),
+        ("x1 (1,0) cos < 1.0", "2 entries"),
+        ("status = stalled", "status is converged, not stalled"),
+    ],
+)
+def test_wrong_expectation_fails(results, line, says):
+    found = problems(results, line)
+    assert found and any(says in problem for problem in found), found
+
+
+def test_point_that_is_not_converged_fails_unless_said(failing_results):
+    assert any("status is" in problem for problem in problems(failing_results, "n_harmonics < 10"))
+    name = failing_results.status_name(2)
+    assert name != "converged"
+    line = f"solver_max_iterations=0 status = {name}"
+    assert not problems(failing_results, line)
+    assert not expects_only_converged(read_expectations(f"! expect: {line}"))
+
+
+def test_coefficient_of_a_point_that_is_not_converged_fails(failing_results):
+    name = failing_results.status_name(2)
+    lines = [f"solver_max_iterations=0 status = {name}", "solver_max_iterations=0 x1 (1) cos < 1e300"]
+    assert problems(failing_results, *lines)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "! expect:",
+        "! expect v3 (1,0) cos = 1.0 to 1e-3",
+        "! Expect: v3 (1,0) cos = 1.0 to 1e-3",
+        "!expect: v3 (1,0) cos = 1.0 to 1e-3",
+        "! expected: v3 (1,0) cos = 1.0 to 1e-3",
+        "&tones frequency = 1.0 / ! expect: v3 (1,0) cos = 1.0 to 1e-3",
+        "! expect: v3 (1,0) cos = 1.0",
+        "! expect: v3 (1,0) cos 1.0 to 1e-3",
+        "! expect: v3 (1,0) cos = 1.O to 1e-3",
+        "! expect: v3 (1,0) cos = nan to 1e-3",
+        "! expect: v3 (1,0) cos = 1.0 to 1e3",
+        "! expect: v3 (1,0) cos = 1.0 to -1e-3",
+        "! expect: v3 (1,0) cos = 1.0 to 1e-3 m",
+        "! expect: v3 (1,0) cos = 0.0 to 1e-3",
+        "! expect: v3 (1,0) cos > 1.0",
+        "! expect: v3 (1,0) cos < 0.0",
+        "! expect: v3 (1,0) cosine = 1.0 to 1e-3",
+        "! expect: v3 (1,a) cos = 1.0 to 1e-3",
+        "! expect: v3 () cos = 1.0 to 1e-3",
+        "! expect: v3 cos = 1.0 to 1e-3",
+        "! expect: (1,0) cos = 1.0 to 1e-3",
+        "! expect: residuum < 1e-3",
+        "! expect: residual < inf",
+        "! expect: law_1_gap = 1e-3 residual < 1e-3",
+        "! expect: law_1_gap=1 law_1_gap=2 residual < 1e-3",
+        "! expect: status = fine",
+        "! expect: status = converged to 1e-3",
+    ],
+)
+def test_malformed_line_is_refused(line):
+    with pytest.raises(MalformedExpectation, match="^line 2: "):
+        read_expectations("! a comment\n" + line)
+
+
+def test_other_comments_are_no_expectations():
+    assert read_expectations("! as one would expect: nothing\n&tones frequency = 1.0 / ! [rad/s]\n") == []

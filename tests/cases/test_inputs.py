@@ -1,0 +1,37 @@
+"""Every example input runs as it is and gives the numbers that it promises in its `! expect:` lines."""
+
+from pathlib import Path
+
+import pytest
+from nhbm_post.reader import Results
+
+from expectations import expects_only_converged, failures, read_expectations
+from program import ALL_CONVERGED, NOT_ALL_CONVERGED, messages_of, run
+
+INPUTS = Path(__file__).resolve().parents[2] / "inputs"
+FILES = sorted(INPUTS.rglob("*.nml"))
+
+
+def test_there_are_inputs():
+    assert FILES
+
+
+@pytest.mark.parametrize("source", FILES, ids=[str(f.relative_to(INPUTS)) for f in FILES])
+def test_input_gives_what_it_promises(source, tmp_path):
+    expectations = read_expectations(source.read_text())
+    assert expectations, f"{source} has no '! expect:' line"
+    done = run("solve", source, cwd=tmp_path)
+    result = tmp_path / f"{source.stem}.h5"
+    wanted = ALL_CONVERGED if expects_only_converged(expectations) else NOT_ALL_CONVERGED
+    assert done.status == wanted, done.stderr + messages_of(result)
+    with Results(result) as results:
+        problems = failures(expectations, results)
+    assert not problems, "\n".join(problems)
+
+
+@pytest.mark.parametrize("source", FILES, ids=[str(f.relative_to(INPUTS)) for f in FILES])
+def test_input_passes_the_check(source, tmp_path):
+    done = run("check", source, cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stderr
+    assert "the input is sound" in done.stdout
+    assert not list(tmp_path.iterdir()), "check must write no file"

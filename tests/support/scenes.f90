@@ -1,0 +1,92 @@
+!> Scenes for tests, made from namelist text as a user would write it.
+module scenes
+   use hb_balance, only: balance_t, new_balance
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+   use hb_error, only: error_t
+   use hb_law_set, only: law_dofs_of
+   use hb_namelist, only: document_t, new_document
+   use hb_point, only: solve_point
+   use hb_results, only: point_result_t
+   use hb_scene, only: read_scene, scene_t
+   implicit none
+   private
+   public :: balance_of, law_example, make_scene, message_of, one_group_a_line, paper_beam, solve_text
+
+   !> The paper's beam with its two loads; tones, harmonics and laws are still to be added.
+   character(*), parameter :: paper_beam = &
+      "&structure type='beam' length=1 bending_stiffness=1750 mass_per_length=7.8 n_elements=4 damping_diagonal=1 / "// &
+      "&load dof='v3' tuple=1,0 cos=100 / &load dof='v3' tuple=0,1 cos=100 / "
+
+contains
+
+   !> Keys of a law with typical parameters, without the place where it acts; empty for a law that has no example yet.
+   pure function law_example(name) result(keys)
+      character(*), intent(in) :: name
+      character(:), allocatable :: keys
+
+      select case (name)
+      case ("cubic_spring"); keys = "stiffness=1.5"
+      case ("elastic_stop"); keys = "stiffness=3 gap=0.2 two_sided=.true."
+      case ("polynomial"); keys = "stiffness=0.3,-0.5,0.7 damping=0.1,0.2,0.4"
+      case ("rigid_wall"); keys = "gap=0.2 augmentation=2.5 two_sided=.true."
+      case default; keys = ""
+      end select
+   end function law_example
+
+   !> Reads a scene.
+   subroutine make_scene(text, scene, error)
+      character(*), intent(in) :: text
+      type(scene_t), intent(out) :: scene
+      type(error_t), allocatable, intent(out) :: error
+      type(document_t), target :: document
+
+      call new_document(document, "test.nml", one_group_a_line(text), error)
+      if (.not. allocated(error)) call read_scene(scene, document, error)
+   end subroutine make_scene
+
+   !> Message of an error, empty without one: a test that expects none says what went wrong.
+   pure function message_of(error) result(message)
+      type(error_t), allocatable, intent(in) :: error
+      character(:), allocatable :: message
+
+      message = ""
+      if (allocated(error)) message = error%message
+   end function message_of
+
+   !> Breaks the text after each group, as a namelist file needs it.
+   pure function one_group_a_line(text) result(lines)
+      character(*), intent(in) :: text
+      character(:), allocatable :: lines
+      integer :: i
+
+      lines = text
+      do i = 1, len(lines) - 2
+         if (lines(i:i + 2) == "/ &") lines(i + 1:i + 1) = new_line("a")
+      end do
+   end function one_group_a_line
+
+   !> Balance of a scene; the caller destroys it.
+   subroutine balance_of(scene, balance, error)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(inout) :: balance
+      type(error_t), allocatable, intent(out) :: error
+      type(dynamic_stiffness_t) :: stiffness
+
+      associate (frequencies => scene%harmonics%frequencies(scene%tones%omega))
+         call new_dynamic_stiffness(stiffness, scene%structure, law_dofs_of(scene%laws), frequencies, scene%loads, error)
+         if (allocated(error)) return
+         call new_balance(balance, scene%harmonics, scene%torus, frequencies, stiffness, scene%laws, scene%planning, error)
+      end associate
+   end subroutine balance_of
+
+   !> Reads and solves a scene.
+   subroutine solve_text(text, scene, result, error)
+      character(*), intent(in) :: text
+      type(scene_t), intent(out) :: scene
+      type(point_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+
+      call make_scene(text, scene, error)
+      if (.not. allocated(error)) call solve_point(scene, result, error)
+   end subroutine solve_text
+end module scenes
