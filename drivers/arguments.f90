@@ -54,11 +54,11 @@ contains
             case ("--quiet")
                self%is_quiet = .true.
             case ("--output", "-o", "--set")
-               if (i == size(words)) then
+               i = i + 1
+               if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
                   return
                end if
-               i = i + 1
                if (word == "--set") then
                   self%overrides = [self%overrides, words(i)]
                else
@@ -67,8 +67,8 @@ contains
             case default
                if (index(word, "-") == 1) then
                   closest = closest_word(word, options)
-                  if (len(closest) > 0) closest = "; did you mean '"//closest//"'?"
-                  call fail(error, "unknown option '"//word//"'"//closest//"; known: "//join(options, ", "))
+                  if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
+                  call fail(error, "unknown option '"//word//"';"//closest//" known: "//join(options, ", "))
                   return
                else if (.not. allocated(self%verb)) then
                   self%verb = word
@@ -84,6 +84,15 @@ contains
       end do
       if (allocated(self%input) .and. .not. allocated(self%output)) self%output = default_output(self%input)
    end subroutine read_arguments
+
+   !> Length of word i, 0 where there is none.
+   pure integer function value_length(words, i)
+      type(string_t), intent(in) :: words(:)
+      integer, intent(in) :: i
+
+      value_length = 0
+      if (i <= size(words)) value_length = len(words(i)%value)
+   end function value_length
 
    !> The name of the input without its folder, ending in .h5: results go to the current folder.
    pure function default_output(input) result(path)

@@ -59,10 +59,10 @@ contains
          call fail(error, "say what to do: nhbm solve input.nml; nhbm --help tells all")
       else if (all(verbs /= verb)) then
          closest = closest_word(verb, verbs)
-         if (len(closest) > 0) closest = "; did you mean '"//closest//"'?"
-         call fail(error, "unknown verb '"//verb//"'"//closest//"; known: "//join(verbs, ", "))
+         if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
+         call fail(error, "unknown verb '"//verb//"';"//closest//" known: "//join(verbs, ", "))
       else if (.not. allocated(options%input)) then
-         call fail(error, "nhbm "//verb//" needs an input file")
+         call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
       else if (verb == "check") then
          call run_check(options, comm, error)
       else

@@ -96,6 +96,7 @@ hb_build() {
    local target=()
    (($# > 2)) && target=(--target "$3")
    hb_say "Building the $1 preset in build/$1"
-   (cd "$hb_root" && cmake --preset "$1" -DPython3_EXECUTABLE="$hb_venv/bin/python") || hb_fail "cmake could not configure $1"
+   (cd "$hb_root" && cmake --preset "$1" -DPython3_EXECUTABLE="$hb_venv/bin/python" -DHB_PYTHON="$hb_venv/bin/python") ||
+      hb_fail "cmake could not configure $1"
    (cd "$hb_root" && cmake --build --preset "$1" --parallel "$2" "${target[@]}") || hb_fail "the $1 build failed"
 }

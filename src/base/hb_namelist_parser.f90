@@ -14,7 +14,7 @@ module hb_namelist_parser
 
    integer, parameter :: max_values = 1000000               !! of one key, repeat counts included
    character(*), parameter :: tab = achar(9), line_feed = achar(10), return = achar(13)
-   character(*), parameter :: blanks = " "//tab//line_feed//return//achar(11)//achar(12)
+   character(*), parameter :: blanks = " "//tab//line_feed//return
    character(*), parameter :: quote_marks = "'"//'"'
    character(*), parameter :: word_end = blanks//",/!=()&"//quote_marks
    character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"

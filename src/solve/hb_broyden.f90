@@ -1,7 +1,8 @@
 !> Broyden's "good" method with limited memory, from the linear part of the problem or from one exact tangent.
 !>
 !> The inverse Jacobian is a product of rank-one updates of the first one, H_k = (I + a_k s_k^T) ... (I + a_1 s_1^T) H_0,
-!> with a = (s - H y)/(s^T H y) for a step s that changed the residual by y. Full memory starts anew.
+!> with a = (s - H y)/(s^T H y) for a step s that changed the residual by y. When the memory is full or no step helps,
+!> the updates are dropped and the exact tangent at the point reached becomes the first Jacobian.
 !> Source: docs/theory.md, section 6.2; Broyden, Math. Comp. 19 (1965) 577-593; Kelley, Iterative Methods for Linear and
 !> Nonlinear Equations, SIAM 1995, chapter 7.
 module hb_broyden
@@ -55,9 +56,10 @@ contains
          return
       end if
       allocate (inverse%a(problem%n_unknowns, config%memory), inverse%s(problem%n_unknowns, config%memory))
-      inverse%with_tangent = config%start_with_tangent
-      call restart(inverse, problem, x, report, is_singular)
-      if (is_singular) return
+      if (config%start_with_tangent) then
+         call restart(inverse, problem, x, report, is_singular)
+         if (is_singular) return
+      end if
       call apply(inverse, problem, r, step)
       do
          step = -step
@@ -66,7 +68,7 @@ contains
          report%evaluations = 1 + search%n_residuals
          if (report%residual <= config%tolerance) then
             report%status = outcome%converged
-         else if (fraction <= 0.0_wp .and. inverse%n_updates == 0) then
+         else if (fraction <= 0.0_wp .and. inverse%n_updates == 0 .and. inverse%with_tangent) then
             report%status = outcome%stalled
             if (report%residual <= problem%rounding_level(x)) report%status = outcome%converged
          else if (report%iterations >= config%max_iterations) then
@@ -86,7 +88,7 @@ contains
       end do
    end subroutine solve_broyden
 
-   !> Forgets all updates; takes a new tangent where the inverse is built on one.
+   !> Forgets all updates and takes the exact tangent at x.
    subroutine restart(inverse, problem, x, report, is_singular)
       type(inverse_t), intent(inout) :: inverse
       class(problem_t), intent(inout) :: problem
@@ -95,8 +97,7 @@ contains
       logical, intent(out) :: is_singular
 
       inverse%n_updates = 0
-      is_singular = .false.
-      if (.not. inverse%with_tangent) return
+      inverse%with_tangent = .true.
       if (report%factorizations == 0) call new_tangent_factor(inverse%factor, problem%n_unknowns)
       call inverse%factor%update(problem, x, is_singular)
       report%factorizations = report%factorizations + 1

@@ -81,6 +81,7 @@ contains
       do i = 1, size(self%laws)
          group => document%group("law", i)
          call read_law(self%laws(i), group, self%structure, i)
+         call check_rigid_laws(self%laws(:i), group)
       end do
       allocate (self%loads(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
       allocate (self%start(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
@@ -97,6 +98,32 @@ contains
       call read_sampling(self, document%optional_group("sampling"))
    end subroutine read_parts
 
+   !> Refuses the last law where it and one before are rigid and share a degree of freedom: each would take the whole
+   !> reaction.
+   subroutine check_rigid_laws(laws, group)
+      type(law_box_t), intent(in) :: laws(:)
+      type(group_t), intent(inout) :: group                           !! of the last law
+      integer :: i, k
+
+      if (.not. is_placed_and_rigid(laws(size(laws)))) return
+      associate (last => laws(size(laws))%law)
+         do i = 1, size(laws) - 1
+            if (.not. is_placed_and_rigid(laws(i))) cycle
+            if (.not. any([(laws(i)%law%dofs == last%dofs(k), k=1, size(last%dofs))])) cycle
+            call group%problem("type", "laws '"//laws(i)%law%label//"' and '"//last%label//"' are both rigid and share a "// &
+                               "degree of freedom; use one two-sided wall, or an elastic stop for one of them")
+         end do
+      end associate
+   end subroutine check_rigid_laws
+
+   logical function is_placed_and_rigid(box)
+      type(law_box_t), intent(in) :: box
+
+      is_placed_and_rigid = .false.
+      if (.not. allocated(box%law)) return                            ! by now a problem of its group
+      is_placed_and_rigid = box%law%is_multiplier .and. allocated(box%law%dofs)
+   end function is_placed_and_rigid
+
    !> Reads `&tones`: `frequency` [rad/s] or `hertz`.
    subroutine read_tones(self, document, error)
       type(tones_t), intent(out) :: self
@@ -108,7 +135,10 @@ contains
       call document%required_group("tones", group, error)
       if (allocated(error)) return
       if (group%given("hertz")) then
-         if (group%given("frequency")) call group%problem("hertz", "give either 'frequency' [rad/s] or 'hertz', not both")
+         if (group%given("frequency")) then
+            call group%problem("hertz", "give either 'frequency' [rad/s] or 'hertz', not both")
+            call group%get("frequency", omega, above=0.0_wp)
+         end if
          call group%get("hertz", omega, above=0.0_wp)
          if (allocated(omega)) omega = two_pi*omega
       else

@@ -16,7 +16,7 @@ module hb_sweep
    use hb_results, only: create_results, point_result_t, results_layout_t, results_t
    use hb_scene, only: group_names, read_harmonics, read_scene, read_tones, scene_t
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
-   use hb_text, only: string_t, to_text
+   use hb_text, only: lower, string_t, to_text
    use hb_tones, only: tones_t
    use hb_version, only: git_commit, program_version
    implicit none
@@ -126,10 +126,11 @@ contains
       end do
    end subroutine collect_tuples
 
+   !> Whether a swept path is a key of `&harmonics`; names of groups stand in either case, with blanks before.
    logical function is_harmonic_path(path)
       character(*), intent(in) :: path
 
-      is_harmonic_path = index(path, "harmonics") == 1
+      is_harmonic_path = index(lower(adjustl(path)), "harmonics") == 1
    end function is_harmonic_path
 
    !> Adds what the set has and the list lacks. The list grows to hold the largest set first where sets are nested.

@@ -6,7 +6,7 @@ module hb_sweep_plan
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: int64, wp
    use hb_namelist, only: document_t, group_t
-   use hb_text, only: quote, string_t, to_text
+   use hb_text, only: lower, quote, string_t, to_text
    implicit none
    private
    public :: read_sweep_plan, sweep_plan_t, swept_t
@@ -16,6 +16,7 @@ module hb_sweep_plan
    !> One parameter and its values along its axis.
    type :: swept_t
       character(:), allocatable :: path                               !! in the input, such as law(1)%gap
+      character(:), allocatable :: place                              !! of its group &sweep, for messages
       integer :: axis = 0                                             !! index among the axes of the plan
       logical :: is_text = .false.
       real(wp), allocatable :: values(:)                              !! numbers, unless is_text
@@ -49,6 +50,7 @@ contains
          group => document%group("sweep", i)
          axis = -i                                                    ! an axis of its own unless the user says otherwise
          call group%get("axis", axis, minimum=1)
+         self%parameters(i)%place = group%place()
          call read_values(self%parameters(i), group)
          call group%finish(error)
          if (allocated(error)) return
@@ -85,8 +87,14 @@ contains
       real(wp) :: first, last
 
       call group%require("parameter", self%path)
+      if (allocated(self%path)) then
+         if (index(lower(adjustl(self%path)), "sweep") == 1) then
+            call group%problem("parameter", "a sweep cannot vary a sweep; give the path of another group")
+         end if
+      end if
       if (count([group%given("values"), group%given("texts"), group%given("from")]) /= 1) then
-         call group%problem("values", "give one of 'values' (numbers), 'texts' (strings), or 'from', 'to' and 'n'")
+         call group%problem_as_is(group%place()//": give one of 'values' (numbers), 'texts' (strings), "// &
+                                  "or 'from', 'to' and 'n'")
       end if
       if (group%given("values")) then
          call group%get("values", self%values)
@@ -156,7 +164,7 @@ contains
       do i = 1, size(self%parameters)
          call document%set(self%parameters(i)%path, value_text(self%parameters(i), self%index_on(i, point)), error)
          if (allocated(error)) then
-            call annotate(error, "&sweep")
+            call annotate(error, self%parameters(i)%place)
             return
          end if
       end do
