@@ -4,15 +4,19 @@
 !> of this discrete residual. Unknowns u(n_coefficients, n_dofs) are cosines and sines, degree of freedom by degree of
 !> freedom. Source: docs/theory.md, sections 3 to 5.
 !>
+!> Forces with memory depend on all samples; their columns of the tangent come from the walk that found them.
+!>
 !> Glossary: u unknowns, S condensed dynamic stiffness, s reaction = F_ext - S u, q motion and v rate on the samples.
 module hb_balance
    use hb_dynamic_stiffness, only: dynamic_stiffness_t
    use hb_error, only: error_t
+   use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_lapack, only: zgetrf, zgetrs
    use hb_law, only: law_box_t
    use hb_law_set, only: law_set_t, new_law_set
+   use hb_memory_tangent, only: width
    use hb_problem, only: problem_t
    use hb_torus, only: torus_t
    use hb_transform, only: new_transform, product_table_t, transform_t
@@ -24,6 +28,7 @@ module hb_balance
    type, extends(problem_t) :: balance_t
       type(harmonics_t) :: harmonics
       type(dynamic_stiffness_t) :: stiffness
+      real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
       integer :: n_dofs = 0                                           !! degrees of freedom on which laws act
       type(law_set_t) :: law_set
@@ -31,6 +36,8 @@ module hb_balance
       type(product_table_t), private :: table
       real(wp), allocatable, private :: reaction(:, :), force(:, :)   ! (n_coefficients, n_dofs)
       real(wp), allocatable, private :: columns(:, :)                 ! (n_coefficients, 2) of a product
+      real(wp), allocatable, private :: u_before(:, :)                ! (n_coefficients, n_dofs) motion a step of time earlier
+      type(real_block_t), private :: answer                           ! (n_samples, 1) of a law with memory
       complex(wp), allocatable, private :: factors(:, :, :)           ! LU of S, (n_dofs, n_dofs, n_harmonics)
       integer, allocatable, private :: pivots(:, :)
    contains
@@ -48,25 +55,26 @@ module hb_balance
 contains
 
    !> Balance of the laws on a structure whose dynamic stiffness is condensed to `law_dofs_of(laws)`.
-   subroutine new_balance(self, harmonics, torus, frequencies, stiffness, laws, effort, error)
+   subroutine new_balance(self, harmonics, torus, omega, stiffness, laws, effort, error)
       type(balance_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus
-      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
-      type(dynamic_stiffness_t), intent(in) :: stiffness
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
+      type(dynamic_stiffness_t), intent(in) :: stiffness              !! at the frequencies j.omega of all harmonics
       type(law_box_t), intent(in) :: laws(:)                          !! at least one
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
       self%harmonics = harmonics
-      self%frequencies = frequencies
+      self%omega = omega
+      self%frequencies = harmonics%frequencies(omega)
       self%stiffness = stiffness
       self%n_dofs = size(stiffness%load, 1)
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
       call new_transform(self%transform, harmonics, torus, self%n_dofs, effort, error)
       if (allocated(error)) return
-      call new_law_set(self%law_set, laws, torus%n_total, error)
+      call new_law_set(self%law_set, laws, torus, omega, error)
       if (allocated(error)) return
       call factorise_linear_part(self)
       do i = 1, size(laws)
@@ -76,6 +84,11 @@ contains
       allocate (self%reaction(harmonics%n_coefficients, self%n_dofs), self%force(harmonics%n_coefficients, self%n_dofs))
       allocate (self%columns(harmonics%n_coefficients, 2))
       self%table = product_table_t()
+      if (self%law_set%has_memory) then
+         self%u_before = self%reaction
+         call new_real_block(self%answer, torus%n_total, 1, error)
+         if (allocated(error)) return
+      end if
       call choose_scales(self)
    end subroutine new_balance
 
@@ -247,7 +260,26 @@ contains
          call self%transform%to_rate_samples(u, self%frequencies, self%law_set%v%values)
       end if
       if (self%law_set%needs_reaction) call self%transform%to_samples(self%reaction, self%law_set%s%values)
+      if (self%law_set%has_memory) call sample_steps(self, u)
    end subroutine balance_sample
+
+   !> The steps of time that end at the samples: motion at their start, rates at both ends.
+   subroutine sample_steps(self, u)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(:, :)
+      real(wp) :: angle(self%harmonics%n_harmonics)
+      integer :: h, i
+
+      angle = self%frequencies*self%law_set%characteristic%step
+      do i = 1, self%n_dofs
+         do h = 1, self%harmonics%n_harmonics
+            call set_amplitude(self, self%u_before, h, i, amplitude(self, u, h, i)*cmplx(cos(angle(h)), -sin(angle(h)), wp))
+         end do
+      end do
+      call self%transform%to_samples(self%u_before, self%law_set%q_before%values)
+      call self%transform%to_rate_samples(u, angle, self%law_set%step_rate%values)
+      call self%transform%to_rate_samples(self%u_before, angle, self%law_set%step_rate_before%values)
+   end subroutine sample_steps
 
    !> s = F_ext - S u, per harmonic.
    subroutine find_reaction(self, u)
@@ -315,7 +347,46 @@ contains
             end if
          end associate
       end do
+      if (self%law_set%has_memory) call add_memory(self, jacobian)
    end subroutine balance_tangent_of
+
+   !> Adds what the forces with memory answer to each coefficient: through coordinate b of a law, cos or sin of harmonic h of
+   !> the degree of freedom k moves it by shape(k, b) times that of the coordinate.
+   subroutine add_memory(self, jacobian)
+      type(balance_t), intent(inout) :: self
+      real(wp), intent(inout) :: jacobian(:, :, :, :)
+      logical :: has_answers
+      integer :: b, block, h, i, in_block, k, law, part, place
+
+      do law = 1, size(self%law_set%laws)
+         call self%law_set%prepare_answers(law, self%harmonics, self%transform%torus, self%frequencies, has_answers)
+         if (.not. has_answers) cycle
+         associate (moved => self%law_set%columns_of(law), answering => self%law_set%answering_dofs(law), &
+                    shape => self%law_set%laws(law)%law%shape)
+            do b = 1, size(shape, 2)
+               h = 0
+               do block = 1, self%law_set%n_blocks(law)
+                  call self%law_set%answer_block(law, b, block)
+                  do in_block = 1, min(width, self%harmonics%n_harmonics - h)
+                     h = h + 1
+                     do part = 1, 2
+                        place = merge(self%harmonics%cos_at(h), self%harmonics%sin_at(h), part == 1)
+                        if (place == 0) cycle
+                        do i = 1, size(answering)
+                           call self%law_set%answer(law, in_block, part, answering(i), self%answer%values(:, 1))
+                           call self%transform%to_coefficients_of_one(self%answer%values, self%columns(:, 1))
+                           do k = 1, size(moved)
+                              jacobian(:, answering(i), place, moved(k)) = jacobian(:, answering(i), place, moved(k)) &
+                                                                           + shape(k, b)*self%columns(:, 1)
+                           end do
+                        end do
+                     end do
+                  end do
+               end do
+            end do
+         end associate
+      end do
+   end subroutine add_memory
 
    !> Block of S for harmonic h: (S c) = (Re S a + Im S b) - i (Re S b - Im S a).
    pure subroutine add_linear(self, jacobian, h, i, k)
@@ -469,5 +540,6 @@ contains
 
       call self%transform%destroy()
       call self%law_set%destroy()
+      call self%answer%destroy()
    end subroutine balance_destroy
 end module hb_balance

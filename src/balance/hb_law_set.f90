@@ -1,12 +1,20 @@
 !> All laws of a scene on the samples of one torus: total force and its derivatives at the degrees of freedom of the laws.
 !>
 !> Explicit laws come first; a multiplier law then sees the reaction p = s - (explicit forces) that equilibrium asks of it
-!> at each sample, s = (loads - S u)(tau). Source: docs/theory.md, sections 5.3 and 5.4.
+!> at each sample, s = (loads - S u)(tau). Laws with memory are explicit; their states come from a walk along time.
+!> Source: docs/theory.md, sections 5.3 to 5.5.
 module hb_law_set
+   use hb_characteristic, only: characteristic_t, new_characteristic
    use hb_error, only: error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
+   use hb_harmonics, only: harmonics_t
+   use hb_hysteretic_law, only: hysteretic_law_t, path_part
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
+   use hb_memory_tangent, only: memory_tangent_t, new_memory_tangent, width
+   use hb_slider_memory, only: memory_t, new_memory
+   use hb_text, only: to_text
+   use hb_torus, only: torus_t
    implicit none
    private
    public :: law_dofs_of, law_set_t, new_law_set
@@ -16,6 +24,9 @@ module hb_law_set
       integer, allocatable :: columns(:)                              ! of its degrees of freedom among those of all laws
       real(wp), allocatable :: z(:, :), v(:, :), p(:, :), f(:, :)     ! (n_samples, n_coordinates, or no columns)
       real(wp), allocatable :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+      type(memory_t), allocatable :: memory                           ! of a law that has one
+      type(memory_tangent_t), allocatable :: tangent                  ! of its memory, from the first use on
+      real(wp), allocatable :: answer(:, :, :, :)                     ! (n_samples, n_coordinates, width, 2), see `respond`
    end type slot_t
 
    !> Owner of outside resources: call `destroy`.
@@ -24,9 +35,13 @@ module hb_law_set
       integer :: n_pairs = 0                                          !! pairs (i, k) with d force_i/d motion_k not zero
       logical :: needs_velocity = .false.
       logical :: needs_reaction = .false.
+      logical :: has_memory = .false.                                 !! then q_before, step_rate, step_rate_before are needed
+      type(characteristic_t) :: characteristic                        !! steps along time, for laws with memory
       integer, allocatable :: row(:), column(:)                       !! (n_pairs) i and k of each pair
       type(law_box_t), allocatable :: laws(:)
       type(real_block_t) :: q, v, s, f                                !! motion, rate, reaction, force, (n_samples, n_dofs)
+      type(real_block_t) :: q_before                                  !! motion one step before each sample
+      type(real_block_t) :: step_rate, step_rate_before               !! rate times the step, there and one step before
       type(real_block_t) :: df_dq, df_dv, df_ds                       !! (n_samples, n_pairs)
       type(slot_t), allocatable, private :: slots(:)
       integer, allocatable, private :: pair_at(:, :)                  ! (n_dofs, n_dofs), 0: no pair
@@ -35,6 +50,13 @@ module hb_law_set
       procedure :: columns_of => law_set_columns_of
       procedure :: evaluate => law_set_evaluate
       procedure :: differentiate => law_set_differentiate
+      procedure :: prepare_answers => law_set_prepare_answers
+      procedure :: n_blocks => law_set_n_blocks
+      procedure :: answer_block => law_set_answer_block
+      procedure :: answer => law_set_answer
+      procedure :: answering_dofs => law_set_answering_dofs
+      procedure :: memory_trouble => law_set_memory_trouble
+      procedure :: full_stick => law_set_full_stick
       procedure :: correct => law_set_correct
       procedure :: penetration => law_set_penetration
       procedure :: destroy => law_set_destroy
@@ -60,16 +82,20 @@ contains
       dofs = pack([(i, i=1, last)], is_used)
    end function law_dofs_of
 
-   !> Prepares the samples of all laws on a grid of `n_samples`. Derivatives get their memory at their first use.
-   subroutine new_law_set(self, laws, n_samples, error)
+   !> Prepares the samples of all laws on a grid. Derivatives get their memory at their first use.
+   subroutine new_law_set(self, laws, torus, omega, error)
       type(law_set_t), intent(inout) :: self
       type(law_box_t), intent(in) :: laws(:)
-      integer, intent(in) :: n_samples                                !! of the whole torus
+      type(torus_t), intent(in) :: torus
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: dofs(:)
-      integer :: c, i, k
+      integer :: c, i, k, n_samples
 
       call self%destroy()
+      n_samples = torus%n_total
+      self%has_memory = any_hysteretic(laws)
+      if (self%has_memory) call new_characteristic(self%characteristic, torus, omega)
       self%has_derivatives = .false.
       self%needs_velocity = .false.
       self%needs_reaction = .false.
@@ -87,6 +113,11 @@ contains
             allocate (slot%z(n_samples, c), slot%f(n_samples, c))
             allocate (slot%v(n_samples, merge(c, 0, law%needs_velocity)))
             allocate (slot%p(n_samples, merge(c, 0, law%is_multiplier)))
+            select type (law)
+            class is (hysteretic_law_t)
+               allocate (slot%memory)
+               call new_memory(slot%memory, self%characteristic, c, law%n_states)
+            end select
          end associate
       end do
       call check_multipliers(self, error)
@@ -99,7 +130,26 @@ contains
       if (self%needs_velocity) call new_real_block(self%v, n_samples, self%n_dofs, error)
       if (allocated(error)) return
       if (self%needs_reaction) call new_real_block(self%s, n_samples, self%n_dofs, error)
+      if (allocated(error) .or. .not. self%has_memory) return
+      call new_real_block(self%q_before, n_samples, self%n_dofs, error)
+      if (allocated(error)) return
+      call new_real_block(self%step_rate, n_samples, self%n_dofs, error)
+      if (allocated(error)) return
+      call new_real_block(self%step_rate_before, n_samples, self%n_dofs, error)
    end subroutine new_law_set
+
+   pure logical function any_hysteretic(laws)
+      type(law_box_t), intent(in) :: laws(:)
+      integer :: i
+
+      any_hysteretic = .false.
+      do i = 1, size(laws)
+         select type (law => laws(i)%law)
+         class is (hysteretic_law_t)
+            any_hysteretic = .true.
+         end select
+      end do
+   end function any_hysteretic
 
    !> Two multipliers on one degree of freedom would each ask for the whole reaction.
    subroutine check_multipliers(self, error)
@@ -121,7 +171,8 @@ contains
       end do
    end subroutine check_multipliers
 
-   !> Finds which forces depend on which motions. A multiplier law passes on what the explicit laws beside it depend on.
+   !> Finds which forces depend on which motions at the same sample. A multiplier law passes on what the explicit laws beside
+   !> it depend on. Laws with memory have no pairs: their forces depend on all samples.
    subroutine find_pairs(self)
       type(law_set_t), intent(inout) :: self
       logical, allocatable :: coupled(:, :)
@@ -131,6 +182,7 @@ contains
       do pass = 1, 2                                                   ! explicit laws, then multipliers
          do i = 1, size(self%laws)
             if (self%laws(i)%law%is_multiplier .neqv. pass == 2) cycle
+            if (allocated(self%slots(i)%memory)) cycle
             associate (columns => self%slots(i)%columns)
                do b = 1, size(columns)
                   do a = 1, size(columns)
@@ -196,6 +248,7 @@ contains
       if (self%needs_reaction) call new_real_block(self%df_ds, n, self%n_pairs, error)
       if (allocated(error)) return
       do i = 1, size(self%slots)
+         if (allocated(self%slots(i)%memory)) cycle
          associate (slot => self%slots(i))
             allocate (slot%df_dz(n, size(slot%z, 2), size(slot%z, 2)))
             allocate (slot%df_dv(n, size(slot%z, 2), size(slot%v, 2)))
@@ -219,6 +272,11 @@ contains
       do pass = 1, 2                                                   ! explicit laws, then multipliers
          do i = 1, size(self%laws)
             if (self%laws(i)%law%is_multiplier .neqv. pass == 2) cycle
+            if (allocated(self%slots(i)%memory)) then
+               call run_law_with_memory(self, i)
+               call scatter(self, i)
+               cycle
+            end if
             call gather(self, i)
             associate (law => self%laws(i)%law, slot => self%slots(i))
                if (with_derivatives) then
@@ -236,6 +294,51 @@ contains
          end do
       end do
    end subroutine run_laws
+
+   !> Forces of law i, which has memory: the states that repeat on its path, then the force sample by sample.
+   subroutine run_law_with_memory(self, i)
+      class(law_set_t), intent(inout) :: self
+      integer, intent(in) :: i
+      integer :: slice
+
+      associate (slot => self%slots(i), shape => self%laws(i)%law%shape)
+         call gather_part(self%q%values, path_part%at_end)
+         call gather_part(self%q_before%values, path_part%at_start)
+         call gather_part(self%step_rate%values, path_part%end_rate)
+         call gather_part(self%step_rate_before%values, path_part%start_rate)
+         select type (law => self%laws(i)%law)
+         class is (hysteretic_law_t)
+            call slot%memory%march(law, self%characteristic)
+            do slice = 1, self%characteristic%n_steps
+               call law%force(slot%memory%path(:, :, path_part%at_end, slice), slot%memory%states(:, :, slice), &
+                              slot%memory%force)
+               slot%f(self%characteristic%sample(:, slice), :) = slot%memory%force
+            end do
+         end select
+      end associate
+
+   contains
+
+      !> One part of the paths of all coordinates from samples of the degrees of freedom.
+      subroutine gather_part(values, part)
+         real(wp), intent(in) :: values(:, :)
+         integer, intent(in) :: part
+         integer :: c, k, slice
+
+         associate (slot => self%slots(i), shape => self%laws(i)%law%shape, sample => self%characteristic%sample)
+            do slice = 1, size(sample, 2)
+               do c = 1, size(shape, 2)
+                  slot%memory%path(:, c, part, slice) = 0.0_wp
+                  do k = 1, size(slot%columns)
+                     if (abs(shape(k, c)) <= 0.0_wp) cycle
+                     slot%memory%path(:, c, part, slice) = slot%memory%path(:, c, part, slice) &
+                                                          + shape(k, c)*values(sample(:, slice), slot%columns(k))
+                  end do
+               end do
+            end do
+         end associate
+      end subroutine gather_part
+   end subroutine run_law_with_memory
 
    !> Coordinates, their rates and the reaction of law i from the samples of its degrees of freedom.
    subroutine gather(self, i)
@@ -325,6 +428,7 @@ contains
             if (own > 0) w_k = w(own)
             slope_q = w_k*slot%df_dz(:, 1, 1) - df_dp*explicit_slope(self%df_dq%values, k)
             if (self%needs_velocity) slope_v = -df_dp*explicit_slope(self%df_dv%values, k)
+            if (size(slot%v, 2) > 0) slope_v = slope_v + w_k*slot%df_dv(:, 1, 1)
             do i = 1, size(slot%columns)
                pair = self%pair_at(slot%columns(i), k)
                self%df_dq%values(:, pair) = self%df_dq%values(:, pair) + w(i)*slope_q
@@ -351,6 +455,142 @@ contains
          end associate
       end function explicit_slope
    end subroutine add_multiplier_derivatives
+
+   !> Prepares the answers of law i to coefficients of its motion, after `differentiate`; `has_answers` is false for a law
+   !> without memory.
+   subroutine law_set_prepare_answers(self, i, harmonics, torus, frequencies, has_answers)
+      class(law_set_t), intent(inout) :: self
+      integer, intent(in) :: i
+      type(harmonics_t), intent(in) :: harmonics
+      type(torus_t), intent(in) :: torus
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      logical, intent(out) :: has_answers
+
+      associate (slot => self%slots(i))
+         has_answers = allocated(slot%memory)
+         if (.not. has_answers) return
+         select type (law => self%laws(i)%law)
+         class is (hysteretic_law_t)
+            if (.not. allocated(slot%tangent)) then
+               allocate (slot%tangent)
+               call new_memory_tangent(slot%tangent, self%characteristic, harmonics, torus, frequencies, size(slot%z, 2), &
+                                       law%n_states)
+               allocate (slot%answer(torus%n_total, size(slot%z, 2), width, 2))
+            end if
+            call slot%tangent%prepare(slot%memory, law, self%characteristic)
+         end select
+      end associate
+   end subroutine law_set_prepare_answers
+
+   !> Number of blocks of at most hb_memory_tangent%width harmonics in which the answers come.
+   pure integer function law_set_n_blocks(self, i)
+      class(law_set_t), intent(in) :: self
+      integer, intent(in) :: i                                        !! law with memory
+
+      law_set_n_blocks = self%slots(i)%tangent%n_blocks
+   end function law_set_n_blocks
+
+   !> Finds the answers of law i to cos and sin of a block of harmonics of one of its coordinates.
+   subroutine law_set_answer_block(self, i, coordinate, block)
+      class(law_set_t), intent(inout) :: self
+      integer, intent(in) :: i, coordinate, block
+
+      associate (slot => self%slots(i))
+         call slot%tangent%respond(slot%memory, self%characteristic, block, coordinate, slot%answer)
+      end associate
+   end subroutine law_set_answer_block
+
+   !> Answer, at all samples, of the forces on degree of freedom k to cos (part 1) or sin (part 2) of harmonic h of the block
+   !> that was found last. A multiplier law there supplies what equilibrium then asks of it.
+   subroutine law_set_answer(self, i, h, part, k, samples)
+      class(law_set_t), intent(in) :: self
+      integer, intent(in) :: i                                        !! law with memory
+      integer, intent(in) :: h                                        !! within the block
+      integer, intent(in) :: part
+      integer, intent(in) :: k                                        !! one of `answering_dofs`
+      real(wp), intent(out) :: samples(:)                             !! [N/m], (n_samples)
+      real(wp), allocatable :: asked(:)
+      integer :: m, n, own
+
+      samples = 0.0_wp
+      call add_force_on(k, 1.0_wp, samples)
+      do m = 1, size(self%laws)
+         if (.not. self%laws(m)%law%is_multiplier) cycle
+         own = findloc(self%slots(m)%columns, k, dim=1)
+         if (own == 0) cycle
+         allocate (asked(size(samples)), source=0.0_wp)
+         associate (w => self%laws(m)%law%shape(:, 1), columns => self%slots(m)%columns)
+            do n = 1, size(columns)
+               call add_force_on(columns(n), -w(n)/sum(w**2), asked)
+            end do
+            samples = samples + w(own)*self%slots(m)%df_dp(:, 1, 1)*asked
+         end associate
+         return                                                       ! no other multiplier acts there
+      end do
+
+   contains
+
+      subroutine add_force_on(dof, weight, to)
+         integer, intent(in) :: dof
+         real(wp), intent(in) :: weight
+         real(wp), intent(inout) :: to(:)
+         integer :: a, row
+
+         row = findloc(self%slots(i)%columns, dof, dim=1)
+         if (row == 0) return
+         associate (shape => self%laws(i)%law%shape)
+            do a = 1, size(shape, 2)
+               if (abs(shape(row, a)) > 0.0_wp) to = to + weight*shape(row, a)*self%slots(i)%answer(:, a, h, part)
+            end do
+         end associate
+      end subroutine add_force_on
+   end subroutine law_set_answer
+
+   !> Degrees of freedom, among those of all laws, whose forces answer to the motion of law i, which has memory: its own and
+   !> those of multiplier laws that share one with it.
+   pure function law_set_answering_dofs(self, i) result(dofs)
+      class(law_set_t), intent(in) :: self
+      integer, intent(in) :: i
+      integer, allocatable :: dofs(:)
+      logical :: answers(self%n_dofs)
+      integer :: k, m
+
+      answers = .false.
+      answers(self%slots(i)%columns) = .true.
+      do m = 1, size(self%laws)
+         if (.not. self%laws(m)%law%is_multiplier) cycle
+         associate (columns => self%slots(m)%columns)
+            if (any([(any(columns(k) == self%slots(i)%columns), k=1, size(columns))])) answers(columns) = .true.
+         end associate
+      end do
+      dofs = pack([(k, k=1, self%n_dofs)], answers)
+   end function law_set_answering_dofs
+
+   !> What is wrong with the memory of a law after `evaluate`; empty when the states of all laws repeat.
+   pure function law_set_memory_trouble(self) result(text)
+      class(law_set_t), intent(in) :: self
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ""
+      do i = 1, size(self%laws)
+         if (.not. allocated(self%slots(i)%memory)) cycle
+         if (self%slots(i)%memory%repeats) cycle
+         text = "the sliders of law '"//self%laws(i)%law%label//"' do not come back to their places within "// &
+                to_text(self%slots(i)%memory%rounds)//" rounds of the torus: they hardly slip"
+         return
+      end do
+   end function law_set_memory_trouble
+
+   !> Whether no slider of law i slipped anywhere, after `evaluate`: then it stays where loading from rest put it, which is
+   !> one of many solutions. False for laws without memory.
+   pure logical function law_set_full_stick(self, i)
+      class(law_set_t), intent(in) :: self
+      integer, intent(in) :: i
+
+      law_set_full_stick = .false.
+      if (allocated(self%slots(i)%memory)) law_set_full_stick = self%slots(i)%memory%full_stick
+   end function law_set_full_stick
 
    !> Motion of the degrees of freedom as the laws allow it, from the samples q. A law of one coordinate z moves its degrees
    !> of freedom by w (corrected - z)/w.w.
@@ -393,6 +633,9 @@ contains
       call self%v%destroy()
       call self%s%destroy()
       call self%f%destroy()
+      call self%q_before%destroy()
+      call self%step_rate%destroy()
+      call self%step_rate_before%destroy()
       call self%df_dq%destroy()
       call self%df_dv%destroy()
       call self%df_ds%destroy()

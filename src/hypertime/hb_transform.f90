@@ -26,6 +26,7 @@ module hb_transform
       procedure :: to_samples => transform_to_samples
       procedure :: to_rate_samples => transform_to_rate_samples
       procedure :: to_coefficients => transform_to_coefficients
+      procedure :: to_coefficients_of_one => transform_to_coefficients_of_one
       procedure :: tabulate_product => transform_tabulate_product
       procedure :: destroy => transform_destroy
    end type transform_t
@@ -136,21 +137,41 @@ contains
       class(transform_t), intent(inout) :: self
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned; unchanged
       real(wp), intent(out) :: x(:, :)                                !! (n_coefficients, n_channels)
-      integer :: channel, h
+      integer :: channel
+
+      call self%batch_plan%to_spectrum(samples, self%spectra%values)
+      do channel = 1, self%n_channels
+         call read_spectrum(self, channel, x(:, channel))
+      end do
+   end subroutine transform_to_coefficients
+
+   !> The same of one function alone, whatever the number of channels.
+   subroutine transform_to_coefficients_of_one(self, samples, x)
+      class(transform_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, 1), aligned; unchanged
+      real(wp), intent(out) :: x(:)                                   !! (n_coefficients)
+
+      call self%single_plan%to_spectrum(samples, self%spectra%values)
+      call read_spectrum(self, 1, x)
+   end subroutine transform_to_coefficients_of_one
+
+   !> Coefficients from the spectrum of one channel.
+   pure subroutine read_spectrum(self, channel, x)
+      type(transform_t), intent(in) :: self
+      integer, intent(in) :: channel
+      real(wp), intent(out) :: x(:)
+      integer :: h
       real(wp) :: weight
 
       weight = 2.0_wp/self%torus%n_total
       associate (set => self%harmonics, spectra => self%spectra%values)
-         call self%batch_plan%to_spectrum(samples, spectra)
-         do channel = 1, self%n_channels
-            if (set%has_zero) x(1, channel) = 0.5_wp*weight*real(spectra(self%at(1), channel))
-            do h = merge(2, 1, set%has_zero), set%n_harmonics
-               x(set%cos_at(h), channel) = weight*real(spectra(self%at(h), channel))
-               x(set%sin_at(h), channel) = -weight*aimag(spectra(self%at(h), channel))
-            end do
+         if (set%has_zero) x(1) = 0.5_wp*weight*real(spectra(self%at(1), channel))
+         do h = merge(2, 1, set%has_zero), set%n_harmonics
+            x(set%cos_at(h)) = weight*real(spectra(self%at(h), channel))
+            x(set%sin_at(h)) = -weight*aimag(spectra(self%at(h), channel))
          end do
       end associate
-   end subroutine transform_to_coefficients
+   end subroutine read_spectrum
 
    !> Fills the table of the function sampled in one column of `samples`. The table's index arrays are made at its first use.
    subroutine transform_tabulate_product(self, samples, column, table)

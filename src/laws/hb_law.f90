@@ -11,7 +11,7 @@ module hb_law
    use hb_text, only: string_t
    implicit none
    private
-   public :: law_box_t, law_t, place_on_dof, read_place
+   public :: law_box_t, law_t, place_on_dof, read_coordinate, read_place
 
    type, abstract :: law_t
       character(:), allocatable :: label                              !! name given by the user, else kind and number
@@ -24,6 +24,7 @@ module hb_law
       procedure(read_law), deferred :: read
       procedure(evaluate_law), deferred :: evaluate
       procedure :: prepare => law_prepare
+      procedure :: prepare_rate => law_prepare_rate
       procedure :: correct => law_correct
       procedure :: penetration => law_penetration
       procedure :: length_scale => law_length_scale
@@ -66,6 +67,13 @@ contains
       real(wp), intent(in) :: static_stiffness                        !! 0 when the structure is free to move
    end subroutine law_prepare
 
+   !> Tells the law the impedance [N s/m] of the structure against its first coordinate; most laws do not care.
+   subroutine law_prepare_rate(self, impedance)
+      class(law_t), intent(inout) :: self
+      real(wp), intent(in) :: impedance                               !! > 0
+
+   end subroutine law_prepare_rate
+
    !> Coordinates as the law allows them: the motion corrected to a wall. Other laws leave it as it is.
    pure subroutine law_correct(self, z, corrected)
       class(law_t), intent(in) :: self
@@ -99,45 +107,83 @@ contains
       self%shape = reshape([1.0_wp], [1, 1])
    end subroutine place_on_dof
 
-   !> Reads where a law of one coordinate acts: `dof`, or `dofs` and `weights` for z = sum of weight times
+   !> Reads where the first coordinate of a law acts: `dof`, or `dofs` and `weights` for z = sum of weight times
    !> degree of freedom (weights 1, -1: a relative displacement).
    subroutine read_place(self, group, structure)
       class(law_t), intent(inout) :: self
       type(group_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
+
+      allocate (self%dofs(0), self%shape(0, 0))
+      call read_coordinate(self, group, structure, "")
+   end subroutine read_place
+
+   !> Reads a further coordinate of a law, with a prefix before the keys: `normal_dof`, or `normal_dofs` and
+   !> `normal_weights`. Degrees of freedom of the coordinates before may be named again.
+   subroutine read_coordinate(self, group, structure, prefix)
+      class(law_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      character(*), intent(in) :: prefix
       type(string_t), allocatable :: names(:)
       character(:), allocatable :: name
       real(wp), allocatable :: weights(:)
+      integer, allocatable :: dofs(:)
       type(error_t), allocatable :: error
       integer :: i
 
-      if (group%given("dof") .and. group%given("dofs")) then
-         call group%problem("dofs", "give either 'dof' or 'dofs', not both")
-      end if
-      if (group%given("dofs")) then
-         call group%get("dofs", names)
-         call group%require("weights", weights, n=size(names))
-      else
-         call group%require("dof", name)
-         if (.not. allocated(name)) return
-         allocate (names(1))
-         names(1)%value = name
-         weights = [1.0_wp]
-      end if
-      if (.not. allocated(weights)) return
-      if (size(weights) /= size(names)) return
-      allocate (self%dofs(size(names)))
-      do i = 1, size(names)
-         call structure%find_dof(names(i)%value, self%dofs(i), error)
-         if (allocated(error)) then
-            call group%problem(merge("dofs", "dof ", group%given("dofs")), error%message)
-            return
+      associate (one => prefix//"dof", many => prefix//"dofs", factors => prefix//"weights")
+         if (group%given(one) .and. group%given(many)) then
+            call group%problem(many, "give either '"//one//"' or '"//many//"', not both")
          end if
-         if (any(self%dofs(1:i - 1) == self%dofs(i))) then
-            call group%problem("dofs", "degree of freedom '"//names(i)%value//"' is named twice")
+         if (group%given(many)) then
+            call group%get(many, names)
+            call group%require(factors, weights, n=size(names))
+         else
+            call group%require(one, name)
+            if (.not. allocated(name)) return
+            allocate (names(1))
+            names(1)%value = name
+            weights = [1.0_wp]
          end if
+         if (.not. allocated(weights)) return
+         if (size(weights) /= size(names)) return
+         allocate (dofs(size(names)))
+         do i = 1, size(names)
+            call structure%find_dof(names(i)%value, dofs(i), error)
+            if (allocated(error)) then
+               call group%problem(prefix//trim(merge("dofs", "dof ", group%given(many))), error%message)
+               return
+            end if
+            if (any(dofs(1:i - 1) == dofs(i))) then
+               call group%problem(many, "degree of freedom '"//names(i)%value//"' is named twice")
+            end if
+         end do
+         if (all(weights == 0.0_wp)) call group%problem(factors, "at least one weight must not be zero")
+      end associate
+      call append_coordinate(self, dofs, weights)
+   end subroutine read_coordinate
+
+   !> One more coordinate z = sum of weights times degrees of freedom; those that the law does not have yet are added to it.
+   pure subroutine append_coordinate(self, dofs, weights)
+      class(law_t), intent(inout) :: self
+      integer, intent(in) :: dofs(:)
+      real(wp), intent(in) :: weights(:)
+      integer, allocatable :: all_dofs(:)
+      real(wp), allocatable :: shape(:, :)
+      integer :: i, n_coordinates
+
+      all_dofs = self%dofs
+      do i = 1, size(dofs)
+         if (.not. any(all_dofs == dofs(i))) all_dofs = [all_dofs, dofs(i)]
       end do
-      if (all(weights == 0.0_wp)) call group%problem("weights", "at least one weight must not be zero")
-      self%shape = reshape(weights, [size(weights), 1])
-   end subroutine read_place
+      n_coordinates = size(self%shape, 2) + 1
+      allocate (shape(size(all_dofs), n_coordinates), source=0.0_wp)
+      shape(:size(self%dofs), :n_coordinates - 1) = self%shape
+      do i = 1, size(dofs)
+         shape(findloc(all_dofs, dofs(i), dim=1), n_coordinates) = weights(i)
+      end do
+      call move_alloc(all_dofs, self%dofs)
+      call move_alloc(shape, self%shape)
+   end subroutine append_coordinate
 end module hb_law

@@ -3,6 +3,7 @@ module hb_law_catalogue
    use hb_law, only: law_box_t
    use hb_law_cubic_spring, only: cubic_spring_t
    use hb_law_elastic_stop, only: elastic_stop_t
+   use hb_law_jenkins, only: jenkins_t
    use hb_law_polynomial, only: polynomial_t
    use hb_law_rigid_wall, only: rigid_wall_t
    use hb_namelist, only: group_t
@@ -12,8 +13,8 @@ module hb_law_catalogue
    private
    public :: allocate_law, law_names, read_law
 
-   character(16), parameter :: law_names(4) = [character(16) :: &
-      "cubic_spring", "elastic_stop", "polynomial", "rigid_wall"]
+   character(16), parameter :: law_names(5) = [character(16) :: &
+      "cubic_spring", "elastic_stop", "jenkins", "polynomial", "rigid_wall"]
 
 contains
 
@@ -25,6 +26,7 @@ contains
       select case (name)
       case ("cubic_spring"); allocate (cubic_spring_t :: box%law)
       case ("elastic_stop"); allocate (elastic_stop_t :: box%law)
+      case ("jenkins"); allocate (jenkins_t :: box%law)
       case ("polynomial"); allocate (polynomial_t :: box%law)
       case ("rigid_wall"); allocate (rigid_wall_t :: box%law)
       end select

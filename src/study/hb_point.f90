@@ -43,7 +43,7 @@ contains
          call solve_linear_scene(scene, stiffness, result)
          return
       end if
-      call new_balance(balance, scene%harmonics, scene%torus, frequencies, stiffness, scene%laws, scene%planning, error)
+      call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, scene%laws, scene%planning, error)
       if (.not. allocated(error)) call solve_balance(scene, law_dofs, balance, result, error)
       call balance%destroy()
    end subroutine solve_point
@@ -173,7 +173,7 @@ contains
       do while (factor > 1 .and. real(factor, wp)**scene%tones%n_tones*scene%torus%n_total > real(largest_fine_grid, wp))
          factor = factor/2
       end do
-      call new_balance(finer, scene%harmonics, scene%torus%refined(factor), balance%frequencies, balance%stiffness, &
+      call new_balance(finer, scene%harmonics, scene%torus%refined(factor), balance%omega, balance%stiffness, &
          scene%laws, scene%planning, error)
       if (.not. allocated(error)) then
          call finer%sample(u)
@@ -194,7 +194,7 @@ contains
 
       call new_torus(torus, scene%output%samples, scene%harmonics, error)
       if (allocated(error)) return
-      call new_balance(shown, scene%harmonics, torus, balance%frequencies, balance%stiffness, scene%laws, scene%planning, error)
+      call new_balance(shown, scene%harmonics, torus, balance%omega, balance%stiffness, scene%laws, scene%planning, error)
       if (.not. allocated(error)) then
          call shown%sample(u)
          call shown%law_set%evaluate()

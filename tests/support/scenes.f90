@@ -27,6 +27,7 @@ contains
       select case (name)
       case ("cubic_spring"); keys = "stiffness=1.5"
       case ("elastic_stop"); keys = "stiffness=3 gap=0.2 two_sided=.true."
+      case ("jenkins"); keys = "stiffness=2.5 limit=0.4"
       case ("polynomial"); keys = "stiffness=0.3,-0.5,0.7 damping=0.1,0.2,0.4"
       case ("rigid_wall"); keys = "gap=0.2 augmentation=2.5 two_sided=.true."
       case default; keys = ""
@@ -75,7 +76,7 @@ contains
       associate (frequencies => scene%harmonics%frequencies(scene%tones%omega))
          call new_dynamic_stiffness(stiffness, scene%structure, law_dofs_of(scene%laws), frequencies, scene%loads, error)
          if (allocated(error)) return
-         call new_balance(balance, scene%harmonics, scene%torus, frequencies, stiffness, scene%laws, scene%planning, error)
+         call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, scene%laws, scene%planning, error)
       end associate
    end subroutine balance_of
 

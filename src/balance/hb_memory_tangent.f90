@@ -1,0 +1,278 @@
+!> How the force of one hysteretic law answers to each coefficient of its motion: the exact derivative of the discrete
+!> walk over the torus.
+!>
+!> Columns belong to the motions exp(i j.tau) of a coordinate; real and imaginary part are those of cos and sin. They take
+!> the same walk as the states, from rest and through all rounds, with every step replaced by its derivative, then
+!> further rounds until they repeat as well. A block of columns goes at once. Source: docs/theory.md, section 5.5.
+module hb_memory_tangent
+   use hb_characteristic, only: characteristic_t
+   use hb_harmonics, only: harmonics_t
+   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
+   use hb_kinds, only: two_pi, wp
+   use hb_slider_memory, only: memory_t, most_rounds, repeat_tolerance
+   use hb_torus, only: torus_t
+   implicit none
+   private
+   public :: memory_tangent_t, new_memory_tangent, width
+
+   integer, parameter :: width = 16                                   !! harmonics of a block
+
+   !> Complex numbers of a block stand as (width, 2): real parts, imaginary parts.
+   type :: memory_tangent_t
+      integer :: n_blocks = 0
+      logical :: repeats = .true.                                     !! false: a column did not within `most_rounds`
+      integer, allocatable, private :: n_harmonics(:)                 ! (n_blocks) in each block
+      real(wp), allocatable, private :: factor(:, :, :, :)            ! (width, 2, n_path_parts, n_blocks) path of exp(i j.tau)
+      real(wp), allocatable, private :: lead(:, :, :, :)              ! (width, 2, n_steps, n_blocks) exp of the tone that leads
+      real(wp), allocatable, private :: across(:, :, :, :)            ! (width, 2, n_slice, n_blocks) exp of the others
+      real(wp), allocatable, private :: first_slice(:, :, :, :, :, :) ! (width, 2, n_states, n_slice, n_blocks, n_coordinates)
+      real(wp), allocatable, private :: now(:, :, :, :), before(:, :, :, :)   ! (width, 2, n_states, n_slice)
+      real(wp), allocatable, private :: df_dz(:, :, :, :), df_ds(:, :, :, :)  ! (n_slice, n_coordinates, any, n_steps)
+   contains
+      procedure :: prepare => memory_tangent_prepare
+      procedure :: respond => memory_tangent_respond
+   end type memory_tangent_t
+
+contains
+
+   !> Makes room, and tables of exp(i j.tau), for a law of that many coordinates and states.
+   subroutine new_memory_tangent(self, characteristic, harmonics, torus, frequencies, n_coordinates, n_states)
+      type(memory_tangent_t), intent(out) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      type(harmonics_t), intent(in) :: harmonics
+      type(torus_t), intent(in) :: torus
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      integer, intent(in) :: n_coordinates, n_states
+      integer :: block, h, i, k
+
+      self%n_blocks = (harmonics%n_harmonics + width - 1)/width
+      associate (n_slice => characteristic%n_slice, n_steps => characteristic%n_steps, tone => characteristic%tone)
+         allocate (self%n_harmonics(self%n_blocks))
+         allocate (self%factor(width, 2, n_path_parts, self%n_blocks), source=0.0_wp)
+         allocate (self%lead(width, 2, n_steps, self%n_blocks), self%across(width, 2, n_slice, self%n_blocks), source=0.0_wp)
+         allocate (self%first_slice(width, 2, n_states, n_slice, self%n_blocks, n_coordinates))
+         allocate (self%now(width, 2, n_states, n_slice), self%before(width, 2, n_states, n_slice))
+         allocate (self%df_dz(n_slice, n_coordinates, n_coordinates, n_steps))
+         allocate (self%df_ds(n_slice, n_coordinates, n_states, n_steps))
+         do block = 1, self%n_blocks
+            self%n_harmonics(block) = min(width, harmonics%n_harmonics - (block - 1)*width)
+            do h = 1, self%n_harmonics(block)
+               k = (block - 1)*width + h
+               associate (angle => frequencies(k)*characteristic%step, factor => self%factor(h, :, :, block))
+                  factor(:, path_part%at_end) = [1.0_wp, 0.0_wp]
+                  factor(:, path_part%at_start) = [cos(angle), -sin(angle)]
+                  factor(:, path_part%end_rate) = [0.0_wp, angle]
+                  factor(:, path_part%start_rate) = angle*[sin(angle), cos(angle)]
+               end associate
+               do i = 1, n_steps
+                  self%lead(h, :, i, block) = wave(harmonics%tuples(:, k), i, tone, tone)
+               end do
+               do i = 1, n_slice
+                  self%across(h, :, i, block) = wave_across(harmonics%tuples(:, k), i)
+               end do
+            end do
+         end do
+      end associate
+
+   contains
+
+      !> exp(i j.tau) of tones first to last, at sample i of the grid of these tones alone.
+      pure function wave(j, i, first, last)
+         integer, intent(in) :: j(:), i, first, last
+         real(wp) :: wave(2), angle
+         integer :: m, rest
+
+         rest = i - 1
+         angle = 0.0_wp
+         do m = first, last
+            associate (n => torus%n_samples(m))
+               angle = angle + two_pi*modulo(j(m)*modulo(rest, n), n)/n
+               rest = rest/n
+            end associate
+         end do
+         wave = [cos(angle), sin(angle)]
+      end function wave
+
+      !> The same for sample p of a slice: of all tones but the one that leads.
+      pure function wave_across(j, p)
+         integer, intent(in) :: j(:), p
+         real(wp) :: wave_across(2), below(2), above(2)
+         integer :: inner
+
+         associate (tone => characteristic%tone)
+            inner = product(torus%n_samples(:tone - 1))
+            below = wave(j, 1 + modulo(p - 1, inner), 1, tone - 1)
+            above = wave(j, 1 + (p - 1)/inner, tone + 1, size(j))
+         end associate
+         wave_across = [below(1)*above(1) - below(2)*above(2), below(1)*above(2) + below(2)*above(1)]
+      end function wave_across
+   end subroutine new_memory_tangent
+
+   !> Takes all columns through the rounds that the states needed, but for the last one. The memory must have its path.
+   subroutine memory_tangent_prepare(self, memory, law, characteristic)
+      class(memory_tangent_t), intent(inout) :: self
+      type(memory_t), intent(inout) :: memory
+      class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), allocatable :: f(:, :)
+      real(wp) :: change, largest_move
+      integer :: block, c, i, round
+
+      self%repeats = .true.
+      call memory%differentiable()
+      call memory%load_from_rest(law, with_derivatives=.true.)
+      call load_columns(self, memory)
+      do round = 1, memory%rounds
+         call memory%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+         if (round == memory%rounds) exit
+         do c = 1, size(self%first_slice, 6)
+            do block = 1, self%n_blocks
+               self%before = self%first_slice(:, :, :, :, block, c)
+               call go_round(self, memory, characteristic, block, c)
+               self%first_slice(:, :, :, :, block, c) = self%before
+            end do
+         end do
+      end do
+      allocate (f(characteristic%n_slice, size(memory%path, 2)))
+      do i = 1, characteristic%n_steps
+         call law%force(memory%path(:, :, path_part%at_end, i), memory%states(:, :, i), f, self%df_dz(:, :, :, i), &
+                        self%df_ds(:, :, :, i))
+      end do
+   end subroutine memory_tangent_prepare
+
+   !> Columns of the first slice after loading from rest.
+   subroutine load_columns(self, memory)
+      class(memory_tangent_t), intent(inout) :: self
+      type(memory_t), intent(in) :: memory
+      real(wp) :: slope, wave(width, 2)
+      integer :: block, c, k, p
+
+      do c = 1, size(self%first_slice, 6)
+         do block = 1, self%n_blocks
+            do p = 1, size(self%first_slice, 4)
+               wave = times(self%lead(:, :, 1, block), self%across(:, :, p, block))
+               do k = 1, size(self%first_slice, 3)
+                  associate (parts => memory%ds_dpath(p, k, c, :, 1))
+                     slope = parts(path_part%at_end) + parts(path_part%end_rate) + parts(path_part%start_rate)
+                  end associate
+                  self%first_slice(:, :, k, p, block, c) = slope*wave
+               end do
+            end do
+         end do
+      end do
+   end subroutine load_columns
+
+   !> Answer of all forces of the law, at the samples of the torus, to the columns of one block and one coordinate, in the
+   !> steps of the last round of the states, taken until the columns repeat.
+   subroutine memory_tangent_respond(self, memory, characteristic, block, coordinate, df)
+      class(memory_tangent_t), intent(inout) :: self
+      type(memory_t), intent(in) :: memory
+      type(characteristic_t), intent(in) :: characteristic
+      integer, intent(in) :: block, coordinate
+      real(wp), intent(out) :: df(:, :, :, :)                         !! [N/m], (n_samples, n_coordinates, width, 2)
+      integer :: round
+      real(wp) :: change
+
+      self%before = self%first_slice(:, :, :, :, block, coordinate)
+      do round = 1, most_rounds
+         call go_round(self, memory, characteristic, block, coordinate, df)
+         change = maxval(abs(self%before - self%first_slice(:, :, :, :, block, coordinate)))
+         if (change <= repeat_tolerance*max(1.0_wp, maxval(abs(self%before)))) return
+         self%first_slice(:, :, :, :, block, coordinate) = self%before
+      end do
+      self%repeats = .false.
+   end subroutine memory_tangent_respond
+
+   !> Takes the columns `before` of the first slice once round; with `df` keeps the forces on the way.
+   subroutine go_round(self, memory, characteristic, block, coordinate, df)
+      class(memory_tangent_t), intent(inout) :: self
+      type(memory_t), intent(in) :: memory
+      type(characteristic_t), intent(in) :: characteristic
+      integer, intent(in) :: block, coordinate
+      real(wp), intent(inout), optional :: df(:, :, :, :)
+      integer :: i, p, slice
+      real(wp) :: wave(width, 2)
+
+      do i = 2, characteristic%n_steps + 1
+         slice = 1 + modulo(i - 1, characteristic%n_steps)
+         do p = 1, characteristic%n_slice
+            wave = times(self%lead(:, :, slice, block), self%across(:, :, p, block))
+            call step(self, memory, characteristic, slice, p, coordinate, self%factor(:, :, :, block), wave)
+            if (present(df)) call keep_forces(self, characteristic%sample(p, slice), slice, p, coordinate, wave, df)
+         end do
+         call exchange(self%now, self%before)
+      end do
+   end subroutine go_round
+
+   !> Derivative of one step of one sample: from `before` into `now`.
+   subroutine step(self, memory, characteristic, slice, p, coordinate, factor, wave)
+      class(memory_tangent_t), intent(inout) :: self
+      type(memory_t), intent(in) :: memory
+      type(characteristic_t), intent(in) :: characteristic
+      integer, intent(in) :: slice, p, coordinate
+      real(wp), intent(in) :: factor(width, 2, n_path_parts), wave(width, 2)
+      real(wp) :: old(width, 2), source(width, 2)
+      integer :: k, old_state, part, q
+
+      self%now(:, :, :, p) = 0.0_wp
+      associate (by_old => memory%ds_ds_old, by_path => memory%ds_dpath)
+         do old_state = 1, size(self%now, 3)
+            if (.not. any(abs(by_old(p, :, old_state, slice)) > 0.0_wp)) cycle
+            old = 0.0_wp
+            do q = 1, size(characteristic%weight)
+               old = old + characteristic%weight(q)*self%before(:, :, old_state, characteristic%neighbour(q, p))
+            end do
+            do k = 1, size(self%now, 3)
+               if (abs(by_old(p, k, old_state, slice)) > 0.0_wp) then
+                  self%now(:, :, k, p) = self%now(:, :, k, p) + by_old(p, k, old_state, slice)*old
+               end if
+            end do
+         end do
+         do k = 1, size(self%now, 3)
+            if (.not. any(abs(by_path(p, k, coordinate, :, slice)) > 0.0_wp)) cycle
+            source = 0.0_wp
+            do part = 1, n_path_parts
+               if (abs(by_path(p, k, coordinate, part, slice)) > 0.0_wp) then
+                  source = source + by_path(p, k, coordinate, part, slice)*factor(:, :, part)
+               end if
+            end do
+            self%now(:, :, k, p) = self%now(:, :, k, p) + times(source, wave)
+         end do
+      end associate
+   end subroutine step
+
+   subroutine keep_forces(self, sample, slice, p, coordinate, wave, df)
+      class(memory_tangent_t), intent(in) :: self
+      integer, intent(in) :: sample, slice, p, coordinate
+      real(wp), intent(in) :: wave(width, 2)
+      real(wp), intent(inout) :: df(:, :, :, :)
+      real(wp) :: answer(width, 2)
+      integer :: a, k
+
+      do a = 1, size(df, 2)
+         answer = self%df_dz(p, a, coordinate, slice)*wave
+         do k = 1, size(self%now, 3)
+            answer = answer + self%df_ds(p, a, k, slice)*self%now(:, :, k, p)
+         end do
+         df(sample, a, :, :) = answer
+      end do
+   end subroutine keep_forces
+
+   !> Product of complex numbers.
+   pure function times(a, b) result(c)
+      real(wp), intent(in) :: a(width, 2), b(width, 2)
+      real(wp) :: c(width, 2)
+
+      c(:, 1) = a(:, 1)*b(:, 1) - a(:, 2)*b(:, 2)
+      c(:, 2) = a(:, 1)*b(:, 2) + a(:, 2)*b(:, 1)
+   end function times
+
+   subroutine exchange(a, b)
+      real(wp), allocatable, intent(inout) :: a(:, :, :, :), b(:, :, :, :)
+      real(wp), allocatable :: c(:, :, :, :)
+
+      call move_alloc(a, c)
+      call move_alloc(b, a)
+      call move_alloc(c, b)
+   end subroutine exchange
+end module hb_memory_tangent

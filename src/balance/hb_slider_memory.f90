@@ -1,0 +1,126 @@
+!> The memory of one hysteretic law over the torus: its states at all samples, found by going round along time until they
+!> repeat.
+!>
+!> The first slice starts from rest, loaded straight to where the motion is there. Where all sliders slip, the start is
+!> forgotten and the states that repeat are the only ones. A slider that never slips keeps its place for ever, and any
+!> place would do: starting from rest is the rule that picks one, `full_stick` tells of it. Source: docs/theory.md,
+!> section 5.5.
+module hb_slider_memory
+   use hb_characteristic, only: characteristic_t
+   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
+   use hb_kinds, only: wp
+   implicit none
+   private
+   public :: memory_t, most_rounds, new_memory, repeat_tolerance
+
+   integer, parameter :: most_rounds = 1000
+   real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
+
+   !> Samples stand slice by slice: (n_slice, ..., n_steps).
+   type :: memory_t
+      real(wp), allocatable :: path(:, :, :, :)                       !! [m], (n_slice, n_coordinates, n_path_parts, n_steps)
+      real(wp), allocatable :: states(:, :, :)                        !! (n_slice, n_states, n_steps)
+      real(wp), allocatable :: force(:, :)                            !! of one slice [N], (n_slice, n_coordinates)
+      integer :: rounds = 0                                           !! until the states repeated
+      logical :: repeats = .true.                                     !! false: not within `most_rounds`
+      logical :: full_stick = .false.                                 !! no state moved in the last round
+      real(wp), allocatable :: ds_ds_old(:, :, :, :)                  !! (n_slice, n_states, n_states, n_steps)
+      real(wp), allocatable :: ds_dpath(:, :, :, :, :)                !! (n_slice, n_states, n_coordinates, n_path_parts, n_steps)
+      real(wp), allocatable, private :: before(:, :), start(:, :)     ! (n_slice, n_states)
+   contains
+      procedure :: march => memory_march
+      procedure :: differentiable => memory_differentiable
+      procedure :: load_from_rest => memory_load_from_rest
+      procedure :: go_round => memory_go_round
+   end type memory_t
+
+contains
+
+   !> Makes room for the states of a law.
+   subroutine new_memory(self, characteristic, n_coordinates, n_states)
+      type(memory_t), intent(out) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      integer, intent(in) :: n_coordinates, n_states
+
+      associate (n => characteristic%n_slice, n_steps => characteristic%n_steps)
+         allocate (self%path(n, n_coordinates, n_path_parts, n_steps), self%states(n, n_states, n_steps))
+         allocate (self%before(n, n_states), self%start(n, n_states), self%force(n, n_coordinates))
+      end associate
+   end subroutine new_memory
+
+   !> Makes room for derivatives, at their first use.
+   subroutine memory_differentiable(self)
+      class(memory_t), intent(inout) :: self
+
+      if (allocated(self%ds_ds_old)) return
+      associate (n => size(self%path, 1), n_coordinates => size(self%path, 2), n_steps => size(self%path, 4), &
+                 n_states => size(self%states, 2))
+         allocate (self%ds_ds_old(n, n_states, n_states, n_steps), self%ds_dpath(n, n_states, n_coordinates, n_path_parts, n_steps))
+      end associate
+   end subroutine memory_differentiable
+
+   !> Finds the states that repeat on the path.
+   subroutine memory_march(self, law, characteristic)
+      class(memory_t), intent(inout) :: self
+      class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp) :: change, largest_move, rounding
+
+      call self%load_from_rest(law, with_derivatives=.false.)
+      self%rounds = 0
+      do
+         call self%go_round(law, characteristic, with_derivatives=.false., change=change, largest_move=largest_move)
+         self%rounds = self%rounds + 1
+         rounding = repeat_tolerance*max(maxval(abs(self%path(:, :, :path_part%at_start, :))), maxval(abs(self%states)))
+         self%repeats = change <= rounding
+         if (self%repeats .or. self%rounds >= most_rounds) exit
+      end do
+      self%full_stick = largest_move <= rounding
+   end subroutine memory_march
+
+   !> States of the first slice after loading from rest straight to its motion; their derivatives if asked for.
+   subroutine memory_load_from_rest(self, law, with_derivatives)
+      class(memory_t), intent(inout) :: self
+      class(hysteretic_law_t), intent(in) :: law
+      logical, intent(in) :: with_derivatives
+      real(wp) :: straight(size(self%path, 1), size(self%path, 2), n_path_parts)
+
+      straight = spread(self%path(:, :, path_part%at_end, 1), 3, n_path_parts)
+      straight(:, :, path_part%at_start) = 0.0_wp
+      self%start = 0.0_wp
+      if (with_derivatives) then
+         call law%advance(self%start, straight, self%states(:, :, 1), self%ds_ds_old(:, :, :, 1), self%ds_dpath(:, :, :, :, 1))
+      else
+         call law%advance(self%start, straight, self%states(:, :, 1))
+      end if
+   end subroutine memory_load_from_rest
+
+   !> Goes once round from the states of the first slice back to it.
+   subroutine memory_go_round(self, law, characteristic, with_derivatives, change, largest_move)
+      class(memory_t), intent(inout) :: self
+      class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      logical, intent(in) :: with_derivatives                         !! of every step
+      real(wp), intent(out) :: change                                 !! of the first slice since the round before
+      real(wp), intent(out) :: largest_move                           !! of any state within a step
+      integer :: i, last, n
+
+      n = characteristic%n_steps
+      largest_move = 0.0_wp
+      self%before = self%states(:, :, 1)
+      do i = 2, n + 1
+         last = i - 1
+         associate (now => 1 + modulo(i - 1, n))
+            call characteristic%interpolate(self%states(:, :, last), self%start)
+            if (with_derivatives) then
+               call law%advance(self%start, self%path(:, :, :, now), self%states(:, :, now), &
+                                self%ds_ds_old(:, :, :, now), self%ds_dpath(:, :, :, :, now))
+            else
+               call law%advance(self%start, self%path(:, :, :, now), self%states(:, :, now))
+            end if
+            largest_move = max(largest_move, maxval(abs(self%states(:, :, now) - self%start)))
+         end associate
+      end do
+      change = maxval(abs(self%states(:, :, 1) - self%before))
+   end subroutine memory_go_round
+end module hb_slider_memory

@@ -1,0 +1,139 @@
+!> Elastic Coulomb friction (Jenkins element): a spring in series with a slider, f = k (z - w), |f| <= mu N.
+!>
+!> The normal load N is constant, or N = max(0, N_0 + k_n z_n) with a second coordinate z_n, on which N itself acts.
+!> State: the place w of the slider. Source: docs/theory.md, section 5.5. Sign: f and N stand beside K q on the left-hand side.
+module hb_law_jenkins
+   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
+   use hb_kinds, only: wp
+   use hb_law, only: read_coordinate, read_place
+   use hb_namelist, only: group_t
+   use hb_slider, only: move_slider, pushed_by
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: jenkins_t, new_jenkins
+
+   type, extends(hysteretic_law_t) :: jenkins_t
+      real(wp) :: stiffness = 0.0_wp                                  !! k [N/m]
+      real(wp) :: limit = 0.0_wp                                      !! mu N [N], of a constant normal load
+      logical :: normal_load_varies = .false.
+      real(wp) :: friction_coefficient = 0.0_wp                       !! mu
+      real(wp) :: preload = 0.0_wp                                    !! N_0 [N]; negative: a gap N_0/k_n
+      real(wp) :: normal_stiffness = 0.0_wp                           !! k_n [N/m]
+   contains
+      procedure :: read => jenkins_read
+      procedure :: advance => jenkins_advance
+      procedure :: force => jenkins_force
+      procedure :: length_scale => jenkins_length_scale
+   end type jenkins_t
+
+contains
+
+   !> Element of constant normal load.
+   pure subroutine new_jenkins(self, stiffness, limit)
+      class(jenkins_t), intent(inout) :: self
+      real(wp), intent(in) :: stiffness                               !! k [N/m], > 0
+      real(wp), intent(in) :: limit                                   !! mu N [N], > 0
+
+      self%stiffness = stiffness
+      self%limit = limit
+      self%normal_load_varies = .false.
+      self%n_states = 1
+   end subroutine new_jenkins
+
+   !> Reads a `&law type = 'jenkins'` group; with `friction_coefficient` the normal load varies.
+   subroutine jenkins_read(self, group, structure)
+      class(jenkins_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      real(wp) :: limit, stiffness
+
+      stiffness = 0.0_wp
+      limit = 0.0_wp
+      call group%require("stiffness", stiffness, above=0.0_wp)
+      if (.not. group%given("friction_coefficient")) then
+         call group%require("limit", limit, above=0.0_wp)
+         call new_jenkins(self, stiffness, limit)
+         call read_place(self, group, structure)
+         return
+      end if
+      call new_jenkins(self, stiffness, limit)
+      self%normal_load_varies = .true.
+      if (group%given("limit")) call group%problem("limit", "give either 'limit' or 'friction_coefficient', not both")
+      call group%require("friction_coefficient", self%friction_coefficient, above=0.0_wp)
+      call group%require("normal_stiffness", self%normal_stiffness, minimum=0.0_wp)
+      call group%require("preload", self%preload)
+      call read_place(self, group, structure)
+      call read_coordinate(self, group, structure, "normal_")
+   end subroutine jenkins_read
+
+   subroutine jenkins_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)
+      class(jenkins_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: s_old(:, :), path(:, :, :)
+      real(wp), intent(out), contiguous :: s_new(:, :)
+      real(wp), intent(out), contiguous, optional :: ds_ds_old(:, :, :), ds_dpath(:, :, :, :)
+      real(wp) :: half_width(n_path_parts), slope(n_path_parts), weights(n_path_parts)
+      integer :: i, pusher
+
+      half_width = 0.0_wp
+      half_width([path_part%at_start, path_part%at_end]) = self%limit/self%stiffness
+      slope = 0.0_wp
+      if (present(ds_ds_old)) ds_ds_old = 0.0_wp
+      if (present(ds_dpath)) ds_dpath = 0.0_wp
+      do i = 1, size(s_old, 1)
+         if (self%normal_load_varies) call window(self, path(i, 2, :), half_width, slope)
+         call move_slider(s_old(i, 1), path(i, 1, :) - half_width, path(i, 1, :) + half_width, s_new(i, 1), pusher, weights)
+         if (.not. (present(ds_ds_old) .and. present(ds_dpath))) cycle
+         if (pusher == pushed_by%nothing) then
+            ds_ds_old(i, 1, 1) = 1.0_wp
+         else
+            ds_dpath(i, 1, 1, :) = weights
+            if (self%normal_load_varies) then
+               ds_dpath(i, 1, 2, :) = merge(-1.0_wp, 1.0_wp, pusher == pushed_by%lower)*slope*weights
+            end if
+         end if
+      end do
+   end subroutine jenkins_advance
+
+   !> Path of mu N/k for a path of the normal coordinate, and its slope against that coordinate. Where contact opens or
+   !> closes within the step its rates are left out: no turning point is looked for.
+   pure subroutine window(self, normal, half_width, slope)
+      class(jenkins_t), intent(in) :: self
+      real(wp), intent(in) :: normal(:)                               !! (n_path_parts)
+      real(wp), intent(out) :: half_width(:), slope(:)                !! (n_path_parts)
+      logical :: is_closed(n_path_parts)
+
+      is_closed = self%preload + self%normal_stiffness*normal > 0.0_wp
+      is_closed([path_part%start_rate, path_part%end_rate]) = is_closed(path_part%at_start) .and. is_closed(path_part%at_end)
+      slope = merge(self%friction_coefficient*self%normal_stiffness/self%stiffness, 0.0_wp, is_closed)
+      half_width = slope*normal
+      associate (mean => self%friction_coefficient*self%preload/self%stiffness)
+         if (is_closed(path_part%at_start)) half_width(path_part%at_start) = half_width(path_part%at_start) + mean
+         if (is_closed(path_part%at_end)) half_width(path_part%at_end) = half_width(path_part%at_end) + mean
+      end associate
+   end subroutine window
+
+   subroutine jenkins_force(self, z, s, f, df_dz, df_ds)
+      class(jenkins_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), s(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_ds(:, :, :)
+
+      f(:, 1) = self%stiffness*(z(:, 1) - s(:, 1))
+      if (self%normal_load_varies) f(:, 2) = max(self%preload + self%normal_stiffness*z(:, 2), 0.0_wp)
+      if (.not. (present(df_dz) .and. present(df_ds))) return
+      df_dz = 0.0_wp
+      df_ds = 0.0_wp
+      df_dz(:, 1, 1) = self%stiffness
+      df_ds(:, 1, 1) = -self%stiffness
+      if (self%normal_load_varies) then
+         df_dz(:, 2, 2) = merge(self%normal_stiffness, 0.0_wp, self%preload + self%normal_stiffness*z(:, 2) > 0.0_wp)
+      end if
+   end subroutine jenkins_force
+
+   pure real(wp) function jenkins_length_scale(self)
+      class(jenkins_t), intent(in) :: self
+
+      jenkins_length_scale = self%limit/self%stiffness
+   end function jenkins_length_scale
+end module hb_law_jenkins

@@ -1,0 +1,107 @@
+!> A slider between two bounds that move: the play operator, exact along a cubic path.
+!>
+!> The place w of the slider stays while it can; the lower bound pushes it up, the upper one down. Where a bound turns
+!> between the two ends of a step, its extreme value there comes from the cubic with the bound's values and rates at both
+!> ends (error of fourth order in the step). Source: docs/theory.md, section 5.5; M. Brokate and J. Sprekels, Hysteresis and Phase
+!> Transitions, Springer 1996, section 2.3 (play and stop).
+module hb_slider
+   use hb_hysteretic_law, only: n_path_parts, path_part
+   use hb_kinds, only: wp
+   implicit none
+   private
+   public :: move_slider, pushed_by
+
+   !> What the place of a slider at the end of a step depends on.
+   type :: pushed_by_t
+      integer :: nothing = 0                                          !! sticks: its place at the start
+      integer :: lower = 1
+      integer :: upper = 2
+   end type pushed_by_t
+   type(pushed_by_t), parameter :: pushed_by = pushed_by_t()
+
+   real(wp), parameter :: no_part(n_path_parts) = 0.0_wp
+
+contains
+
+   !> Place `w` of the slider at the end of a step. Unless nothing pushed, w = dot_product(weights, bound) of the bound
+   !> that pushed last, and the weights are dw/dbound.
+   !>
+   !> A start outside the bounds, as interpolation may give it, is put onto them first.
+   pure subroutine move_slider(w_old, lower, upper, w, pusher, weights)
+      real(wp), intent(in) :: w_old                                   !! place at the start [m]
+      real(wp), intent(in) :: lower(n_path_parts), upper(n_path_parts)   !! paths of the bounds [m], lower <= upper
+      real(wp), intent(out) :: w                                      !! [m]
+      integer, intent(out) :: pusher                                  !! one of `pushed_by`
+      real(wp), intent(out) :: weights(n_path_parts)
+
+      w = w_old
+      pusher = pushed_by%nothing
+      weights = 0.0_wp
+      associate (at_start => path_part%at_start, at_end => path_part%at_end, &
+                 start_rate => path_part%start_rate, end_rate => path_part%end_rate)
+         call push(lower, upper, at(at_start), at(at_start), w, pusher, weights)
+         if (lower(start_rate) > 0.0_wp .and. lower(end_rate) < 0.0_wp) then
+            call push(lower, upper, turning_point(lower), no_part, w, pusher, weights)
+         end if
+         if (upper(start_rate) < 0.0_wp .and. upper(end_rate) > 0.0_wp) then
+            call push(lower, upper, no_part, turning_point(upper), w, pusher, weights)
+         end if
+         call push(lower, upper, at(at_end), at(at_end), w, pusher, weights)
+      end associate
+   end subroutine move_slider
+
+   !> Pushes the slider between the bounds as they are at one place of the path. Weights of no part leave that bound out.
+   pure subroutine push(lower, upper, lower_weights, upper_weights, w, pusher, weights)
+      real(wp), intent(in) :: lower(n_path_parts), upper(n_path_parts)
+      real(wp), intent(in) :: lower_weights(n_path_parts), upper_weights(n_path_parts)
+      real(wp), intent(inout) :: w, weights(n_path_parts)
+      integer, intent(inout) :: pusher
+
+      if (any(abs(lower_weights) > 0.0_wp) .and. w < dot_product(lower_weights, lower)) then
+         w = dot_product(lower_weights, lower)
+         weights = lower_weights
+         pusher = pushed_by%lower
+      end if
+      if (any(abs(upper_weights) > 0.0_wp) .and. w > dot_product(upper_weights, upper)) then
+         w = dot_product(upper_weights, upper)
+         weights = upper_weights
+         pusher = pushed_by%upper
+      end if
+   end subroutine push
+
+   !> Weights of one part alone.
+   pure function at(part)
+      integer, intent(in) :: part
+      real(wp) :: at(n_path_parts)
+
+      at = 0.0_wp
+      at(part) = 1.0_wp
+   end function at
+
+   !> Weights of the parts in the value of the cubic where it turns. Its rate vanishes there, so these are the
+   !> derivatives of that value as well. The rates at both ends must differ in sign.
+   pure function turning_point(path) result(weights)
+      real(wp), intent(in) :: path(n_path_parts)
+      real(wp) :: weights(n_path_parts)
+      real(wp) :: a, b, c, q, x
+
+      associate (start => path(path_part%at_start), end => path(path_part%at_end), &
+                 start_rate => path(path_part%start_rate), end_rate => path(path_part%end_rate))
+         ! rate(x) = a x**2 + b x + c for 0 <= x <= 1
+         a = 3.0_wp*(start_rate + end_rate - 2.0_wp*(end - start))
+         b = 2.0_wp*(3.0_wp*(end - start) - 2.0_wp*start_rate - end_rate)
+         c = start_rate
+      end associate
+      q = -0.5_wp*(b + sign(sqrt(max(b**2 - 4.0_wp*a*c, 0.0_wp)), b))
+      x = 1.0_wp
+      if (abs(c) <= abs(q) .and. c*q > 0.0_wp) then
+         x = c/q
+      else if (abs(q) <= abs(a) .and. q*a > 0.0_wp) then
+         x = q/a
+      end if
+      weights(path_part%at_start) = (1.0_wp + 2.0_wp*x)*(1.0_wp - x)**2
+      weights(path_part%at_end) = (3.0_wp - 2.0_wp*x)*x**2
+      weights(path_part%start_rate) = x*(1.0_wp - x)**2
+      weights(path_part%end_rate) = (x - 1.0_wp)*x**2
+   end function turning_point
+end module hb_slider
