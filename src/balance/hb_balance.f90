@@ -119,22 +119,36 @@ contains
       end do
    end subroutine factorise_linear_part
 
-   !> Tells law i the stiffness 1/|w.S^-1 w| that it feels at its first coordinate, in the first harmonic: the static one,
-   !> unless the set has no zero tuple.
+   !> Tells law i what it feels at its first coordinate: the stiffness 1/|w.S^-1 w| in the first harmonic (the static one,
+   !> unless the set has no zero tuple), and the impedance, the least of this stiffness over |j.omega|.
    subroutine prepare_law(self, i)
       type(balance_t), intent(inout) :: self
       integer, intent(in) :: i
-      complex(wp) :: response(self%n_dofs)
-      integer :: info
-      real(wp) :: compliance
+      real(wp) :: compliance, mobility
+      integer :: h
 
       associate (law => self%law_set%laws(i)%law)
-         response = spread_weights(self, i)
-         call zgetrs("N", self%n_dofs, 1, self%factors(:, :, 1), self%n_dofs, self%pivots(:, 1), response, self%n_dofs, info)
-         compliance = abs(dot_product(spread_weights(self, i), response))
+         compliance = compliance_of(self, i, 1)
          if (compliance > 0.0_wp) call law%prepare(1.0_wp/compliance)
+         mobility = 0.0_wp
+         do h = 1, self%harmonics%n_harmonics
+            mobility = max(mobility, abs(self%frequencies(h))*compliance_of(self, i, h))
+         end do
+         if (mobility > 0.0_wp) call law%prepare_rate(1.0_wp/mobility)
       end associate
    end subroutine prepare_law
+
+   !> |w.S^-1 w| of harmonic h, with w the weights of the first coordinate of law i.
+   real(wp) function compliance_of(self, i, h)
+      type(balance_t), intent(in) :: self
+      integer, intent(in) :: i, h
+      complex(wp) :: response(self%n_dofs)
+      integer :: info
+
+      response = spread_weights(self, i)
+      call zgetrs("N", self%n_dofs, 1, self%factors(:, :, h), self%n_dofs, self%pivots(:, h), response, self%n_dofs, info)
+      compliance_of = abs(dot_product(spread_weights(self, i), response))
+   end function compliance_of
 
    !> Weights of the first coordinate of law i over all degrees of freedom of the laws.
    function spread_weights(self, i) result(weights)

@@ -12,6 +12,7 @@ module hb_characteristic
    public :: characteristic_t, new_characteristic
 
    integer, parameter :: n_nodes = 4                                  ! of a cubic, at -1, 0, 1, 2
+   real(wp), parameter :: longest_way = 2.0_wp                        ! of any tone in one step, in its samples
 
    type :: characteristic_t
       integer :: tone = 0                                             !! that leads
@@ -27,14 +28,17 @@ module hb_characteristic
 
 contains
 
-   !> Steps of the tone that has the shortest one, because what happens within a step is the coarsest approximation.
+   !> The tone that leads has the longest step in which no tone moves on by more than two samples: few interpolations, yet a
+   !> path between the ends of a step that they tell well.
    subroutine new_characteristic(self, torus, omega)
       type(characteristic_t), intent(out) :: self
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0
       integer :: i, inner, outer, p
 
-      self%tone = maxloc(omega*torus%n_samples, dim=1)
+      associate (speed => omega*torus%n_samples)
+         self%tone = minloc(speed, mask=speed*longest_way >= maxval(speed), dim=1)
+      end associate
       self%n_steps = torus%n_samples(self%tone)
       self%n_slice = torus%n_total/self%n_steps
       self%step = two_pi/(omega(self%tone)*self%n_steps)

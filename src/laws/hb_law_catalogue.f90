@@ -1,9 +1,13 @@
 !> The laws that an input file can name: one name and one case each.
 module hb_law_catalogue
    use hb_law, only: law_box_t
+   use hb_law_coulomb_rigid, only: coulomb_rigid_t
+   use hb_law_coulomb_tanh, only: coulomb_tanh_t
    use hb_law_cubic_spring, only: cubic_spring_t
    use hb_law_elastic_stop, only: elastic_stop_t
+   use hb_law_iwan, only: iwan_t
    use hb_law_jenkins, only: jenkins_t
+   use hb_law_jenkins_2d, only: jenkins_2d_t
    use hb_law_polynomial, only: polynomial_t
    use hb_law_rigid_wall, only: rigid_wall_t
    use hb_namelist, only: group_t
@@ -13,8 +17,9 @@ module hb_law_catalogue
    private
    public :: allocate_law, law_names, read_law
 
-   character(16), parameter :: law_names(5) = [character(16) :: &
-      "cubic_spring", "elastic_stop", "jenkins", "polynomial", "rigid_wall"]
+   character(16), parameter :: law_names(9) = [character(16) :: &
+      "coulomb_rigid", "coulomb_tanh", "cubic_spring", "elastic_stop", "iwan", "jenkins", "jenkins_2d", "polynomial", &
+      "rigid_wall"]
 
 contains
 
@@ -24,9 +29,13 @@ contains
       character(*), intent(in) :: name                                !! one of `law_names`
 
       select case (name)
+      case ("coulomb_rigid"); allocate (coulomb_rigid_t :: box%law)
+      case ("coulomb_tanh"); allocate (coulomb_tanh_t :: box%law)
       case ("cubic_spring"); allocate (cubic_spring_t :: box%law)
       case ("elastic_stop"); allocate (elastic_stop_t :: box%law)
+      case ("iwan"); allocate (iwan_t :: box%law)
       case ("jenkins"); allocate (jenkins_t :: box%law)
+      case ("jenkins_2d"); allocate (jenkins_2d_t :: box%law)
       case ("polynomial"); allocate (polynomial_t :: box%law)
       case ("rigid_wall"); allocate (rigid_wall_t :: box%law)
       end select

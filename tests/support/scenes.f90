@@ -19,7 +19,8 @@ module scenes
 
 contains
 
-   !> Keys of a law with typical parameters, without the place where it acts; empty for a law that has no example yet.
+   !> Keys of a law with typical parameters, without the place where its first coordinate acts; a second one is at `x2`. Empty
+   !> for a law that has no example yet.
    pure function law_example(name) result(keys)
       character(*), intent(in) :: name
       character(:), allocatable :: keys
@@ -27,6 +28,10 @@ contains
       select case (name)
       case ("cubic_spring"); keys = "stiffness=1.5"
       case ("elastic_stop"); keys = "stiffness=3 gap=0.2 two_sided=.true."
+      case ("coulomb_rigid"); keys = "limit=0.3 augmentation=1.3"
+      case ("coulomb_tanh"); keys = "limit=0.7 velocity=0.4"
+      case ("iwan"); keys = "stiffness=1,2,0.5 limit=0.1,0.4,0.3"
+      case ("jenkins_2d"); keys = "stiffness=2.5 limit=0.4 second_dof='x2'"
       case ("jenkins"); keys = "stiffness=2.5 limit=0.4"
       case ("polynomial"); keys = "stiffness=0.3,-0.5,0.7 damping=0.1,0.2,0.4"
       case ("rigid_wall"); keys = "gap=0.2 augmentation=2.5 two_sided=.true."

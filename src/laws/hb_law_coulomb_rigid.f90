@@ -1,0 +1,74 @@
+!> Rigid Coulomb friction, exactly: |f| <= S, and f = S sgn(v) while it slides, by the force that friction must supply.
+!>
+!> With p the reaction that equilibrium asks for, f = min(max(p + eps v, -S), S). At a solution p and f agree in the kept
+!> harmonics, so that either |f| < S and v = 0 (stop), or f = S sgn(v) (slip), up to the truncation of the series, for any
+!> eps > 0. Source: docs/theory.md, section 5.5; augmented Lagrangian form of friction, Alart and Curnier, Comput. Methods
+!> Appl. Mech. Engrg. 92 (1991) 353-375. Sign: f stands beside K q on the left-hand side.
+module hb_law_coulomb_rigid
+   use hb_kinds, only: wp
+   use hb_law, only: law_t, read_place
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: coulomb_rigid_t, new_coulomb_rigid
+
+   type, extends(law_t) :: coulomb_rigid_t
+      real(wp) :: limit = 0.0_wp                                      !! S = mu N [N]
+      real(wp) :: augmentation = 0.0_wp                               !! eps [N s/m]; 0: the impedance of the structure
+   contains
+      procedure :: read => coulomb_rigid_read
+      procedure :: evaluate => coulomb_rigid_evaluate
+      procedure :: prepare_rate => coulomb_rigid_prepare_rate
+   end type coulomb_rigid_t
+
+contains
+
+   !> Friction of the given limit.
+   pure subroutine new_coulomb_rigid(self, limit, augmentation)
+      class(coulomb_rigid_t), intent(inout) :: self
+      real(wp), intent(in) :: limit                                   !! S [N], >= 0
+      real(wp), intent(in) :: augmentation                            !! eps [N s/m], 0: chosen from the structure
+
+      self%limit = limit
+      self%augmentation = augmentation
+      self%is_multiplier = .true.
+      self%needs_velocity = .true.
+   end subroutine new_coulomb_rigid
+
+   !> Reads a `&law type = 'coulomb_rigid'` group.
+   subroutine coulomb_rigid_read(self, group, structure)
+      class(coulomb_rigid_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      real(wp) :: augmentation, limit
+
+      limit = 0.0_wp
+      augmentation = self%augmentation
+      call group%require("limit", limit, minimum=0.0_wp)
+      call group%get("augmentation", augmentation, minimum=0.0_wp)
+      call new_coulomb_rigid(self, limit, augmentation)
+      call read_place(self, group, structure)
+   end subroutine coulomb_rigid_read
+
+   subroutine coulomb_rigid_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(coulomb_rigid_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+
+      f = min(max(p + self%augmentation*v, -self%limit), self%limit)
+      if (present(df_dz)) df_dz = 0.0_wp
+      if (.not. (present(df_dv) .and. present(df_dp))) return
+      df_dp(:, :, 1) = merge(1.0_wp, 0.0_wp, abs(p + self%augmentation*v) < self%limit)
+      df_dv(:, :, 1) = self%augmentation*df_dp(:, :, 1)
+   end subroutine coulomb_rigid_evaluate
+
+   !> Takes eps from the structure unless the user gave it: then the equations of stops are scaled like the linear ones.
+   subroutine coulomb_rigid_prepare_rate(self, impedance)
+      class(coulomb_rigid_t), intent(inout) :: self
+      real(wp), intent(in) :: impedance
+
+      if (self%augmentation <= 0.0_wp) self%augmentation = impedance
+   end subroutine coulomb_rigid_prepare_rate
+end module hb_law_coulomb_rigid

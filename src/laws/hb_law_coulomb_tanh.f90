@@ -1,0 +1,60 @@
+!> Coulomb friction made smooth: f = S tanh(v/v_0).
+!>
+!> A slope instead of sticking: below v_0 it creeps like a dashpot S/v_0. For friction that sticks take coulomb_rigid or
+!> jenkins. Source: docs/theory.md, section 5.5. Sign: f stands beside K q on the left-hand side.
+module hb_law_coulomb_tanh
+   use hb_kinds, only: wp
+   use hb_law, only: law_t, read_place
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: coulomb_tanh_t, new_coulomb_tanh
+
+   type, extends(law_t) :: coulomb_tanh_t
+      real(wp) :: limit = 0.0_wp                                      !! S = mu N [N]
+      real(wp) :: velocity = 0.0_wp                                   !! v_0 [m/s]
+   contains
+      procedure :: read => coulomb_tanh_read
+      procedure :: evaluate => coulomb_tanh_evaluate
+   end type coulomb_tanh_t
+
+contains
+
+   !> Friction of the given limit, 76 % of it at `velocity`.
+   pure subroutine new_coulomb_tanh(self, limit, velocity)
+      class(coulomb_tanh_t), intent(inout) :: self
+      real(wp), intent(in) :: limit                                   !! S [N], >= 0
+      real(wp), intent(in) :: velocity                                !! v_0 [m/s], > 0
+
+      self%limit = limit
+      self%velocity = velocity
+      self%needs_velocity = .true.
+   end subroutine new_coulomb_tanh
+
+   !> Reads a `&law type = 'coulomb_tanh'` group.
+   subroutine coulomb_tanh_read(self, group, structure)
+      class(coulomb_tanh_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      real(wp) :: limit, velocity
+
+      limit = 0.0_wp
+      velocity = 0.0_wp
+      call group%require("limit", limit, minimum=0.0_wp)
+      call group%require("velocity", velocity, above=0.0_wp)
+      call new_coulomb_tanh(self, limit, velocity)
+      call read_place(self, group, structure)
+   end subroutine coulomb_tanh_read
+
+   subroutine coulomb_tanh_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(coulomb_tanh_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+
+      f = self%limit*tanh(v/self%velocity)
+      if (present(df_dz)) df_dz = 0.0_wp
+      if (present(df_dv)) df_dv(:, :, 1) = self%limit/self%velocity*(1.0_wp - tanh(v/self%velocity)**2)
+   end subroutine coulomb_tanh_evaluate
+end module hb_law_coulomb_tanh

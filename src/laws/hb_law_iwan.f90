@@ -1,0 +1,105 @@
+!> Iwan model: Jenkins elements side by side, f = sum k_i (z - w_i), which slip one after the other (micro-slip).
+!>
+!> States: the places w_i of the sliders. Source: W. D. Iwan, J. Applied Mechanics 33 (1966) 893-900; docs/theory.md,
+!> section 5.5. Sign: f stands beside K q on the left-hand side.
+module hb_law_iwan
+   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
+   use hb_kinds, only: wp
+   use hb_law, only: read_place
+   use hb_namelist, only: group_t
+   use hb_slider, only: move_slider, pushed_by
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: iwan_t, new_iwan
+
+   type, extends(hysteretic_law_t) :: iwan_t
+      real(wp), allocatable :: stiffness(:)                           !! k_i [N/m], (n_states)
+      real(wp), allocatable :: limit(:)                               !! mu N_i [N], (n_states)
+   contains
+      procedure :: read => iwan_read
+      procedure :: advance => iwan_advance
+      procedure :: force => iwan_force
+      procedure :: length_scale => iwan_length_scale
+   end type iwan_t
+
+contains
+
+   !> Elements of the given stiffnesses and limits, as many of the one as of the other.
+   pure subroutine new_iwan(self, stiffness, limit)
+      class(iwan_t), intent(inout) :: self
+      real(wp), intent(in) :: stiffness(:)                            !! [N/m], > 0
+      real(wp), intent(in) :: limit(:)                                !! [N], > 0
+
+      self%stiffness = stiffness
+      self%limit = limit
+      self%n_states = size(stiffness)
+   end subroutine new_iwan
+
+   !> Reads a `&law type = 'iwan'` group.
+   subroutine iwan_read(self, group, structure)
+      class(iwan_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      real(wp), allocatable :: limit(:), stiffness(:)
+
+      call group%require("stiffness", stiffness, above=0.0_wp)
+      if (allocated(stiffness)) then
+         call group%require("limit", limit, n=size(stiffness), above=0.0_wp)
+      else
+         call group%require("limit", limit, above=0.0_wp)
+      end if
+      if (allocated(stiffness) .and. allocated(limit)) call new_iwan(self, stiffness, limit)
+      call read_place(self, group, structure)
+   end subroutine iwan_read
+
+   subroutine iwan_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)
+      class(iwan_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: s_old(:, :), path(:, :, :)
+      real(wp), intent(out), contiguous :: s_new(:, :)
+      real(wp), intent(out), contiguous, optional :: ds_ds_old(:, :, :), ds_dpath(:, :, :, :)
+      real(wp) :: half_width(n_path_parts), weights(n_path_parts)
+      integer :: i, k, pusher
+
+      if (present(ds_ds_old)) ds_ds_old = 0.0_wp
+      if (present(ds_dpath)) ds_dpath = 0.0_wp
+      half_width = 0.0_wp
+      do k = 1, self%n_states
+         half_width([path_part%at_start, path_part%at_end]) = self%limit(k)/self%stiffness(k)
+         do i = 1, size(s_old, 1)
+            call move_slider(s_old(i, k), path(i, 1, :) - half_width, path(i, 1, :) + half_width, s_new(i, k), pusher, weights)
+            if (.not. (present(ds_ds_old) .and. present(ds_dpath))) cycle
+            if (pusher == pushed_by%nothing) then
+               ds_ds_old(i, k, k) = 1.0_wp
+            else
+               ds_dpath(i, k, 1, :) = weights
+            end if
+         end do
+      end do
+   end subroutine iwan_advance
+
+   subroutine iwan_force(self, z, s, f, df_dz, df_ds)
+      class(iwan_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), s(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_ds(:, :, :)
+      integer :: k
+
+      f(:, 1) = sum(self%stiffness)*z(:, 1)
+      do k = 1, self%n_states
+         f(:, 1) = f(:, 1) - self%stiffness(k)*s(:, k)
+      end do
+      if (.not. (present(df_dz) .and. present(df_ds))) return
+      df_dz = sum(self%stiffness)
+      do k = 1, self%n_states
+         df_ds(:, :, k) = -self%stiffness(k)
+      end do
+   end subroutine iwan_force
+
+   !> Motion at which the first element slips.
+   pure real(wp) function iwan_length_scale(self)
+      class(iwan_t), intent(in) :: self
+
+      iwan_length_scale = minval(self%limit/self%stiffness)
+   end function iwan_length_scale
+end module hb_law_iwan
