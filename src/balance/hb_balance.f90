@@ -120,20 +120,18 @@ contains
    end subroutine factorise_linear_part
 
    !> Tells law i what it feels at its first coordinate: the stiffness 1/|w.S^-1 w| in the first harmonic (the static one,
-   !> unless the set has no zero tuple), and the impedance, the least of this stiffness over |j.omega|.
+   !> unless the set has no zero tuple), and the impedance, this stiffness over |j.omega| in the fastest harmonic.
    subroutine prepare_law(self, i)
       type(balance_t), intent(inout) :: self
       integer, intent(in) :: i
       real(wp) :: compliance, mobility
-      integer :: h
+      integer :: fastest
 
       associate (law => self%law_set%laws(i)%law)
          compliance = compliance_of(self, i, 1)
          if (compliance > 0.0_wp) call law%prepare(1.0_wp/compliance)
-         mobility = 0.0_wp
-         do h = 1, self%harmonics%n_harmonics
-            mobility = max(mobility, abs(self%frequencies(h))*compliance_of(self, i, h))
-         end do
+         fastest = maxloc(abs(self%frequencies), dim=1)
+         mobility = abs(self%frequencies(fastest))*compliance_of(self, i, fastest)
          if (mobility > 0.0_wp) call law%prepare_rate(1.0_wp/mobility)
       end associate
    end subroutine prepare_law

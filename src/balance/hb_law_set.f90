@@ -26,7 +26,7 @@ module hb_law_set
       real(wp), allocatable :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
       type(memory_t), allocatable :: memory                           ! of a law that has one
       type(memory_tangent_t), allocatable :: tangent                  ! of its memory, from the first use on
-      real(wp), allocatable :: answer(:, :, :, :)                     ! (n_samples, n_coordinates, width, 2), see `respond`
+      real(wp), allocatable :: answer(:, :, :, :)                     ! (width, 2, n_coordinates, n_samples) to a block of columns
    end type slot_t
 
    !> Owner of outside resources: call `destroy`.
@@ -475,7 +475,7 @@ contains
                allocate (slot%tangent)
                call new_memory_tangent(slot%tangent, self%characteristic, harmonics, torus, frequencies, size(slot%z, 2), &
                                        law%n_states)
-               allocate (slot%answer(torus%n_total, size(slot%z, 2), width, 2))
+               allocate (slot%answer(width, 2, size(slot%z, 2), torus%n_total))
             end if
             call slot%tangent%prepare(slot%memory, law, self%characteristic)
          end select
@@ -540,7 +540,7 @@ contains
          if (row == 0) return
          associate (shape => self%laws(i)%law%shape)
             do a = 1, size(shape, 2)
-               if (abs(shape(row, a)) > 0.0_wp) to = to + weight*shape(row, a)*self%slots(i)%answer(:, a, h, part)
+               if (abs(shape(row, a)) > 0.0_wp) to = to + weight*shape(row, a)*self%slots(i)%answer(h, part, a, :)
             end do
          end associate
       end subroutine add_force_on

@@ -169,7 +169,7 @@ contains
       type(memory_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: block, coordinate
-      real(wp), intent(out) :: df(:, :, :, :)                         !! [N/m], (n_samples, n_coordinates, width, 2)
+      real(wp), intent(out), contiguous :: df(:, :, :, :)             !! [N/m], (width, 2, n_coordinates, n_samples)
       integer :: round
       real(wp) :: change
 
@@ -189,7 +189,7 @@ contains
       type(memory_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: block, coordinate
-      real(wp), intent(inout), optional :: df(:, :, :, :)
+      real(wp), intent(inout), contiguous, optional :: df(:, :, :, :)
       integer :: i, p, slice
       real(wp) :: wave(width, 2)
 
@@ -211,50 +211,65 @@ contains
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: slice, p, coordinate
       real(wp), intent(in) :: factor(width, 2, n_path_parts), wave(width, 2)
-      real(wp) :: old(width, 2), source(width, 2)
-      integer :: k, old_state, part, q
+      real(wp) :: old(width, 2), source(width, 2), slope
+      integer :: k, n_states, old_state, part
 
-      self%now(:, :, :, p) = 0.0_wp
-      associate (by_old => memory%ds_ds_old, by_path => memory%ds_dpath)
-         do old_state = 1, size(self%now, 3)
-            if (.not. any(abs(by_old(p, :, old_state, slice)) > 0.0_wp)) cycle
-            old = 0.0_wp
-            do q = 1, size(characteristic%weight)
-               old = old + characteristic%weight(q)*self%before(:, :, old_state, characteristic%neighbour(q, p))
-            end do
-            do k = 1, size(self%now, 3)
-               if (abs(by_old(p, k, old_state, slice)) > 0.0_wp) then
-                  self%now(:, :, k, p) = self%now(:, :, k, p) + by_old(p, k, old_state, slice)*old
-               end if
-            end do
+      n_states = size(self%now, 3)
+      do k = 1, n_states
+         if (.not. any(abs(memory%ds_dpath(p, k, coordinate, :, slice)) > 0.0_wp)) then
+            self%now(:, :, k, p) = 0.0_wp
+            cycle
+         end if
+         source = 0.0_wp
+         do part = 1, n_path_parts
+            slope = memory%ds_dpath(p, k, coordinate, part, slice)
+            if (abs(slope) > 0.0_wp) source = source + slope*factor(:, :, part)
          end do
-         do k = 1, size(self%now, 3)
-            if (.not. any(abs(by_path(p, k, coordinate, :, slice)) > 0.0_wp)) cycle
-            source = 0.0_wp
-            do part = 1, n_path_parts
-               if (abs(by_path(p, k, coordinate, part, slice)) > 0.0_wp) then
-                  source = source + by_path(p, k, coordinate, part, slice)*factor(:, :, part)
-               end if
-            end do
-            self%now(:, :, k, p) = self%now(:, :, k, p) + times(source, wave)
+         self%now(:, :, k, p) = times(source, wave)
+      end do
+      do old_state = 1, n_states
+         if (.not. any(abs(memory%ds_ds_old(p, :, old_state, slice)) > 0.0_wp)) cycle
+         call blend(n_states, old_state, characteristic%neighbour(:, p), characteristic%weight, self%before, old)
+         do k = 1, n_states
+            slope = memory%ds_ds_old(p, k, old_state, slice)
+            if (abs(slope) > 0.0_wp) self%now(:, :, k, p) = self%now(:, :, k, p) + slope*old
          end do
-      end associate
+      end do
    end subroutine step
+
+   !> One state at the start of a step: the sum of weights times that state of the neighbours, of which there are 1 or a
+   !> multiple of 4.
+   pure subroutine blend(n_states, state, neighbour, weight, before, blended)
+      integer, intent(in) :: n_states, state
+      integer, intent(in), contiguous :: neighbour(:)
+      real(wp), intent(in), contiguous :: weight(:)
+      real(wp), intent(in) :: before(2*width, n_states, *)
+      real(wp), intent(out) :: blended(2*width)
+      integer :: q
+
+      if (size(neighbour) == 1) then
+         blended = weight(1)*before(:, state, neighbour(1))
+         return
+      end if
+      blended = 0.0_wp
+      do q = 1, size(neighbour), 4
+         blended = blended + weight(q)*before(:, state, neighbour(q)) + weight(q + 1)*before(:, state, neighbour(q + 1)) &
+                   + weight(q + 2)*before(:, state, neighbour(q + 2)) + weight(q + 3)*before(:, state, neighbour(q + 3))
+      end do
+   end subroutine blend
 
    subroutine keep_forces(self, sample, slice, p, coordinate, wave, df)
       class(memory_tangent_t), intent(in) :: self
       integer, intent(in) :: sample, slice, p, coordinate
       real(wp), intent(in) :: wave(width, 2)
-      real(wp), intent(inout) :: df(:, :, :, :)
-      real(wp) :: answer(width, 2)
+      real(wp), intent(inout), contiguous :: df(:, :, :, :)
       integer :: a, k
 
-      do a = 1, size(df, 2)
-         answer = self%df_dz(p, a, coordinate, slice)*wave
+      do a = 1, size(df, 3)
+         df(:, :, a, sample) = self%df_dz(p, a, coordinate, slice)*wave
          do k = 1, size(self%now, 3)
-            answer = answer + self%df_ds(p, a, k, slice)*self%now(:, :, k, p)
+            df(:, :, a, sample) = df(:, :, a, sample) + self%df_ds(p, a, k, slice)*self%now(:, :, k, p)
          end do
-         df(sample, a, :, :) = answer
       end do
    end subroutine keep_forces
 

@@ -6,6 +6,7 @@
 !> place would do: starting from rest is the rule that picks one, `full_stick` tells of it. Source: docs/theory.md,
 !> section 5.5.
 module hb_slider_memory
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
@@ -73,7 +74,7 @@ contains
          self%rounds = self%rounds + 1
          rounding = repeat_tolerance*max(maxval(abs(self%path(:, :, :path_part%at_start, :))), maxval(abs(self%states)))
          self%repeats = change <= rounding
-         if (self%repeats .or. self%rounds >= most_rounds) exit
+         if (self%repeats .or. self%rounds >= most_rounds .or. .not. ieee_is_finite(change)) exit
       end do
       self%full_stick = largest_move <= rounding
    end subroutine memory_march

@@ -19,8 +19,6 @@ module hb_slider
    end type pushed_by_t
    type(pushed_by_t), parameter :: pushed_by = pushed_by_t()
 
-   real(wp), parameter :: no_part(n_path_parts) = 0.0_wp
-
 contains
 
    !> Place `w` of the slider at the end of a step. Unless nothing pushed, w = dot_product(weights, bound) of the bound
@@ -33,50 +31,52 @@ contains
       real(wp), intent(out) :: w                                      !! [m]
       integer, intent(out) :: pusher                                  !! one of `pushed_by`
       real(wp), intent(out) :: weights(n_path_parts)
+      real(wp) :: turn(n_path_parts), extreme
+      integer :: place                                                 ! part of the path where it was pushed last, 0: the turn
 
       w = w_old
       pusher = pushed_by%nothing
-      weights = 0.0_wp
-      associate (at_start => path_part%at_start, at_end => path_part%at_end, &
-                 start_rate => path_part%start_rate, end_rate => path_part%end_rate)
-         call push(lower, upper, at(at_start), at(at_start), w, pusher, weights)
-         if (lower(start_rate) > 0.0_wp .and. lower(end_rate) < 0.0_wp) then
-            call push(lower, upper, turning_point(lower), no_part, w, pusher, weights)
+      place = path_part%at_start
+      if (w < lower(place)) pusher = pushed_by%lower
+      if (w > upper(place)) pusher = pushed_by%upper
+      w = min(max(w, lower(place)), upper(place))
+      if (lower(path_part%start_rate) > 0.0_wp .and. lower(path_part%end_rate) < 0.0_wp) then
+         turn = turning_point(lower)
+         extreme = dot_product(turn, lower)
+         if (w < extreme) then
+            w = extreme
+            pusher = pushed_by%lower
+            place = 0
          end if
-         if (upper(start_rate) < 0.0_wp .and. upper(end_rate) > 0.0_wp) then
-            call push(lower, upper, no_part, turning_point(upper), w, pusher, weights)
+      end if
+      if (upper(path_part%start_rate) < 0.0_wp .and. upper(path_part%end_rate) > 0.0_wp) then
+         weights = turning_point(upper)
+         extreme = dot_product(weights, upper)
+         if (w > extreme) then
+            w = extreme
+            turn = weights
+            pusher = pushed_by%upper
+            place = 0
          end if
-         call push(lower, upper, at(at_end), at(at_end), w, pusher, weights)
-      end associate
-   end subroutine move_slider
-
-   !> Pushes the slider between the bounds as they are at one place of the path. Weights of no part leave that bound out.
-   pure subroutine push(lower, upper, lower_weights, upper_weights, w, pusher, weights)
-      real(wp), intent(in) :: lower(n_path_parts), upper(n_path_parts)
-      real(wp), intent(in) :: lower_weights(n_path_parts), upper_weights(n_path_parts)
-      real(wp), intent(inout) :: w, weights(n_path_parts)
-      integer, intent(inout) :: pusher
-
-      if (any(abs(lower_weights) > 0.0_wp) .and. w < dot_product(lower_weights, lower)) then
-         w = dot_product(lower_weights, lower)
-         weights = lower_weights
+      end if
+      if (w < lower(path_part%at_end)) then
+         w = lower(path_part%at_end)
          pusher = pushed_by%lower
+         place = path_part%at_end
       end if
-      if (any(abs(upper_weights) > 0.0_wp) .and. w > dot_product(upper_weights, upper)) then
-         w = dot_product(upper_weights, upper)
-         weights = upper_weights
+      if (w > upper(path_part%at_end)) then
+         w = upper(path_part%at_end)
          pusher = pushed_by%upper
+         place = path_part%at_end
       end if
-   end subroutine push
-
-   !> Weights of one part alone.
-   pure function at(part)
-      integer, intent(in) :: part
-      real(wp) :: at(n_path_parts)
-
-      at = 0.0_wp
-      at(part) = 1.0_wp
-   end function at
+      weights = 0.0_wp
+      if (pusher == pushed_by%nothing) return
+      if (place == 0) then
+         weights = turn
+      else
+         weights(place) = 1.0_wp
+      end if
+   end subroutine move_slider
 
    !> Weights of the parts in the value of the cubic where it turns. Its rate vanishes there, so these are the
    !> derivatives of that value as well. The rates at both ends must differ in sign.

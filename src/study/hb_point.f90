@@ -2,7 +2,7 @@
 module hb_point
    use hb_balance, only: balance_t, new_balance
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: int64, wp
@@ -144,10 +144,16 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(real_block_t) :: corrected
       real(wp), allocatable :: coefficients(:, :)
+      character(:), allocatable :: trouble
 
       allocate (coefficients, mold=u)
       call balance%sample(u)
       call balance%law_set%evaluate()
+      trouble = balance%law_set%memory_trouble()
+      if (len(trouble) > 0) then
+         call fail(error, trouble)
+         return
+      end if
       call balance%project(balance%law_set%f%values, coefficients)
       result%force_coefficients = as_pairs(harmonics, coefficients)
       call new_real_block(corrected, size(balance%law_set%q%values, 1), size(u, 2), error)
