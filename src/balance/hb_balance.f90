@@ -40,6 +40,7 @@ module hb_balance
       type(real_block_t), private :: answer                           ! (n_samples, 1) of a law with memory
       complex(wp), allocatable, private :: factors(:, :, :)           ! LU of S, (n_dofs, n_dofs, n_harmonics)
       integer, allocatable, private :: pivots(:, :)
+      logical, allocatable, private :: is_singular(:)                 ! (n_harmonics) where the structure is free to move
    contains
       procedure :: residual => balance_residual
       procedure :: tangent => balance_tangent
@@ -99,18 +100,19 @@ contains
       real(wp), parameter :: lift = 1.0e-6_wp
       integer :: h, i, info
       complex(wp), allocatable :: free_motion(:, :)
-      logical, allocatable :: is_singular(:)
       real(wp) :: magnitude
 
       self%factors = self%stiffness%condensed
       if (allocated(self%pivots)) deallocate (self%pivots)
       allocate (self%pivots(self%n_dofs, self%harmonics%n_harmonics))
-      allocate (free_motion(self%n_dofs, self%harmonics%n_harmonics), is_singular(self%harmonics%n_harmonics))
-      call self%stiffness%linear_amplitudes(free_motion, is_singular)
+      if (allocated(self%is_singular)) deallocate (self%is_singular)
+      allocate (self%is_singular(self%harmonics%n_harmonics))
+      allocate (free_motion(self%n_dofs, self%harmonics%n_harmonics))
+      call self%stiffness%linear_amplitudes(free_motion, self%is_singular)
       magnitude = maxval(abs(self%factors))
       if (magnitude <= 0.0_wp) magnitude = 1.0_wp
       do h = 1, self%harmonics%n_harmonics
-         if (is_singular(h)) then
+         if (self%is_singular(h)) then
             do i = 1, self%n_dofs
                self%factors(i, i, h) = self%factors(i, i, h) + lift*magnitude
             end do
@@ -119,16 +121,18 @@ contains
       end do
    end subroutine factorise_linear_part
 
-   !> Tells law i what it feels at its first coordinate: the stiffness 1/|w.S^-1 w| in the first harmonic (the static one,
-   !> unless the set has no zero tuple), and the impedance, this stiffness over |j.omega| in the fastest harmonic.
+   !> Tells law i what it feels at its first coordinate: the stiffness 1/|w.S^-1 w| in the first harmonic in which the
+   !> structure is not free to move (the static one, unless the set has no zero tuple or the structure no support), and the
+   !> impedance, this stiffness over |j.omega| in the fastest harmonic.
    subroutine prepare_law(self, i)
       type(balance_t), intent(inout) :: self
       integer, intent(in) :: i
+      integer :: fastest, h
       real(wp) :: compliance, mobility
-      integer :: fastest
 
+      h = max(1, findloc(self%is_singular, .false., dim=1))
       associate (law => self%law_set%laws(i)%law)
-         compliance = compliance_of(self, i, 1)
+         compliance = compliance_of(self, i, h)
          if (compliance > 0.0_wp) call law%prepare(1.0_wp/compliance)
          fastest = maxloc(abs(self%frequencies), dim=1)
          mobility = abs(self%frequencies(fastest))*compliance_of(self, i, fastest)

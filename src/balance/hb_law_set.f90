@@ -5,7 +5,7 @@
 !> Source: docs/theory.md, sections 5.3 to 5.5.
 module hb_law_set
    use hb_characteristic, only: characteristic_t, new_characteristic
-   use hb_error, only: error_t, fail
+   use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t, path_part
@@ -85,7 +85,7 @@ contains
    !> Prepares the samples of all laws on a grid. Derivatives get their memory at their first use.
    subroutine new_law_set(self, laws, torus, omega, error)
       type(law_set_t), intent(inout) :: self
-      type(law_box_t), intent(in) :: laws(:)
+      type(law_box_t), intent(in) :: laws(:)                          !! no two multipliers on one degree of freedom
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
       type(error_t), allocatable, intent(out) :: error
@@ -120,8 +120,6 @@ contains
             end select
          end associate
       end do
-      call check_multipliers(self, error)
-      if (allocated(error)) return
       call find_pairs(self)
       call new_real_block(self%q, n_samples, self%n_dofs, error)
       if (allocated(error)) return
@@ -150,26 +148,6 @@ contains
          end select
       end do
    end function any_hysteretic
-
-   !> Two multipliers on one degree of freedom would each ask for the whole reaction.
-   subroutine check_multipliers(self, error)
-      type(law_set_t), intent(in) :: self
-      type(error_t), allocatable, intent(out) :: error
-      integer :: i, owner(self%n_dofs)
-
-      owner = 0
-      do i = 1, size(self%laws)
-         if (.not. self%laws(i)%law%is_multiplier) cycle
-         associate (columns => self%slots(i)%columns)
-            if (any(owner(columns) > 0)) then
-               call fail(error, "laws '"//self%laws(maxval(owner(columns)))%law%label//"' and '"//self%laws(i)%law%label// &
-                  "' are both rigid and share a degree of freedom; use one two-sided wall, or an elastic stop for one of them")
-               return
-            end if
-            owner(columns) = i
-         end associate
-      end do
-   end subroutine check_multipliers
 
    !> Finds which forces depend on which motions at the same sample. A multiplier law passes on what the explicit laws beside
    !> it depend on. Laws with memory have no pairs: their forces depend on all samples.

@@ -11,7 +11,7 @@ module hb_law
    use hb_text, only: string_t
    implicit none
    private
-   public :: law_box_t, law_t, place_on_dof, read_coordinate, read_place
+   public :: law_box_t, law_t, place_coordinate, place_on_dof, read_place
 
    type, abstract :: law_t
       character(:), allocatable :: label                              !! name given by the user, else kind and number
@@ -61,17 +61,16 @@ module hb_law
 
 contains
 
-   !> Tells the law the static stiffness [N/m] of the structure against its first coordinate; most laws do not care.
+   !> Tells the law the static stiffness [N/m] of the structure against its first coordinate; most laws do not need it.
    subroutine law_prepare(self, static_stiffness)
       class(law_t), intent(inout) :: self
-      real(wp), intent(in) :: static_stiffness                        !! 0 when the structure is free to move
+      real(wp), intent(in) :: static_stiffness                        !! > 0; dynamic where the structure is free to move
    end subroutine law_prepare
 
-   !> Tells the law the impedance [N s/m] of the structure against its first coordinate; most laws do not care.
+   !> Tells the law the impedance [N s/m] of the structure against its first coordinate; most laws do not need it.
    subroutine law_prepare_rate(self, impedance)
       class(law_t), intent(inout) :: self
       real(wp), intent(in) :: impedance                               !! > 0
-
    end subroutine law_prepare_rate
 
    !> Coordinates as the law allows them: the motion corrected to a wall. Other laws leave it as it is.
@@ -113,73 +112,80 @@ contains
       class(law_t), intent(inout) :: self
       type(group_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-
-      allocate (self%dofs(0), self%shape(0, 0))
-      call read_coordinate(self, group, structure, "")
-   end subroutine read_place
-
-   !> Reads a further coordinate of a law, with a prefix before the keys: `normal_dof`, or `normal_dofs` and
-   !> `normal_weights`. Degrees of freedom of the coordinates before may be named again.
-   subroutine read_coordinate(self, group, structure, prefix)
-      class(law_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      character(*), intent(in) :: prefix
       type(string_t), allocatable :: names(:)
       character(:), allocatable :: name
       real(wp), allocatable :: weights(:)
-      integer, allocatable :: dofs(:)
-      type(error_t), allocatable :: error
-      integer :: i
 
-      associate (one => prefix//"dof", many => prefix//"dofs", factors => prefix//"weights")
-         if (group%given(one) .and. group%given(many)) then
-            call group%problem(many, "give either '"//one//"' or '"//many//"', not both")
-         end if
-         if (group%given(many)) then
-            call group%get(many, names)
-            call group%require(factors, weights, n=size(names))
-         else
-            call group%require(one, name)
-            if (.not. allocated(name)) return
-            allocate (names(1))
-            names(1)%value = name
-            weights = [1.0_wp]
-         end if
+      if (group%given("dof") .and. group%given("dofs")) then
+         call group%problem("dofs", "give either 'dof' or 'dofs', not both")
+      end if
+      if (group%given("dofs")) then
+         call group%get("dofs", names)
+         if (.not. allocated(names)) return
+         call group%require("weights", weights, n=size(names))
          if (.not. allocated(weights)) return
-         if (size(weights) /= size(names)) return
-         allocate (dofs(size(names)))
-         do i = 1, size(names)
-            call structure%find_dof(names(i)%value, dofs(i), error)
-            if (allocated(error)) then
-               call group%problem(prefix//trim(merge("dofs", "dof ", group%given(many))), error%message)
-               return
-            end if
-            if (any(dofs(1:i - 1) == dofs(i))) then
-               call group%problem(many, "degree of freedom '"//names(i)%value//"' is named twice")
-            end if
-         end do
-         if (all(weights == 0.0_wp)) call group%problem(factors, "at least one weight must not be zero")
-      end associate
-      call append_coordinate(self, dofs, weights)
-   end subroutine read_coordinate
+         call place_coordinate(self, group, structure, "dofs", names, weights)
+      else
+         call group%require("dof", name)
+         if (.not. allocated(name)) return
+         allocate (names(1))
+         names(1)%value = name
+         call place_coordinate(self, group, structure, "dof", names, [1.0_wp])
+      end if
+   end subroutine read_place
 
-   !> One more coordinate z = sum of weights times degrees of freedom; those that the law does not have yet are added to it.
+   !> One more coordinate of the law, z = sum of weights times the named degrees of freedom; those of the coordinates
+   !> before may be named again. Problems are those of `key`.
+   subroutine place_coordinate(self, group, structure, key, names, weights)
+      class(law_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      character(*), intent(in) :: key                                 !! that gave the names
+      type(string_t), intent(in) :: names(:)
+      real(wp), intent(in) :: weights(:)
+      type(error_t), allocatable :: error
+      integer :: dofs(size(names)), i
+
+      if (size(weights) /= size(names)) then
+         call group%problem(key, "there must be as many weights as degrees of freedom")
+         return
+      end if
+      do i = 1, size(names)
+         call structure%find_dof(names(i)%value, dofs(i), error)
+         if (allocated(error)) then
+            call group%problem(key, error%message)
+            return
+         end if
+         if (any(dofs(1:i - 1) == dofs(i))) then
+            call group%problem(key, "degree of freedom '"//names(i)%value//"' is named twice")
+            return
+         end if
+      end do
+      if (all(weights == 0.0_wp)) call group%problem("weights", "at least one weight must not be zero")
+      call append_coordinate(self, dofs, weights)
+   end subroutine place_coordinate
+
    pure subroutine append_coordinate(self, dofs, weights)
       class(law_t), intent(inout) :: self
       integer, intent(in) :: dofs(:)
       real(wp), intent(in) :: weights(:)
       integer, allocatable :: all_dofs(:)
       real(wp), allocatable :: shape(:, :)
-      integer :: i, n_coordinates
+      integer :: i, n_before, n_coordinates
 
-      all_dofs = self%dofs
+      n_coordinates = 1
+      if (allocated(self%dofs)) then
+         all_dofs = self%dofs
+         n_coordinates = size(self%shape, 2) + 1
+      else
+         allocate (all_dofs(0))
+      end if
+      n_before = size(all_dofs)
       do i = 1, size(dofs)
          if (.not. any(all_dofs == dofs(i))) all_dofs = [all_dofs, dofs(i)]
       end do
-      n_coordinates = size(self%shape, 2) + 1
       allocate (shape(size(all_dofs), n_coordinates), source=0.0_wp)
-      shape(:size(self%dofs), :n_coordinates - 1) = self%shape
+      if (n_before > 0) shape(:n_before, :n_coordinates - 1) = self%shape
       do i = 1, size(dofs)
          shape(findloc(all_dofs, dofs(i), dim=1), n_coordinates) = weights(i)
       end do

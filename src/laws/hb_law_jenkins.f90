@@ -5,10 +5,11 @@
 module hb_law_jenkins
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
-   use hb_law, only: read_coordinate, read_place
+   use hb_law, only: place_coordinate, read_place
    use hb_namelist, only: group_t
    use hb_slider, only: move_slider, pushed_by
    use hb_structure, only: structure_t
+   use hb_text, only: string_t
    implicit none
    private
    public :: jenkins_t, new_jenkins
@@ -46,6 +47,8 @@ contains
       class(jenkins_t), intent(inout) :: self
       type(group_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
+      type(string_t), allocatable :: names(:)
+      real(wp), allocatable :: weights(:)
       real(wp) :: limit, stiffness
 
       stiffness = 0.0_wp
@@ -64,7 +67,11 @@ contains
       call group%require("normal_stiffness", self%normal_stiffness, minimum=0.0_wp)
       call group%require("preload", self%preload)
       call read_place(self, group, structure)
-      call read_coordinate(self, group, structure, "normal_")
+      call group%require("normal_dofs", names)
+      if (.not. allocated(names)) return
+      weights = spread(1.0_wp, 1, size(names))
+      call group%get("normal_weights", weights, n=size(names))
+      call place_coordinate(self, group, structure, "normal_dofs", names, weights)
    end subroutine jenkins_read
 
    subroutine jenkins_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)

@@ -7,9 +7,10 @@
 module hb_law_jenkins_2d
    use hb_hysteretic_law, only: hysteretic_law_t, path_part
    use hb_kinds, only: wp
-   use hb_law, only: read_coordinate, read_place
+   use hb_law, only: place_coordinate, read_place
    use hb_namelist, only: group_t
    use hb_structure, only: structure_t
+   use hb_text, only: string_t
    implicit none
    private
    public :: jenkins_2d_t, new_jenkins_2d
@@ -42,6 +43,8 @@ contains
       class(jenkins_2d_t), intent(inout) :: self
       type(group_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
+      type(string_t), allocatable :: names(:)
+      real(wp), allocatable :: weights(:)
       real(wp) :: limit, stiffness
 
       stiffness = 0.0_wp
@@ -50,7 +53,11 @@ contains
       call group%require("limit", limit, above=0.0_wp)
       call new_jenkins_2d(self, stiffness, limit)
       call read_place(self, group, structure)
-      call read_coordinate(self, group, structure, "second_")
+      call group%require("second_dofs", names)
+      if (.not. allocated(names)) return
+      weights = spread(1.0_wp, 1, size(names))
+      call group%get("second_weights", weights, n=size(names))
+      call place_coordinate(self, group, structure, "second_dofs", names, weights)
    end subroutine jenkins_2d_read
 
    subroutine jenkins_2d_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)

@@ -31,7 +31,7 @@ contains
       case ("coulomb_rigid"); keys = "limit=0.3 augmentation=1.3"
       case ("coulomb_tanh"); keys = "limit=0.7 velocity=0.4"
       case ("iwan"); keys = "stiffness=1,2,0.5 limit=0.1,0.4,0.3"
-      case ("jenkins_2d"); keys = "stiffness=2.5 limit=0.4 second_dof='x2'"
+      case ("jenkins_2d"); keys = "stiffness=2.5 limit=0.4 second_dofs='x2'"
       case ("jenkins"); keys = "stiffness=2.5 limit=0.4"
       case ("polynomial"); keys = "stiffness=0.3,-0.5,0.7 damping=0.1,0.2,0.4"
       case ("rigid_wall"); keys = "gap=0.2 augmentation=2.5 two_sided=.true."
