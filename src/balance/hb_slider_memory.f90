@@ -60,7 +60,7 @@ contains
       end associate
    end subroutine memory_differentiable
 
-   !> Finds the states that repeat on the path.
+   !> Finds the states that repeat on the path. A motion that is not finite ends the walk; it is not judged here.
    subroutine memory_march(self, law, characteristic)
       class(memory_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
@@ -72,7 +72,7 @@ contains
       do
          call self%go_round(law, characteristic, with_derivatives=.false., change=change, largest_move=largest_move)
          self%rounds = self%rounds + 1
-         rounding = repeat_tolerance*max(maxval(abs(self%path(:, :, :path_part%at_start, :))), maxval(abs(self%states)))
+         rounding = repeat_tolerance*max(maxval(abs(self%path(:, :, path_part%at_end, :))), maxval(abs(self%states)))
          self%repeats = change <= rounding
          if (self%repeats .or. self%rounds >= most_rounds .or. .not. ieee_is_finite(change)) exit
       end do

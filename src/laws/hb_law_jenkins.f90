@@ -62,7 +62,10 @@ contains
       end if
       call new_jenkins(self, stiffness, limit)
       self%normal_load_varies = .true.
-      if (group%given("limit")) call group%problem("limit", "give either 'limit' or 'friction_coefficient', not both")
+      if (group%given("limit")) then
+         call group%problem("limit", "give either 'limit' or 'friction_coefficient', not both")
+         call group%get("limit", limit)
+      end if
       call group%require("friction_coefficient", self%friction_coefficient, above=0.0_wp)
       call group%require("normal_stiffness", self%normal_stiffness, minimum=0.0_wp)
       call group%require("preload", self%preload)
