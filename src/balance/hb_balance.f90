@@ -13,7 +13,7 @@ module hb_balance
    use hb_lapack, only: zgetrf, zgetrs
    use hb_law, only: law_box_t
    use hb_law_set, only: law_set_t, new_law_set
-   use hb_problem, only: problem_t
+   use hb_problem, only: deformation, problem_t
    use hb_torus, only: torus_t
    use hb_transform, only: new_transform, product_table_t, transform_t
    implicit none
@@ -29,6 +29,8 @@ module hb_balance
       type(law_set_t) :: law_set
       type(transform_t), private :: transform
       type(product_table_t), private :: table
+      real(wp), private :: law_factor = 1.0_wp                        ! of a problem on the way to the one asked for
+      real(wp), private :: load_factor = 1.0_wp
       real(wp), allocatable, private :: reaction(:, :), force(:, :)   ! (n_coefficients, n_dofs)
       real(wp), allocatable, private :: columns(:, :)                 ! (n_coefficients, 2) of a product
       complex(wp), allocatable, private :: factors(:, :, :)           ! LU of S, (n_dofs, n_dofs, n_harmonics)
@@ -38,6 +40,7 @@ module hb_balance
       procedure :: tangent => balance_tangent
       procedure :: solve_linear => balance_solve_linear
       procedure :: rounding_level => balance_rounding_level
+      procedure :: deform => balance_deform
       procedure :: linear_solution => balance_linear_solution
       procedure :: sample => balance_sample
       procedure :: project => balance_project
@@ -224,7 +227,7 @@ contains
       call balance_residual_of(self, x, r)
    end subroutine balance_residual
 
-   !> R = F_nl - s, with s = F_ext - S u.
+   !> R = F_nl - s, with s = F_ext - S u; the factors are 1 but on the way of a homotopy.
    subroutine balance_residual_of(self, u, r)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
@@ -233,7 +236,7 @@ contains
       call balance_sample(self, u)
       call self%law_set%evaluate()
       call self%transform%to_coefficients(self%law_set%f%values, self%force)
-      r = self%force - self%reaction
+      r = self%law_factor*self%force - self%reaction
    end subroutine balance_residual_of
 
    !> Brings the motion onto the torus: q, and v and s where a law asks for them.
@@ -258,7 +261,7 @@ contains
 
       do h = 1, self%harmonics%n_harmonics
          do i = 1, self%n_dofs
-            s = self%stiffness%load(i, h)
+            s = self%load_factor*self%stiffness%load(i, h)
             do k = 1, self%n_dofs
                s = s - self%stiffness%condensed(i, k, h)*amplitude(self, u, h, k)
             end do
@@ -301,14 +304,14 @@ contains
       end if
       do i = 1, self%law_set%n_pairs
          associate (row => self%law_set%row(i), column => self%law_set%column(i))
-            call self%transform%tabulate_product(self%law_set%df_dq%values, i, self%table)
+            call self%transform%tabulate_product(self%law_set%df_dq%values, i, self%table, self%law_factor)
             call add_motion(self, jacobian(:, row, :, column))
             if (self%law_set%needs_velocity) then
-               call self%transform%tabulate_product(self%law_set%df_dv%values, i, self%table)
+               call self%transform%tabulate_product(self%law_set%df_dv%values, i, self%table, self%law_factor)
                call add_rate(self, jacobian(:, row, :, column))
             end if
             if (self%law_set%needs_reaction) then
-               call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table)
+               call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table, self%law_factor)
                do k = 1, self%n_dofs
                   call add_reaction(self, column, k, jacobian(:, row, :, k))
                end do
@@ -382,6 +385,16 @@ contains
          end do
       end associate
    end subroutine add_reaction
+
+   !> Multiplies all forces of the laws, or all loads, by a factor.
+   subroutine balance_deform(self, kind, amount)
+      class(balance_t), intent(inout) :: self
+      integer, intent(in) :: kind
+      real(wp), intent(in) :: amount
+
+      if (kind == deformation%nonlinearity) self%law_factor = amount
+      if (kind == deformation%load) self%load_factor = amount
+   end subroutine balance_deform
 
    subroutine balance_solve_linear(self, r, step)
       class(balance_t), intent(in) :: self

@@ -82,6 +82,7 @@ contains
       result%iterations = report%iterations
       result%evaluations = report%evaluations
       result%residual = report%residual
+      result%rescue = report%rescue
 
       allocate (c(scene%structure%n_dofs, scene%harmonics%n_harmonics))
       call balance%all_dofs(u, c)
@@ -100,9 +101,11 @@ contains
       real(wp), intent(inout), contiguous, target :: u(:, :)
       type(report_t), intent(out) :: report
       real(wp), pointer, contiguous :: x(:)
+      real(wp) :: linear_solution(size(u, 1), size(u, 2))
 
       x(1:size(u)) => u
-      call solve(balance, scene%solver, x, report)
+      call balance%linear_solution(linear_solution)
+      call solve(balance, scene%solver, reshape(linear_solution, [size(u)]), x, report)
    end subroutine solve_unknowns
 
    !> Adds the user's first guess at the degrees of freedom of the laws; elsewhere the motion follows from there.

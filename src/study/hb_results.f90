@@ -12,6 +12,7 @@ module hb_results
    use hb_kinds, only: two_pi, wp
    use hb_mpi, only: comm_t, rank_of, share_error
    use hb_outcome, only: outcome, outcome_names
+   use hb_solver_types, only: rescue_names
    use hb_text, only: to_text
    implicit none
    private
@@ -54,6 +55,7 @@ module hb_results
       character(:), allocatable :: message              !! why the point failed; cut to 200 bytes
       integer :: iterations = 0
       integer :: evaluations = 0                        !! of the residual
+      integer :: rescue = 0                                           !! what the solver needed, hb_solver_types
       real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
       real(wp) :: solve_seconds = 0.0_wp
       integer :: rank = 0                               !! that solved it
@@ -206,6 +208,7 @@ contains
       end if
       call put_message(self, i, or_empty(point%message), error)
       call put(self, "iterations", i, [point%iterations], error)
+      call put(self, "rescue", i, [point%rescue], error)
       call put(self, "evaluations", i, [point%evaluations], error)
       call put(self, "residual", i, [point%residual], error)
       call put(self, "solve_seconds", i, [point%solve_seconds], error)
@@ -299,33 +302,44 @@ contains
       integer :: taus(size(layout%n_samples)), i, n_listed
 
       n_listed = 0
-      allocate (list(merge(13, 16, size(taus) == 0)))
-      call add("status", is_integer, [point_axis], "1", "outcome of the point")
-      call add("message", is_characters, [message_axis, point_axis], "1", "why the point failed")
-      call add("iterations", is_integer, [point_axis], "1", "iterations of the solver")
-      call add("evaluations", is_integer, [point_axis], "1", "evaluations of the residual")
-      call add("residual", is_real, [point_axis], "1", &
-         "norm of the balance relative to the scale of the forces")
-      call add("solve_seconds", is_real, [point_axis], "s", "wall time of the point")
-      call add("rank", is_integer, [point_axis], "1", "MPI rank that solved the point")
-      call add("n_harmonics", is_integer, [point_axis], "1", "number of harmonics in the set of the point")
-      call add("frequency", is_real, [tone_axis, point_axis], "rad/s", "base frequencies")
-      call add("coefficients", is_real, [component_axis, harmonic_axis, dof_axis, point_axis], "", &
-         "coefficients of the motion", layout%dof_units)
-      call add("force_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], "", &
-         "coefficients of the force of the laws, on the left-hand side", force_units(layout%law_dof_units))
-      call add("corrected_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], &
-         "", "coefficients of the displacement corrected to the wall", layout%law_dof_units)
-      call add("penetration", is_real, [point_axis], "m", "largest penetration into a rigid wall")
-      if (size(taus) == 0) return
-      taus = [(n_plain_axes + i, i=1, size(taus))]
-      call add("displacement_samples", is_real, [taus, law_dof_axis, point_axis], "", &
-         "hypertime surface of the motion", layout%law_dof_units)
-      call add("corrected_samples", is_real, [taus, law_dof_axis, point_axis], "", &
-         "hypertime surface corrected to the wall", layout%law_dof_units)
-      call add("force_samples", is_real, [taus, law_dof_axis, point_axis], "", &
-         "hypertime surface of the force", force_units(layout%law_dof_units))
+      allocate (list(0))
+      call add_all()                                                   ! counts
+      deallocate (list)
+      allocate (list(n_listed))
+      n_listed = 0
+      call add_all()
+
    contains
+
+      subroutine add_all()
+         call add("status", is_integer, [point_axis], "1", "outcome of the point")
+         call add("message", is_characters, [message_axis, point_axis], "1", "why the point failed")
+         call add("iterations", is_integer, [point_axis], "1", "iterations of the solver")
+         call add("rescue", is_integer, [point_axis], "1", "what the solver needed beside the direct attempt")
+         call add("evaluations", is_integer, [point_axis], "1", "evaluations of the residual")
+         call add("residual", is_real, [point_axis], "1", &
+            "norm of the balance relative to the scale of the forces")
+         call add("solve_seconds", is_real, [point_axis], "s", "wall time of the point")
+         call add("rank", is_integer, [point_axis], "1", "MPI rank that solved the point")
+         call add("n_harmonics", is_integer, [point_axis], "1", "number of harmonics in the set of the point")
+         call add("frequency", is_real, [tone_axis, point_axis], "rad/s", "base frequencies")
+         call add("coefficients", is_real, [component_axis, harmonic_axis, dof_axis, point_axis], "", &
+            "coefficients of the motion", layout%dof_units)
+         call add("force_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], "", &
+            "coefficients of the force of the laws, on the left-hand side", force_units(layout%law_dof_units))
+         call add("corrected_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], &
+            "", "coefficients of the displacement corrected to the wall", layout%law_dof_units)
+         call add("penetration", is_real, [point_axis], "m", "largest penetration into a rigid wall")
+         if (size(taus) == 0) return
+         taus = [(n_plain_axes + i, i=1, size(taus))]
+         call add("displacement_samples", is_real, [taus, law_dof_axis, point_axis], "", &
+            "hypertime surface of the motion", layout%law_dof_units)
+         call add("corrected_samples", is_real, [taus, law_dof_axis, point_axis], "", &
+            "hypertime surface corrected to the wall", layout%law_dof_units)
+         call add("force_samples", is_real, [taus, law_dof_axis, point_axis], "", &
+            "hypertime surface of the force", force_units(layout%law_dof_units))
+      end subroutine add_all
+
       subroutine add(name, kind, axes, units, long_name, units_by_dof)
          character(*), intent(in) :: name
          integer, intent(in) :: kind, axes(:)
@@ -333,6 +347,7 @@ contains
          character(*), intent(in), optional :: units_by_dof(:)        !! replaces `units`
 
          n_listed = n_listed + 1
+         if (n_listed > size(list)) return
          associate (new => list(n_listed))
             new%name = name
             new%kind = kind
@@ -677,7 +692,7 @@ contains
       type(plan_t), intent(inout) :: plan
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: extents(:)
-      integer :: i, k
+      integer :: i
 
       do i = 1, size(plan%variables)
          associate (variable => plan%variables(i))
@@ -697,15 +712,24 @@ contains
                call variable%dataset%set_attribute("dof_units", variable%dof_units, error)
             if (variable%kind == is_characters .and. .not. allocated(error)) &
                call variable%dataset%set_attribute("_Encoding", "utf-8", error)
-            if (variable%name == "status" .and. .not. allocated(error)) then
-               call variable%dataset%set_attribute("flag_values", [(k, k=0, ubound(outcome_names, 1))], error)
-               if (.not. allocated(error)) &
-                  call variable%dataset%set_attribute("flag_meanings", joined(outcome_names), error)
-            end if
+            if (allocated(error)) return
+            if (variable%name == "status") call set_flags(variable%dataset, outcome_names, error)
+            if (variable%name == "rescue") call set_flags(variable%dataset, rescue_names, error)
          end associate
          if (allocated(error)) return
       end do
    end subroutine add_point_variables
+
+   !> Names the values 0, 1, ... of an integer dataset (CF convention).
+   subroutine set_flags(dataset, names, error)
+      type(h5_dataset_t), intent(in) :: dataset
+      character(*), intent(in) :: names(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      call dataset%set_attribute("flag_values", [(k, k=0, size(names) - 1)], error)
+      if (.not. allocated(error)) call dataset%set_attribute("flag_meanings", joined(names), error)
+   end subroutine set_flags
 
    subroutine attach(dataset, plan, axes, error)
       type(h5_dataset_t), intent(in) :: dataset

@@ -273,6 +273,8 @@ contains
          call group%get("tolerance", solver%tolerance, above=0.0_wp)
          call group%get("max_iterations", solver%max_iterations, minimum=0)
          call group%get("line_search", solver%line_search)
+         call group%get("rescue", solver%rescue)
+         call group%get("homotopy_iterations", solver%homotopy_iterations, minimum=0)
          call group%get("memory", solver%memory, minimum=1, maximum=10000)
          call group%get("first_jacobian", first_jacobian, choices=start_names)
          call group%get("first_guess", first_guess, choices=first_guess_names)
