@@ -25,12 +25,12 @@ contains
       integer :: point
 
       call load_study(options, comm, study, error)
-      if (allocated(error) .or. rank_of(comm) > 0) return
+      if (allocated(error)) return
       do point = 2, study%plan%n_points
          call check_point(study, point, error)
          if (allocated(error)) return
       end do
-      call describe(study)
+      if (rank_of(comm) == 0) call describe(study)
    end subroutine run_check
 
    subroutine check_point(study, point, error)

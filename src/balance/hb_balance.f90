@@ -35,6 +35,7 @@ module hb_balance
       real(wp), allocatable, private :: columns(:, :)                 ! (n_coefficients, 2) of a product
       complex(wp), allocatable, private :: factors(:, :, :)           ! LU of S, (n_dofs, n_dofs, n_harmonics)
       integer, allocatable, private :: pivots(:, :)
+      logical, allocatable, private :: is_singular(:)                 ! (n_harmonics) where the structure is free to move
    contains
       procedure :: residual => balance_residual
       procedure :: tangent => balance_tangent
@@ -89,18 +90,19 @@ contains
       real(wp), parameter :: lift = 1.0e-6_wp
       integer :: h, i, info
       complex(wp), allocatable :: free_motion(:, :)
-      logical, allocatable :: is_singular(:)
       real(wp) :: magnitude
 
       self%factors = self%stiffness%condensed
       if (allocated(self%pivots)) deallocate (self%pivots)
       allocate (self%pivots(self%n_dofs, self%harmonics%n_harmonics))
-      allocate (free_motion(self%n_dofs, self%harmonics%n_harmonics), is_singular(self%harmonics%n_harmonics))
-      call self%stiffness%linear_amplitudes(free_motion, is_singular)
+      if (allocated(self%is_singular)) deallocate (self%is_singular)
+      allocate (self%is_singular(self%harmonics%n_harmonics))
+      allocate (free_motion(self%n_dofs, self%harmonics%n_harmonics))
+      call self%stiffness%linear_amplitudes(free_motion, self%is_singular)
       magnitude = maxval(abs(self%factors))
       if (magnitude <= 0.0_wp) magnitude = 1.0_wp
       do h = 1, self%harmonics%n_harmonics
-         if (is_singular(h)) then
+         if (self%is_singular(h)) then
             do i = 1, self%n_dofs
                self%factors(i, i, h) = self%factors(i, i, h) + lift*magnitude
             end do
@@ -109,18 +111,19 @@ contains
       end do
    end subroutine factorise_linear_part
 
-   !> Tells law i the stiffness 1/|w.S^-1 w| that it feels at its first coordinate, in the first harmonic: the static one,
-   !> unless the set has no zero tuple.
+   !> Tells law i the stiffness 1/|w.S^-1 w| that it feels at its first coordinate, in the first harmonic in which the
+   !> structure is not free to move: the static one, unless the set has no zero tuple or the structure no support.
    subroutine prepare_law(self, i)
       type(balance_t), intent(inout) :: self
       integer, intent(in) :: i
       complex(wp) :: response(self%n_dofs)
-      integer :: info
+      integer :: h, info
       real(wp) :: compliance
 
+      h = max(1, findloc(self%is_singular, .false., dim=1))
       associate (law => self%law_set%laws(i)%law)
          response = spread_weights(self, i)
-         call zgetrs("N", self%n_dofs, 1, self%factors(:, :, 1), self%n_dofs, self%pivots(:, 1), response, self%n_dofs, info)
+         call zgetrs("N", self%n_dofs, 1, self%factors(:, :, h), self%n_dofs, self%pivots(:, h), response, self%n_dofs, info)
          compliance = abs(dot_product(spread_weights(self, i), response))
          if (compliance > 0.0_wp) call law%prepare(1.0_wp/compliance)
       end associate
@@ -424,17 +427,19 @@ contains
    end subroutine solve_linear_of
 
    real(wp) function balance_rounding_level(self, x)
-      class(balance_t), intent(in) :: self
+      class(balance_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
 
       balance_rounding_level = rounding_level_of(self, x)
    end function balance_rounding_level
 
-   !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|.
+   !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|, and what an error of one unit
+   !> in the motion does to the forces of stiff laws.
    real(wp) function rounding_level_of(self, u)
-      class(balance_t), intent(in) :: self
+      class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), parameter :: units = 8.0_wp
+      type(error_t), allocatable :: error
       real(wp) :: terms, total
       integer :: h, i, k
 
@@ -445,10 +450,28 @@ contains
             do k = 1, self%n_dofs
                terms = terms + abs(self%stiffness%condensed(i, k, h))*abs(amplitude(self, u, h, k))
             end do
-            total = total + (terms/self%r_scale(1 + (i - 1)*self%harmonics%n_coefficients))**2
+            total = total + (terms/scale_of(i))**2
          end do
       end do
+      call balance_sample(self, u)
+      call self%law_set%differentiate(error)
+      if (.not. allocated(error)) then
+         do i = 1, self%law_set%n_pairs
+            associate (slope => self%law_set%df_dq%values(:, i), q => self%law_set%q%values(:, self%law_set%column(i)))
+               terms = norm2(slope)/sqrt(real(size(slope), wp))*maxval(abs(q))
+            end associate
+            total = total + (self%law_factor*terms/scale_of(self%law_set%row(i)))**2
+         end do
+      end if
       rounding_level_of = units*epsilon(1.0_wp)*sqrt(total)
+
+   contains
+
+      real(wp) function scale_of(dof)
+         integer, intent(in) :: dof
+
+         scale_of = self%r_scale(1 + (dof - 1)*self%harmonics%n_coefficients)
+      end function scale_of
    end function rounding_level_of
 
    !> Coefficients of sampled functions at the degrees of freedom of the laws, such as the forces `law_set%f`.

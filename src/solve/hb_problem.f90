@@ -54,7 +54,7 @@ module hb_problem
       !> Norm that rounding errors alone may give the residual at x: below it no solver can go.
       real(wp) function rounding_level(self, x)
          import :: problem_t, wp
-         class(problem_t), intent(in) :: self
+         class(problem_t), intent(inout) :: self
          real(wp), intent(in), contiguous :: x(:)                     !! (n_unknowns)
       end function rounding_level
 

@@ -31,10 +31,10 @@ module hb_solver_types
       real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces
       integer :: max_iterations = 100
       logical :: line_search = .true.
-      integer :: memory = 40                                          !! updates that Broyden keeps before it starts anew
+      integer :: memory = 40                                          !! updates that Broyden keeps before it takes a new tangent
+      logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: tangent, else linear part
       logical :: rescue = .true.                                      !! try other ways when the direct attempt fails
-      integer :: homotopy_iterations = 2000                           !! of all problems on the way
-      logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: linear part or tangent
+      integer :: homotopy_iterations = 2000                           !! of all corrections on the way
    end type solver_config_t
 
    !> How a solution was found, or not.

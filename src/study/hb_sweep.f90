@@ -1,7 +1,8 @@
 !> Runs all points of an input over the ranks of a communicator and writes the result file.
 !>
 !> Points do not depend on each other; each rank takes the next one from a shared counter. What a point gives does not
-!> depend on who solves it or when, so the file holds the same numbers for any number of ranks.
+!> depend on who solves it or when, so the file holds the same numbers for any number of ranks (with FFTW's planning by
+!> estimate, which is the default; measured plans may differ in the last digit).
 module hb_sweep
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom

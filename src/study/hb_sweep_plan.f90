@@ -42,20 +42,18 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(group_t), pointer :: group
       integer, allocatable :: axis_of(:)
-      integer :: axis, i, n
+      integer :: i, n
 
       n = document%count("sweep")
-      allocate (self%parameters(n), axis_of(n), self%length(0))
+      allocate (self%parameters(n), self%length(0))
+      call read_axes(document, axis_of)
       do i = 1, n
          group => document%group("sweep", i)
-         axis = -i                                                    ! an axis of its own unless the user says otherwise
-         call group%get("axis", axis, minimum=1)
          self%parameters(i)%place = group%place()
          call read_values(self%parameters(i), group)
          call group%finish(error)
          if (allocated(error)) return
-         axis_of(i) = axis
-         self%parameters(i)%axis = findloc(axis_of(1:i - 1), axis, dim=1)
+         self%parameters(i)%axis = findloc(axis_of(1:i - 1), axis_of(i), dim=1)
          if (self%parameters(i)%axis > 0) then
             self%parameters(i)%axis = self%parameters(self%parameters(i)%axis)%axis
             if (self%length(self%parameters(i)%axis) /= n_values(self%parameters(i))) then
@@ -76,6 +74,30 @@ contains
       self%n_points = product(self%length)
       call try_out(self, document, error)
    end subroutine read_sweep_plan
+
+   !> Reads the numbers of the axes. A group that gives none gets the lowest number that is free, an axis of its own.
+   subroutine read_axes(document, axis_of)
+      type(document_t), intent(inout), target :: document
+      integer, allocatable, intent(out) :: axis_of(:)
+      type(group_t), pointer :: group
+      integer :: free, i
+
+      allocate (axis_of(document%count("sweep")), source=0)
+      do i = 1, size(axis_of)
+         group => document%group("sweep", i)
+         if (group%given("axis")) call group%get("axis", axis_of(i), minimum=1)
+      end do
+      free = 1
+      do i = 1, size(axis_of)
+         group => document%group("sweep", i)
+         if (group%given("axis")) cycle
+         do while (any(axis_of == free))
+            free = free + 1
+         end do
+         axis_of(i) = free
+         call group%get("axis", axis_of(i))
+      end do
+   end subroutine read_axes
 
    !> Reads `parameter` and either `values`, `texts`, or `from`, `to`, `n`, `spacing`.
    subroutine read_values(self, group)

@@ -117,7 +117,7 @@ contains
    end subroutine small_problem_deform
 
    real(wp) function small_problem_rounding_level(self, x)
-      class(small_problem_t), intent(in) :: self
+      class(small_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
 
       small_problem_rounding_level = 4.0_wp*epsilon(1.0_wp)
