@@ -439,6 +439,7 @@ contains
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), parameter :: units = 8.0_wp
+      real(wp), parameter :: largest_level = 1.0e-6_wp                 ! above, a point counts as lost, not as rounded
       type(error_t), allocatable :: error
       real(wp) :: terms, total
       integer :: h, i, k
@@ -455,7 +456,7 @@ contains
       end do
       call balance_sample(self, u)
       call self%law_set%differentiate(error)
-      if (.not. allocated(error)) then
+      if (.not. allocated(error)) then                                ! without memory the first part must do
          do i = 1, self%law_set%n_pairs
             associate (slope => self%law_set%df_dq%values(:, i), q => self%law_set%q%values(:, self%law_set%column(i)))
                terms = norm2(slope)/sqrt(real(size(slope), wp))*maxval(abs(q))
@@ -463,7 +464,7 @@ contains
             total = total + (self%law_factor*terms/scale_of(self%law_set%row(i)))**2
          end do
       end if
-      rounding_level_of = units*epsilon(1.0_wp)*sqrt(total)
+      rounding_level_of = min(largest_level, units*epsilon(1.0_wp)*sqrt(total))
 
    contains
 

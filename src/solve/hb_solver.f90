@@ -13,9 +13,9 @@ module hb_solver
 
 contains
 
-   !> Solves r(x) = 0 from the given x. When the direct attempt fails and rescue is on: the other method, then homotopy in
-   !> the nonlinearity from the linear solution, then homotopy in the load from zero. The report adds up all attempts and
-   !> says which one succeeded; if none did, x and the status are those of the direct attempt.
+   !> Solves r(x) = 0 from the given x. When the direct attempt fails and rescue is on: another first guess, the other
+   !> method, both, homotopy in the nonlinearity from the linear solution, homotopy in the load from zero. The report adds
+   !> up all attempts and says which one succeeded; if none did, x and the status are those of the direct attempt.
    subroutine solve(problem, config, linear_solution, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -23,18 +23,26 @@ contains
       real(wp), intent(inout), contiguous :: x(:)                     !! (n_unknowns)
       type(report_t), intent(out) :: report
       type(report_t) :: attempt
-      real(wp), allocatable :: first_guess(:), trial(:)
-      integer :: way
+      real(wp), allocatable :: first_guess(:), other_guess(:), trial(:)
+      integer :: other_method, way
 
-      first_guess = x
+      allocate (first_guess, source=x)
+      allocate (other_guess, source=linear_solution)
+      if (all(x == linear_solution)) other_guess = 0.0_wp
+      other_method = merge(method%broyden, method%newton, config%method == method%newton)
       call solve_directly(problem, config, config%method, x, report)
-      if (report%status == outcome%converged .or. .not. config%rescue .or. report%status == outcome%not_finite) return
-      do way = rescue%other_method, rescue%load
+      if (report%status == outcome%converged .or. .not. config%rescue) return
+      do way = rescue%other_guess, rescue%load
          select case (way)
+         case (rescue%other_guess)
+            trial = other_guess
+            call solve_directly(problem, config, config%method, trial, attempt)
          case (rescue%other_method)
             trial = first_guess
-            call solve_directly(problem, config, merge(method%broyden, method%newton, config%method == method%newton), &
-               trial, attempt)
+            call solve_directly(problem, config, other_method, trial, attempt)
+         case (rescue%both_other)
+            trial = other_guess
+            call solve_directly(problem, config, other_method, trial, attempt)
          case (rescue%nonlinearity)
             trial = linear_solution
             call solve_by_homotopy(problem, config, deformation%nonlinearity, trial, attempt)

@@ -17,13 +17,15 @@ module hb_solver_types
    !> What was needed beside the direct attempt; numbers as in the result file.
    type :: rescue_t
       integer :: none = 0
-      integer :: other_method = 1                                     !! Broyden after Newton, or the other way round
-      integer :: nonlinearity = 2                                     !! homotopy in the strength of the laws
-      integer :: load = 3                                             !! homotopy in the loads
+      integer :: other_guess = 1                                      !! from zero, or from the linear motion
+      integer :: other_method = 2                                     !! Broyden after Newton, or the other way round
+      integer :: both_other = 3
+      integer :: nonlinearity = 4                                     !! homotopy in the strength of the laws
+      integer :: load = 5                                             !! homotopy in the loads
    end type rescue_t
    type(rescue_t), parameter :: rescue = rescue_t()
-   character(*), parameter :: rescue_names(0:3) = [character(21) :: &
-      "none", "other_method", "nonlinearity_homotopy", "load_homotopy"]
+   character(*), parameter :: rescue_names(0:5) = [character(22) :: &
+      "none", "other_guess", "other_method", "other_guess_and_method", "nonlinearity_homotopy", "load_homotopy"]
 
    !> Settings of a solver; the component initialisers are the defaults of the input group `&solver`.
    type :: solver_config_t
@@ -34,7 +36,7 @@ module hb_solver_types
       integer :: memory = 40                                          !! updates that Broyden keeps before it takes a new tangent
       logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: tangent, else linear part
       logical :: rescue = .true.                                      !! try other ways when the direct attempt fails
-      integer :: homotopy_iterations = 2000                           !! of all corrections on the way
+      integer :: homotopy_iterations = 500                            !! of all corrections on the way
    end type solver_config_t
 
    !> How a solution was found, or not.
