@@ -5,7 +5,7 @@ add_library(hb_warnings INTERFACE)
 target_compile_options(hb_warnings INTERFACE
    $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:-std=f2018 -Wall -Wextra -Wimplicit-interface
       -Wno-unused-dummy-argument -Wno-compare-reals -Wno-maybe-uninitialized
-      $<$<NOT:$<CONFIG:Debug>>:-Wno-uninitialized>>
+      $<$<NOT:$<CONFIG:Debug>>:-Wno-uninitialized -Wno-function-elimination>>
    $<$<COMPILE_LANG_AND_ID:C,GNU,Clang>:-std=c11 -Wall -Wextra -Wpedantic -Wconversion>)
 if(HB_WARNINGS_AS_ERRORS)
    target_compile_options(hb_warnings INTERFACE -Werror)

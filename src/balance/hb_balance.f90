@@ -41,6 +41,7 @@ module hb_balance
       procedure :: tangent => balance_tangent
       procedure :: solve_linear => balance_solve_linear
       procedure :: rounding_level => balance_rounding_level
+      procedure :: solve_mean_tangent => balance_solve_mean_tangent
       procedure :: deform => balance_deform
       procedure :: linear_solution => balance_linear_solution
       procedure :: sample => balance_sample
@@ -425,6 +426,41 @@ contains
          end do
       end do
    end subroutine solve_linear_of
+
+   !> Solves with the tangent at u of each harmonic by itself, (1 - mean df/ds) S + mean df/dq + i w mean df/dv: what couples
+   !> the harmonics is left out.
+   subroutine balance_solve_mean_tangent(self, u, r, step, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)    !! [N]
+      real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), dimension(self%n_dofs, self%n_dofs) :: df_dq, df_dv, df_ds
+      complex(wp) :: block(self%n_dofs, self%n_dofs), c(self%n_dofs)
+      integer :: h, i, info, pivots(self%n_dofs)
+
+      call balance_sample(self, u)
+      call self%law_set%differentiate(error)
+      if (allocated(error)) return
+      call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
+      do h = 1, self%harmonics%n_harmonics
+         associate (s => self%stiffness%condensed(:, :, h))
+            block = s - matmul(df_ds, s) + cmplx(df_dq, self%frequencies(h)*df_dv, wp)
+         end associate
+         do i = 1, self%n_dofs
+            c(i) = amplitude(self, r, h, i)
+         end do
+         call zgetrf(self%n_dofs, self%n_dofs, block, self%n_dofs, pivots, info)
+         if (info == 0) then
+            call zgetrs("N", self%n_dofs, 1, block, self%n_dofs, pivots, c, self%n_dofs, info)
+         else
+            c = (0.0_wp, 0.0_wp)
+         end if
+         do i = 1, self%n_dofs
+            call set_amplitude(self, step, h, i, c(i))
+         end do
+      end do
+   end subroutine balance_solve_mean_tangent
 
    real(wp) function balance_rounding_level(self, x)
       class(balance_t), intent(inout) :: self

@@ -7,11 +7,10 @@ module hb_certificate
    use hb_balance, only: balance_t, new_balance
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t, new_box
+   use hb_harmonics, only: canonical_sign, harmonics_t, new_box
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_set, only: law_dofs_of
-   use hb_problem, only: problem_t
    use hb_structure, only: structure_t
    use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
    use hb_tones, only: tones_t
@@ -59,8 +58,10 @@ contains
       if (allocated(error)) return
       call make_wide_balance()
       if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, error)
-      if (.not. allocated(error)) call check_walls(self, wide, u)
-      if (.not. allocated(error)) call find_powers(self, structure, balance, wide, loads, u)
+      if (.not. allocated(error)) then
+         call check_contact(self, balance, wide, u)
+         call find_structure_powers(self, structure, balance, loads, u)
+      end if
       call wide%destroy()
 
    contains
@@ -134,7 +135,7 @@ contains
       self%aliasing = norm2(alias)/size_of_motion
 
       call clear_kept(balance%harmonics, wide%harmonics, defect)
-      call wide%answer_outside(big, defect, answer, error)
+      call wide%solve_mean_tangent(big, defect, answer, error)
       if (allocated(error)) return
       call clear_kept(balance%harmonics, wide%harmonics, answer)
       call residual_of(wide, big - answer, defect)
@@ -194,33 +195,87 @@ contains
       end do
    end subroutine clear_kept
 
-   !> Looks at rigid walls on the finer grid; the samples are those of the motion itself.
-   subroutine check_walls(self, wide, u)
+   !> Rigid contact on the finer grid, and the power that the laws take there.
+   subroutine check_contact(self, balance, wide, u)
       type(certificate_t), intent(inout) :: self
+      type(balance_t), intent(in) :: balance
       type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)
+      real(wp), allocatable :: big(:, :), force(:, :)
 
-      if (size(u) < 0) return
-      self%penetration = wide%law_set%penetration()
-   end subroutine check_walls
+      allocate (big(wide%harmonics%n_coefficients, wide%n_dofs))
+      allocate (force, mold=big)
+      call exchange(balance%harmonics, wide%harmonics, u, big)
+      call wide%sample(big)
+      call wide%law_set%evaluate()
+      call wide%law_set%contact_defects(self%penetration, self%tension, self%complementarity)
+      call wide%project(wide%law_set%f%values, force)
+      self%power_laws = mean_power(wide%harmonics, wide%frequencies, force, big)
+   end subroutine check_contact
 
-   subroutine find_powers(self, structure, balance, wide, loads, u)
+   !> Mean of force times rate: sum over harmonics of w/2 (f_cos x_sin - f_sin x_cos), rate = w (x_sin cos - x_cos sin).
+   pure real(wp) function mean_power(set, frequencies, force, motion)
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s]
+      real(wp), intent(in) :: force(:, :), motion(:, :)               !! (n_coefficients, any)
+      integer :: h
+
+      mean_power = 0.0_wp
+      do h = 1, set%n_harmonics
+         if (set%sin_at(h) == 0) cycle
+         associate (a => set%cos_at(h), b => set%sin_at(h))
+            mean_power = mean_power + 0.5_wp*frequencies(h)*sum(force(a, :)*motion(b, :) - force(b, :)*motion(a, :))
+         end associate
+      end do
+   end function mean_power
+
+   !> Mean power of the loads and loss in the structure, over all its degrees of freedom: with c = a - i b and rate i w c,
+   !> Re(P* i w c)/2 and w**2 Re(c* D c)/2. Gyroscopic parts of D do no work.
+   subroutine find_structure_powers(self, structure, balance, loads, u)
       type(certificate_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
-      type(balance_t), intent(inout) :: balance, wide
+      type(balance_t), intent(in) :: balance
       complex(wp), intent(in) :: loads(:, :)
       real(wp), intent(in) :: u(:, :)
+      complex(wp), allocatable :: c(:, :)
+      integer :: h
 
-      if (size(u) < 0) return
-   end subroutine find_powers
+      allocate (c(structure%n_dofs, balance%harmonics%n_harmonics))
+      call balance%all_dofs(u, c)
+      do h = 1, balance%harmonics%n_harmonics
+         associate (w => balance%frequencies(h))
+            self%power_in = self%power_in - 0.5_wp*w*aimag(dot_product(loads(:, h), c(:, h)))
+            self%power_damping = self%power_damping + 0.5_wp*w**2*real(dot_product(c(:, h), matmul(structure%damping, c(:, h))))
+         end associate
+      end do
+   end subroutine find_structure_powers
 
-   !> The low-order combination k that comes closest to k.omega = 0: sum |k_m| up to 24.
+   !> The combination k of low order that comes closest to k.omega = 0. Where it is tiny, the motion on the torus is slow
+   !> along k and neither averages over time nor the truncated series can be trusted.
    pure subroutine near_commensurate(tones, combination, frequency)
       type(tones_t), intent(in) :: tones
-      integer, allocatable, intent(out) :: combination(:)
-      real(wp), intent(out) :: frequency                              !! |k.omega| [rad/s]; the tone itself with one tone
+      integer, allocatable, intent(out) :: combination(:)             !! (n_tones); of one tone 1
+      real(wp), intent(out) :: frequency                              !! |k.omega| [rad/s]
+      integer, parameter :: largest_sum(4) = [1, 24, 12, 8]           ! of |k_m|, by number of tones
+      integer :: k(tones%n_tones), m, reach
 
-      combination = [1]
-      frequency = tones%omega(1)
+      reach = largest_sum(min(tones%n_tones, size(largest_sum)))
+      k = -reach
+      k(1) = 0
+      allocate (combination(tones%n_tones), source=0)
+      combination(1) = 1
+      frequency = abs(tones%omega(1))
+      do
+         if (any(k /= 0) .and. sum(abs(k)) <= reach .and. abs(dot_product(k, tones%omega)) < frequency) then
+            frequency = abs(dot_product(k, tones%omega))
+            combination = canonical_sign(k)*k
+         end if
+         do m = size(k), 1, -1                                         ! odometer
+            if (k(m) < reach) exit
+            k(m) = merge(0, -reach, m == 1)
+         end do
+         if (m == 0) return
+         k(m) = k(m) + 1
+      end do
    end subroutine near_commensurate
 end module hb_certificate

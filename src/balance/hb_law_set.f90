@@ -36,7 +36,8 @@ module hb_law_set
       procedure :: evaluate => law_set_evaluate
       procedure :: differentiate => law_set_differentiate
       procedure :: correct => law_set_correct
-      procedure :: penetration => law_set_penetration
+      procedure :: contact_defects => law_set_contact_defects
+      procedure :: mean_slopes => law_set_mean_slopes
       procedure :: destroy => law_set_destroy
    end type law_set_t
 
@@ -350,18 +351,45 @@ contains
       end do
    end subroutine law_set_correct
 
-   !> Largest penetration [m] of the samples q into any rigid obstacle.
-   real(wp) function law_set_penetration(self)
+   !> Largest defects of all rigid contacts over the samples q and s, after `evaluate`.
+   subroutine law_set_contact_defects(self, penetration, tension, complementarity)
       class(law_set_t), intent(inout) :: self
+      real(wp), intent(out) :: penetration                            !! [m]
+      real(wp), intent(out) :: tension                                !! [N]
+      real(wp), intent(out) :: complementarity                        !! [N m]
+      real(wp) :: of_one(3), of_all(3)
       integer :: i
 
-      law_set_penetration = 0.0_wp
+      of_all = 0.0_wp
       do i = 1, size(self%laws)
          if (.not. self%laws(i)%law%is_multiplier) cycle
-         call gather(self, i)
-         law_set_penetration = max(law_set_penetration, self%laws(i)%law%penetration(self%slots(i)%z))
+         call self%laws(i)%law%contact_defects(self%slots(i)%z, self%slots(i)%p, of_one(1), of_one(2), of_one(3))
+         of_all = max(of_all, of_one)
       end do
-   end function law_set_penetration
+      penetration = of_all(1)
+      tension = of_all(2)
+      complementarity = of_all(3)
+   end subroutine law_set_contact_defects
+
+   !> Means over the torus of df/dq, df/dv and df/ds, after `differentiate`.
+   subroutine law_set_mean_slopes(self, df_dq, df_dv, df_ds)
+      class(law_set_t), intent(in) :: self
+      real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (n_dofs, n_dofs)
+      integer :: i
+      real(wp) :: weight
+
+      df_dq = 0.0_wp
+      df_dv = 0.0_wp
+      df_ds = 0.0_wp
+      weight = 1.0_wp/real(size(self%q%values, 1), wp)
+      do i = 1, self%n_pairs
+         associate (row => self%row(i), column => self%column(i))
+            df_dq(row, column) = weight*sum(self%df_dq%values(:, i))
+            if (self%needs_velocity) df_dv(row, column) = weight*sum(self%df_dv%values(:, i))
+            if (self%needs_reaction) df_ds(row, column) = weight*sum(self%df_ds%values(:, i))
+         end associate
+      end do
+   end subroutine law_set_mean_slopes
 
    !> Frees all samples; safe to call twice.
    subroutine law_set_destroy(self)
