@@ -81,7 +81,7 @@ contains
       end subroutine make_wide_balance
    end subroutine certify
 
-   !> A box of about twice the order around the set, and a grid with twice its samples or more.
+   !> A box of about twice the order around the set, and a grid with four times its samples or more.
    subroutine choose_wider(narrow, torus, set, grid, error)
       type(harmonics_t), intent(in) :: narrow
       type(torus_t), intent(in) :: torus
@@ -96,7 +96,7 @@ contains
       end do
       call new_box(set, orders, .false., error)
       if (allocated(error)) return
-      samples = max(default_samples(set, 0), 2*torus%n_samples)
+      samples = max(default_samples(set, 0), 4*torus%n_samples)
       do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(torus%n_samples, 2*orders + 2)))
          samples = max(torus%n_samples, 2*orders + 2, samples - max(2, samples/8))
       end do
