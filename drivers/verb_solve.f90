@@ -4,6 +4,7 @@ module verb_solve
    use arguments, only: arguments_t
    use hb_error, only: error_t
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, share_error, size_of
+   use hb_outcome, only: outcome, outcome_text
    use hb_sweep, only: new_study, run_study, run_summary_t, study_t
    use hb_text, only: read_text_file, to_text
    implicit none
@@ -31,10 +32,29 @@ contains
          to_text(study%scene%tones%n_tones)//" tones, "//to_text(size(study%tuples, 2))//" harmonics"
       call run_study(study, options%output, options%overwrite, options%is_quiet, comm, summary, error)
       if (allocated(error)) return
-      all_converged = summary%n_converged == summary%n_points
-      if (is_first .and. .not. options%is_quiet) write (output_unit, "(a)") to_text(summary%n_converged)//" of "// &
-         to_text(summary%n_points)//" points converged; results in "//options%output
+      all_converged = summary%counts(outcome%converged) == summary%n_points
+      if (is_first .and. .not. options%is_quiet) call write_summary(summary, options%output)
    end subroutine run_solve
+
+   subroutine write_summary(summary, path)
+      type(run_summary_t), intent(in) :: summary
+      character(*), intent(in) :: path
+      integer :: status
+
+      write (output_unit, "(a)") to_text(summary%counts(outcome%converged))//" of "//to_text(summary%n_points)// &
+         " points converged; results in "//path
+      do status = outcome%converged + 1, ubound(summary%counts, 1)
+         if (summary%counts(status) == 0) cycle
+         write (output_unit, "(a)") to_text(summary%counts(status))//" "//outcome_text(status)
+      end do
+      if (summary%n_rescued > 0) write (output_unit, "(a)") to_text(summary%n_rescued)// &
+         " needed more than the direct attempt (see 'rescue' in the results)"
+      write (output_unit, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", summary%truncation, &
+         " by truncation, ", summary%aliasing, " by aliasing"
+      if (summary%n_near_commensurate > 0) write (output_unit, "(a)") "warning: in "// &
+         to_text(summary%n_near_commensurate)//" points a low-order combination of the tones nearly vanishes"// &
+         " (see 'combination'); such tones are hard to tell from commensurate ones"
+   end subroutine write_summary
 
    !> Reads the input file on rank 0, for all ranks, and makes the study of it.
    subroutine load_study(options, comm, study, error)

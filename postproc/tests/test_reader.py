@@ -70,7 +70,7 @@ def test_degrees_of_freedom_have_their_own_units(tmp_path):
 
 
 def test_names_of_statuses_are_those_of_the_schema():
-    assert list(_STATUS_NAMES) == list(range(7)) and " ".join(_STATUS_NAMES.values()) == STATUS_WORDS
+    assert list(_STATUS_NAMES) == list(range(10)) and " ".join(_STATUS_NAMES.values()) == STATUS_WORDS
 
 
 def test_selection_of_points(sweep):
@@ -126,7 +126,7 @@ def test_harmonics_outside_the_set_are_left_out(sweep):
 def test_points_without_result_are_refused(sweep):
     with Results(sweep) as results:
         with pytest.raises(
-            ReaderError, match=r"point 3 has no result \(status stalled\); converged points: 0-2"
+            ReaderError, match=r"point 3 has no result \(status stalled\); solved points: 0-2"
         ):
             results.series(3)
         assert results.series(3, allow_unconverged=True).n_harmonics == 25

@@ -17,7 +17,7 @@ module hb_balance
    use hb_law, only: law_box_t
    use hb_law_set, only: law_set_t, new_law_set
    use hb_memory_tangent, only: width
-   use hb_problem, only: problem_t
+   use hb_problem, only: deformation, problem_t
    use hb_torus, only: torus_t
    use hb_transform, only: new_transform, product_table_t, transform_t
    implicit none
@@ -34,6 +34,8 @@ module hb_balance
       type(law_set_t) :: law_set
       type(transform_t), private :: transform
       type(product_table_t), private :: table
+      real(wp), private :: law_factor = 1.0_wp                        ! of a problem on the way to the one asked for
+      real(wp), private :: load_factor = 1.0_wp
       real(wp), allocatable, private :: reaction(:, :), force(:, :)   ! (n_coefficients, n_dofs)
       real(wp), allocatable, private :: columns(:, :)                 ! (n_coefficients, 2) of a product
       real(wp), allocatable, private :: u_before(:, :)                ! (n_coefficients, n_dofs) motion a step of time earlier
@@ -46,6 +48,8 @@ module hb_balance
       procedure :: tangent => balance_tangent
       procedure :: solve_linear => balance_solve_linear
       procedure :: rounding_level => balance_rounding_level
+      procedure :: solve_mean_tangent => balance_solve_mean_tangent
+      procedure :: deform => balance_deform
       procedure :: linear_solution => balance_linear_solution
       procedure :: sample => balance_sample
       procedure :: project => balance_project
@@ -253,7 +257,7 @@ contains
       call balance_residual_of(self, x, r)
    end subroutine balance_residual
 
-   !> R = F_nl - s, with s = F_ext - S u.
+   !> R = F_nl - s, with s = F_ext - S u; the factors are 1 but on the way of a homotopy.
    subroutine balance_residual_of(self, u, r)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
@@ -262,7 +266,7 @@ contains
       call balance_sample(self, u)
       call self%law_set%evaluate()
       call self%transform%to_coefficients(self%law_set%f%values, self%force)
-      r = self%force - self%reaction
+      r = self%law_factor*self%force - self%reaction
    end subroutine balance_residual_of
 
    !> Brings the motion onto the torus: q, and v and s where a law asks for them.
@@ -306,7 +310,7 @@ contains
 
       do h = 1, self%harmonics%n_harmonics
          do i = 1, self%n_dofs
-            s = self%stiffness%load(i, h)
+            s = self%load_factor*self%stiffness%load(i, h)
             do k = 1, self%n_dofs
                s = s - self%stiffness%condensed(i, k, h)*amplitude(self, u, h, k)
             end do
@@ -349,14 +353,14 @@ contains
       end if
       do i = 1, self%law_set%n_pairs
          associate (row => self%law_set%row(i), column => self%law_set%column(i))
-            call self%transform%tabulate_product(self%law_set%df_dq%values, i, self%table)
+            call self%transform%tabulate_product(self%law_set%df_dq%values, i, self%table, self%law_factor)
             call add_motion(self, jacobian(:, row, :, column))
             if (self%law_set%needs_velocity) then
-               call self%transform%tabulate_product(self%law_set%df_dv%values, i, self%table)
+               call self%transform%tabulate_product(self%law_set%df_dv%values, i, self%table, self%law_factor)
                call add_rate(self, jacobian(:, row, :, column))
             end if
             if (self%law_set%needs_reaction) then
-               call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table)
+               call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table, self%law_factor)
                do k = 1, self%n_dofs
                   call add_reaction(self, column, k, jacobian(:, row, :, k))
                end do
@@ -393,7 +397,7 @@ contains
                            call self%transform%to_coefficients_of_one(self%answer%values, self%columns(:, 1))
                            do k = 1, size(moved)
                               jacobian(:, answering(i), place, moved(k)) = jacobian(:, answering(i), place, moved(k)) &
-                                                                           + shape(k, b)*self%columns(:, 1)
+                                                                           + self%law_factor*shape(k, b)*self%columns(:, 1)
                            end do
                         end do
                      end do
@@ -470,6 +474,16 @@ contains
       end associate
    end subroutine add_reaction
 
+   !> Multiplies all forces of the laws, or all loads, by a factor.
+   subroutine balance_deform(self, kind, amount)
+      class(balance_t), intent(inout) :: self
+      integer, intent(in) :: kind
+      real(wp), intent(in) :: amount
+
+      if (kind == deformation%nonlinearity) self%law_factor = amount
+      if (kind == deformation%load) self%load_factor = amount
+   end subroutine balance_deform
+
    subroutine balance_solve_linear(self, r, step)
       class(balance_t), intent(in) :: self
       real(wp), intent(in), contiguous :: r(:)
@@ -497,18 +511,56 @@ contains
       end do
    end subroutine solve_linear_of
 
+   !> Solves with the tangent at u of each harmonic by itself, (1 - mean df/ds) S + mean df/dq + i w mean df/dv: what couples
+   !> the harmonics is left out.
+   subroutine balance_solve_mean_tangent(self, u, r, step, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)    !! [N]
+      real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), dimension(self%n_dofs, self%n_dofs) :: df_dq, df_dv, df_ds
+      complex(wp) :: block(self%n_dofs, self%n_dofs), c(self%n_dofs)
+      integer :: h, i, info, pivots(self%n_dofs)
+
+      call balance_sample(self, u)
+      call self%law_set%differentiate(error)
+      if (allocated(error)) return
+      call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
+      do h = 1, self%harmonics%n_harmonics
+         associate (s => self%stiffness%condensed(:, :, h))
+            block = s - matmul(df_ds, s) + cmplx(df_dq, self%frequencies(h)*df_dv, wp)
+         end associate
+         do i = 1, self%n_dofs
+            c(i) = amplitude(self, r, h, i)
+         end do
+         call zgetrf(self%n_dofs, self%n_dofs, block, self%n_dofs, pivots, info)
+         if (info == 0) then
+            call zgetrs("N", self%n_dofs, 1, block, self%n_dofs, pivots, c, self%n_dofs, info)
+         else
+            c = (0.0_wp, 0.0_wp)
+         end if
+         do i = 1, self%n_dofs
+            call set_amplitude(self, step, h, i, c(i))
+         end do
+      end do
+   end subroutine balance_solve_mean_tangent
+
    real(wp) function balance_rounding_level(self, x)
-      class(balance_t), intent(in) :: self
+      class(balance_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
 
       balance_rounding_level = rounding_level_of(self, x)
    end function balance_rounding_level
 
-   !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|.
+   !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|, and what an error of one unit
+   !> in the motion does to the forces of stiff laws.
    real(wp) function rounding_level_of(self, u)
-      class(balance_t), intent(in) :: self
+      class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), parameter :: units = 8.0_wp
+      real(wp), parameter :: largest_level = 1.0e-6_wp                 ! above, a point counts as lost, not as rounded
+      type(error_t), allocatable :: error
       real(wp) :: terms, total
       integer :: h, i, k
 
@@ -519,10 +571,30 @@ contains
             do k = 1, self%n_dofs
                terms = terms + abs(self%stiffness%condensed(i, k, h))*abs(amplitude(self, u, h, k))
             end do
-            total = total + (terms/self%r_scale(1 + (i - 1)*self%harmonics%n_coefficients))**2
+            total = total + (terms/scale_of(i))**2
          end do
       end do
-      rounding_level_of = units*epsilon(1.0_wp)*sqrt(total)
+      call balance_sample(self, u)
+      call self%law_set%differentiate(error)
+      if (.not. allocated(error)) then                                ! without memory the first part must do
+         do i = 1, self%law_set%n_pairs
+            associate (slope => self%law_set%df_dq%values(:, i), q => self%law_set%q%values(:, self%law_set%column(i)))
+               terms = norm2(slope)/sqrt(real(size(slope), wp))*maxval(abs(q))
+            end associate
+            total = total + (self%law_factor*terms/scale_of(self%law_set%row(i)))**2
+         end do
+         if (self%law_set%has_memory) total = total + sum((self%law_factor*self%law_set%spring_forces() &
+                                                           /[(scale_of(i), i=1, self%n_dofs)])**2)
+      end if
+      rounding_level_of = min(largest_level, units*epsilon(1.0_wp)*sqrt(total))
+
+   contains
+
+      real(wp) function scale_of(dof)
+         integer, intent(in) :: dof
+
+         scale_of = self%r_scale(1 + (dof - 1)*self%harmonics%n_coefficients)
+      end function scale_of
    end function rounding_level_of
 
    !> Coefficients of sampled functions at the degrees of freedom of the laws, such as the forces `law_set%f`.

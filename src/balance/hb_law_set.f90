@@ -57,8 +57,10 @@ module hb_law_set
       procedure :: answering_dofs => law_set_answering_dofs
       procedure :: memory_trouble => law_set_memory_trouble
       procedure :: full_stick => law_set_full_stick
+      procedure :: spring_forces => law_set_spring_forces
       procedure :: correct => law_set_correct
-      procedure :: penetration => law_set_penetration
+      procedure :: contact_defects => law_set_contact_defects
+      procedure :: mean_slopes => law_set_mean_slopes
       procedure :: destroy => law_set_destroy
    end type law_set_t
 
@@ -560,6 +562,34 @@ contains
       end do
    end function law_set_memory_trouble
 
+   !> Largest forces [N] that the springs of laws with memory would have without their sliders: errors of rounding are units
+   !> in their last place.
+   function law_set_spring_forces(self) result(forces)
+      class(law_set_t), intent(in) :: self
+      real(wp) :: forces(self%n_dofs)
+      real(wp), allocatable :: df_dz(:, :, :), df_ds(:, :, :), f(:, :)
+      integer :: c, i
+
+      forces = 0.0_wp
+      do i = 1, size(self%laws)
+         if (.not. allocated(self%slots(i)%memory)) cycle
+         associate (path => self%slots(i)%memory%path, states => self%slots(i)%memory%states, &
+                    shape => self%laws(i)%law%shape, columns => self%slots(i)%columns)
+            allocate (f(size(path, 1), size(path, 2)), df_dz(size(path, 1), size(path, 2), size(path, 2)))
+            allocate (df_ds(size(path, 1), size(path, 2), size(states, 2)))
+            select type (law => self%laws(i)%law)
+            class is (hysteretic_law_t)
+               call law%force(path(:, :, path_part%at_end, 1), states(:, :, 1), f, df_dz, df_ds)
+            end select
+            do c = 1, size(shape, 2)
+               forces(columns) = forces(columns) + matmul(abs(shape), maxval(abs(df_dz(:, :, c)), dim=1)) &
+                                 *maxval(abs(path(:, c, path_part%at_end, :)))
+            end do
+            deallocate (f, df_dz, df_ds)
+         end associate
+      end do
+   end function law_set_spring_forces
+
    !> Whether no slider of law i slipped anywhere, after `evaluate`: then it stays where loading from rest put it, which is
    !> one of many solutions. False for laws without memory.
    pure logical function law_set_full_stick(self, i)
@@ -590,18 +620,59 @@ contains
       end do
    end subroutine law_set_correct
 
-   !> Largest penetration [m] of the samples q into any rigid obstacle.
-   real(wp) function law_set_penetration(self)
+   !> Largest defects of all rigid contacts over the samples q and s, after `evaluate`.
+   subroutine law_set_contact_defects(self, penetration, tension, complementarity)
       class(law_set_t), intent(inout) :: self
+      real(wp), intent(out) :: penetration                            !! [m]
+      real(wp), intent(out) :: tension                                !! [N]
+      real(wp), intent(out) :: complementarity                        !! [N m]
+      real(wp) :: of_one(3), of_all(3)
       integer :: i
 
-      law_set_penetration = 0.0_wp
+      of_all = 0.0_wp
       do i = 1, size(self%laws)
          if (.not. self%laws(i)%law%is_multiplier) cycle
-         call gather(self, i)
-         law_set_penetration = max(law_set_penetration, self%laws(i)%law%penetration(self%slots(i)%z))
+         call self%laws(i)%law%contact_defects(self%slots(i)%z, self%slots(i)%p, of_one(1), of_one(2), of_one(3))
+         of_all = max(of_all, of_one)
       end do
-   end function law_set_penetration
+      penetration = of_all(1)
+      tension = of_all(2)
+      complementarity = of_all(3)
+   end subroutine law_set_contact_defects
+
+   !> Means over the torus of df/dq, df/dv and df/ds, after `differentiate`.
+   subroutine law_set_mean_slopes(self, df_dq, df_dv, df_ds)
+      class(law_set_t), intent(inout) :: self
+      real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (n_dofs, n_dofs)
+      integer :: i
+      real(wp) :: weight
+      real(wp), allocatable :: slope(:, :)
+
+      df_dq = 0.0_wp
+      df_dv = 0.0_wp
+      df_ds = 0.0_wp
+      weight = 1.0_wp/real(size(self%q%values, 1), wp)
+      do i = 1, self%n_pairs
+         associate (row => self%row(i), column => self%column(i))
+            df_dq(row, column) = weight*sum(self%df_dq%values(:, i))
+            if (self%needs_velocity) df_dv(row, column) = weight*sum(self%df_dv%values(:, i))
+            if (self%needs_reaction) df_ds(row, column) = weight*sum(self%df_ds%values(:, i))
+         end associate
+      end do
+      do i = 1, size(self%laws)
+         if (.not. allocated(self%slots(i)%memory)) cycle
+         associate (slot => self%slots(i), shape => self%laws(i)%law%shape)
+            allocate (slope(size(shape, 2), size(shape, 2)))
+            select type (law => self%laws(i)%law)
+            class is (hysteretic_law_t)
+               call slot%memory%mean_slope(law, self%characteristic, slope)
+            end select
+            df_dq(slot%columns, slot%columns) = df_dq(slot%columns, slot%columns) &
+                                                + matmul(shape, matmul(slope, transpose(shape)))
+            deallocate (slope)
+         end associate
+      end do
+   end subroutine law_set_mean_slopes
 
    !> Frees all samples; safe to call twice.
    subroutine law_set_destroy(self)

@@ -33,6 +33,7 @@ module hb_slider_memory
       procedure :: differentiable => memory_differentiable
       procedure :: load_from_rest => memory_load_from_rest
       procedure :: go_round => memory_go_round
+      procedure :: mean_slope => memory_mean_slope
    end type memory_t
 
 contains
@@ -124,4 +125,34 @@ contains
       end do
       change = maxval(abs(self%states(:, :, 1) - self%before))
    end subroutine memory_go_round
+
+   !> Mean over all samples of how the force follows the motion within a step: the spring where sliders stick, nothing where
+   !> they slip. After `march`.
+   subroutine memory_mean_slope(self, law, characteristic, slope)
+      class(memory_t), intent(inout) :: self
+      class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), intent(out) :: slope(:, :)                            !! [N/m], (n_coordinates, n_coordinates)
+      real(wp) :: change, largest_move
+      real(wp), allocatable :: df_dz(:, :, :), df_ds(:, :, :)
+      integer :: a, b, i, k
+
+      call self%differentiable()
+      call self%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+      allocate (df_dz(size(self%path, 1), size(slope, 1), size(slope, 1)))
+      allocate (df_ds(size(self%path, 1), size(slope, 1), law%n_states))
+      slope = 0.0_wp
+      do i = 1, characteristic%n_steps
+         call law%force(self%path(:, :, path_part%at_end, i), self%states(:, :, i), self%force, df_dz, df_ds)
+         do b = 1, size(slope, 1)
+            do a = 1, size(slope, 1)
+               slope(a, b) = slope(a, b) + sum(df_dz(:, a, b))
+               do k = 1, law%n_states
+                  slope(a, b) = slope(a, b) + dot_product(df_ds(:, a, k), self%ds_dpath(:, k, b, path_part%at_end, i))
+               end do
+            end do
+         end do
+      end do
+      slope = slope/real(size(self%path, 1)*characteristic%n_steps, wp)
+   end subroutine memory_mean_slope
 end module hb_slider_memory

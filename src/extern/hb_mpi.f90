@@ -10,7 +10,7 @@ module hb_mpi
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use mpi_f08, only: comm_t => MPI_Comm, MPI_Abort, MPI_ADDRESS_KIND, MPI_Allreduce, MPI_Barrier, &
-      MPI_Bcast, MPI_CHARACTER, MPI_Comm_dup, MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, &
+      MPI_Bcast, MPI_CHARACTER, MPI_DOUBLE_PRECISION, MPI_Comm_dup, MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, &
       MPI_Comm_set_errhandler, MPI_Comm_size, MPI_COMM_WORLD, MPI_Error_string, MPI_ERRORS_ARE_FATAL, &
       MPI_ERRORS_RETURN, MPI_Fetch_and_op, MPI_Finalize, MPI_Finalized, MPI_INFO_NULL, MPI_Init, &
       MPI_Initialized, MPI_INTEGER, MPI_LOCK_EXCLUSIVE, MPI_MAX, MPI_MAX_ERROR_STRING, MPI_MIN, MPI_NO_OP, &
@@ -28,6 +28,12 @@ module hb_mpi
       module procedure as_comm_integer
       module procedure as_comm_same
    end interface as_comm
+
+   !> Gives every rank the largest value of all ranks, an integer or a real number.
+   interface max_over
+      module procedure max_over_integer
+      module procedure max_over_real
+   end interface max_over
 
    integer, parameter :: n_slots = 3                                  ! integers in the window of rank 0
    integer(MPI_ADDRESS_KIND), parameter :: next_slot = 0, done_slot = 1, failed_slot = 2
@@ -162,12 +168,20 @@ contains
    end function sum_over
 
    !> Gives every rank the largest `value` of all ranks; collective.
-   integer function max_over(comm, value)
+   integer function max_over_integer(comm, value) result(largest)
       type(comm_t), intent(in) :: comm
       integer, intent(in) :: value
 
-      call MPI_Allreduce(value, max_over, 1, MPI_INTEGER, MPI_MAX, comm)
-   end function max_over
+      call MPI_Allreduce(value, largest, 1, MPI_INTEGER, MPI_MAX, comm)
+   end function max_over_integer
+
+   !> Gives every rank the largest `value` of all ranks; collective.
+   real(wp) function max_over_real(comm, value) result(largest)
+      type(comm_t), intent(in) :: comm
+      real(wp), intent(in) :: value
+
+      call MPI_Allreduce(value, largest, 1, MPI_DOUBLE_PRECISION, MPI_MAX, comm)
+   end function max_over_real
 
    !> Makes an error of any rank known on all: afterwards all ranks have the error of the lowest rank that had
    !> one, or none has. Collective.

@@ -173,17 +173,18 @@ contains
       end associate
    end subroutine read_spectrum
 
-   !> Fills the table of the function sampled in one column of `samples`. The table's index arrays are made at its first use.
-   subroutine transform_tabulate_product(self, samples, column, table)
+   !> Fills the table of `factor` times the function sampled in one column of `samples`. The table's index arrays are made at its first use.
+   subroutine transform_tabulate_product(self, samples, column, table, factor)
       class(transform_t), intent(inout) :: self
       real(wp), intent(inout), contiguous, target :: samples(:, :)    !! (n_total, any); unchanged
       integer, intent(in) :: column
       type(product_table_t), intent(inout) :: table
+      real(wp), intent(in) :: factor
       integer :: i, place
       real(wp) :: weight
 
       if (.not. allocated(table%source)) call index_table(self, table)
-      weight = 1.0_wp/self%torus%n_total
+      weight = factor/self%torus%n_total
       call self%single_plan%to_spectrum(samples(:, column:column), self%spectra%values)
       do i = 1, size(table%source)
          place = abs(table%source(i))

@@ -26,7 +26,7 @@ module hb_law
       procedure :: prepare => law_prepare
       procedure :: prepare_rate => law_prepare_rate
       procedure :: correct => law_correct
-      procedure :: penetration => law_penetration
+      procedure :: contact_defects => law_contact_defects
       procedure :: length_scale => law_length_scale
    end type law_t
 
@@ -82,13 +82,19 @@ contains
       corrected = z
    end subroutine law_correct
 
-   !> Largest penetration [m] of the samples into a rigid obstacle; 0 for laws without one.
-   pure real(wp) function law_penetration(self, z)
+   !> How far a motion and its reaction miss the conditions of rigid contact; zero for laws that have none.
+   pure subroutine law_contact_defects(self, z, p, penetration, tension, complementarity)
       class(law_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
+      real(wp), intent(in) :: p(:, :)                                 !! reaction [N], as z
+      real(wp), intent(out) :: penetration                            !! largest [m]
+      real(wp), intent(out) :: tension                                !! largest pull by an obstacle that can only push [N]
+      real(wp), intent(out) :: complementarity                        !! largest product of reaction and gap [N m]
 
-      law_penetration = 0.0_wp
-   end function law_penetration
+      penetration = 0.0_wp
+      tension = 0.0_wp
+      complementarity = 0.0_wp
+   end subroutine law_contact_defects
 
    !> A length [m] that is typical of the law, such as its gap; 0 when there is none.
    pure real(wp) function law_length_scale(self)

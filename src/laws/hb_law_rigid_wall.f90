@@ -22,7 +22,7 @@ module hb_law_rigid_wall
       procedure :: evaluate => rigid_wall_evaluate
       procedure :: prepare => rigid_wall_prepare
       procedure :: correct => rigid_wall_correct
-      procedure :: penetration => rigid_wall_penetration
+      procedure :: contact_defects => rigid_wall_contact_defects
       procedure :: length_scale => rigid_wall_length_scale
    end type rigid_wall_t
 
@@ -94,13 +94,21 @@ contains
       if (self%two_sided) corrected = max(corrected, -self%gap)
    end subroutine rigid_wall_correct
 
-   pure real(wp) function rigid_wall_penetration(self, z)
+   pure subroutine rigid_wall_contact_defects(self, z, p, penetration, tension, complementarity)
       class(rigid_wall_t), intent(in) :: self
-      real(wp), intent(in) :: z(:, :)
+      real(wp), intent(in) :: z(:, :), p(:, :)
+      real(wp), intent(out) :: penetration, tension, complementarity
 
-      rigid_wall_penetration = max(maxval(z) - self%gap, 0.0_wp)
-      if (self%two_sided) rigid_wall_penetration = max(rigid_wall_penetration, -minval(z) - self%gap)
-   end function rigid_wall_penetration
+      penetration = max(maxval(z) - self%gap, 0.0_wp)
+      complementarity = maxval(max(p, 0.0_wp)*abs(z - self%gap))
+      if (self%two_sided) then                                        ! a push to either side is right
+         penetration = max(penetration, -minval(z) - self%gap)
+         complementarity = max(complementarity, maxval(max(-p, 0.0_wp)*abs(z + self%gap)))
+         tension = 0.0_wp
+      else
+         tension = max(-minval(p), 0.0_wp)
+      end if
+   end subroutine rigid_wall_contact_defects
 
    pure real(wp) function rigid_wall_length_scale(self)
       class(rigid_wall_t), intent(in) :: self

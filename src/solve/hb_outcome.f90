@@ -16,22 +16,29 @@ module hb_outcome
       integer :: singular = 4                          !! the linear system of a step has no unique solution
       integer :: not_finite = 5                        !! NaN or infinity wherever the residual was evaluated
       integer :: failed = 6                            !! an error of this point alone, told by its message
+      integer :: truncated = 7                         !! solved, but the harmonics left out matter
+      integer :: aliased = 8                           !! solved, but the samples are too few
+      integer :: penetrating = 9                       !! solved, but the motion goes too far into a rigid wall
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:6) = [character(13) :: &
-      "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed"]
+   character(*), parameter :: outcome_names(0:9) = [character(13) :: &
+      "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
+      "truncated", "aliased", "penetrating"]
 
-   character(*), parameter :: texts(0:6) = [character(64) :: &
+   character(*), parameter :: texts(0:9) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
       "out of budget: the limit was met before the tolerance", &
       "singular: the linear system of a step has no unique solution", &
       "not finite: the residual is NaN or infinite where it was tried", &
-      "failed: see the message of the point"]
+      "failed: see the message of the point", &
+      "truncated: solved, but the harmonics left out matter", &
+      "aliased: solved, but the samples are too few", &
+      "penetrating: solved, but too far inside a rigid wall"]
 
 contains
 

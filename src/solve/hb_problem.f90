@@ -3,7 +3,14 @@ module hb_problem
    use hb_kinds, only: wp
    implicit none
    private
-   public :: problem_t
+   public :: deformation, problem_t
+
+   !> Ways to deform a problem from an easy one, at 0, to the one asked for, at 1.
+   type :: deformation_t
+      integer :: nonlinearity = 1                                     !! factor of all that is not linear
+      integer :: load = 2                                             !! factor of what drives the problem
+   end type deformation_t
+   type(deformation_t), parameter :: deformation = deformation_t()
 
    !> Solvers work with x/x_scale and r/r_scale, so that the units of a scene do not matter to them.
    type, abstract :: problem_t
@@ -15,6 +22,7 @@ module hb_problem
       procedure(tangent), deferred :: tangent
       procedure(solve_linear), deferred :: solve_linear
       procedure(rounding_level), deferred :: rounding_level
+      procedure(deform), deferred :: deform
       procedure :: norm => problem_norm
    end type problem_t
 
@@ -46,9 +54,17 @@ module hb_problem
       !> Norm that rounding errors alone may give the residual at x: below it no solver can go.
       real(wp) function rounding_level(self, x)
          import :: problem_t, wp
-         class(problem_t), intent(in) :: self
+         class(problem_t), intent(inout) :: self
          real(wp), intent(in), contiguous :: x(:)                     !! (n_unknowns)
       end function rounding_level
+
+      !> Deforms the problem for all later calls; 1 is the problem itself.
+      subroutine deform(self, kind, amount)
+         import :: problem_t, wp
+         class(problem_t), intent(inout) :: self
+         integer, intent(in) :: kind                                  !! one of `deformation`
+         real(wp), intent(in) :: amount                               !! 0 to 1
+      end subroutine deform
    end interface
 
 contains

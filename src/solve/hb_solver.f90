@@ -1,27 +1,79 @@
-!> Calls the solver that the settings name.
+!> Solves a problem by the method that the settings name and, when that fails, by others.
 module hb_solver
    use hb_broyden, only: solve_broyden
+   use hb_homotopy, only: solve_by_homotopy
    use hb_kinds, only: wp
    use hb_newton, only: solve_newton
-   use hb_problem, only: problem_t
-   use hb_solver_types, only: method, report_t, solver_config_t
+   use hb_outcome, only: outcome
+   use hb_problem, only: deformation, problem_t
+   use hb_solver_types, only: method, report_t, rescue, solver_config_t
    implicit none
    private
    public :: solve
 
 contains
 
-   !> Solves r(x) = 0 from the given x; x is the last point reached, whatever the outcome.
-   subroutine solve(problem, config, x, report)
+   !> Solves r(x) = 0 from the given x. When the direct attempt fails and rescue is on: another first guess, the other
+   !> method, both, homotopy in the nonlinearity from the linear solution, homotopy in the load from zero. The report adds
+   !> up all attempts and says which one succeeded; if none did, x and the status are those of the direct attempt.
+   subroutine solve(problem, config, linear_solution, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
+      real(wp), intent(in) :: linear_solution(:)                      !! of the problem without its nonlinearity
       real(wp), intent(inout), contiguous :: x(:)                     !! (n_unknowns)
       type(report_t), intent(out) :: report
+      type(report_t) :: attempt
+      real(wp), allocatable :: first_guess(:), other_guess(:), trial(:)
+      integer :: other_method, way
 
-      if (config%method == method%broyden) then
+      allocate (first_guess, source=x)
+      allocate (other_guess, source=linear_solution)
+      if (all(x == linear_solution)) other_guess = 0.0_wp
+      other_method = merge(method%broyden, method%newton, config%method == method%newton)
+      call solve_directly(problem, config, config%method, x, report)
+      if (report%status == outcome%converged .or. .not. config%rescue) return
+      do way = rescue%other_guess, rescue%load
+         select case (way)
+         case (rescue%other_guess)
+            trial = other_guess
+            call solve_directly(problem, config, config%method, trial, attempt)
+         case (rescue%other_method)
+            trial = first_guess
+            call solve_directly(problem, config, other_method, trial, attempt)
+         case (rescue%both_other)
+            trial = other_guess
+            call solve_directly(problem, config, other_method, trial, attempt)
+         case (rescue%nonlinearity)
+            trial = linear_solution
+            call solve_by_homotopy(problem, config, deformation%nonlinearity, trial, attempt)
+         case default
+            trial = 0.0_wp*linear_solution
+            call solve_by_homotopy(problem, config, deformation%load, trial, attempt)
+         end select
+         report%iterations = report%iterations + attempt%iterations
+         report%evaluations = report%evaluations + attempt%evaluations
+         report%factorizations = report%factorizations + attempt%factorizations
+         if (attempt%status == outcome%converged) then
+            x = trial
+            report%status = attempt%status
+            report%residual = attempt%residual
+            report%rescue = way
+            return
+         end if
+      end do
+   end subroutine solve
+
+   subroutine solve_directly(problem, config, chosen, x, report)
+      class(problem_t), intent(inout) :: problem
+      type(solver_config_t), intent(in) :: config
+      integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
+      real(wp), intent(inout), contiguous :: x(:)
+      type(report_t), intent(out) :: report
+
+      if (chosen == method%broyden) then
          call solve_broyden(problem, config, x, report)
       else
          call solve_newton(problem, config, x, report)
       end if
-   end subroutine solve
+   end subroutine solve_directly
 end module hb_solver

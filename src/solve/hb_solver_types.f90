@@ -4,7 +4,7 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: method, method_names, report_t, solver_config_t, start_names
+   public :: method, method_names, report_t, rescue, rescue_names, solver_config_t, start_names
 
    type :: method_t
       integer :: newton = 1
@@ -14,6 +14,19 @@ module hb_solver_types
    character(7), parameter :: method_names(2) = [character(7) :: "newton", "broyden"]
    character(7), parameter :: start_names(2) = [character(7) :: "linear", "tangent"]
 
+   !> What was needed beside the direct attempt; numbers as in the result file.
+   type :: rescue_t
+      integer :: none = 0
+      integer :: other_guess = 1                                      !! from zero, or from the linear motion
+      integer :: other_method = 2                                     !! Broyden after Newton, or the other way round
+      integer :: both_other = 3
+      integer :: nonlinearity = 4                                     !! homotopy in the strength of the laws
+      integer :: load = 5                                             !! homotopy in the loads
+   end type rescue_t
+   type(rescue_t), parameter :: rescue = rescue_t()
+   character(*), parameter :: rescue_names(0:5) = [character(22) :: &
+      "none", "other_guess", "other_method", "other_guess_and_method", "nonlinearity_homotopy", "load_homotopy"]
+
    !> Settings of a solver; the component initialisers are the defaults of the input group `&solver`.
    type :: solver_config_t
       integer :: method = method%newton
@@ -22,6 +35,8 @@ module hb_solver_types
       logical :: line_search = .true.
       integer :: memory = 40                                          !! updates that Broyden keeps before it takes a new tangent
       logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: tangent, else linear part
+      logical :: rescue = .true.                                      !! try other ways when the direct attempt fails
+      integer :: homotopy_iterations = 500                            !! of all corrections on the way
    end type solver_config_t
 
    !> How a solution was found, or not.
@@ -30,6 +45,7 @@ module hb_solver_types
       integer :: iterations = 0
       integer :: evaluations = 0                                      !! of the residual
       integer :: factorizations = 0                                   !! of a tangent
+      integer :: rescue = rescue%none                                 !! what led to the solution
       real(wp) :: residual = huge(1.0_wp)                             !! last norm, relative
    end type report_t
 end module hb_solver_types

@@ -1,11 +1,12 @@
 !> One point of a study: from a scene to its solution and what is kept of it.
 module hb_point
    use hb_balance, only: balance_t, new_balance
+   use hb_certificate, only: certify
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
-   use hb_kinds, only: int64, wp
+   use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
    use hb_outcome, only: outcome
    use hb_results, only: point_result_t
@@ -16,9 +17,6 @@ module hb_point
    implicit none
    private
    public :: solve_point
-
-   integer(int64), parameter :: largest_fine_grid = 4000000_int64     ! samples of the grid that penetration is looked for on
-   integer, parameter :: refinement = 4
 
 contains
 
@@ -82,14 +80,17 @@ contains
       result%iterations = report%iterations
       result%evaluations = report%evaluations
       result%residual = report%residual
+      result%rescue = report%rescue
 
       allocate (c(scene%structure%n_dofs, scene%harmonics%n_harmonics))
       call balance%all_dofs(u, c)
       call keep_motion(scene, c, result)
       call keep_forces(scene%harmonics, balance, u, result, error)
       if (allocated(error)) return
-      call find_penetration(scene, balance, u, result, error)
-      if (allocated(error)) return
+      if (scene%certificate%is_on .and. result%status == outcome%converged) then
+         call keep_certificate(scene, balance, u, result, error)
+         if (allocated(error)) return
+      end if
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)
    end subroutine solve_balance
 
@@ -100,9 +101,11 @@ contains
       real(wp), intent(inout), contiguous, target :: u(:, :)
       type(report_t), intent(out) :: report
       real(wp), pointer, contiguous :: x(:)
+      real(wp) :: linear_solution(size(u, 1), size(u, 2))
 
       x(1:size(u)) => u
-      call solve(balance, scene%solver, x, report)
+      call balance%linear_solution(linear_solution)
+      call solve(balance, scene%solver, reshape(linear_solution, [size(u)]), x, report)
    end subroutine solve_unknowns
 
    !> Adds the user's first guess at the degrees of freedom of the laws; elsewhere the motion follows from there.
@@ -164,29 +167,25 @@ contains
       call corrected%destroy()
    end subroutine keep_forces
 
-   !> Looks for the largest penetration between the samples of the solution as well.
-   subroutine find_penetration(scene, balance, u, result, error)
+   !> Makes the certificate of a solved point; one that misses a threshold gets the status that says so.
+   subroutine keep_certificate(scene, balance, u, result, error)
       type(scene_t), intent(in) :: scene
-      type(balance_t), intent(in) :: balance
+      type(balance_t), intent(inout) :: balance
       real(wp), intent(in) :: u(:, :)
       type(point_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
-      type(balance_t) :: finer
-      integer :: factor
 
-      if (.not. balance%law_set%needs_reaction) return
-      factor = refinement
-      do while (factor > 1 .and. real(factor, wp)**scene%tones%n_tones*scene%torus%n_total > real(largest_fine_grid, wp))
-         factor = factor/2
-      end do
-      call new_balance(finer, scene%harmonics, scene%torus%refined(factor), balance%omega, balance%stiffness, &
-         scene%laws, scene%planning, error)
-      if (.not. allocated(error)) then
-         call finer%sample(u)
-         result%penetration = finer%law_set%penetration()
-      end if
-      call finer%destroy()
-   end subroutine find_penetration
+      call certify(result%certificate, scene%structure, scene%tones, scene%laws, scene%loads, scene%torus, balance, u, &
+         scene%planning, error)
+      if (allocated(error)) return
+      associate (found => result%certificate, limit => scene%certificate)
+         if (found%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
+         if (found%truncation > limit%truncation) result%status = outcome%truncated
+         if (found%aliasing > limit%aliasing) result%status = outcome%aliased
+         result%is_near_commensurate = scene%tones%n_tones > 1 .and. &
+            found%combination_frequency < limit%commensurability*maxval(scene%tones%omega)
+      end associate
+   end subroutine keep_certificate
 
    !> Hypertime surfaces on the grid that the user asked for.
    subroutine keep_surfaces(scene, balance, u, result, error)

@@ -7,11 +7,13 @@
 module hb_results
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_null_char, c_null_ptr, c_ptr, c_size_t
    use, intrinsic :: iso_fortran_env, only: int64
+   use hb_certificate, only: certificate_t
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, open_file_parallel
    use hb_kinds, only: two_pi, wp
    use hb_mpi, only: comm_t, rank_of, share_error
    use hb_outcome, only: outcome, outcome_names
+   use hb_solver_types, only: rescue_names
    use hb_text, only: to_text
    implicit none
    private
@@ -54,6 +56,7 @@ module hb_results
       character(:), allocatable :: message              !! why the point failed; cut to 200 bytes
       integer :: iterations = 0
       integer :: evaluations = 0                        !! of the residual
+      integer :: rescue = 0                                           !! what the solver needed, hb_solver_types
       real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
       real(wp) :: solve_seconds = 0.0_wp
       integer :: rank = 0                               !! that solved it
@@ -62,7 +65,8 @@ module hb_results
       real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
       real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
-      real(wp) :: penetration = 0.0_wp                  !! [m]
+      type(certificate_t) :: certificate                !! zero and without combination where none was made
+      logical :: is_near_commensurate = .false.
       real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
       real(wp), allocatable :: corrected_samples(:, :)  !! same
       real(wp), allocatable :: force_samples(:, :)      !! [N], same
@@ -206,22 +210,44 @@ contains
       end if
       call put_message(self, i, or_empty(point%message), error)
       call put(self, "iterations", i, [point%iterations], error)
+      call put(self, "rescue", i, [point%rescue], error)
       call put(self, "evaluations", i, [point%evaluations], error)
       call put(self, "residual", i, [point%residual], error)
       call put(self, "solve_seconds", i, [point%solve_seconds], error)
       call put(self, "rank", i, [point%rank], error)
       call put(self, "n_harmonics", i, [point%n_harmonics], error)
-      call put(self, "frequency", i, point%frequency, error)
-      call put(self, "coefficients", i, point%coefficients, error)
-      call put(self, "force_coefficients", i, point%force_coefficients, error)
-      call put(self, "corrected_coefficients", i, point%corrected_coefficients, error)
-      call put(self, "penetration", i, [point%penetration], error)
-      call put(self, "displacement_samples", i, point%displacement_samples, error)
-      call put(self, "corrected_samples", i, point%corrected_samples, error)
-      call put(self, "force_samples", i, point%force_samples, error)
+      if (allocated(point%frequency)) call put(self, "frequency", i, point%frequency, error)
+      if (allocated(point%coefficients)) call put(self, "coefficients", i, point%coefficients, error)
+      if (allocated(point%force_coefficients)) call put(self, "force_coefficients", i, point%force_coefficients, error)
+      if (allocated(point%corrected_coefficients)) call put(self, "corrected_coefficients", i, point%corrected_coefficients, error)
+      if (allocated(point%certificate%combination)) call put_certificate(self, i, point, error)
+      if (allocated(point%displacement_samples)) call put(self, "displacement_samples", i, point%displacement_samples, error)
+      if (allocated(point%corrected_samples)) call put(self, "corrected_samples", i, point%corrected_samples, error)
+      if (allocated(point%force_samples)) call put(self, "force_samples", i, point%force_samples, error)
       call put(self, "status", i, [point%status], error)
       call annotate(error, "point "//to_text(i))
    end subroutine results_write_point
+
+   subroutine put_certificate(self, i, point, error)
+      class(results_t), intent(inout) :: self
+      integer, intent(in) :: i
+      type(point_result_t), intent(in) :: point
+      type(error_t), allocatable, intent(inout) :: error
+
+      associate (found => point%certificate)
+         call put(self, "truncation_estimate", i, [found%truncation], error)
+         call put(self, "aliasing_estimate", i, [found%aliasing], error)
+         call put(self, "penetration", i, [found%penetration], error)
+         call put(self, "tension", i, [found%tension], error)
+         call put(self, "complementarity", i, [found%complementarity], error)
+         call put(self, "power_in", i, [found%power_in], error)
+         call put(self, "power_damping", i, [found%power_damping], error)
+         call put(self, "power_laws", i, [found%power_laws], error)
+         call put(self, "combination_frequency", i, [found%combination_frequency], error)
+         call put(self, "combination", i, found%combination, error)
+         call put(self, "is_near_commensurate", i, [merge(1, 0, point%is_near_commensurate)], error)
+      end associate
+   end subroutine put_certificate
 
    !> Closes the file; collective, safe to call twice.
    subroutine results_close(self, error)
@@ -247,11 +273,11 @@ contains
       class(results_t), intent(inout) :: self
       character(*), intent(in) :: name
       integer, intent(in) :: i
-      real(wp), intent(in), optional, contiguous :: values(..) !! absent: the row stays NaN
+      real(wp), intent(in), contiguous :: values(..)
       type(error_t), allocatable, intent(inout) :: error
       integer :: j
 
-      if (allocated(error) .or. .not. present(values)) return
+      if (allocated(error)) return
       j = index_of(self, name)
       if (j == 0) then
          call fail(error, "'"//name//"' given, but the layout has no grid for surfaces")
@@ -299,33 +325,57 @@ contains
       integer :: taus(size(layout%n_samples)), i, n_listed
 
       n_listed = 0
-      allocate (list(merge(13, 16, size(taus) == 0)))
-      call add("status", is_integer, [point_axis], "1", "outcome of the point")
-      call add("message", is_characters, [message_axis, point_axis], "1", "why the point failed")
-      call add("iterations", is_integer, [point_axis], "1", "iterations of the solver")
-      call add("evaluations", is_integer, [point_axis], "1", "evaluations of the residual")
-      call add("residual", is_real, [point_axis], "1", &
-         "norm of the balance relative to the scale of the forces")
-      call add("solve_seconds", is_real, [point_axis], "s", "wall time of the point")
-      call add("rank", is_integer, [point_axis], "1", "MPI rank that solved the point")
-      call add("n_harmonics", is_integer, [point_axis], "1", "number of harmonics in the set of the point")
-      call add("frequency", is_real, [tone_axis, point_axis], "rad/s", "base frequencies")
-      call add("coefficients", is_real, [component_axis, harmonic_axis, dof_axis, point_axis], "", &
-         "coefficients of the motion", layout%dof_units)
-      call add("force_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], "", &
-         "coefficients of the force of the laws, on the left-hand side", force_units(layout%law_dof_units))
-      call add("corrected_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], &
-         "", "coefficients of the displacement corrected to the wall", layout%law_dof_units)
-      call add("penetration", is_real, [point_axis], "m", "largest penetration into a rigid wall")
-      if (size(taus) == 0) return
-      taus = [(n_plain_axes + i, i=1, size(taus))]
-      call add("displacement_samples", is_real, [taus, law_dof_axis, point_axis], "", &
-         "hypertime surface of the motion", layout%law_dof_units)
-      call add("corrected_samples", is_real, [taus, law_dof_axis, point_axis], "", &
-         "hypertime surface corrected to the wall", layout%law_dof_units)
-      call add("force_samples", is_real, [taus, law_dof_axis, point_axis], "", &
-         "hypertime surface of the force", force_units(layout%law_dof_units))
+      allocate (list(0))
+      call add_all()                                                   ! counts
+      deallocate (list)
+      allocate (list(n_listed))
+      n_listed = 0
+      call add_all()
+
    contains
+
+      subroutine add_all()
+         call add("status", is_integer, [point_axis], "1", "outcome of the point")
+         call add("message", is_characters, [message_axis, point_axis], "1", "why the point failed")
+         call add("iterations", is_integer, [point_axis], "1", "iterations of the solver")
+         call add("rescue", is_integer, [point_axis], "1", "what the solver needed beside the direct attempt")
+         call add("evaluations", is_integer, [point_axis], "1", "evaluations of the residual")
+         call add("residual", is_real, [point_axis], "1", &
+            "norm of the balance relative to the scale of the forces")
+         call add("solve_seconds", is_real, [point_axis], "s", "wall time of the point")
+         call add("rank", is_integer, [point_axis], "1", "MPI rank that solved the point")
+         call add("n_harmonics", is_integer, [point_axis], "1", "number of harmonics in the set of the point")
+         call add("frequency", is_real, [tone_axis, point_axis], "rad/s", "base frequencies")
+         call add("coefficients", is_real, [component_axis, harmonic_axis, dof_axis, point_axis], "", &
+            "coefficients of the motion", layout%dof_units)
+         call add("force_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], "", &
+            "coefficients of the force of the laws, on the left-hand side", force_units(layout%law_dof_units))
+         call add("corrected_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], &
+            "", "coefficients of the displacement corrected to the wall", layout%law_dof_units)
+         call add("truncation_estimate", is_real, [point_axis], "1", &
+            "estimated error by the harmonics left out, relative to the motion")
+         call add("aliasing_estimate", is_real, [point_axis], "1", &
+            "estimated error by the finite number of samples, relative to the motion")
+         call add("penetration", is_real, [point_axis], "m", "largest penetration into a rigid wall")
+         call add("tension", is_real, [point_axis], "N", "largest pull that a rigid wall would have to exert")
+         call add("complementarity", is_real, [point_axis], "N m", "largest product of reaction and gap of a rigid wall")
+         call add("power_in", is_real, [point_axis], "W", "mean power of the loads")
+         call add("power_damping", is_real, [point_axis], "W", "mean loss in the damping of the structure")
+         call add("power_laws", is_real, [point_axis], "W", "mean loss in the laws")
+         call add("combination_frequency", is_real, [point_axis], "rad/s", "smallest |k.omega| of low order")
+         call add("combination", is_integer, [tone_axis, point_axis], "1", "integers k of combination_frequency")
+         call add("is_near_commensurate", is_integer, [point_axis], "1", &
+            "1 where combination_frequency is below the threshold: the tones are hard to tell from commensurate ones")
+         if (size(taus) == 0) return
+         taus = [(n_plain_axes + i, i=1, size(taus))]
+         call add("displacement_samples", is_real, [taus, law_dof_axis, point_axis], "", &
+            "hypertime surface of the motion", layout%law_dof_units)
+         call add("corrected_samples", is_real, [taus, law_dof_axis, point_axis], "", &
+            "hypertime surface corrected to the wall", layout%law_dof_units)
+         call add("force_samples", is_real, [taus, law_dof_axis, point_axis], "", &
+            "hypertime surface of the force", force_units(layout%law_dof_units))
+      end subroutine add_all
+
       subroutine add(name, kind, axes, units, long_name, units_by_dof)
          character(*), intent(in) :: name
          integer, intent(in) :: kind, axes(:)
@@ -333,6 +383,7 @@ contains
          character(*), intent(in), optional :: units_by_dof(:)        !! replaces `units`
 
          n_listed = n_listed + 1
+         if (n_listed > size(list)) return
          associate (new => list(n_listed))
             new%name = name
             new%kind = kind
@@ -677,7 +728,7 @@ contains
       type(plan_t), intent(inout) :: plan
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: extents(:)
-      integer :: i, k
+      integer :: i
 
       do i = 1, size(plan%variables)
          associate (variable => plan%variables(i))
@@ -697,15 +748,24 @@ contains
                call variable%dataset%set_attribute("dof_units", variable%dof_units, error)
             if (variable%kind == is_characters .and. .not. allocated(error)) &
                call variable%dataset%set_attribute("_Encoding", "utf-8", error)
-            if (variable%name == "status" .and. .not. allocated(error)) then
-               call variable%dataset%set_attribute("flag_values", [(k, k=0, ubound(outcome_names, 1))], error)
-               if (.not. allocated(error)) &
-                  call variable%dataset%set_attribute("flag_meanings", joined(outcome_names), error)
-            end if
+            if (allocated(error)) return
+            if (variable%name == "status") call set_flags(variable%dataset, outcome_names, error)
+            if (variable%name == "rescue") call set_flags(variable%dataset, rescue_names, error)
          end associate
          if (allocated(error)) return
       end do
    end subroutine add_point_variables
+
+   !> Names the values 0, 1, ... of an integer dataset (CF convention).
+   subroutine set_flags(dataset, names, error)
+      type(h5_dataset_t), intent(in) :: dataset
+      character(*), intent(in) :: names(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      call dataset%set_attribute("flag_values", [(k, k=0, size(names) - 1)], error)
+      if (.not. allocated(error)) call dataset%set_attribute("flag_meanings", joined(names), error)
+   end subroutine set_flags
 
    subroutine attach(dataset, plan, axes, error)
       type(h5_dataset_t), intent(in) :: dataset

@@ -21,8 +21,8 @@ module hb_scene
    public :: group_names, output_config_t, read_harmonics, read_scene, read_tones, scene_t
 
    !> Every group that an input file may have.
-   character(9), parameter :: group_names(9) = [character(9) :: &
-      "structure", "tones", "harmonics", "sampling", "load", "law", "start", "solver", "output"]
+   character(11), parameter :: group_names(10) = [character(11) :: &
+      "structure", "tones", "harmonics", "sampling", "load", "law", "start", "solver", "certificate", "output"]
 
    character(7), parameter :: first_guess_names(2) = [character(7) :: "linear", "zero"]
 
@@ -32,6 +32,15 @@ module hb_scene
       integer, allocatable :: dofs(:)                                 !! stored degrees of freedom
       integer, allocatable :: samples(:)                              !! grid of the stored surfaces, size 0: none
    end type output_config_t
+
+   !> What makes a solved point count as not good enough.
+   type :: certificate_config_t
+      logical :: is_on = .true.
+      real(wp) :: truncation = 0.1_wp                                 !! largest estimated error, relative to the motion
+      real(wp) :: aliasing = 0.1_wp                                   !! largest estimated error, relative to the motion
+      real(wp) :: penetration = 0.1_wp                                !! largest, relative to the largest harmonic
+      real(wp) :: commensurability = 1.0e-3_wp                        !! smallest |k.omega| relative to the largest tone
+   end type certificate_config_t
 
    type :: scene_t
       type(structure_t) :: structure
@@ -45,6 +54,7 @@ module hb_scene
       logical :: start_from_linear = .true.                           !! first guess: the motion without laws, else zero
       integer :: planning = planning%estimate                         !! effort of FFTW
       character(:), allocatable :: wisdom                             !! file with FFTW's wisdom
+      type(certificate_config_t) :: certificate
       type(output_config_t) :: output
    end type scene_t
 
@@ -94,6 +104,7 @@ contains
          call read_amplitude(self, document%group("start", i), self%start)
       end do
       call read_solver(self, document%optional_group("solver"))
+      call read_certificate(self%certificate, document%optional_group("certificate"))
       call read_output(self, document%optional_group("output"))
       call read_sampling(self, document%optional_group("sampling"))
    end subroutine read_parts
@@ -282,6 +293,8 @@ contains
          call group%get("tolerance", solver%tolerance, above=0.0_wp)
          call group%get("max_iterations", solver%max_iterations, minimum=0)
          call group%get("line_search", solver%line_search)
+         call group%get("rescue", solver%rescue)
+         call group%get("homotopy_iterations", solver%homotopy_iterations, minimum=0)
          call group%get("memory", solver%memory, minimum=1, maximum=10000)
          call group%get("first_jacobian", first_jacobian, choices=start_names)
          call group%get("first_guess", first_guess, choices=first_guess_names)
@@ -291,11 +304,24 @@ contains
       end associate
    end subroutine read_solver
 
+   !> Reads `&certificate`: whether it is made, and its thresholds.
+   subroutine read_certificate(self, group)
+      type(certificate_config_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+
+      call group%get("is_on", self%is_on)
+      call group%get("truncation", self%truncation, above=0.0_wp)
+      call group%get("aliasing", self%aliasing, above=0.0_wp)
+      call group%get("penetration", self%penetration, above=0.0_wp)
+      call group%get("commensurability", self%commensurability, minimum=0.0_wp)
+   end subroutine read_certificate
+
    !> Reads `&output`: title, stored degrees of freedom, grid of stored surfaces.
    subroutine read_output(self, group)
       type(scene_t), intent(inout) :: self
       type(group_t), intent(inout) :: group
       type(string_t), allocatable :: names(:)
+      type(torus_t) :: torus
       type(error_t), allocatable :: error
       integer :: i
 
@@ -307,6 +333,9 @@ contains
          if (size(output%samples) == 1) output%samples = spread(output%samples(1), 1, self%tones%n_tones)
          if (size(output%samples) > 0 .and. size(output%samples) /= self%tones%n_tones) then
             call group%problem("samples", "give one number, or one for each of the "//to_text(self%tones%n_tones)//" tones")
+         else if (size(output%samples) > 0) then
+            call new_torus(torus, output%samples, self%harmonics, error)
+            if (allocated(error)) call group%problem("samples", error%message)
          end if
          call group%get("dofs", names)
          if (allocated(names)) then

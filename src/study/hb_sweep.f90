@@ -9,9 +9,10 @@ module hb_sweep
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
-   use hb_mpi, only: barrier, comm_t, new_work_counter, rank_of, share_error, size_of, wall_clock, work_counter_t
+   use hb_mpi, only: barrier, comm_t, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, wall_clock, &
+      work_counter_t
    use hb_namelist, only: document_t, new_document
-   use hb_outcome, only: outcome
+   use hb_outcome, only: outcome, outcome_names
    use hb_point, only: solve_point
    use hb_progress, only: new_progress, progress_t
    use hb_results, only: create_results, point_result_t, results_layout_t, results_t
@@ -34,10 +35,14 @@ module hb_sweep
       character(:), allocatable :: input_complete                     !! the input after defaults
    end type study_t
 
-   !> What a run came to.
+   !> What a run came to, over all ranks.
    type :: run_summary_t
       integer :: n_points = 0
-      integer :: n_converged = 0
+      integer :: counts(0:ubound(outcome_names, 1)) = 0               !! points of each status
+      integer :: n_rescued = 0                                        !! points where the direct attempt failed, but others did not
+      integer :: n_near_commensurate = 0
+      real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
+      real(wp) :: aliasing = 0.0_wp
       real(wp) :: seconds = 0.0_wp
    end type run_summary_t
 
@@ -56,7 +61,7 @@ contains
       self%input_text = text
       call new_document(self%document, file_name, text, error)
       if (allocated(error)) return
-      call self%document%expect_groups([group_names, "sweep    "], error)
+      call self%document%expect_groups([group_names, "sweep      "], error)
       if (allocated(error)) return
       do i = 1, size(overrides)
          call apply_override(self%document, overrides(i)%value, error)
@@ -275,6 +280,7 @@ contains
          call run_point(self, layout, point, rank_of(comm), result)
          call results%write_point(point, result, error)
          if (allocated(error)) exit
+         call count_point(summary, result)
          call counter%add_done(result%status /= outcome%converged)
          call counter%read_tallies(done, failed)
          call progress%show(done, failed)
@@ -282,11 +288,37 @@ contains
       call barrier(comm)
       call counter%read_tallies(done, failed)
       call progress%finish(done, failed)
+      call sum_up(summary, comm)
       summary%n_points = layout%n_points
-      summary%n_converged = done - failed
       call barrier(comm)
       call counter%destroy()
    end subroutine run_points
+
+   subroutine count_point(summary, result)
+      type(run_summary_t), intent(inout) :: summary
+      type(point_result_t), intent(in) :: result
+
+      summary%counts(result%status) = summary%counts(result%status) + 1
+      if (result%rescue > 0) summary%n_rescued = summary%n_rescued + 1
+      if (result%is_near_commensurate) summary%n_near_commensurate = summary%n_near_commensurate + 1
+      summary%truncation = max(summary%truncation, result%certificate%truncation)
+      summary%aliasing = max(summary%aliasing, result%certificate%aliasing)
+   end subroutine count_point
+
+   !> Turns what each rank counted into what all ranks did.
+   subroutine sum_up(summary, comm)
+      type(run_summary_t), intent(inout) :: summary
+      type(comm_t), intent(in) :: comm
+      integer :: status
+
+      do status = lbound(summary%counts, 1), ubound(summary%counts, 1)
+         summary%counts(status) = sum_over(comm, summary%counts(status))
+      end do
+      summary%n_rescued = sum_over(comm, summary%n_rescued)
+      summary%n_near_commensurate = sum_over(comm, summary%n_near_commensurate)
+      summary%truncation = max_over(comm, summary%truncation)
+      summary%aliasing = max_over(comm, summary%aliasing)
+   end subroutine sum_up
 
    !> Solves one point; whatever goes wrong becomes its status and message.
    subroutine run_point(self, layout, point, rank, result)

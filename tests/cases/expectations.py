@@ -20,7 +20,17 @@ from nhbm_post.reader import Results
 
 QUANTITIES = ("penetration", "residual", "iterations", "n_harmonics")
 COMPONENTS = ("cos", "sin", "amplitude")
-STATUSES = ("converged", "stalled", "out_of_budget", "singular", "not_finite", "failed")
+STATUSES = (
+    "converged",
+    "stalled",
+    "out_of_budget",
+    "singular",
+    "not_finite",
+    "failed",
+    "truncated",
+    "aliased",
+    "penetrating",
+)
 
 _FORMS = (
     "[PARAMETER=VALUE ...] then DOF (j1,j2) cos|sin|amplitude or "

@@ -26,6 +26,7 @@ BEAM = """
 &load dof = 'v3', tuple = 1, 0, cos = 100.0 /
 &load dof = 'v3', tuple = 0, 1, cos = 100.0 /
 &law type = 'rigid_wall', label = 'wall', dof = 'v3', gap = 1.5e-3, augmentation = 1.0e5 /
+&certificate truncation = 10.0, aliasing = 10.0, penetration = 10.0 /
 """
 WALL = BEAM.format(order=4, samples=20)
 GAPS, LOADS = [0.5e-3, 1.0e-3, 2.0e-3], [60.0, 100.0, 140.0, 180.0]
@@ -186,6 +187,7 @@ def test_point_out_of_budget_is_a_status(tmp_path):
     text = swept("parameter = 'solver%max_iterations', values = 100, 1, 50").replace(
         "gap = 1.5e-3, augmentation = 1.0e5", "gap = 0.2e-3, augmentation = 1.0e3"
     )
+    text += "&solver rescue = .false. /\n"
     result = solve(text, tmp_path, status=NOT_ALL_CONVERGED)
     status, iterations, residual = read(result, "status", "iterations", "residual")
     assert status.tolist() == [CONVERGED, OUT_OF_BUDGET, CONVERGED]

@@ -2,7 +2,7 @@
 module small_problems
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
-   use hb_problem, only: problem_t
+   use hb_problem, only: deformation, problem_t
    implicit none
    private
    public :: new_small_problem, problem_kind, small_problem_t
@@ -18,11 +18,13 @@ module small_problems
    type, extends(problem_t) :: small_problem_t
       integer :: kind = 0
       real(wp) :: root(2) = [0.5_wp, -0.25_wp]                        !! of the cubics
+      real(wp) :: amount = 1.0_wp                                     !! of the nonlinear part
    contains
       procedure :: residual => small_problem_residual
       procedure :: tangent => small_problem_tangent
       procedure :: solve_linear => small_problem_solve_linear
       procedure :: rounding_level => small_problem_rounding_level
+      procedure :: deform => small_problem_deform
    end type small_problem_t
 
 contains
@@ -106,8 +108,16 @@ contains
       step = r/self%r_scale*self%x_scale
    end subroutine small_problem_solve_linear
 
+   subroutine small_problem_deform(self, kind, amount)
+      class(small_problem_t), intent(inout) :: self
+      integer, intent(in) :: kind
+      real(wp), intent(in) :: amount
+
+      if (kind == deformation%nonlinearity) self%amount = amount
+   end subroutine small_problem_deform
+
    real(wp) function small_problem_rounding_level(self, x)
-      class(small_problem_t), intent(in) :: self
+      class(small_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
 
       small_problem_rounding_level = 4.0_wp*epsilon(1.0_wp)

@@ -459,8 +459,8 @@ def _quantity_words(quantity: str) -> str:
 
 def _origin(results: Results, point: int, quantity: str) -> str:
     parts = [results.title, results.point_text(point), _quantity_words(quantity)]
-    if results.status_name(point) != "converged":
-        parts.append(f"NOT CONVERGED ({results.status_name(point)})")
+    if results.warning(point):
+        parts.append(results.warning(point))
     return ", ".join(part for part in parts if part)
 
 

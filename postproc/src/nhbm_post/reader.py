@@ -17,6 +17,8 @@ from .text import list_text, number_text, range_text, tuple_text
 SCHEMA_VERSION = 1
 
 PENDING, CONVERGED, FAILED = 0, 1, 6
+# The balance is solved; 7 to 9 miss a threshold of the certificate.
+SOLVED = (CONVERGED, 7, 8, 9)
 _STATUS_NAMES = {
     PENDING: "pending",
     CONVERGED: "converged",
@@ -25,6 +27,9 @@ _STATUS_NAMES = {
     4: "singular",
     5: "not_finite",
     FAILED: "failed",
+    7: "truncated",
+    8: "aliased",
+    9: "penetrating",
 }
 
 _REQUIRED = ("point", "tone", "harmonic", "dof", "tuple", "status", "frequency", "coefficients")
@@ -177,6 +182,18 @@ class Results:
         """Numbers of the converged points."""
         return np.flatnonzero(self.status == CONVERGED)
 
+    @property
+    def solved(self) -> np.ndarray:
+        """Numbers of the points whose balance is solved: converged, truncated, aliased, penetrating."""
+        return np.flatnonzero(np.isin(self.status, SOLVED))
+
+    def warning(self, point: int) -> str:
+        """What a picture of the point must say: nothing when it has converged, else its status in capitals."""
+        name = self.status_name(point)
+        if self.status[point] == CONVERGED:
+            return ""
+        return name.upper() if self.status[point] in SOLVED else f"NOT CONVERGED ({name})"
+
     def message(self, point: int) -> str:
         """Why a point failed; empty for the others."""
         return _strings(self._file["message"][point : point + 1])[0] if "message" in self._file else ""
@@ -226,6 +243,8 @@ class Results:
                     f"say also {list_text(differing) if differing else 'the number of the point'}"
                 )
             return points[0]
+        if self.converged.size == 0 and self.solved.size > 0:
+            return int(self.solved[0])
         if self.converged.size == 0:
             counts = ", ".join(f"{n} {name}" for name, n in self.status_counts().items())
             raise ReaderError(f"{self.path}: no point has converged ({counts})")
@@ -280,10 +299,10 @@ class Results:
         return self._series(point, dof, quantity, self._coefficients_dataset(quantity)[point, i_dof])
 
     def all_series(self, dof: str | None = None, quantity: str = "motion") -> Iterator[tuple[int, Series]]:
-        """(point, series) of every converged point; reads the file once."""
+        """(point, series) of every solved point; reads the file once."""
         dof = self.default_dof(quantity) if dof is None else dof
         values = self._coefficients_dataset(quantity)[:, self._dof_index(dof, quantity)]
-        for point in self.converged:
+        for point in self.solved:
             yield int(point), self._series(int(point), dof, quantity, values[point])
 
     def coefficients(
@@ -362,16 +381,16 @@ class Results:
         )
 
     def _require_outcome(self, point: int, allow_unconverged: bool) -> None:
-        """Raises unless the point has converged, or has at least ended with numbers and that is enough."""
+        """Raises unless the point is solved, or has at least ended with numbers and that is enough."""
         if not 0 <= point < self.n_points:
             raise ReaderError(f"{self.path}: no point {point}; points: 0 to {self.n_points - 1}")
         status = self.status[point]
-        if status == CONVERGED or (allow_unconverged and status not in (PENDING, FAILED)):
+        if status in SOLVED or (allow_unconverged and status not in (PENDING, FAILED)):
             return
         why = f": {self.message(point)}" if self.message(point) else ""
         raise ReaderError(
             f"{self.path}: point {point} has no result (status {self.status_name(point)}{why}); "
-            f"converged points: {range_text(self.converged)}"
+            f"solved points: {range_text(self.solved)}"
         )
 
     def _dof_index(self, dof: str, quantity: str) -> int:

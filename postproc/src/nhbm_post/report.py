@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .errors import ReaderError
-from .reader import CONVERGED, FAILED, PENDING, Results
+from .reader import FAILED, PENDING, SOLVED, Results
 from .text import list_text, number_text, tuple_text
 
 _N_AMPLITUDES = 3
@@ -69,7 +69,7 @@ def _point_rows(results: Results, dof: str, shown: int) -> list[list[str]]:
 
 
 def _last_column(results: Results, point: int, dof: str) -> str:
-    """Largest amplitudes of a converged point, why a failed one failed."""
+    """Largest amplitudes of a solved point, why a failed one failed."""
     if results.status[point] in (PENDING, FAILED):
         return results.message(point) or "-"
     try:
@@ -78,7 +78,7 @@ def _last_column(results: Results, point: int, dof: str) -> str:
         return results.message(point) or "-"
     largest = np.argsort(series.amplitudes, kind="stable")[::-1][:_N_AMPLITUDES]
     texts = [f"{tuple_text(series.tuples[k])} {series.amplitudes[k]:.4e}" for k in largest]
-    return "  ".join(texts) + ("" if results.status[point] == CONVERGED else "  (not a solution)")
+    return "  ".join(texts) + ("" if results.status[point] in SOLVED else "  (not a solution)")
 
 
 def _table(rows: list[list[str]]) -> list[str]:

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize, to_rgba
 from matplotlib.patches import FancyArrowPatch, Patch
 
 from ..errors import ReaderError
-from ..reader import CONVERGED, Results
+from ..reader import Results
 from . import style
 from .spectrum import DECADES, amplitude_norm, colour_bar, draw_map, draw_stem, style_3d
 
@@ -101,7 +101,7 @@ def draw_correction(
             else "section " + " = ".join(f"tau_{m}" for m in range(3, n_tones + 1)) + " = 0"
         )
         outcome = (
-            "" if results.status[point] == CONVERGED else f"NOT CONVERGED ({results.status_name(point)})"
+            results.warning(point)
         )
         style.head(
             fig,

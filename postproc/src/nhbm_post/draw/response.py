@@ -10,7 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
 from ..errors import UsageError
-from ..reader import CONVERGED, PENDING, QUANTITIES, Parameter, Results
+from ..reader import PENDING, QUANTITIES, SOLVED, Parameter, Results
 from ..text import list_text, tuple_text
 from . import style
 
@@ -56,7 +56,7 @@ def draw_response(
     ]
     values = measure_values(results, dof, quantity, measure, j)
     if not np.isfinite(values[points]).any():
-        if measure == "harmonic" and (results.status[points] == CONVERGED).any():
+        if measure == "harmonic" and np.isin(results.status[points], SOLVED).any():
             raise UsageError(f"{results.path}: tuple {tuple_text(j)} is in the set of no converged point")
         counts = list_text([f"{n} {name}" for name, n in results.status_counts().items()])
         raise UsageError(f"{results.path}: none of the chosen points has converged; in the file: {counts}")
@@ -160,8 +160,8 @@ def _curve_look(i: int, ramp, key) -> dict:
 def _mark_unsolved(ax, results: Results, points, x, values, measure) -> None:
     """Marks on the axis the points without a result and counts them in the legend, by status."""
     is_pending = results.status[points] == PENDING
-    is_unsolved = (results.status[points] != CONVERGED) & ~is_pending
-    without_tuple = int(((results.status[points] == CONVERGED) & np.isnan(values[points])).sum())
+    is_unsolved = ~np.isin(results.status[points], SOLVED) & ~is_pending
+    without_tuple = int((np.isin(results.status[points], SOLVED) & np.isnan(values[points])).sum())
     on_axis = dict(
         linestyle="none",
         marker="o",

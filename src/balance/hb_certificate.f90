@@ -1,0 +1,281 @@
+!> What a solution is worth: how far its coefficients may be off, and how well it keeps the laws between its samples.
+!>
+!> A small residual only says that the truncated, sampled problem is solved. The certificate looks at the same motion with
+!> up to twice the order and on a finer grid: the forces there that nothing balances are what the solution neglects, and
+!> one step towards balancing them estimates its error. Source: docs/theory.md, section 7.
+module hb_certificate
+   use hb_balance, only: balance_t, new_balance
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+   use hb_error, only: error_t
+   use hb_harmonics, only: canonical_sign, harmonics_t, new_box
+   use hb_kinds, only: wp
+   use hb_law, only: law_box_t
+   use hb_law_set, only: law_dofs_of
+   use hb_structure, only: structure_t
+   use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
+   use hb_tones, only: tones_t
+   use hb_torus, only: default_samples, new_torus, torus_t
+   implicit none
+   private
+   public :: certificate_t, certify, near_commensurate
+
+   real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
+   real(wp), parameter :: largest_fine_grid = 4.0e6_wp                 ! samples
+
+   type :: certificate_t
+      real(wp) :: truncation = 0.0_wp                                 !! estimated error by the harmonics left out, relative
+      real(wp) :: aliasing = 0.0_wp                                   !! estimated error by the finite grid, relative
+      real(wp) :: penetration = 0.0_wp                                !! largest, into rigid walls [m]
+      real(wp) :: tension = 0.0_wp                                    !! largest pull that rigid walls would have to exert [N]
+      real(wp) :: complementarity = 0.0_wp                            !! largest |reaction times gap| of rigid walls [N m]
+      real(wp) :: power_in = 0.0_wp                                   !! mean power of the loads [W]
+      real(wp) :: power_damping = 0.0_wp                              !! mean loss in the structure [W]
+      real(wp) :: power_laws = 0.0_wp                                 !! mean loss in the laws, on the finer grid [W]
+      real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
+      integer, allocatable :: combination(:)                          !! its k, (n_tones)
+   end type certificate_t
+
+contains
+
+   !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance.
+   subroutine certify(self, structure, tones, laws, loads, torus, balance, u, effort, error)
+      type(certificate_t), intent(out) :: self
+      type(structure_t), intent(in) :: structure
+      type(tones_t), intent(in) :: tones
+      type(law_box_t), intent(in) :: laws(:)
+      complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
+      type(torus_t), intent(in) :: torus                              !! grid of the solution
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(in) :: u(:, :)                                 !! [m]
+      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
+      type(error_t), allocatable, intent(out) :: error
+      type(balance_t) :: wide
+      type(harmonics_t) :: set
+      type(torus_t) :: grid
+
+      call near_commensurate(tones, self%combination, self%combination_frequency)
+      call choose_wider(balance%harmonics, torus, set, grid, error)
+      if (allocated(error)) return
+      call make_wide_balance()
+      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, error)
+      if (.not. allocated(error)) then
+         call check_contact(self, balance, wide, u)
+         call find_structure_powers(self, structure, balance, loads, u)
+      end if
+      call wide%destroy()
+
+   contains
+
+      subroutine make_wide_balance()
+         type(dynamic_stiffness_t) :: stiffness
+         complex(wp), allocatable :: wide_loads(:, :)
+         integer :: h
+
+         allocate (wide_loads(structure%n_dofs, set%n_harmonics), source=(0.0_wp, 0.0_wp))
+         do h = 1, balance%harmonics%n_harmonics
+            wide_loads(:, set%index_of(balance%harmonics%tuples(:, h))) = loads(:, h)
+         end do
+         call new_dynamic_stiffness(stiffness, structure, law_dofs_of(laws), set%frequencies(tones%omega), wide_loads, error)
+         if (allocated(error)) return
+         call new_balance(wide, set, grid, tones%omega, stiffness, balance%law_set%laws, effort, error)
+      end subroutine make_wide_balance
+   end subroutine certify
+
+   !> A box of about twice the order around the set, and a grid with four times its samples or more.
+   subroutine choose_wider(narrow, torus, set, grid, error)
+      type(harmonics_t), intent(in) :: narrow
+      type(torus_t), intent(in) :: torus
+      type(harmonics_t), intent(out) :: set
+      type(torus_t), intent(out) :: grid
+      type(error_t), allocatable, intent(out) :: error
+      integer :: orders(narrow%n_tones), samples(narrow%n_tones)
+
+      orders = max(2*narrow%highest, narrow%highest + 2)
+      do while (product(2*real(orders, wp) + 1) > 2*largest_wide_set .and. any(orders > narrow%highest))
+         where (orders > narrow%highest) orders = orders - 1
+      end do
+      call new_box(set, orders, .false., error)
+      if (allocated(error)) return
+      samples = max(default_samples(set, 0), 4*torus%n_samples)
+      do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(torus%n_samples, 2*orders + 2)))
+         samples = max(torus%n_samples, 2*orders + 2, samples - max(2, samples/8))
+      end do
+      call new_torus(grid, samples, set, error)
+   end subroutine choose_wider
+
+   !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: the harmonics
+   !> outside answer the forces that nothing balances, through their stiffness with the mean stiffness of the laws; what
+   !> this motion then changes in the kept ones comes by the exact tangent.
+   subroutine estimate_errors(self, balance, wide, u, error)
+      type(certificate_t), intent(inout) :: self
+      type(balance_t), intent(inout) :: balance, wide
+      real(wp), intent(in) :: u(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      type(tangent_factor_t) :: factor
+      real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), size_of_motion
+      logical :: is_singular
+
+      size_of_motion = norm2(u)
+      if (size_of_motion <= 0.0_wp) return
+      allocate (big(wide%harmonics%n_coefficients, wide%n_dofs), source=0.0_wp)
+      allocate (defect, mold=big)
+      allocate (answer, mold=big)
+      allocate (change(size(u)), alias(size(u)))
+      call new_tangent_factor(factor, balance%n_unknowns)
+      call factor%update(balance, reshape(u, [size(u)]), is_singular)
+      if (is_singular) then
+         self%truncation = huge(1.0_wp)
+         self%aliasing = huge(1.0_wp)
+         return
+      end if
+      call exchange(balance%harmonics, wide%harmonics, u, big)
+      call residual_of(wide, big, defect)
+      alias = restricted(defect)
+      call factor%solve(balance, alias)
+      self%aliasing = norm2(alias)/size_of_motion
+
+      call clear_kept(balance%harmonics, wide%harmonics, defect)
+      call wide%solve_mean_tangent(big, defect, answer, error)
+      if (allocated(error)) return
+      call clear_kept(balance%harmonics, wide%harmonics, answer)
+      call residual_of(wide, big - answer, defect)
+      change = restricted(defect)
+      call factor%solve(balance, change)
+      self%truncation = sqrt(norm2(change - alias)**2 + norm2(answer)**2)/size_of_motion
+
+   contains
+
+      !> The kept part of wide coefficients, as a vector.
+      function restricted(wide_coefficients) result(kept)
+         real(wp), intent(in) :: wide_coefficients(:, :)
+         real(wp) :: kept(size(u))
+         real(wp) :: pairs(size(u, 1), size(u, 2))
+
+         call exchange(wide%harmonics, balance%harmonics, wide_coefficients, pairs)
+         kept = reshape(pairs, [size(u)])
+      end function restricted
+   end subroutine estimate_errors
+
+   subroutine residual_of(problem, u, r)
+      type(balance_t), intent(inout) :: problem
+      real(wp), intent(in) :: u(:, :)
+      real(wp), intent(out) :: r(:, :)
+      real(wp) :: flat(size(u))
+
+      call problem%residual(reshape(u, [size(u)]), flat)
+      r = reshape(flat, shape(r))
+   end subroutine residual_of
+
+   !> Copies coefficients of the tuples that both sets have; the others of `to` become zero.
+   subroutine exchange(from_set, to_set, from, to)
+      type(harmonics_t), intent(in) :: from_set, to_set
+      real(wp), intent(in) :: from(:, :)
+      real(wp), intent(out) :: to(:, :)
+      integer :: h, k
+
+      to = 0.0_wp
+      do h = 1, to_set%n_harmonics
+         k = from_set%index_of(to_set%tuples(:, h))
+         if (k == 0) cycle
+         to(to_set%cos_at(h), :) = from(from_set%cos_at(k), :)
+         if (to_set%sin_at(h) > 0) to(to_set%sin_at(h), :) = from(from_set%sin_at(k), :)
+      end do
+   end subroutine exchange
+
+   !> Sets wide coefficients of the kept tuples to zero.
+   subroutine clear_kept(kept, set, coefficients)
+      type(harmonics_t), intent(in) :: kept, set
+      real(wp), intent(inout) :: coefficients(:, :)
+      integer :: h, k
+
+      do h = 1, kept%n_harmonics
+         k = set%index_of(kept%tuples(:, h))
+         coefficients(set%cos_at(k), :) = 0.0_wp
+         if (set%sin_at(k) > 0) coefficients(set%sin_at(k), :) = 0.0_wp
+      end do
+   end subroutine clear_kept
+
+   !> Rigid contact on the finer grid, and the power that the laws take there.
+   subroutine check_contact(self, balance, wide, u)
+      type(certificate_t), intent(inout) :: self
+      type(balance_t), intent(in) :: balance
+      type(balance_t), intent(inout) :: wide
+      real(wp), intent(in) :: u(:, :)
+      real(wp), allocatable :: big(:, :), force(:, :)
+
+      allocate (big(wide%harmonics%n_coefficients, wide%n_dofs))
+      allocate (force, mold=big)
+      call exchange(balance%harmonics, wide%harmonics, u, big)
+      call wide%sample(big)
+      call wide%law_set%evaluate()
+      call wide%law_set%contact_defects(self%penetration, self%tension, self%complementarity)
+      call wide%project(wide%law_set%f%values, force)
+      self%power_laws = mean_power(wide%harmonics, wide%frequencies, force, big)
+   end subroutine check_contact
+
+   !> Mean of force times rate: sum over harmonics of w/2 (f_cos x_sin - f_sin x_cos), rate = w (x_sin cos - x_cos sin).
+   pure real(wp) function mean_power(set, frequencies, force, motion)
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s]
+      real(wp), intent(in) :: force(:, :), motion(:, :)               !! (n_coefficients, any)
+      integer :: h
+
+      mean_power = 0.0_wp
+      do h = 1, set%n_harmonics
+         if (set%sin_at(h) == 0) cycle
+         associate (a => set%cos_at(h), b => set%sin_at(h))
+            mean_power = mean_power + 0.5_wp*frequencies(h)*sum(force(a, :)*motion(b, :) - force(b, :)*motion(a, :))
+         end associate
+      end do
+   end function mean_power
+
+   !> Mean power of the loads and loss in the structure, over all its degrees of freedom: with c = a - i b and rate i w c,
+   !> Re(P* i w c)/2 and w**2 Re(c* D c)/2. Gyroscopic parts of D do no work.
+   subroutine find_structure_powers(self, structure, balance, loads, u)
+      type(certificate_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      type(balance_t), intent(in) :: balance
+      complex(wp), intent(in) :: loads(:, :)
+      real(wp), intent(in) :: u(:, :)
+      complex(wp), allocatable :: c(:, :)
+      integer :: h
+
+      allocate (c(structure%n_dofs, balance%harmonics%n_harmonics))
+      call balance%all_dofs(u, c)
+      do h = 1, balance%harmonics%n_harmonics
+         associate (w => balance%frequencies(h))
+            self%power_in = self%power_in - 0.5_wp*w*aimag(dot_product(loads(:, h), c(:, h)))
+            self%power_damping = self%power_damping + 0.5_wp*w**2*real(dot_product(c(:, h), matmul(structure%damping, c(:, h))))
+         end associate
+      end do
+   end subroutine find_structure_powers
+
+   !> The combination k of low order that comes closest to k.omega = 0. Where it is tiny, the motion on the torus is slow
+   !> along k and neither averages over time nor the truncated series can be trusted.
+   pure subroutine near_commensurate(tones, combination, frequency)
+      type(tones_t), intent(in) :: tones
+      integer, allocatable, intent(out) :: combination(:)             !! (n_tones); of one tone 1
+      real(wp), intent(out) :: frequency                              !! |k.omega| [rad/s]
+      integer, parameter :: largest_sum(4) = [1, 24, 12, 8]           ! of |k_m|, by number of tones
+      integer :: k(tones%n_tones), m, reach
+
+      reach = largest_sum(min(tones%n_tones, size(largest_sum)))
+      k = -reach
+      k(1) = 0
+      allocate (combination(tones%n_tones), source=0)
+      combination(1) = 1
+      frequency = abs(tones%omega(1))
+      do
+         if (any(k /= 0) .and. sum(abs(k)) <= reach .and. abs(dot_product(k, tones%omega)) < frequency) then
+            frequency = abs(dot_product(k, tones%omega))
+            combination = canonical_sign(k)*k
+         end if
+         do m = size(k), 1, -1                                         ! odometer
+            if (k(m) < reach) exit
+            k(m) = merge(0, -reach, m == 1)
+         end do
+         if (m == 0) return
+         k(m) = k(m) + 1
+      end do
+   end subroutine near_commensurate
+end module hb_certificate

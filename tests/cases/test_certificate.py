@@ -1,0 +1,93 @@
+"""The certificate of a point against the true error: the distance to a solution of much higher order."""
+
+import numpy as np
+import pytest
+
+from program import read, solve
+
+BEAM = """
+&structure type = 'beam', length = 1.0, bending_stiffness = 1750.0, mass_per_length = 7.8, n_elements = 4,
+   damping_diagonal = 1.0 /
+&tones frequency = 2.718281828459045, 3.141592653589793 /
+&load dof = 'v3', tuple = 1, 0, cos = 100.0 /
+&load dof = 'v3', tuple = 0, 1, cos = 100.0 /
+&output dofs = 'v3' /
+"""
+MASS = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = {damping}, stiffness = 1.0 /
+&tones frequency = {tones} /
+&load dof = 'x1', tuple = 1, 0, cos = {load} /
+&load dof = 'x1', tuple = 0, 1, cos = {load} /
+"""
+
+# Scene, law and solver, orders with the reference last.
+CASES = {
+    "elastic stop": (
+        MASS.format(damping=0.2, tones="1.0, 1.618033988749895", load=0.4)
+        + "&law type = 'elastic_stop', dof = 'x1', stiffness = 10.0, gap = 0.5 /\n&solver first_guess = 'zero' /\n",
+        (3, 5, 7, 9, 12, 21),
+    ),
+    "rigid wall": (
+        BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3, augmentation = 1e5 /\n",
+        (2, 3, 5, 8, 12, 21),
+    ),
+    "cubic spring on the beam": (
+        BEAM + "&law type = 'cubic_spring', dof = 'v3', stiffness = 1e10 /\n",
+        (1, 2, 3, 5, 7, 9, 15),
+    ),
+    "two-tone Duffing": (
+        MASS.format(damping=0.1, tones="2.0, 2.8284271247461903", load=0.25)
+        + "&law type = 'cubic_spring', dof = 'x1', stiffness = 1.5 /\n",
+        (1, 2, 3, 4, 5, 9),
+    ),
+}
+FACTOR = 3.0
+
+CONVERGED, TRUNCATED, ALIASED, PENETRATING = 1, 7, 8, 9
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_estimate_is_within_a_factor_of_three_of_the_true_error(name, tmp_path):
+    scene, orders = CASES[name]
+    values = ", ".join(str(order) for order in orders)
+    thresholds = "&certificate truncation = 10.0 /\n"
+    sweep = f"&harmonics order = 1 /\n&sweep parameter = 'harmonics%order', values = {values} /\n"
+    result = solve(scene + thresholds + sweep, tmp_path)
+    motion, truncation, aliasing = read(result, "coefficients", "truncation_estimate", "aliasing_estimate")
+    motion = np.nan_to_num(motion)  # tuples that a point lacks count as zero
+    estimates = np.hypot(truncation, aliasing)
+    reference = motion[-1]
+    for order, found, estimate in list(zip(orders, motion, estimates))[:-1]:
+        true_error = np.linalg.norm(found - reference) / np.linalg.norm(reference)
+        assert true_error / FACTOR <= estimate <= FACTOR * true_error, (order, true_error, estimate)
+
+
+def test_near_commensurate_tones_are_flagged(tmp_path):
+    scene = MASS.format(damping=0.2, tones="0.9, 1.4142135623730951", load=0.1) + "&harmonics order = 2 /\n"
+    scene += "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /\n"
+    scene += "&sweep parameter = 'tones%frequency(1)', values = 0.9, 1.0, axis = 1 /\n"
+    scene += "&sweep parameter = 'tones%frequency(2)', values = 1.4142135623730951, 1.618033988749895, axis = 1 /\n"
+    flags, combinations, frequencies = read(
+        solve(scene, tmp_path), "is_near_commensurate", "combination", "combination_frequency"
+    )
+    assert flags.tolist() == [1, 0]
+    assert combinations[0].tolist() == [11, -7]
+    assert frequencies[0] == pytest.approx(abs(11 * 0.9 - 7 * 2**0.5), rel=1e-9)
+
+
+def test_thresholds_give_the_status_and_keep_the_coefficients(tmp_path):
+    scene = BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3 /\n&harmonics order = 3 /\n"
+    scene += "&sweep parameter = 'certificate%truncation', values = 1e-3, 0.1, 0.1, 0.1, axis = 1 /\n"
+    scene += "&sweep parameter = 'certificate%aliasing', values = 0.1, 1e-6, 0.1, 0.1, axis = 1 /\n"
+    scene += "&sweep parameter = 'certificate%penetration', values = 0.1, 0.1, 1e-3, 0.1, axis = 1 /\n"
+    status, coefficients = read(solve(scene, tmp_path, status=1), "status", "coefficients")
+    assert status.tolist() == [TRUNCATED, ALIASED, PENETRATING, CONVERGED]
+    assert (coefficients == coefficients[-1]).all()
+
+
+def test_powers_balance(tmp_path):
+    scene = CASES["rigid wall"][0] + "&harmonics order = 8 /\n"
+    names = ("power_in", "power_damping", "power_laws", "truncation_estimate")
+    power_in, damping, laws, error = (float(values[0]) for values in read(solve(scene, tmp_path), *names))
+    assert power_in > 0.0
+    assert abs(power_in - damping - laws) <= error * power_in
