@@ -297,6 +297,7 @@ contains
                do b = 1, size(shape, 2)
                   do a = 1, size(shape, 2)
                      weight = shape(i, a)*shape(k, b)
+                     if (weight == 0.0_wp) cycle                       ! most of them where coordinates are degrees of freedom
                      self%df_dq%values(:, pair) = self%df_dq%values(:, pair) + weight*slot%df_dz(:, a, b)
                      if (size(slot%v, 2) > 0) then
                         self%df_dv%values(:, pair) = self%df_dv%values(:, pair) + weight*slot%df_dv(:, a, b)
