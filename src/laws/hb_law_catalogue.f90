@@ -11,6 +11,7 @@ module hb_law_catalogue
    use hb_law_quadratic_damping, only: quadratic_damping_t
    use hb_law_rigid_wall, only: rigid_wall_t
    use hb_law_tabulated, only: tabulated_t
+   use hb_law_user, only: user_law_t
    use hb_law_van_der_pol, only: van_der_pol_t
    use hb_namelist, only: group_t
    use hb_structure, only: structure_t
@@ -19,10 +20,10 @@ module hb_law_catalogue
    private
    public :: allocate_law, law_names, read_law
 
-   character(24), parameter :: law_names(11) = [character(24) :: &
+   character(24), parameter :: law_names(12) = [character(24) :: &
       "annular_clearance", "contact_table", "cubic_spring", "elastic_stop", &
       "piecewise_linear", "polynomial", "polynomial_coupled", "quadratic_damping", &
-      "rigid_wall", "tabulated", "van_der_pol"]
+      "rigid_wall", "tabulated", "user", "van_der_pol"]
 
 contains
 
@@ -42,6 +43,7 @@ contains
       case ("quadratic_damping"); allocate (quadratic_damping_t :: box%law)
       case ("rigid_wall"); allocate (rigid_wall_t :: box%law)
       case ("tabulated"); allocate (tabulated_t :: box%law)
+      case ("user"); allocate (user_law_t :: box%law)
       case ("van_der_pol"); allocate (van_der_pol_t :: box%law)
       end select
    end subroutine allocate_law

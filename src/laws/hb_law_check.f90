@@ -47,8 +47,8 @@ contains
       n = size(law%shape, 2)
       call choose_samples(law, samples)
       allocate (check%wrong(0), f(n_samples, n))
-      allocate (slopes(n_samples, n, n, 3), source=0.0_wp)
-      call evaluate_with_slopes(law, samples, f, slopes)
+      allocate (slopes(n_samples, n, n, 3))
+      call evaluate(law, samples, f, slopes)
       do kind_of_motion = 1, 3
          if (.not. depends_on(law, kind_of_motion)) cycle
          do b = 1, n
@@ -137,16 +137,18 @@ contains
       end do
    end subroutine check_column
 
-   !> Difference beyond what rounding explains, relative to the larger of both; infinite counts as 1e300.
+   !> Difference relative to the larger of both, or to what makes rounding alone a tolerable difference. No finite derivative
+   !> counts as 1e300.
    pure real(wp) function relative_difference(expected, found, noise)
       real(wp), intent(in) :: expected, found, noise
-      real(wp) :: difference
 
-      relative_difference = 1.0e300_wp
-      if (.not. ieee_is_finite(found)) return
-      relative_difference = 0.0_wp
-      difference = abs(found - expected) - noise
-      if (difference > 0.0_wp) relative_difference = difference/max(abs(found), abs(expected))
+      if (.not. ieee_is_finite(found)) then
+         relative_difference = 1.0e300_wp
+      else if (found == expected) then
+         relative_difference = 0.0_wp
+      else
+         relative_difference = abs(found - expected)/max(abs(found), abs(expected), noise/derivative_tolerance)
+      end if
    end function relative_difference
 
    !> Such as df/dz, with several coordinates df(1)/dz(2).
@@ -183,48 +185,54 @@ contains
       end do
    end subroutine central_difference
 
-   !> Forces of all samples; one by one where a law cannot do all, so that only those are lost that it cannot do.
-   subroutine evaluate(law, samples, f)
+   !> Forces of all samples and, when asked for, their derivatives; sample by sample where a law cannot do all at once, so
+   !> that only those are lost that it cannot do.
+   subroutine evaluate(law, samples, f, slopes)
       class(law_t), intent(in) :: law
       type(samples_t), intent(in) :: samples
       real(wp), intent(out), contiguous :: f(:, :)                    !! (n_samples, n_coordinates)
-      integer :: i, n_p, n_v
+      real(wp), intent(out), contiguous, optional :: slopes(:, :, :, :)
+         !! (n_samples, n_coordinates, n_coordinates, z v p)
+      real(wp) :: f_one(1, size(f, 2)), slopes_one(1, size(f, 2), size(f, 2), 3)
+      integer :: i
 
-      n_v = merge(size(f, 2), 0, law%needs_velocity)
-      n_p = merge(size(f, 2), 0, law%is_multiplier)
-      associate (z => samples%motion(:, :, 1), v => samples%motion(:, :n_v, 2), p => samples%motion(:, :n_p, 3))
-         call law%evaluate(z, v, p, f)
-         if (all(ieee_is_finite(f))) return
-         do i = 1, size(f, 1)
-            call law%evaluate(z(i:i, :), v(i:i, :), p(i:i, :), f(i:i, :))
-         end do
-      end associate
+      call evaluate_block(law, samples%motion, f, slopes)
+      if (all(ieee_is_finite(f))) return
+      do i = 1, size(f, 1)
+         if (present(slopes)) then
+            call evaluate_block(law, samples%motion(i:i, :, :), f_one, slopes_one)
+            slopes(i, :, :, :) = slopes_one(1, :, :, :)
+         else
+            call evaluate_block(law, samples%motion(i:i, :, :), f_one)
+         end if
+         f(i, :) = f_one(1, :)
+      end do
    end subroutine evaluate
 
-   !> Forces and derivatives of all samples, as `evaluate`.
-   subroutine evaluate_with_slopes(law, samples, f, slopes)
+   !> As `evaluate`, all at once.
+   subroutine evaluate_block(law, motion, f, slopes)
       class(law_t), intent(in) :: law
-      type(samples_t), intent(in) :: samples
-      real(wp), intent(out), contiguous :: f(:, :)                    !! (n_samples, n_coordinates)
-      real(wp), intent(inout) :: slopes(:, :, :, :)                   !! (n_samples, n_coordinates, n_coordinates, z v p)
-      real(wp), allocatable :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
-      integer :: i, n, n_p, n_v
+      real(wp), intent(in) :: motion(:, :, :)                         !! (n_samples, n_coordinates, z v p)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), optional :: slopes(:, :, :, :)
+      real(wp), allocatable :: z(:, :), v(:, :), p(:, :), df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+      integer :: n, n_p, n_v
 
       n = size(f, 2)
       n_v = merge(n, 0, law%needs_velocity)
       n_p = merge(n, 0, law%is_multiplier)
+      z = motion(:, :, 1)
+      v = motion(:, :n_v, 2)
+      p = motion(:, :n_p, 3)
+      if (.not. present(slopes)) then
+         call law%evaluate(z, v, p, f)
+         return
+      end if
       allocate (df_dz(size(f, 1), n, n), df_dv(size(f, 1), n, n_v), df_dp(size(f, 1), n, n_p))
-      associate (z => samples%motion(:, :, 1), v => samples%motion(:, :n_v, 2), p => samples%motion(:, :n_p, 3))
-         call law%evaluate(z, v, p, f, df_dz, df_dv, df_dp)
-         if (.not. all(ieee_is_finite(f))) then
-            do i = 1, size(f, 1)
-               call law%evaluate(z(i:i, :), v(i:i, :), p(i:i, :), f(i:i, :), df_dz(i:i, :, :), df_dv(i:i, :, :), &
-                                 df_dp(i:i, :, :))
-            end do
-         end if
-      end associate
+      call law%evaluate(z, v, p, f, df_dz, df_dv, df_dp)
+      slopes = 0.0_wp
       slopes(:, :, :, 1) = df_dz
       if (n_v > 0) slopes(:, :, :, 2) = df_dv
       if (n_p > 0) slopes(:, :, :, 3) = df_dp
-   end subroutine evaluate_with_slopes
+   end subroutine evaluate_block
 end module hb_law_check

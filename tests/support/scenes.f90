@@ -8,6 +8,7 @@ module scenes
    use hb_point, only: solve_point
    use hb_results, only: point_result_t
    use hb_scene, only: read_scene, scene_t
+   use user_law_paths, only: user_law_samples
    implicit none
    private
    public :: balance_of, law_example, law_place, make_scene, message_of, one_group_a_line, paper_beam, solve_text
@@ -37,6 +38,7 @@ contains
       case ("quadratic_damping"); keys = "coefficient=0.6"
       case ("rigid_wall"); keys = "gap=0.2 augmentation=2.5 two_sided=.true."
       case ("tabulated"); keys = "displacements=-0.6,-0.2,0,0.3,0.5 forces=-1,-0.3,0,0.1,0.9"
+      case ("user"); keys = "library='"//user_law_samples//"' name='coupled' parameters=0.7,0.4"
       case ("van_der_pol"); keys = "strength=0.4 threshold=0.8"
       case default; keys = ""
       end select
@@ -48,7 +50,7 @@ contains
       character(:), allocatable :: keys
 
       select case (name)
-      case ("annular_clearance", "contact_table", "polynomial_coupled"); keys = "dofs='x1','x2'"
+      case ("annular_clearance", "contact_table", "polynomial_coupled", "user"); keys = "dofs='x1','x2'"
       case default; keys = "dof='x1'"
       end select
    end function law_place
