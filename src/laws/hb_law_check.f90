@@ -196,7 +196,11 @@ contains
       real(wp) :: f_one(1, size(f, 2)), slopes_one(1, size(f, 2), size(f, 2), 3)
       integer :: i
 
-      call evaluate_block(law, samples%motion, f, slopes)
+      if (present(slopes)) then
+         call evaluate_block(law, samples%motion, f, slopes)
+      else
+         call evaluate_block(law, samples%motion, f)
+      end if
       if (all(ieee_is_finite(f))) return
       do i = 1, size(f, 1)
          if (present(slopes)) then

@@ -148,7 +148,16 @@ contains
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
 
-      if (call_library(self, z, v, f, df_dz, df_dv) == 0) return
+      integer :: code
+
+      if (present(df_dz) .and. present(df_dv)) then
+         code = call_library(self, z, v, f, df_dz, df_dv)
+      else if (present(df_dz)) then
+         code = call_library(self, z, v, f, df_dz)
+      else
+         code = call_library(self, z, v, f)
+      end if
+      if (code == 0) return
       f = ieee_value(1.0_wp, ieee_quiet_nan)
       if (present(df_dz)) df_dz = ieee_value(1.0_wp, ieee_quiet_nan)
       if (present(df_dv)) df_dv = ieee_value(1.0_wp, ieee_quiet_nan)
