@@ -73,7 +73,7 @@ hb_install_packages() {
    hb_say "Installing ${#missing[@]} packages (a few minutes on a fresh machine): ${missing[*]}"
    "${as_root[@]}" apt-get update -qq || echo "apt-get update failed; trying with the package lists at hand" >&2
    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
-      apt-get install -qq --yes --no-install-recommends "${missing[@]}" >/dev/null ||
+      apt-get install -qq -o Dpkg::Use-Pty=0 --yes --no-install-recommends "${missing[@]}" >/dev/null ||
       hb_fail "apt-get could not install the packages (see above)"
 }
 

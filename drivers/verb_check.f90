@@ -30,11 +30,12 @@ contains
 
       all_right = .true.
       call load_study(options, comm, study, error)
-      if (allocated(error) .or. rank_of(comm) > 0) return
+      if (allocated(error)) return
       do point = 2, study%plan%n_points
          call check_point(study, point, error)
          if (allocated(error)) return
       end do
+      if (rank_of(comm) > 0) return
       call describe(study)
       call check_laws(study%scene%laws, all_right)
       if (all_right) write (output_unit, "(a)") "the input is sound"

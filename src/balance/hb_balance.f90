@@ -33,6 +33,7 @@ module hb_balance
       real(wp), allocatable, private :: columns(:, :)                 ! (n_coefficients, 2) of a product
       complex(wp), allocatable, private :: factors(:, :, :)           ! LU of S, (n_dofs, n_dofs, n_harmonics)
       integer, allocatable, private :: pivots(:, :)
+      logical, allocatable, private :: is_singular(:)                 ! (n_harmonics) where the structure is free to move
    contains
       procedure :: residual => balance_residual
       procedure :: tangent => balance_tangent
@@ -86,18 +87,19 @@ contains
       real(wp), parameter :: lift = 1.0e-6_wp
       integer :: h, i, info
       complex(wp), allocatable :: free_motion(:, :)
-      logical, allocatable :: is_singular(:)
       real(wp) :: magnitude
 
       self%factors = self%stiffness%condensed
       if (allocated(self%pivots)) deallocate (self%pivots)
       allocate (self%pivots(self%n_dofs, self%harmonics%n_harmonics))
-      allocate (free_motion(self%n_dofs, self%harmonics%n_harmonics), is_singular(self%harmonics%n_harmonics))
-      call self%stiffness%linear_amplitudes(free_motion, is_singular)
+      if (allocated(self%is_singular)) deallocate (self%is_singular)
+      allocate (self%is_singular(self%harmonics%n_harmonics))
+      allocate (free_motion(self%n_dofs, self%harmonics%n_harmonics))
+      call self%stiffness%linear_amplitudes(free_motion, self%is_singular)
       magnitude = maxval(abs(self%factors))
       if (magnitude <= 0.0_wp) magnitude = 1.0_wp
       do h = 1, self%harmonics%n_harmonics
-         if (is_singular(h)) then
+         if (self%is_singular(h)) then
             do i = 1, self%n_dofs
                self%factors(i, i, h) = self%factors(i, i, h) + lift*magnitude
             end do
@@ -106,18 +108,19 @@ contains
       end do
    end subroutine factorise_linear_part
 
-   !> Tells law i the stiffness 1/|w.S^-1 w| that it feels at its first coordinate, in the first harmonic: the static one,
-   !> unless the set has no zero tuple.
+   !> Tells law i the stiffness 1/|w.S^-1 w| that it feels at its first coordinate, in the first harmonic in which the
+   !> structure is not free to move: the static one, unless the set has no zero tuple or the structure no support.
    subroutine prepare_law(self, i)
       type(balance_t), intent(inout) :: self
       integer, intent(in) :: i
       complex(wp) :: response(self%n_dofs)
-      integer :: info
+      integer :: h, info
       real(wp) :: compliance
 
+      h = max(1, findloc(self%is_singular, .false., dim=1))
       associate (law => self%law_set%laws(i)%law)
          response = spread_weights(self, i)
-         call zgetrs("N", self%n_dofs, 1, self%factors(:, :, 1), self%n_dofs, self%pivots(:, 1), response, self%n_dofs, info)
+         call zgetrs("N", self%n_dofs, 1, self%factors(:, :, h), self%n_dofs, self%pivots(:, h), response, self%n_dofs, info)
          compliance = abs(dot_product(spread_weights(self, i), response))
          if (compliance > 0.0_wp) call law%prepare(1.0_wp/compliance)
       end associate

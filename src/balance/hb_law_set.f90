@@ -4,7 +4,7 @@
 !> at each sample, s = (loads - S u)(tau). Source: docs/theory.md, sections 5.3 and 5.4.
 module hb_law_set
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
-   use hb_error, only: error_t, fail
+   use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
@@ -66,7 +66,7 @@ contains
    !> Prepares the samples of all laws on a grid of `n_samples`. Derivatives get their memory at their first use.
    subroutine new_law_set(self, laws, n_samples, error)
       type(law_set_t), intent(inout) :: self
-      type(law_box_t), intent(in) :: laws(:)
+      type(law_box_t), intent(in) :: laws(:)                          !! no two multipliers on one degree of freedom
       integer, intent(in) :: n_samples                                !! of the whole torus
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: dofs(:)
@@ -94,8 +94,6 @@ contains
             allocate (slot%p(n_samples, merge(c, 0, law%is_multiplier)))
          end associate
       end do
-      call check_multipliers(self, error)
-      if (allocated(error)) return
       call find_pairs(self)
       call new_real_block(self%q, n_samples, self%n_dofs, error)
       if (allocated(error)) return
@@ -105,26 +103,6 @@ contains
       if (allocated(error)) return
       if (self%needs_reaction) call new_real_block(self%s, n_samples, self%n_dofs, error)
    end subroutine new_law_set
-
-   !> Two multipliers on one degree of freedom would each ask for the whole reaction.
-   subroutine check_multipliers(self, error)
-      type(law_set_t), intent(in) :: self
-      type(error_t), allocatable, intent(out) :: error
-      integer :: i, owner(self%n_dofs)
-
-      owner = 0
-      do i = 1, size(self%laws)
-         if (.not. self%laws(i)%law%is_multiplier) cycle
-         associate (columns => self%slots(i)%columns)
-            if (any(owner(columns) > 0)) then
-               call fail(error, "laws '"//self%laws(maxval(owner(columns)))%law%label//"' and '"//self%laws(i)%law%label// &
-                  "' are both rigid and share a degree of freedom; use one two-sided wall, or an elastic stop for one of them")
-               return
-            end if
-            owner(columns) = i
-         end associate
-      end do
-   end subroutine check_multipliers
 
    !> Finds which forces depend on which motions. A multiplier law passes on what the explicit laws beside it depend on.
    subroutine find_pairs(self)

@@ -1,4 +1,4 @@
-!> Text helpers: numbers to text and back, lists of words, the closest known word, whole files.
+!> Work with text: numbers to text and back, lists of words, the closest known word, whole files.
 module hb_text
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan, ieee_negative_inf, &
          ieee_positive_inf, &

@@ -31,7 +31,7 @@ module hb_transform
    end type transform_t
 
    !> Fourier coefficients of a sampled function g at all sums and differences of the kept tuples, in the basis of
-   !> cos and sin. They hold the matrix of the operator x -> projection of g x; see `add_product_columns`.
+   !> cos and sin. They hold the matrix of the operator x -> projection of g x; see `columns`.
    type :: product_table_t
       integer :: centre = 0                                           !! place of tuple zero in the tables
       integer, allocatable :: offset(:)                               !! (n_harmonics) place of j, relative to the centre

@@ -61,10 +61,10 @@ module hb_law
 
 contains
 
-   !> Tells the law the static stiffness [N/m] of the structure against its first coordinate; most laws do not care.
+   !> Tells the law the static stiffness [N/m] of the structure against its first coordinate; most laws do not need it.
    subroutine law_prepare(self, static_stiffness)
       class(law_t), intent(inout) :: self
-      real(wp), intent(in) :: static_stiffness                        !! 0 when the structure is free to move
+      real(wp), intent(in) :: static_stiffness                        !! > 0; dynamic where the structure is free to move
    end subroutine law_prepare
 
    !> Coordinates as the law allows them: the motion corrected to a wall. Other laws leave it as it is.
@@ -141,6 +141,7 @@ contains
       end if
       if (group%given("dofs")) then
          call group%get("dofs", names)
+         if (.not. allocated(names)) return
          call group%require("weights", weights, n=size(names))
       else
          call group%require("dof", name)

@@ -50,15 +50,18 @@ contains
       type(structure_t), intent(in) :: structure
       type(string_t), allocatable :: names(:)
       real(wp), allocatable :: coefficients(:)
-      integer, allocatable :: acts_on(:), v_exponents(:, :), z_exponents(:, :)
+      integer, allocatable :: acts_on(:), v_exponents(:, :), v_list(:), z_exponents(:, :), z_list(:)
       integer :: i
 
       call read_dofs(self, group, structure)
       call group%require("coefficients", coefficients)
       if (.not. (allocated(self%dofs) .and. allocated(coefficients))) return
       call group%require("acts_on", names, n=size(coefficients))
-      call read_exponents(group, "displacement_exponents", size(coefficients), size(self%dofs), z_exponents)
-      call read_exponents(group, "velocity_exponents", size(coefficients), size(self%dofs), v_exponents)
+      allocate (z_list(size(coefficients)*size(self%dofs)), v_list(size(coefficients)*size(self%dofs)), source=0)
+      call group%get("displacement_exponents", z_list, minimum=0, maximum=max_exponent)
+      call group%get("velocity_exponents", v_list, minimum=0, maximum=max_exponent)
+      call sort_by_term(group, "displacement_exponents", z_list, size(coefficients), size(self%dofs), z_exponents)
+      call sort_by_term(group, "velocity_exponents", v_list, size(coefficients), size(self%dofs), v_exponents)
       if (.not. (allocated(names) .and. allocated(z_exponents) .and. allocated(v_exponents))) return
       if (size(names) /= size(coefficients)) return
       do i = 1, size(coefficients)
@@ -71,23 +74,20 @@ contains
       if (allocated(acts_on)) call new_polynomial_coupled(self, coefficients, acts_on, z_exponents, v_exponents)
    end subroutine polynomial_coupled_read
 
-   !> Reads exponents term by term, zero where the key is not given; not allocated after a problem.
-   subroutine read_exponents(group, key, n_terms, n_dofs, exponents)
+   !> Turns a list of exponents, term after term, into a table; not allocated when the list has another length.
+   subroutine sort_by_term(group, key, list, n_terms, n_dofs, exponents)
       type(group_t), intent(inout) :: group
       character(*), intent(in) :: key
-      integer, intent(in) :: n_terms, n_dofs
-      integer, allocatable, intent(out) :: exponents(:, :)
-      integer, allocatable :: list(:)
+      integer, intent(in) :: list(:), n_terms, n_dofs
+      integer, allocatable, intent(out) :: exponents(:, :)            !! (n_terms, n_dofs)
 
-      allocate (list(n_terms*n_dofs), source=0)
-      call group%get(key, list, minimum=0, maximum=max_exponent)
       if (size(list) == n_terms*n_dofs) then
          exponents = transpose(reshape(list, [n_dofs, n_terms]))
       else
          call group%problem(key, "give one exponent for each of the "//to_text(n_dofs)//" degrees of freedom and "// &
                             to_text(n_terms)//" terms, "//to_text(n_terms*n_dofs)//" in all, not "//to_text(size(list)))
       end if
-   end subroutine read_exponents
+   end subroutine sort_by_term
 
    !> Places of the named degrees of freedom among those of the law; not allocated after a problem.
    subroutine find_coordinates(self, names, group, structure, places)

@@ -1,4 +1,4 @@
-!> Rigid wall, z <= g, exactly: no penetration on the samples, by the force that the wall must supply.
+!> Rigid wall, z <= g, by the force that the wall must supply: no stiffness of the wall enters.
 !>
 !> With p the reaction that equilibrium asks for, lambda = max(0, p + eps (z - g)). At a solution p and lambda agree in the
 !> kept harmonics, so that lambda >= 0, z <= g and lambda (z - g) = 0 hold up to the truncation of the series, for any

@@ -53,8 +53,10 @@ contains
       end if
       if (report%residual <= config%tolerance) then
          report%status = outcome%converged
-         return
+      else if (config%max_iterations == 0) then
+         report%status = outcome%out_of_budget
       end if
+      if (report%status /= outcome%pending) return
       allocate (inverse%a(problem%n_unknowns, config%memory), inverse%s(problem%n_unknowns, config%memory))
       if (config%start_with_tangent) then
          call restart(inverse, problem, x, report, is_singular)
@@ -70,6 +72,7 @@ contains
             report%status = outcome%converged
          else if (fraction <= 0.0_wp .and. inverse%n_updates == 0 .and. inverse%with_tangent) then
             report%status = outcome%stalled
+            if (search%met_only_nan) report%status = outcome%not_finite
             if (report%residual <= problem%rounding_level(x)) report%status = outcome%converged
          else if (report%iterations >= config%max_iterations) then
             report%status = outcome%out_of_budget

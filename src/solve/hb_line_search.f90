@@ -17,9 +17,10 @@ module hb_line_search
    type :: line_search_t
       logical :: is_on = .true.                                       !! off: full steps always
       integer :: n_residuals = 0                                      !! residuals evaluated so far
+      logical :: met_only_nan = .false.                               !! no trial of the last step was finite
       real(wp), private :: past(window) = 0.0_wp
       integer, private :: n_past = 0
-      real(wp), allocatable, private :: x_trial(:), r_trial(:)        ! best trial so far
+      real(wp), allocatable, private :: x_trial(:), r_trial(:)        ! latest trial
    contains
       procedure :: remember => line_search_remember
       procedure :: advance => line_search_advance
@@ -60,12 +61,14 @@ contains
 
       reference = maxval(self%past(1:min(self%n_past, window)))
       fraction = 1.0_wp
+      self%met_only_nan = .true.
       do halving = 0, most_halvings
          self%x_trial = x + fraction*step
          call problem%residual(self%x_trial, self%r_trial)
          self%n_residuals = self%n_residuals + 1
          trial_norm = problem%norm(self%r_trial)
          if (ieee_is_finite(trial_norm)) then
+            self%met_only_nan = .false.
             if (.not. self%is_on .or. trial_norm <= (1.0_wp - decrease*fraction)*reference) then
                x = self%x_trial
                r = self%r_trial

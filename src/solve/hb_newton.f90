@@ -58,6 +58,7 @@ contains
          if (fraction <= 0.0_wp) then
             report%evaluations = 1 + search%n_residuals
             report%status = outcome%stalled
+            if (search%met_only_nan) report%status = outcome%not_finite
             if (report%residual <= problem%rounding_level(x)) report%status = outcome%converged
             return
          end if

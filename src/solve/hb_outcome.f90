@@ -10,11 +10,11 @@ module hb_outcome
 
    type :: outcome_t
       integer :: pending = 0                           !! not solved yet
-      integer :: converged = 1                         !! the residual is below the tolerance
+      integer :: converged = 1                         !! residual below the tolerance or down at rounding level
       integer :: stalled = 2                           !! no step makes the residual smaller
       integer :: out_of_budget = 3                     !! a limit on work or time came first
       integer :: singular = 4                          !! the linear system of a step has no unique solution
-      integer :: not_finite = 5                        !! NaN or infinity in the residual or the unknowns
+      integer :: not_finite = 5                        !! NaN or infinity wherever the residual was evaluated
       integer :: failed = 6                            !! an error of this point alone, told by its message
    end type outcome_t
 
@@ -24,13 +24,13 @@ module hb_outcome
    character(*), parameter :: outcome_names(0:6) = [character(13) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed"]
 
-   character(*), parameter :: texts(0:6) = [character(60) :: &
+   character(*), parameter :: texts(0:6) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
       "out of budget: the limit was met before the tolerance", &
       "singular: the linear system of a step has no unique solution", &
-      "not finite: NaN or infinity in the residual or the unknowns", &
+      "not finite: the residual is NaN or infinite where it was tried", &
       "failed: see the message of the point"]
 
 contains

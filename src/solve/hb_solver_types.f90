@@ -20,8 +20,8 @@ module hb_solver_types
       real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces
       integer :: max_iterations = 100
       logical :: line_search = .true.
-      integer :: memory = 40                                          !! updates that Broyden keeps before it starts anew
-      logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: linear part or tangent
+      integer :: memory = 40                                          !! updates that Broyden keeps before it takes a new tangent
+      logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: tangent, else linear part
    end type solver_config_t
 
    !> How a solution was found, or not.

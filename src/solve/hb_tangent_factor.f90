@@ -1,5 +1,6 @@
 !> The tangent of a problem, scaled to unit magnitudes and LU factorised by LAPACK.
 module hb_tangent_factor
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_problem, only: problem_t
@@ -40,6 +41,9 @@ contains
       end do
       call dgetrf(n, n, self%jacobian, n, self%pivots, info)
       is_singular = info /= 0
+      do i = 1, n
+         is_singular = is_singular .or. .not. ieee_is_finite(self%jacobian(i, i))
+      end do
    end subroutine tangent_factor_update
 
    !> Overwrites r with the solution s of tangent s = r.

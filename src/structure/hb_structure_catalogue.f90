@@ -7,7 +7,7 @@ module hb_structure_catalogue
    use hb_modal_beam, only: read_modal_beam
    use hb_namelist, only: group_t
    use hb_structure, only: structure_t
-   use hb_text, only: closest_word, join
+   use hb_text, only: closest_word, join, lower
    implicit none
    private
    public :: known_structures, read_structure
@@ -26,6 +26,7 @@ contains
 
       name = ""
       call group%get("type", name)
+      name = lower(name)
       select case (name)
       case ("beam")
          call read_beam(group, structure, error)

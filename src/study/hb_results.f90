@@ -803,7 +803,7 @@ contains
       character(:), allocatable :: text
       character(40) :: digits
       integer(int64) :: n_bytes
-      integer, parameter :: bytes(3) = [4, 8, 1] 
+      integer, parameter :: bytes(3) = [4, 8, 1]
       integer :: i
 
       n_bytes = 0

@@ -81,6 +81,8 @@ contains
       do i = 1, size(self%laws)
          group => document%group("law", i)
          call read_law(self%laws(i), group, self%structure, i)
+         call check_kind(self%laws(i), group, error)
+         if (allocated(error)) return
          call check_rigid_laws(self%laws(:i), group)
       end do
       allocate (self%loads(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
@@ -93,10 +95,19 @@ contains
       end do
       call read_solver(self, document%optional_group("solver"))
       call read_output(self, document%optional_group("output"))
-      call document%finish(error)                                     ! the grid needs laws without problems
-      if (allocated(error)) return
       call read_sampling(self, document%optional_group("sampling"))
    end subroutine read_parts
+
+   !> Fails when the kind of a law is not known, and with that alone: none of the other keys of its group can be judged.
+   subroutine check_kind(box, group, error)
+      type(law_box_t), intent(in) :: box
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+
+      if (allocated(box%law)) return
+      call group%finish(error)
+      error%message = error%message(:index(error%message//new_line("a"), new_line("a")) - 1)
+   end subroutine check_kind
 
    !> Refuses the last law where it and one before are rigid and share a degree of freedom: each would take the whole
    !> reaction.
@@ -119,9 +130,7 @@ contains
    logical function is_placed_and_rigid(box)
       type(law_box_t), intent(in) :: box
 
-      is_placed_and_rigid = .false.
-      if (.not. allocated(box%law)) return                            ! by now a problem of its group
-      is_placed_and_rigid = box%law%is_multiplier .and. allocated(box%law%dofs)
+      is_placed_and_rigid = box%law%is_multiplier .and. allocated(box%law%dofs)   ! without a place: a problem by now
    end function is_placed_and_rigid
 
    !> Reads `&tones`: `frequency` [rad/s] or `hertz`.

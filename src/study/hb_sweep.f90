@@ -1,7 +1,8 @@
 !> Runs all points of an input over the ranks of a communicator and writes the result file.
 !>
 !> Points do not depend on each other; each rank takes the next one from a shared counter. What a point gives does not
-!> depend on who solves it or when, so the file holds the same numbers for any number of ranks.
+!> depend on who solves it or when, so the file holds the same numbers for any number of ranks (with FFTW's planning by
+!> estimate, which is the default; measured plans may differ in the last digit).
 module hb_sweep
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
@@ -15,7 +16,7 @@ module hb_sweep
    use hb_progress, only: new_progress, progress_t
    use hb_results, only: create_results, point_result_t, results_layout_t, results_t
    use hb_scene, only: group_names, read_harmonics, read_scene, read_tones, scene_t
-   use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
+   use hb_sweep_plan, only: parameter_units, read_sweep_plan, sweep_plan_t
    use hb_text, only: lower, string_t, to_text
    use hb_tones, only: tones_t
    use hb_version, only: git_commit, program_version
@@ -237,7 +238,7 @@ contains
          allocate (layout%parameters(size(plan%parameters)))
          do i = 1, size(plan%parameters)
             layout%parameters(i)%path = plan%parameters(i)%path
-            layout%parameters(i)%units = "as in the input"
+            layout%parameters(i)%units = parameter_units(plan%parameters(i)%path)
             layout%parameters(i)%is_text = plan%parameters(i)%is_text
             if (plan%parameters(i)%is_text) then
                allocate (layout%parameters(i)%text_values(plan%n_points))

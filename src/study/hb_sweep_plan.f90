@@ -9,7 +9,7 @@ module hb_sweep_plan
    use hb_text, only: lower, quote, string_t, to_text
    implicit none
    private
-   public :: read_sweep_plan, sweep_plan_t, swept_t
+   public :: parameter_units, read_sweep_plan, sweep_plan_t, swept_t
 
    integer(int64), parameter :: most_points = 2000000000_int64
 
@@ -42,20 +42,18 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(group_t), pointer :: group
       integer, allocatable :: axis_of(:)
-      integer :: axis, i, n
+      integer :: i, n
 
       n = document%count("sweep")
-      allocate (self%parameters(n), axis_of(n), self%length(0))
+      allocate (self%parameters(n), self%length(0))
+      call read_axes(document, axis_of)
       do i = 1, n
          group => document%group("sweep", i)
-         axis = -i                                                    ! an axis of its own unless the user says otherwise
-         call group%get("axis", axis, minimum=1)
          self%parameters(i)%place = group%place()
          call read_values(self%parameters(i), group)
          call group%finish(error)
          if (allocated(error)) return
-         axis_of(i) = axis
-         self%parameters(i)%axis = findloc(axis_of(1:i - 1), axis, dim=1)
+         self%parameters(i)%axis = findloc(axis_of(1:i - 1), axis_of(i), dim=1)
          if (self%parameters(i)%axis > 0) then
             self%parameters(i)%axis = self%parameters(self%parameters(i)%axis)%axis
             if (self%length(self%parameters(i)%axis) /= n_values(self%parameters(i))) then
@@ -77,6 +75,30 @@ contains
       call try_out(self, document, error)
    end subroutine read_sweep_plan
 
+   !> Reads the numbers of the axes. A group that gives none gets the lowest number that is free, an axis of its own.
+   subroutine read_axes(document, axis_of)
+      type(document_t), intent(inout), target :: document
+      integer, allocatable, intent(out) :: axis_of(:)
+      type(group_t), pointer :: group
+      integer :: free, i
+
+      allocate (axis_of(document%count("sweep")), source=0)
+      do i = 1, size(axis_of)
+         group => document%group("sweep", i)
+         if (group%given("axis")) call group%get("axis", axis_of(i), minimum=1)
+      end do
+      free = 1
+      do i = 1, size(axis_of)
+         group => document%group("sweep", i)
+         if (group%given("axis")) cycle
+         do while (any(axis_of == free))
+            free = free + 1
+         end do
+         axis_of(i) = free
+         call group%get("axis", axis_of(i))
+      end do
+   end subroutine read_axes
+
    !> Reads `parameter` and either `values`, `texts`, or `from`, `to`, `n`, `spacing`.
    subroutine read_values(self, group)
       type(swept_t), intent(inout) :: self
@@ -95,8 +117,8 @@ contains
       if (count([group%given("values"), group%given("texts"), group%given("from")]) /= 1) then
          call group%problem_as_is(group%place()//": give one of 'values' (numbers), 'texts' (strings), "// &
                                   "or 'from', 'to' and 'n'")
-      end if
-      if (group%given("values")) then
+         call ask_for_all(self, group)
+      else if (group%given("values")) then
          call group%get("values", self%values)
       else if (group%given("texts")) then
          call group%get("texts", self%texts)
@@ -128,6 +150,26 @@ contains
       end if
    end subroutine read_values
 
+   !> Reads the keys of all ways to give values, so that the group knows them beside the problem that it has.
+   subroutine ask_for_all(self, group)
+      type(swept_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      character(:), allocatable :: spacing
+      integer :: n
+      real(wp) :: first, last
+
+      n = 1
+      first = 0.0_wp
+      last = 0.0_wp
+      spacing = ""
+      call group%get("values", self%values)
+      call group%get("texts", self%texts)
+      call group%get("from", first)
+      call group%get("to", last)
+      call group%get("n", n)
+      call group%get("spacing", spacing)
+   end subroutine ask_for_all
+
    !> Applies the first values to a copy of the document.
    subroutine try_out(self, document, error)
       type(sweep_plan_t), intent(in) :: self
@@ -138,6 +180,24 @@ contains
       trial = document
       call self%apply(1, trial, error)
    end subroutine try_out
+
+   !> Unit of the parameter at a path, where its key alone tells; empty where it depends on the kind of law or structure.
+   pure function parameter_units(path) result(units)
+      character(*), intent(in) :: path                                !! such as law(1)%gap
+      character(:), allocatable :: units
+
+      select case (path(index(path, "%", back=.true.) + 1:))
+      case ("frequency", "frequency(1)", "frequency(2)", "frequency(3)", "frequency(4)"); units = "rad/s"
+      case ("hertz", "hertz(1)", "hertz(2)", "hertz(3)", "hertz(4)"); units = "Hz"
+      case ("gap", "length"); units = "m"
+      case ("bending_stiffness"); units = "N m2"
+      case ("mass_per_length"); units = "kg/m"
+      case ("augmentation"); units = "N/m"
+      case ("order", "samples", "n_elements", "n_masses", "n_dofs", "max_iterations", "memory", "tolerance"); units = "1"
+      case ("cos", "sin"); units = merge("N", "m", index(path, "load") == 1)
+      case default; units = ""
+      end select
+   end function parameter_units
 
    !> Which value of parameter `i` the point takes.
    pure integer function sweep_plan_index_on(self, i, point)

@@ -52,7 +52,7 @@ def draw_response(
     others = [
         p
         for p in results.parameters.values()
-        if p is not swept and len({str(v) for v in p.values[points]}) > 1
+        if p is not swept and len({str(v) for v in p.values[points]}) > 1 and not _goes_along(p, swept, points)
     ]
     values = measure_values(results, dof, quantity, measure, j)
     if not np.isfinite(values[points]).any():
@@ -106,7 +106,7 @@ def draw_response(
             ax.legend(
                 loc="lower left",
                 bbox_to_anchor=(0.0, 1.0),
-                ncol=2 if len(groups) <= 7 else 3,
+                ncol=style.legend_columns([h.get_label() for h in handles], fig.get_figwidth()),
                 borderaxespad=0.3,
                 columnspacing=1.4,
             )
@@ -128,6 +128,12 @@ def _swept_parameter(results: Results, over: str | None, points: np.ndarray) -> 
         f"{results.path}: no parameter changes over the chosen {len(points)} point(s); "
         f"a response needs a sweep (swept: {list_text(list(results.parameters))})"
     )
+
+
+def _goes_along(other: Parameter, swept: Parameter, points: np.ndarray) -> bool:
+    """Whether each value of `swept` comes with one value of `other`: parameters zipped on one axis of a sweep."""
+    pairs = {(str(swept.values[point]), str(other.values[point])) for point in points}
+    return len(pairs) == len({value for value, _ in pairs})
 
 
 def _groups(others: list[Parameter], points: np.ndarray) -> list[tuple[tuple, np.ndarray]]:

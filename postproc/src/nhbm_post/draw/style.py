@@ -103,6 +103,12 @@ def head(fig: Figure, title: str, *lines: str) -> None:
         fig.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - (top + 0.05) / height))
 
 
+def legend_columns(labels: list[str], width: float) -> int:
+    """How many columns (at most 3) of these labels fit beside each other above axes of a width in inches."""
+    column = 0.75 + 0.072 * max((len(label) for label in labels), default=0)
+    return int(min(3, max(1, (width - 0.8) // column)))
+
+
 def unit_scale(largest: float, units: str) -> tuple[float, str]:
     """(factor, unit text) that make handy numbers of values up to `largest`: 1.5e-3 m gives (1e3, `mm`)."""
     if not np.isfinite(largest) or largest <= 0.0:

@@ -138,7 +138,7 @@ def draw_time(
         ax.legend(
             loc="lower left",
             bbox_to_anchor=(0.0, 1.0),
-            ncol=3,
+            ncol=style.legend_columns(ax.get_legend_handles_labels()[1], fig.get_figwidth()),
             borderaxespad=0.3,
             handlelength=2.6,
             columnspacing=1.4,

@@ -1,0 +1,179 @@
+"""Rules of docs/architecture.md that the compiler does not check: floors, names, outside libraries, who may stop."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SRC = ROOT / "src"
+
+# From the ground up; a module uses its own floor and those before it.
+FLOORS = ["base", "extern", "solve", "hypertime", "structure", "laws", "balance", "study"]
+
+INTRINSIC = {"iso_fortran_env", "ieee_arithmetic", "ieee_exceptions", "ieee_features"}
+
+# Calls of the C library that no outside library is behind: names of files and processes, terminals.
+SYSTEM_CALLS_IN = {"hb_progress", "hb_results"}
+
+# Routines of MPI, HDF5, FFTW, BLAS and LAPACK, as they would be called without a module.
+LIBRARY_CALL = re.compile(
+    r"\b((?:mpi|fftw)_\w+|h5[a-z]\w*_f)\s*\("
+    r"|\bcall\s+([sdcz](?:ge|gb|gt|po|pb|pt|sy|he|tr)[a-z0-9]{2,4})\s*\(",
+    re.IGNORECASE,
+)
+USE = re.compile(r"^\s*use\b\s*(?:,\s*(intrinsic|non_intrinsic)\s*)?(?:::)?\s*(\w+)", re.IGNORECASE)
+MODULE = re.compile(
+    r"^\s*(?:sub)?module\s+(?!procedure\b|subroutine\b|function\b)(?:\([^)]*\)\s*)?(\w+)\s*$", re.IGNORECASE
+)
+STOP = re.compile(r"^\s*(?:\d+\s+)?(?:if\s*\(.*\)\s*)?(?:error\s+)?stop\b(?!\s*[=(%])", re.IGNORECASE)
+
+
+def sources() -> list[Path]:
+    """All Fortran sources of the library; the template of hb_version counts as its module."""
+    return sorted([*SRC.rglob("*.f90"), *SRC.rglob("*.F90"), *SRC.rglob("*.f90.in")])
+
+
+def name_of(path: Path) -> str:
+    return path.name.split(".")[0]
+
+
+def floor_of(path: Path) -> str:
+    return path.relative_to(SRC).parts[0]
+
+
+def statements(path: Path) -> list[tuple[int, str]]:
+    """Statements with their line numbers: without comments and texts, continued lines joined, one at a time."""
+    result: list[tuple[int, str]] = []
+    joined, first = "", 0
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        code = _without_texts(line).rstrip()
+        if not joined:
+            first = number
+        code = code.lstrip()
+        joined += code.removeprefix("&") if joined else code
+        if joined.endswith("&"):
+            joined = joined[:-1]
+            continue
+        result += [(first, part.strip()) for part in joined.split(";") if part.strip()]
+        joined = ""
+    return result
+
+
+def _without_texts(line: str) -> str:
+    """Line without its comment, and with empty texts, so that words of a message are no code."""
+    code, quote = "", ""
+    for c in line:
+        if quote:
+            if c == quote:
+                quote = ""
+                code += c
+        elif c in "\"'":
+            quote = c
+            code += c
+        elif c == "!":
+            break
+        else:
+            code += c
+    return code
+
+
+def used_modules(path: Path) -> list[tuple[int, str]]:
+    return [(n, match.group(2).lower()) for n, s in statements(path) if (match := USE.match(s))]
+
+
+FLOOR_OF_MODULE = {name_of(path): floor_of(path) for path in sources()}
+SOURCES = pytest.mark.parametrize("path", sources(), ids=name_of)
+
+
+@SOURCES
+def test_source_stands_on_a_known_floor(path):
+    assert floor_of(path) in FLOORS, (
+        f"{path.relative_to(ROOT)}: '{floor_of(path)}' is no floor; add it to FLOORS here, to docs/architecture.md "
+        "and to src/CMakeLists.txt"
+    )
+
+
+@SOURCES
+def test_file_is_named_after_its_module(path):
+    modules = [match.group(1).lower() for _, s in statements(path) if (match := MODULE.match(s))]
+    name = name_of(path)
+    assert modules == [name], f"{path.relative_to(ROOT)} holds {modules}, should hold the module {name} alone"
+
+
+def test_module_names_are_unique():
+    names = [name_of(path) for path in sources()]
+    assert len(names) == len(set(names))
+
+
+@SOURCES
+def test_no_arrow_goes_up(path):
+    height = FLOORS.index(floor_of(path))
+    for number, module in used_modules(path):
+        if not module.startswith("hb_"):
+            continue
+        assert module in FLOOR_OF_MODULE, f"{path.relative_to(ROOT)}:{number} uses {module}, which is not in src/"
+        floor = FLOOR_OF_MODULE[module]
+        assert FLOORS.index(floor) <= height, (
+            f"{path.relative_to(ROOT)}:{number}: {floor_of(path)}/ uses {module} of {floor}/, a floor above its own"
+        )
+
+
+@SOURCES
+def test_outside_libraries_stay_in_extern(path):
+    if floor_of(path) == "extern":
+        return
+    for number, module in used_modules(path):
+        allowed = module.startswith("hb_") or module in INTRINSIC
+        allowed = allowed or (module == "iso_c_binding" and name_of(path) in SYSTEM_CALLS_IN)
+        assert allowed, f"{path.relative_to(ROOT)}:{number} uses {module}; outside libraries belong to src/extern/"
+    known = _imported(path) | _defined(path)
+    for number, statement in statements(path):
+        assert not re.match(r"include\b", statement, re.IGNORECASE), f"{path.relative_to(ROOT)}:{number} includes a file"
+        for called in ("".join(names) for names in LIBRARY_CALL.findall(statement)):
+            assert called.lower() in known, (
+                f"{path.relative_to(ROOT)}:{number} calls {called}; outside libraries belong to src/extern/"
+            )
+
+
+def _imported(path: Path) -> set[str]:
+    """Names that `use` statements bring in."""
+    lists = [s.partition(":")[2] for _, s in statements(path) if USE.match(s)]
+    return {word for names in lists for word in re.findall(r"\w+", names.lower())}
+
+
+def _defined(path: Path) -> set[str]:
+    """Procedures that the file defines."""
+    pattern = re.compile(r"\b(?:subroutine|function)\s+(\w+)", re.IGNORECASE)
+    return {match.group(1).lower() for _, s in statements(path) if (match := pattern.search(s))}
+
+
+@SOURCES
+def test_nothing_in_the_library_stops_the_program(path):
+    for number, statement in statements(path):
+        assert not STOP.match(statement), (
+            f"{path.relative_to(ROOT)}:{number}: '{statement}'; return an error, only drivers/ may end the program"
+        )
+
+
+@SOURCES
+def test_use_statements_name_what_they_use(path):
+    """`use ..., only:` everywhere; outside extern/ without exception."""
+    if floor_of(path) == "extern":
+        return
+    for number, statement in statements(path):
+        if USE.match(statement):
+            assert re.search(r",\s*only\s*:", statement, re.IGNORECASE), (
+                f"{path.relative_to(ROOT)}:{number}: '{statement}' has no 'only:'"
+            )
+
+
+def test_floors_are_documented():
+    """docs/architecture.md lists the floors in this order and has a paragraph for each module."""
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^### `src/(\w+)/`", page, re.MULTILINE)
+    assert listed == FLOORS
+    missing = [name for name in FLOOR_OF_MODULE if f"**`{name}`**" not in page]
+    assert not missing, f"docs/architecture.md says nothing of {', '.join(sorted(missing))}"

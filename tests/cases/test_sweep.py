@@ -1,0 +1,338 @@
+"""Sweeps: which points there are, what each holds, and that nobody can tell how many ranks solved them."""
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+from nhbm_post.reader import Results
+
+from program import NOT_ALL_CONVERGED, command, environment, read, run, solve
+
+CONVERGED, OUT_OF_BUDGET, FAILED = 1, 3, 6
+
+# The paper's beam against a rigid wall, at a low order.
+BEAM = """
+&structure type = 'beam', length = 1.0, bending_stiffness = 1750.0, mass_per_length = 7.8, n_elements = 4,
+   damping_diagonal = 1.0 /
+&tones frequency = 2.718281828459045, 3.141592653589793 /
+&harmonics order = {order} /
+&sampling samples = {samples} /
+&load dof = 'v3', tuple = 1, 0, cos = 100.0 /
+&load dof = 'v3', tuple = 0, 1, cos = 100.0 /
+&law type = 'rigid_wall', label = 'wall', dof = 'v3', gap = 1.5e-3, augmentation = 1.0e5 /
+"""
+WALL = BEAM.format(order=4, samples=20)
+GAPS, LOADS = [0.5e-3, 1.0e-3, 2.0e-3], [60.0, 100.0, 140.0, 180.0]
+GRID = WALL + (
+    "&sweep parameter = 'law(wall)%gap', values = 0.5e-3, 1.0e-3, 2.0e-3 /\n"
+    "&sweep parameter = 'load(2)%cos', values = 60.0, 100.0, 140.0, 180.0 /\n"
+)
+SOLUTION = ("coefficients", "force_coefficients", "corrected_coefficients", "penetration", "residual", "status", "iterations")
+
+
+def swept(*groups):
+    return WALL + "".join(f"&sweep {keys} /\n" for keys in groups)
+
+
+def assert_same_bits(a, b, names=SOLUTION):
+    for name, one, other in zip(names, read(a, *names), read(b, *names)):
+        assert one.tobytes() == other.tobytes(), name
+
+
+@pytest.fixture(scope="module")
+def grid(tmp_path_factory):
+    return solve(GRID, tmp_path_factory.mktemp("grid"))
+
+
+# Which points
+
+
+def test_last_axis_runs_fastest(grid):
+    gap, load = read(grid, "law_wall_gap", "load_2_cos")
+    assert gap.tolist() == np.repeat(GAPS, len(LOADS)).tolist()
+    assert load.tolist() == LOADS * len(GAPS)
+
+
+def test_point_of_a_grid_equals_the_point_alone(grid, tmp_path):
+    alone = solve(WALL, tmp_path, "--set", "law(1)%gap=2.0e-3", "--set", "load(2)%cos=140")
+    with Results(grid) as results:
+        point = results.point(at={"law_wall_gap": 2.0e-3, "load_2_cos": 140.0})
+    assert read(grid, "coefficients")[point].tobytes() == read(alone, "coefficients")[0].tobytes()
+
+
+def test_contact_is_felt_somewhere_and_not_everywhere(grid):
+    force = np.abs(read(grid, "force_coefficients")).sum(axis=(1, 2, 3))
+    assert (force > 1.0).any() and (force == 0.0).any()
+
+
+def test_zipped_parameters_go_side_by_side(tmp_path):
+    text = swept(
+        "parameter = 'harmonics%order', values = 2, 3, 4, axis = 7",
+        "parameter = 'law(1)%augmentation', values = 1e4, 1e5, axis = 2",
+        "parameter = 'sampling%samples', values = 12, 16, 20, axis = 7",
+    )
+    order, samples, augmentation, n_harmonics = read(
+        solve(text, tmp_path), "harmonics_order", "sampling_samples", "law_1_augmentation", "n_harmonics"
+    )
+    assert order.tolist() == [2, 2, 3, 3, 4, 4]
+    assert samples.tolist() == [12, 12, 16, 16, 20, 20]
+    assert augmentation.tolist() == [1e4, 1e5] * 3
+    assert n_harmonics.tolist() == [13, 13, 25, 25, 41, 41]
+
+
+def test_harmonics_that_a_point_lacks_are_nan(tmp_path):
+    result = solve(swept("parameter = 'harmonics%order', values = 4, 2"), tmp_path)
+    tuples, coefficients = read(result, "tuple", "coefficients")
+    is_high = np.abs(tuples).max(axis=1) > 2
+    assert is_high.sum() == 41 - 13
+    assert np.isnan(coefficients[1][:, is_high]).all()
+    assert np.isfinite(coefficients[1][:, ~is_high]).all() and np.isfinite(coefficients[0]).all()
+
+
+@pytest.mark.parametrize("path", ["HARMONICS%order", "  Harmonics%Order"])
+def test_file_has_room_for_the_highest_order(path, tmp_path):
+    """Group names stand in either case; the harmonics of the second point must not get lost."""
+    result = solve(swept(f"parameter = '{path}', values = 2, 4"), tmp_path)
+    assert len(read(result, "tuple")) == 41
+    assert np.isfinite(read(result, "coefficients")[1]).all()
+
+
+def test_ranges(tmp_path):
+    text = swept(
+        "parameter = 'law(1)%gap', from = 1e-4, to = 1e-2, n = 5, spacing = 'log'",
+        "parameter = 'load(1)%cos', from = 10.0, to = 20.0, n = 3",
+    )
+    gap, load = read(solve(text, tmp_path), "law_1_gap", "load_1_cos")
+    assert np.allclose(gap[::3], 1e-4 * 10.0 ** (0.5 * np.arange(5)), rtol=1e-14, atol=0.0)
+    assert (gap[0], gap[-1]) == (1e-4, 1e-2), "the ends are met exactly"
+    assert load[:3].tolist() == [10.0, 15.0, 20.0]
+
+
+def test_text_parameter(tmp_path):
+    result = solve(swept("parameter = 'solver%method', texts = 'newton', 'broyden'"), tmp_path)
+    coefficients, iterations = read(result, "coefficients", "iterations")
+    with Results(result) as results:
+        assert results.parameter("solver%method").values.tolist() == ["newton", "broyden"]
+        assert results.select({"solver_method": "broyden"}) == [1]
+    assert iterations[0] < iterations[1]
+    assert np.abs(coefficients[0] - coefficients[1]).max() <= 1e-9 * np.abs(coefficients).max()
+
+
+def test_element_of_a_list(tmp_path):
+    result = solve(swept("parameter = 'tones%frequency(2)', values = 3.0, 4.5"), tmp_path)
+    assert read(result, "frequency").tolist() == [[2.718281828459045, 3.0], [2.718281828459045, 4.5]]
+    assert read(result, "tones_frequency_2").tolist() == [3.0, 4.5]
+
+
+def test_label_and_number_name_the_same_law(tmp_path):
+    by_label = solve(swept("parameter = 'law(wall)%gap', values = 1e-3, 2e-3"), tmp_path, name="label")
+    by_number = solve(swept("parameter = 'law(1)%gap', values = 1e-3, 2e-3"), tmp_path, name="number")
+    assert_same_bits(by_label, by_number)
+    with h5py.File(by_label, "r") as file:
+        assert file["law_wall_gap"].attrs["parameter"] in ("law(wall)%gap", b"law(wall)%gap")
+
+
+# Ranks
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 4])
+def test_every_number_of_ranks_gives_the_same_bits(ranks, grid, tmp_path):
+    shared = solve(GRID, tmp_path, ranks=ranks)
+    assert_same_bits(grid, shared)
+    with h5py.File(shared, "r") as file:
+        assert file.attrs["n_ranks"] == ranks
+        assert set(file["rank"][()]) <= set(range(ranks))
+
+
+def test_more_ranks_than_points(tmp_path):
+    one, four = solve(WALL, tmp_path, name="one"), solve(WALL, tmp_path, ranks=4, name="four")
+    assert_same_bits(one, four)
+
+
+# Points that fail
+
+
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_wrong_value_is_a_status_and_the_others_go_on(tmp_path, ranks):
+    """A two-sided wall cannot have a negative gap."""
+    text = swept("parameter = 'law(wall)%gap', values = 1.5e-3, -1.0e-3, 1.0e-3").replace(
+        "augmentation = 1.0e5", "augmentation = 1.0e5, two_sided = .true."
+    )
+    result = solve(text, tmp_path, status=NOT_ALL_CONVERGED, ranks=ranks)
+    status, coefficients = read(result, "status", "coefficients")
+    assert status.tolist() == [CONVERGED, FAILED, CONVERGED]
+    assert np.isnan(coefficients[1]).all() and np.isfinite(coefficients[[0, 2]]).all()
+    with Results(result) as results:
+        assert "gap" in results.message(1) and "two-sided" in results.message(1)
+        assert results.message(0) == results.message(2) == ""
+
+
+def test_wrong_first_value_is_bad_input(tmp_path):
+    """The first point is read before anything is made, so that a slip is found at once."""
+    source = tmp_path / "case.nml"
+    source.write_text(swept("parameter = 'law(wall)%augmentation', values = -1.0, 1.0e5"))
+    done = run("solve", source, cwd=tmp_path)
+    assert done.status == 2 and "augmentation" in done.stderr
+    assert list(tmp_path.iterdir()) == [source]
+
+
+def test_point_out_of_budget_is_a_status(tmp_path):
+    text = swept("parameter = 'solver%max_iterations', values = 100, 1, 50").replace(
+        "gap = 1.5e-3, augmentation = 1.0e5", "gap = 0.2e-3, augmentation = 1.0e3"
+    )
+    result = solve(text, tmp_path, status=NOT_ALL_CONVERGED)
+    status, iterations, residual = read(result, "status", "iterations", "residual")
+    assert status.tolist() == [CONVERGED, OUT_OF_BUDGET, CONVERGED]
+    assert iterations[1] == 1 and residual[1] > 1e-12
+    with Results(result) as results:
+        assert results.status_name(1) == "out_of_budget"
+
+
+def test_point_with_other_degrees_of_freedom_is_a_status(tmp_path):
+    result = solve(swept("parameter = 'structure%n_elements', values = 4, 6"), tmp_path, status=NOT_ALL_CONVERGED)
+    assert read(result, "status").tolist() == [CONVERGED, FAILED]
+
+
+def test_points_with_common_degrees_of_freedom_share_a_file(tmp_path):
+    text = swept("parameter = 'structure%n_elements', values = 4, 6") + "&output dofs = 'v3' /\n"
+    coefficients = read(solve(text, tmp_path), "coefficients")
+    assert coefficients.shape[:2] == (2, 1)
+    assert np.isfinite(coefficients).all() and not np.array_equal(coefficients[0], coefficients[1])
+
+
+# What stands in the file
+
+
+@pytest.mark.parametrize("text", [GRID, WALL], ids=["sweep", "single point"])
+def test_input_complete_gives_the_same_bits(text, tmp_path):
+    first = solve(text, tmp_path, "--set", "law(wall)%gap=1.2e-3", "--set", "solver%tolerance=1e-11", name="first")
+    with Results(first) as results:
+        complete = results.input_complete
+    for key in ("two_sided", "max_iterations", "planning", "left_support"):
+        assert key in complete, "defaults stand in it"
+    again = solve(complete, tmp_path, name="again")
+    if text is WALL:
+        assert_same_bits(first, again)
+    else:
+        assert_same_bits(again, solve(text, tmp_path, "--set", "solver%tolerance=1e-11", name="sweep"), ("coefficients",))
+
+
+def test_input_text_is_the_file_as_given(grid):
+    with Results(grid) as results:
+        assert results.input_text.rstrip("\n") == GRID.rstrip("\n")
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+def test_file_opens_in_xarray(engine, tmp_path):
+    result = solve(GRID + "&output samples = 12 /\n", tmp_path)
+    with xarray.open_dataset(result, engine=engine) as data:
+        assert dict(data.sizes)["point"] == len(GAPS) * len(LOADS)
+        assert data["coefficients"].dims == ("point", "dof", "harmonic", "component")
+        assert data["displacement_samples"].dims == ("point", "law_dof", "tau_2", "tau_1")
+        assert [str(label) for label in data["component"].values] == ["cos", "sin"]
+        middle = data["coefficients"].sel(dof="v3", component="cos").isel(point=0)
+        first = middle.values[(data["tuple"].values == [1, 0]).all(axis=1)]
+        with Results(result) as results:
+            assert first[0] == results.coefficients(0, "v3", (1, 0))[0]
+
+
+def kill(process, ranks):
+    """Kills a run, or one rank of it: mpirun then ends the others."""
+    victim = process.pid
+    if ranks is not None:
+        victim = int(Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()[-1])
+    os.kill(victim, signal.SIGKILL)
+
+
+@pytest.mark.parametrize("ranks", [None, 3])
+def test_killed_run_leaves_a_sound_file(ranks, tmp_path):
+    """Points that have a status are complete and right; the others are NaN and pending."""
+    if ranks is not None and not Path("/proc/self/task").exists():
+        pytest.skip("no /proc, where the ranks of mpirun are found")
+    n = 1000
+    text = BEAM.format(order=8, samples=40) + f"&sweep parameter = 'law(1)%gap', from = 0.5e-3, to = 2e-3, n = {n} /\n"
+    source, result = tmp_path / "case.nml", tmp_path / "case.h5"
+    source.write_text(text)
+    process = subprocess.Popen(
+        command("solve", source, "--quiet", ranks=ranks), cwd=tmp_path, env=environment(), stderr=subprocess.PIPE
+    )
+    try:
+        deadline = time.monotonic() + 60.0
+        while not result.exists():
+            assert process.poll() is None, process.stderr.read()
+            assert time.monotonic() < deadline, "no result file appeared"
+            time.sleep(0.01)
+        time.sleep(1.0)
+        assert process.poll() is None, "the run ended before it could be killed"
+        kill(process, ranks)
+        process.wait(timeout=60.0)
+    finally:
+        process.kill()
+        process.wait()
+        process.stderr.close()
+    status, coefficients, gap = read(result, "status", "coefficients", "law_1_gap")
+    done = np.flatnonzero(status)
+    assert 0 < done.size < n
+    assert (status[done] == CONVERGED).all()
+    assert np.isfinite(coefficients[done]).all()
+    never_begun = np.flatnonzero(status == 0)[ranks or 1 :]  # each rank may have been writing one
+    assert np.isnan(coefficients[never_begun]).all()
+    alone = solve(text.split("&sweep")[0], tmp_path, "--set", f"law(1)%gap={float(gap[done[-1]])!r}", name="alone")
+    assert read(alone, "coefficients")[0].tobytes() == coefficients[done[-1]].tobytes()
+
+
+# Command line
+
+
+def test_result_is_named_after_the_input(tmp_path):
+    folder = tmp_path / "inputs.d"
+    folder.mkdir()
+    (folder / "my.case.nml").write_text(WALL)
+    done = run("solve", "inputs.d/my.case.nml", cwd=tmp_path)
+    assert done.status == 0, done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["inputs.d", "my.case.h5"]
+    assert "my.case.h5" in done.stdout and "1 of 1 points converged" in done.stdout
+
+
+def test_sweep_wins_over_set(tmp_path):
+    """A sweep varies what --set has fixed; --set changes the rest of every point, and may change a sweep itself."""
+    text = swept("parameter = 'law(1)%gap', values = 1.0e-3, 2.0e-3")
+    plain = solve(text, tmp_path, name="plain")
+    overridden = solve(text, tmp_path, "--set", "law(1)%gap=9.0", name="overridden")
+    assert_same_bits(plain, overridden)
+    other_load = solve(text, tmp_path, "--set", "load(1)%cos=90.0", name="load")
+    expected = solve(text.replace("tuple = 1, 0, cos = 100.0", "tuple = 1, 0, cos = 90.0"), tmp_path, name="edited")
+    assert_same_bits(other_load, expected)
+    longer = solve(text, tmp_path, "--set", "sweep(1)%values=1.0e-3, 1.5e-3, 2.0e-3", name="longer")
+    assert read(longer, "law_1_gap").tolist() == [1.0e-3, 1.5e-3, 2.0e-3]
+
+
+@pytest.mark.parametrize("path, value", [("sampling%samples", "24"), ("solver%memory", "7"), ("output%samples", "9")])
+def test_group_that_the_file_lacks_is_added(path, value, tmp_path):
+    """By --set and by a sweep alike; the answer is that of a file with the group."""
+    text = WALL.replace("&sampling samples = 20 /\n", "")
+    group, key = path.split("%")
+    written = solve(text + f"&{group} {key} = {value} /\n", tmp_path, name="written")
+    by_set = solve(text, tmp_path, "--set", f"{path}={value}", name="set")
+    by_sweep = solve(text + f"&sweep parameter = '{path}', values = {value} /\n", tmp_path, name="sweep")
+    assert_same_bits(written, by_set)
+    assert_same_bits(written, by_sweep)
+
+
+def test_set_adds_a_group_with_texts(tmp_path):
+    result = solve(WALL, tmp_path, "--set", "solver%method='broyden'", "--set", "output%dofs='v3','theta1'")
+    with Results(result) as results:
+        assert results.dofs == ["v3", "theta1"]
+        assert "method = 'broyden'" in results.input_complete
+
+
+def test_last_set_of_a_key_counts(tmp_path):
+    twice = solve(WALL, tmp_path, "--set", "law(1)%gap=9.0", "--set", "LAW(wall)%GAP=1.0e-3", name="twice")
+    once = solve(WALL, tmp_path, "--set", "law(1)%gap=1.0e-3", name="once")
+    assert_same_bits(twice, once)
