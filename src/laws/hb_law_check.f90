@@ -36,14 +36,17 @@ module hb_law_check
 
 contains
 
-   !> Checks all derivatives of a law.
-   subroutine check_derivatives(law, check)
-      class(law_t), intent(in) :: law
+   !> Checks all derivatives of a law. What it takes from the structure it gets as for a static stiffness of 1 N/m.
+   subroutine check_derivatives(unprepared_law, check)
+      class(law_t), intent(in) :: unprepared_law
       type(derivative_check_t), intent(out) :: check
+      class(law_t), allocatable :: law
       type(samples_t) :: samples
       real(wp), allocatable :: f(:, :), slopes(:, :, :, :)
       integer :: b, kind_of_motion, n
 
+      allocate (law, source=unprepared_law)
+      call law%prepare(1.0_wp)
       n = size(law%shape, 2)
       call choose_samples(law, samples)
       allocate (check%wrong(0), f(n_samples, n))
