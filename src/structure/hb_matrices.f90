@@ -27,8 +27,11 @@ contains
 
       n_dofs = 0
       call group%require("n_dofs", n_dofs, minimum=1, maximum=max_dofs)
-      labels = [(string_t("x"//to_text(i)), i=1, n_dofs)]
-      units = [(string_t("m"), i=1, n_dofs)]
+      allocate (labels(max(n_dofs, 0)), units(max(n_dofs, 0)))        ! gfortran 12 loses memory in an array constructor
+      do i = 1, n_dofs
+         labels(i)%value = "x"//to_text(i)
+         units(i)%value = "m"
+      end do
       mass = [(0.0_wp, i=1, n_dofs)]
       damping = mass
       gyroscopic = mass
