@@ -1,6 +1,8 @@
 /* Cubic spring f = k3 z**3 as a law of one's own, in C. The functions are documented in nhbm_user_law.h.
  *
  *    cc -O2 -shared -fPIC -I ../../src/laws -o cubic_c.so cubic_spring.c
+ *
+ * -I names the folder of the header; where nhbm is installed that is its folder `include`.
  */
 #include "nhbm_user_law.h"
 #include <stddef.h>

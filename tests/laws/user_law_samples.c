@@ -123,6 +123,20 @@ int undefined_evaluate(int n, int n_coordinates, int stride, const double *z, co
    return 0;
 }
 
+/* Its force is fine, its derivative is not. */
+int undefined_slope_info(nhbm_law_info_t *info)
+{
+   return describe(info, 1, 1, 0);
+}
+
+int undefined_slope_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                             const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   (void)n_coordinates, (void)stride, (void)v, (void)n_parameters, (void)parameters, (void)df_dv;
+   spring(n, z, f, df_dz, NAN);
+   return 0;
+}
+
 /* Made for another version of the interface. */
 int other_version_info(nhbm_law_info_t *info)
 {
