@@ -4,7 +4,8 @@ add_library(hb_warnings INTERFACE)
 # Bindings of abstract types have arguments that not every law or structure uses.
 target_compile_options(hb_warnings INTERFACE
    $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:-std=f2018 -Wall -Wextra -Wimplicit-interface
-      -Wno-unused-dummy-argument -Wno-compare-reals -Wno-maybe-uninitialized>
+      -Wno-unused-dummy-argument -Wno-compare-reals -Wno-maybe-uninitialized
+      $<$<NOT:$<CONFIG:Debug>>:-Wno-uninitialized -Wno-function-elimination>>
    $<$<COMPILE_LANG_AND_ID:C,GNU,Clang>:-std=c11 -Wall -Wextra -Wpedantic -Wconversion>)
 if(HB_WARNINGS_AS_ERRORS)
    target_compile_options(hb_warnings INTERFACE -Werror)

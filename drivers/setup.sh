@@ -41,7 +41,8 @@ hb_environment() {
 hb_missing_packages() {
    local package
    for package in "${hb_packages[@]}"; do
-      [[ $(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null) == installed ]] || printf '%s\n' "$package"
+      [[ $(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null) == installed ]] ||
+         printf '%s\n' "$package"
    done
 }
 

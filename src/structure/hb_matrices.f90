@@ -27,7 +27,7 @@ contains
 
       n_dofs = 0
       call group%require("n_dofs", n_dofs, minimum=1, maximum=max_dofs)
-      allocate (labels(max(n_dofs, 0)), units(max(n_dofs, 0)))        ! gfortran 12 loses memory in an array constructor
+      allocate (labels(max(n_dofs, 0)), units(max(n_dofs, 0)))
       do i = 1, n_dofs
          labels(i)%value = "x"//to_text(i)
          units(i)%value = "m"

@@ -211,14 +211,14 @@ contains
       call put(self, "solve_seconds", i, [point%solve_seconds], error)
       call put(self, "rank", i, [point%rank], error)
       call put(self, "n_harmonics", i, [point%n_harmonics], error)
-      call put(self, "frequency", i, point%frequency, error)
-      call put(self, "coefficients", i, point%coefficients, error)
-      call put(self, "force_coefficients", i, point%force_coefficients, error)
-      call put(self, "corrected_coefficients", i, point%corrected_coefficients, error)
+      if (allocated(point%frequency)) call put(self, "frequency", i, point%frequency, error)
+      if (allocated(point%coefficients)) call put(self, "coefficients", i, point%coefficients, error)
+      if (allocated(point%force_coefficients)) call put(self, "force_coefficients", i, point%force_coefficients, error)
+      if (allocated(point%corrected_coefficients)) call put(self, "corrected_coefficients", i, point%corrected_coefficients, error)
       call put(self, "penetration", i, [point%penetration], error)
-      call put(self, "displacement_samples", i, point%displacement_samples, error)
-      call put(self, "corrected_samples", i, point%corrected_samples, error)
-      call put(self, "force_samples", i, point%force_samples, error)
+      if (allocated(point%displacement_samples)) call put(self, "displacement_samples", i, point%displacement_samples, error)
+      if (allocated(point%corrected_samples)) call put(self, "corrected_samples", i, point%corrected_samples, error)
+      if (allocated(point%force_samples)) call put(self, "force_samples", i, point%force_samples, error)
       call put(self, "status", i, [point%status], error)
       call annotate(error, "point "//to_text(i))
    end subroutine results_write_point
@@ -247,11 +247,11 @@ contains
       class(results_t), intent(inout) :: self
       character(*), intent(in) :: name
       integer, intent(in) :: i
-      real(wp), intent(in), optional, contiguous :: values(..) !! absent: the row stays NaN
+      real(wp), intent(in), contiguous :: values(..)
       type(error_t), allocatable, intent(inout) :: error
       integer :: j
 
-      if (allocated(error) .or. .not. present(values)) return
+      if (allocated(error)) return
       j = index_of(self, name)
       if (j == 0) then
          call fail(error, "'"//name//"' given, but the layout has no grid for surfaces")

@@ -296,6 +296,7 @@ contains
       type(scene_t), intent(inout) :: self
       type(group_t), intent(inout) :: group
       type(string_t), allocatable :: names(:)
+      type(torus_t) :: torus
       type(error_t), allocatable :: error
       integer :: i
 
@@ -307,6 +308,9 @@ contains
          if (size(output%samples) == 1) output%samples = spread(output%samples(1), 1, self%tones%n_tones)
          if (size(output%samples) > 0 .and. size(output%samples) /= self%tones%n_tones) then
             call group%problem("samples", "give one number, or one for each of the "//to_text(self%tones%n_tones)//" tones")
+         else if (size(output%samples) > 0) then
+            call new_torus(torus, output%samples, self%harmonics, error)
+            if (allocated(error)) call group%problem("samples", error%message)
          end if
          call group%get("dofs", names)
          if (allocated(names)) then

@@ -3,17 +3,9 @@
 import sys
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "postproc" / "src"))
 
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", "long: takes more than about ten seconds")
-
-
-@pytest.fixture
-def inputs():
-    """Folder of the example inputs."""
-    return ROOT / "inputs"
+    config.addinivalue_line("markers", "long: takes seconds even on a fast machine")
