@@ -4,14 +4,14 @@
 !> stands beside K q on the left-hand side, as shape f. Adding a law: a module that extends `law_t`, one `case` and one
 !> name in hb_law_catalogue. Source: docs/theory.md, section 5.
 module hb_law
-   use hb_error, only: error_t, fail
+   use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_namelist, only: group_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
    implicit none
    private
-   public :: law_box_t, law_t, place_on_dof, read_place
+   public :: law_box_t, law_t, place_on_dof, place_on_dofs, read_dofs, read_place
 
    type, abstract :: law_t
       character(:), allocatable :: label                              !! name given by the user, else kind and number
@@ -27,6 +27,7 @@ module hb_law
       procedure :: correct => law_correct
       procedure :: contact_defects => law_contact_defects
       procedure :: length_scale => law_length_scale
+      procedure :: explain => law_explain
    end type law_t
 
    !> Box for a law of any kind, so that laws of several kinds form an array.
@@ -96,6 +97,17 @@ contains
       law_length_scale = 0.0_wp
    end function law_length_scale
 
+   !> Says why forces or derivatives at these samples are not finite; empty when the law does not know.
+   subroutine law_explain(self, z, v, text, is_fatal)
+      class(law_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :)            !! as `evaluate` had them
+      character(:), allocatable, intent(out) :: text
+      logical, intent(out) :: is_fatal                                !! other samples will not help: give the point up
+
+      text = ""
+      is_fatal = .false.
+   end subroutine law_explain
+
    !> Lets the law act on one degree of freedom.
    pure subroutine place_on_dof(self, dof)
       class(law_t), intent(inout) :: self
@@ -105,6 +117,20 @@ contains
       self%shape = reshape([1.0_wp], [1, 1])
    end subroutine place_on_dof
 
+   !> Lets the law act on several degrees of freedom, each a coordinate of its own.
+   pure subroutine place_on_dofs(self, dofs)
+      class(law_t), intent(inout) :: self
+      integer, intent(in) :: dofs(:)
+      integer :: i
+
+      self%dofs = dofs
+      if (allocated(self%shape)) deallocate (self%shape)
+      allocate (self%shape(size(dofs), size(dofs)), source=0.0_wp)
+      do i = 1, size(dofs)
+         self%shape(i, i) = 1.0_wp
+      end do
+   end subroutine place_on_dofs
+
    !> Reads where a law of one coordinate acts: `dof`, or `dofs` and `weights` for z = sum of weight times
    !> degree of freedom (weights 1, -1: a relative displacement).
    subroutine read_place(self, group, structure)
@@ -113,9 +139,8 @@ contains
       type(structure_t), intent(in) :: structure
       type(string_t), allocatable :: names(:)
       character(:), allocatable :: name
+      integer, allocatable :: dofs(:)
       real(wp), allocatable :: weights(:)
-      type(error_t), allocatable :: error
-      integer :: i
 
       if (group%given("dof") .and. group%given("dofs")) then
          call group%problem("dofs", "give either 'dof' or 'dofs', not both")
@@ -133,18 +158,47 @@ contains
       end if
       if (.not. allocated(weights)) return
       if (size(weights) /= size(names)) return
-      allocate (self%dofs(size(names)))
+      call find_dofs(names, group, structure, dofs)
+      if (.not. allocated(dofs)) return
+      if (all(weights == 0.0_wp)) call group%problem("weights", "at least one weight must not be zero")
+      self%dofs = dofs
+      self%shape = reshape(weights, [size(weights), 1])
+   end subroutine read_place
+
+   !> Reads where a law of several coordinates acts: `dofs`, each a coordinate of its own.
+   subroutine read_dofs(self, group, structure)
+      class(law_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      type(string_t), allocatable :: names(:)
+      integer, allocatable :: dofs(:)
+
+      call group%require("dofs", names)
+      if (.not. allocated(names)) return
+      call find_dofs(names, group, structure, dofs)
+      if (allocated(dofs)) call place_on_dofs(self, dofs)
+   end subroutine read_dofs
+
+   !> Numbers of the named degrees of freedom; not allocated when one of them is unknown.
+   subroutine find_dofs(names, group, structure, dofs)
+      type(string_t), intent(in) :: names(:)
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      integer, allocatable, intent(out) :: dofs(:)
+      type(error_t), allocatable :: error
+      integer :: i
+
+      allocate (dofs(size(names)))
       do i = 1, size(names)
-         call structure%find_dof(names(i)%value, self%dofs(i), error)
+         call structure%find_dof(names(i)%value, dofs(i), error)
          if (allocated(error)) then
-            call group%problem(merge("dofs", "dof ", group%given("dofs")), error%message)
+            call group%problem(trim(merge("dofs", "dof ", group%given("dofs"))), error%message)
+            deallocate (dofs)
             return
          end if
-         if (any(self%dofs(1:i - 1) == self%dofs(i))) then
+         if (any(dofs(1:i - 1) == dofs(i))) then
             call group%problem("dofs", "degree of freedom '"//names(i)%value//"' is named twice")
          end if
       end do
-      if (all(weights == 0.0_wp)) call group%problem("weights", "at least one weight must not be zero")
-      self%shape = reshape(weights, [size(weights), 1])
-   end subroutine read_place
+   end subroutine find_dofs
 end module hb_law

@@ -3,7 +3,7 @@ module hb_point
    use hb_balance, only: balance_t, new_balance
    use hb_certificate, only: certify
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
@@ -81,6 +81,12 @@ contains
       result%evaluations = report%evaluations
       result%residual = report%residual
       result%rescue = report%rescue
+      if (balance%law_set%is_given_up) then
+         call fail(error, balance%law_set%complaint)
+         return
+      else if (report%status /= outcome%converged .and. allocated(balance%law_set%complaint)) then
+         result%message = balance%law_set%complaint
+      end if
 
       allocate (c(scene%structure%n_dofs, scene%harmonics%n_harmonics))
       call balance%all_dofs(u, c)
