@@ -12,7 +12,7 @@ program nhbm
    implicit none
 
    !> Exit statuses, listed in `nhbm --help`.
-   integer(c_int), parameter :: success = 0, not_all_converged = 1, bad_input = 2
+   integer(c_int), parameter :: success = 0, not_all_right = 1, bad_input = 2
    character(7), parameter :: verbs(4) = [character(7) :: "solve", "check", "help", "version"]
 
    interface
@@ -26,15 +26,15 @@ program nhbm
    type(arguments_t) :: options
    type(error_t), allocatable :: error
    type(comm_t) :: comm
-   logical :: all_converged
+   logical :: all_right
    integer(c_int) :: status
 
    call start_mpi()
    comm = world()
-   all_converged = .true.
+   all_right = .true.
    call read_arguments(options, argument_list(), error)
    if (.not. allocated(error)) call run_verb()
-   status = merge(success, not_all_converged, all_converged)
+   status = merge(success, not_all_right, all_right)
    if (allocated(error)) then
       status = bad_input
       if (rank_of(comm) == 0) write (error_unit, "(a)") "nhbm: "//error%message
@@ -64,9 +64,9 @@ contains
       else if (.not. allocated(options%input)) then
          call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
       else if (verb == "check") then
-         call run_check(options, comm, error)
+         call run_check(options, comm, all_right, error)
       else
-         call run_solve(options, comm, all_converged, error)
+         call run_solve(options, comm, all_right, error)
       end if
    end subroutine run_verb
 
@@ -77,7 +77,8 @@ contains
          "under several tones, by the n-dimensional harmonic balance method.", &
          "", &
          "usage: nhbm solve INPUT [options]      solve all points of a namelist file, write an HDF5 file", &
-         "       nhbm check INPUT [options]      read the input, every point of it, and say what it asks for", &
+         "       nhbm check INPUT [options]      read the input, every point of it, say what it asks for, and compare the", &
+         "                                       derivatives of its laws with differences of their forces", &
          "       nhbm version                    version and commit", &
          "       mpirun -n 4 nhbm solve INPUT    the same, points spread over 4 ranks", &
          "", &
@@ -89,7 +90,8 @@ contains
          "  --quiet              no progress and no summary", &
          "  -h, --help           this text", &
          "", &
-         "exit status: 0 all points converged, 1 some did not (their status is in the file), 2 bad input or file.", &
+         "exit status: 0 all points converged, 1 some did not (their status is in the file) or a derivative is wrong,", &
+         "             2 bad input or file.", &
          "Set OPENBLAS_NUM_THREADS=1 under mpirun. docs/input.md lists the keys of the input, docs/schema.md the results."
    end subroutine write_help
 end program nhbm

@@ -1,14 +1,17 @@
-!> `nhbm check`: reads an input as `solve` would, every point of it, and says what it asks for.
+!> `nhbm check`: reads an input as `solve` would, every point of it, says what it asks for, and compares the derivatives of
+!> its laws with differences of their forces.
 module verb_check
    use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t
    use hb_error, only: annotate, error_t
+   use hb_law, only: law_box_t
+   use hb_law_check, only: check_derivatives, derivative_check_t
    use hb_law_set, only: law_dofs_of
    use hb_mpi, only: comm_t, rank_of
    use hb_namelist, only: document_t
    use hb_scene, only: read_scene, scene_t
    use hb_sweep, only: study_t
-   use hb_text, only: to_text
+   use hb_text, only: join, to_text
    use verb_solve, only: load_study
    implicit none
    private
@@ -16,21 +19,26 @@ module verb_check
 
 contains
 
-   !> Runs the verb.
-   subroutine run_check(options, comm, error)
+   !> Runs the verb; `all_right` tells whether the derivatives of all laws are.
+   subroutine run_check(options, comm, all_right, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
+      logical, intent(out) :: all_right
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
       integer :: point
 
+      all_right = .true.
       call load_study(options, comm, study, error)
       if (allocated(error)) return
       do point = 2, study%plan%n_points
          call check_point(study, point, error)
          if (allocated(error)) return
       end do
-      if (rank_of(comm) == 0) call describe(study)
+      if (rank_of(comm) > 0) return
+      call describe(study)
+      call check_laws(study%scene%laws, all_right)
+      if (all_right) write (output_unit, "(a)") "the input is sound"
    end subroutine run_check
 
    subroutine check_point(study, point, error)
@@ -68,6 +76,39 @@ contains
             write (output_unit, "(a)") "law         "//scene%laws(i)%law%label
          end do
       end associate
-      write (output_unit, "(a)") "the input is sound"
    end subroutine describe
+
+   !> Checks the derivatives of all laws of the first point and prints them as a table, wrong ones by name.
+   subroutine check_laws(laws, all_right)
+      type(law_box_t), intent(in) :: laws(:)
+      logical, intent(out) :: all_right
+      type(derivative_check_t) :: check
+      character(:), allocatable :: verdict
+      integer :: i, width
+
+      all_right = .true.
+      if (size(laws) == 0) return
+      width = max(11, maxval([(len(laws(i)%law%label), i=1, size(laws))]))
+      write (output_unit, "(a)") "", pad("derivatives", width)//"  difference  skipped       verdict"
+      do i = 1, size(laws)
+         call check_derivatives(laws(i)%law, check)
+         verdict = "right"
+         if (check%n_skipped == check%n_compared) verdict = "no sample could be compared"
+         if (size(check%wrong) > 0) verdict = "wrong: "//join(check%wrong, ", ")
+         write (output_unit, "(a, es12.1, 2x, a, a)") pad(laws(i)%law%label, width), check%difference, &
+            pad(to_text(check%n_skipped)//" of "//to_text(check%n_compared), 14), verdict
+         all_right = all_right .and. size(check%wrong) == 0
+      end do
+      write (output_unit, "(a)") "difference: the largest between a derivative and a difference of forces, relative; "// &
+         "skipped: samples at kinks", ""
+   end subroutine check_laws
+
+   !> Text filled up with blanks to a width.
+   pure function pad(text, width)
+      character(*), intent(in) :: text
+      integer, intent(in) :: width
+      character(max(width, len(text))) :: pad
+
+      pad = text
+   end function pad
 end module verb_check

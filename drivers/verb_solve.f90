@@ -49,8 +49,8 @@ contains
       end do
       if (summary%n_rescued > 0) write (output_unit, "(a)") to_text(summary%n_rescued)// &
          " needed more than the direct attempt (see 'rescue' in the results)"
-      write (output_unit, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", summary%truncation, &
-         " by truncation, ", summary%aliasing, " by aliasing"
+      if (summary%n_certified > 0) write (output_unit, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", &
+         summary%truncation, " by truncation, ", summary%aliasing, " by aliasing"
       if (summary%n_near_commensurate > 0) write (output_unit, "(a)") "warning: in "// &
          to_text(summary%n_near_commensurate)//" points a low-order combination of the tones nearly vanishes"// &
          " (see 'combination'); such tones are hard to tell from commensurate ones"

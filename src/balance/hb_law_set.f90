@@ -4,6 +4,7 @@
 !> at each sample, s = (loads - S u)(tau). Laws with memory are explicit; their states come from a walk along time.
 !> Source: docs/theory.md, sections 5.3 to 5.5.
 module hb_law_set
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_characteristic, only: characteristic_t, new_characteristic
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
@@ -39,6 +40,8 @@ module hb_law_set
       type(characteristic_t) :: characteristic                        !! steps along time, for laws with memory
       integer, allocatable :: row(:), column(:)                       !! (n_pairs) i and k of each pair
       type(law_box_t), allocatable :: laws(:)
+      character(:), allocatable :: complaint                          !! why a law had no finite force so far
+      logical :: is_given_up = .false.                                !! a law cannot go on: all forces are NaN from then on
       type(real_block_t) :: q, v, s, f                                !! motion, rate, reaction, force, (n_samples, n_dofs)
       type(real_block_t) :: q_before                                  !! motion one step before each sample
       type(real_block_t) :: step_rate, step_rate_before               !! rate times the step, there and one step before
@@ -101,6 +104,8 @@ contains
       self%has_derivatives = .false.
       self%needs_velocity = .false.
       self%needs_reaction = .false.
+      self%is_given_up = .false.
+      if (allocated(self%complaint)) deallocate (self%complaint)
       self%laws = laws
       dofs = law_dofs_of(laws)
       self%n_dofs = size(dofs)
@@ -249,6 +254,10 @@ contains
          if (self%needs_velocity) self%df_dv%values = 0.0_wp
          if (self%needs_reaction) self%df_ds%values = 0.0_wp
       end if
+      if (self%is_given_up) then
+         self%f%values = ieee_value(1.0_wp, ieee_quiet_nan)
+         return
+      end if
       do pass = 1, 2                                                   ! explicit laws, then multipliers
          do i = 1, size(self%laws)
             if (self%laws(i)%law%is_multiplier .neqv. pass == 2) cycle
@@ -270,6 +279,7 @@ contains
                   call law%evaluate(slot%z, slot%v, slot%p, slot%f)
                end if
             end associate
+            call listen(self, i, with_derivatives)
             call scatter(self, i)
          end do
       end do
@@ -319,6 +329,26 @@ contains
          end associate
       end subroutine gather_part
    end subroutine run_law_with_memory
+
+   !> Remembers what law i says when its forces or derivatives are not finite, for the message of the point.
+   subroutine listen(self, i, with_derivatives)
+      class(law_set_t), intent(inout) :: self
+      integer, intent(in) :: i
+      logical, intent(in) :: with_derivatives
+      character(:), allocatable :: text
+      logical :: is_fatal, is_finite
+
+      associate (law => self%laws(i)%law, slot => self%slots(i))
+         is_finite = all(ieee_is_finite(slot%f))
+         if (with_derivatives) is_finite = is_finite .and. all(ieee_is_finite(slot%df_dz)) .and. &
+                                           all(ieee_is_finite(slot%df_dv)) .and. all(ieee_is_finite(slot%df_dp))
+         if (is_finite) return
+         call law%explain(slot%z, slot%v, text, is_fatal)
+         if (len(text) == 0) text = "forces or derivatives are not finite"
+         if (is_fatal .or. .not. allocated(self%complaint)) self%complaint = "law '"//law%label//"': "//text
+         self%is_given_up = is_fatal
+      end associate
+   end subroutine listen
 
    !> Coordinates, their rates and the reaction of law i from the samples of its degrees of freedom.
    subroutine gather(self, i)
@@ -380,6 +410,7 @@ contains
                do b = 1, size(shape, 2)
                   do a = 1, size(shape, 2)
                      weight = shape(i, a)*shape(k, b)
+                     if (weight == 0.0_wp) cycle                       ! most of them where coordinates are degrees of freedom
                      self%df_dq%values(:, pair) = self%df_dq%values(:, pair) + weight*slot%df_dz(:, a, b)
                      if (size(slot%v, 2) > 0) then
                         self%df_dv%values(:, pair) = self%df_dv%values(:, pair) + weight*slot%df_dv(:, a, b)

@@ -4,14 +4,14 @@
 !> stands beside K q on the left-hand side, as shape f. Adding a law: a module that extends `law_t`, one `case` and one
 !> name in hb_law_catalogue. Source: docs/theory.md, section 5.
 module hb_law
-   use hb_error, only: error_t, fail
+   use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_namelist, only: group_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
    implicit none
    private
-   public :: law_box_t, law_t, place_coordinate, place_on_dof, read_place
+   public :: law_box_t, law_t, place_coordinate, place_on_dof, place_on_dofs, read_dofs, read_place
 
    type, abstract :: law_t
       character(:), allocatable :: label                              !! name given by the user, else kind and number
@@ -28,6 +28,7 @@ module hb_law
       procedure :: correct => law_correct
       procedure :: contact_defects => law_contact_defects
       procedure :: length_scale => law_length_scale
+      procedure :: explain => law_explain
    end type law_t
 
    !> Box for a law of any kind, so that laws of several kinds form an array.
@@ -103,6 +104,17 @@ contains
       law_length_scale = 0.0_wp
    end function law_length_scale
 
+   !> Says why forces or derivatives at these samples are not finite; empty when the law does not know.
+   subroutine law_explain(self, z, v, text, is_fatal)
+      class(law_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :)            !! as `evaluate` had them
+      character(:), allocatable, intent(out) :: text
+      logical, intent(out) :: is_fatal                                !! other samples will not help: give the point up
+
+      text = ""
+      is_fatal = .false.
+   end subroutine law_explain
+
    !> Lets the law act on one degree of freedom.
    pure subroutine place_on_dof(self, dof)
       class(law_t), intent(inout) :: self
@@ -112,6 +124,20 @@ contains
       self%shape = reshape([1.0_wp], [1, 1])
    end subroutine place_on_dof
 
+   !> Lets the law act on several degrees of freedom, each a coordinate of its own.
+   pure subroutine place_on_dofs(self, dofs)
+      class(law_t), intent(inout) :: self
+      integer, intent(in) :: dofs(:)
+      integer :: i
+
+      self%dofs = dofs
+      if (allocated(self%shape)) deallocate (self%shape)
+      allocate (self%shape(size(dofs), size(dofs)), source=0.0_wp)
+      do i = 1, size(dofs)
+         self%shape(i, i) = 1.0_wp
+      end do
+   end subroutine place_on_dofs
+
    !> Reads where the first coordinate of a law acts: `dof`, or `dofs` and `weights` for z = sum of weight times
    !> degree of freedom (weights 1, -1: a relative displacement).
    subroutine read_place(self, group, structure)
@@ -120,6 +146,7 @@ contains
       type(structure_t), intent(in) :: structure
       type(string_t), allocatable :: names(:)
       character(:), allocatable :: name
+      integer, allocatable :: dofs(:)
       real(wp), allocatable :: weights(:)
 
       if (group%given("dof") .and. group%given("dofs")) then
@@ -198,4 +225,17 @@ contains
       call move_alloc(all_dofs, self%dofs)
       call move_alloc(shape, self%shape)
    end subroutine append_coordinate
+
+   !> Reads where a law of several coordinates acts: `dofs`, each a coordinate of its own.
+   subroutine read_dofs(self, group, structure)
+      class(law_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      type(string_t), allocatable :: names(:)
+
+      call group%require("dofs", names)
+      if (.not. allocated(names)) return
+      call place_coordinate(self, group, structure, "dofs", names, spread(1.0_wp, 1, size(names)))
+      if (allocated(self%dofs)) call place_on_dofs(self, (self%dofs))
+   end subroutine read_dofs
 end module hb_law

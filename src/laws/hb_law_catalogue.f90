@@ -1,6 +1,8 @@
 !> The laws that an input file can name: one name and one case each.
 module hb_law_catalogue
    use hb_law, only: law_box_t
+   use hb_law_annular_clearance, only: annular_clearance_t
+   use hb_law_contact_table, only: contact_table_t
    use hb_law_coulomb_rigid, only: coulomb_rigid_t
    use hb_law_coulomb_tanh, only: coulomb_tanh_t
    use hb_law_cubic_spring, only: cubic_spring_t
@@ -8,8 +10,14 @@ module hb_law_catalogue
    use hb_law_iwan, only: iwan_t
    use hb_law_jenkins, only: jenkins_t
    use hb_law_jenkins_2d, only: jenkins_2d_t
+   use hb_law_piecewise_linear, only: piecewise_linear_t
    use hb_law_polynomial, only: polynomial_t
+   use hb_law_polynomial_coupled, only: polynomial_coupled_t
+   use hb_law_quadratic_damping, only: quadratic_damping_t
    use hb_law_rigid_wall, only: rigid_wall_t
+   use hb_law_tabulated, only: tabulated_t
+   use hb_law_user, only: user_law_t
+   use hb_law_van_der_pol, only: van_der_pol_t
    use hb_namelist, only: group_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
@@ -17,9 +25,10 @@ module hb_law_catalogue
    private
    public :: allocate_law, law_names, read_law
 
-   character(16), parameter :: law_names(9) = [character(16) :: &
-      "coulomb_rigid", "coulomb_tanh", "cubic_spring", "elastic_stop", "iwan", "jenkins", "jenkins_2d", "polynomial", &
-      "rigid_wall"]
+   character(24), parameter :: law_names(17) = [character(24) :: &
+      "annular_clearance", "contact_table", "coulomb_rigid", "coulomb_tanh", "cubic_spring", "elastic_stop", "iwan", &
+      "jenkins", "jenkins_2d", "piecewise_linear", "polynomial", "polynomial_coupled", "quadratic_damping", "rigid_wall", &
+      "tabulated", "user", "van_der_pol"]
 
 contains
 
@@ -29,6 +38,8 @@ contains
       character(*), intent(in) :: name                                !! one of `law_names`
 
       select case (name)
+      case ("annular_clearance"); allocate (annular_clearance_t :: box%law)
+      case ("contact_table"); allocate (contact_table_t :: box%law)
       case ("coulomb_rigid"); allocate (coulomb_rigid_t :: box%law)
       case ("coulomb_tanh"); allocate (coulomb_tanh_t :: box%law)
       case ("cubic_spring"); allocate (cubic_spring_t :: box%law)
@@ -36,8 +47,14 @@ contains
       case ("iwan"); allocate (iwan_t :: box%law)
       case ("jenkins"); allocate (jenkins_t :: box%law)
       case ("jenkins_2d"); allocate (jenkins_2d_t :: box%law)
+      case ("piecewise_linear"); allocate (piecewise_linear_t :: box%law)
       case ("polynomial"); allocate (polynomial_t :: box%law)
+      case ("polynomial_coupled"); allocate (polynomial_coupled_t :: box%law)
+      case ("quadratic_damping"); allocate (quadratic_damping_t :: box%law)
       case ("rigid_wall"); allocate (rigid_wall_t :: box%law)
+      case ("tabulated"); allocate (tabulated_t :: box%law)
+      case ("user"); allocate (user_law_t :: box%law)
+      case ("van_der_pol"); allocate (van_der_pol_t :: box%law)
       end select
    end subroutine allocate_law
 

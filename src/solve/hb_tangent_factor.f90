@@ -39,6 +39,8 @@ contains
       do i = 1, n
          self%jacobian(:, i) = self%jacobian(:, i)*(problem%x_scale(i)/problem%r_scale)
       end do
+      is_singular = .not. all(ieee_is_finite(self%jacobian))
+      if (is_singular) return                                         ! LAPACK must not meet NaN where exceptions stop it
       call dgetrf(n, n, self%jacobian, n, self%pivots, info)
       is_singular = info /= 0
       do i = 1, n

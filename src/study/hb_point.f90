@@ -81,6 +81,12 @@ contains
       result%evaluations = report%evaluations
       result%residual = report%residual
       result%rescue = report%rescue
+      if (balance%law_set%is_given_up) then
+         call fail(error, balance%law_set%complaint)
+         return
+      else if (report%status /= outcome%converged .and. allocated(balance%law_set%complaint)) then
+         result%message = balance%law_set%complaint
+      end if
 
       allocate (c(scene%structure%n_dofs, scene%harmonics%n_harmonics))
       call balance%all_dofs(u, c)

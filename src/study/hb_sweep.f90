@@ -40,6 +40,7 @@ module hb_sweep
       integer :: n_points = 0
       integer :: counts(0:ubound(outcome_names, 1)) = 0               !! points of each status
       integer :: n_rescued = 0                                        !! points where the direct attempt failed, but others did not
+      integer :: n_certified = 0                                      !! points with a certificate
       integer :: n_near_commensurate = 0
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
       real(wp) :: aliasing = 0.0_wp
@@ -300,6 +301,7 @@ contains
 
       summary%counts(result%status) = summary%counts(result%status) + 1
       if (result%rescue > 0) summary%n_rescued = summary%n_rescued + 1
+      if (allocated(result%certificate%combination)) summary%n_certified = summary%n_certified + 1
       if (result%is_near_commensurate) summary%n_near_commensurate = summary%n_near_commensurate + 1
       summary%truncation = max(summary%truncation, result%certificate%truncation)
       summary%aliasing = max(summary%aliasing, result%certificate%aliasing)
@@ -315,6 +317,7 @@ contains
          summary%counts(status) = sum_over(comm, summary%counts(status))
       end do
       summary%n_rescued = sum_over(comm, summary%n_rescued)
+      summary%n_certified = sum_over(comm, summary%n_certified)
       summary%n_near_commensurate = sum_over(comm, summary%n_near_commensurate)
       summary%truncation = max_over(comm, summary%truncation)
       summary%aliasing = max_over(comm, summary%aliasing)

@@ -8,9 +8,10 @@ module scenes
    use hb_point, only: solve_point
    use hb_results, only: point_result_t
    use hb_scene, only: read_scene, scene_t
+   use user_law_paths, only: user_law_samples
    implicit none
    private
-   public :: balance_of, law_example, make_scene, message_of, one_group_a_line, paper_beam, solve_text
+   public :: balance_of, law_example, law_place, make_scene, message_of, one_group_a_line, paper_beam, solve_text
 
    !> The paper's beam with its two loads; tones, harmonics and laws are still to be added.
    character(*), parameter :: paper_beam = &
@@ -26,6 +27,9 @@ contains
       character(:), allocatable :: keys
 
       select case (name)
+      case ("annular_clearance"); keys = "stiffness=3 clearance=0.25 friction_coefficient=0.2 spin='negative' center=0.1,-0.05"
+      case ("contact_table"); keys = "n_contacts=3 shapes=-1,0.5, 0.3,1, 0.8,-0.6 gaps=0.1,0,-0.2 stiffness=2,1.5,3 "// &
+            "friction_coefficient=0.3 friction_shapes=0.5,1, -1,0.3, 0.6,0.8"
       case ("cubic_spring"); keys = "stiffness=1.5"
       case ("elastic_stop"); keys = "stiffness=3 gap=0.2 two_sided=.true."
       case ("coulomb_rigid"); keys = "limit=0.3 augmentation=1.3"
@@ -33,11 +37,29 @@ contains
       case ("iwan"); keys = "stiffness=1,2,0.5 limit=0.1,0.4,0.3"
       case ("jenkins_2d"); keys = "stiffness=2.5 limit=0.4 second_dofs='x2'"
       case ("jenkins"); keys = "stiffness=2.5 limit=0.4"
+      case ("piecewise_linear"); keys = "breakpoints=-0.3,0.1,0.4 slopes=2,0.5,-0.3,1.5 force_at_zero=0.2"
       case ("polynomial"); keys = "stiffness=0.3,-0.5,0.7 damping=0.1,0.2,0.4"
+      case ("polynomial_coupled"); keys = "coefficients=0.7,-0.4,0.5,0.3 acts_on='x1','x2','x2','x1' "// &
+            "displacement_exponents=1,2, 3,0, 0,1, 0,0 velocity_exponents=0,0, 0,0, 1,1, 2,1"
+      case ("quadratic_damping"); keys = "coefficient=0.6"
       case ("rigid_wall"); keys = "gap=0.2 augmentation=2.5 two_sided=.true."
+      case ("tabulated"); keys = "displacements=-0.6,-0.2,0,0.3,0.5 forces=-1,-0.3,0,0.1,0.9"
+      case ("user"); keys = "library='"//user_law_samples//"' name='coupled' parameters=0.7,0.4"
+      case ("van_der_pol"); keys = "strength=0.4 threshold=0.8"
       case default; keys = ""
       end select
    end function law_example
+
+   !> Where a law of `law_example` acts in a structure that has x1 and x2.
+   pure function law_place(name) result(keys)
+      character(*), intent(in) :: name
+      character(:), allocatable :: keys
+
+      select case (name)
+      case ("annular_clearance", "contact_table", "polynomial_coupled", "user"); keys = "dofs='x1','x2'"
+      case default; keys = "dof='x1'"
+      end select
+   end function law_place
 
    !> Reads a scene.
    subroutine make_scene(text, scene, error)

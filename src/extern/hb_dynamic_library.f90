@@ -1,0 +1,85 @@
+!> Functions of shared libraries, found at run time by the loader of the system.
+!>
+!> A library stays loaded until the process ends, so that addresses stay valid in every copy of what holds them.
+!> Source of the interfaces: POSIX.1-2017, dlopen, dlsym, dlerror.
+module hb_dynamic_library
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_funptr, c_int, c_null_char, c_null_ptr, &
+      c_ptr, c_size_t
+   use hb_error, only: error_t, fail
+   implicit none
+   private
+   public :: dynamic_library_t, open_library
+
+   type :: dynamic_library_t
+      type(c_ptr), private :: handle = c_null_ptr
+   contains
+      procedure :: find => dynamic_library_find
+   end type dynamic_library_t
+
+   integer(c_int), parameter :: rtld_now = 2                           ! the same on Linux, BSD and macOS
+
+   interface
+      type(c_ptr) function dlopen(path, flags) bind(c, name="dlopen")
+         import :: c_char, c_int, c_ptr
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: flags
+      end function dlopen
+
+      type(c_funptr) function dlsym(handle, name) bind(c, name="dlsym")
+         import :: c_char, c_funptr, c_ptr
+         type(c_ptr), value :: handle
+         character(kind=c_char), intent(in) :: name(*)
+      end function dlsym
+
+      type(c_ptr) function dlerror() bind(c, name="dlerror")
+         import :: c_ptr
+      end function dlerror
+
+      integer(c_size_t) function strlen(text) bind(c, name="strlen")
+         import :: c_ptr, c_size_t
+         type(c_ptr), value :: text
+      end function strlen
+   end interface
+
+contains
+
+   !> Loads a shared library; a path with a slash is taken as it is, a name without is looked for where the system keeps
+   !> libraries. Fails with the reason that the loader gives.
+   subroutine open_library(self, path, error)
+      type(dynamic_library_t), intent(out) :: self
+      character(*), intent(in) :: path
+      type(error_t), allocatable, intent(out) :: error
+
+      self%handle = dlopen(path//c_null_char, rtld_now)
+      if (.not. c_associated(self%handle)) call fail(error, "cannot load the library: "//last_reason(path))
+   end subroutine open_library
+
+   !> Address of a function; fails when the library does not export it.
+   subroutine dynamic_library_find(self, name, address, error)
+      class(dynamic_library_t), intent(in) :: self
+      character(*), intent(in) :: name
+      type(c_funptr), intent(out) :: address
+      type(error_t), allocatable, intent(out) :: error
+
+      address = dlsym(self%handle, name//c_null_char)
+      if (.not. c_associated(address)) call fail(error, "the library has no function '"//name//"': "//last_reason(name))
+   end subroutine dynamic_library_find
+
+   !> What the loader says about its last failure.
+   function last_reason(subject) result(text)
+      character(*), intent(in) :: subject                             !! told when the loader says nothing
+      character(:), allocatable :: text
+      character(kind=c_char), pointer :: letters(:)
+      type(c_ptr) :: message
+      integer :: i
+
+      message = dlerror()
+      text = subject
+      if (.not. c_associated(message)) return
+      call c_f_pointer(message, letters, [strlen(message)])
+      text = repeat(" ", size(letters))
+      do i = 1, size(letters)
+         text(i:i) = letters(i)
+      end do
+   end function last_reason
+end module hb_dynamic_library

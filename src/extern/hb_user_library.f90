@@ -1,0 +1,116 @@
+!> Laws in shared libraries, as nhbm_user_law.h describes them: the Fortran side of that C interface.
+module hb_user_library
+   use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_set_halting_mode
+   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_loc, c_null_funptr, c_null_ptr, c_ptr
+   use hb_dynamic_library, only: dynamic_library_t, open_library
+   use hb_error, only: annotate, error_t, fail
+   use hb_kinds, only: wp
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: any_number, load_user_library, user_library_t
+
+   integer, parameter :: api_version = 1                              ! NHBM_USER_LAW_API
+   integer, parameter :: any_number = -1                              !! NHBM_ANY_NUMBER
+
+   !> nhbm_law_info_t
+   type, bind(c) :: info_t
+      integer(c_int) :: api_version = 0
+      integer(c_int) :: n_coordinates = 0
+      integer(c_int) :: n_parameters = 0
+      integer(c_int) :: needs_velocity = 0
+      integer(c_int) :: degree = 0
+      real(c_double) :: length_scale = 0.0_c_double
+   end type info_t
+
+   !> A law that is loaded, and what it says of itself.
+   type :: user_library_t
+      integer :: n_coordinates = any_number
+      integer :: n_parameters = any_number
+      logical :: needs_velocity = .false.
+      integer :: degree = 0                                           !! of a polynomial law, else 0
+      real(wp) :: length_scale = 0.0_wp                               !! [m], 0: none
+      type(c_funptr), private :: evaluate_function = c_null_funptr
+   contains
+      procedure :: evaluate => user_library_evaluate
+   end type user_library_t
+
+   abstract interface
+      integer(c_int) function info_function(info) bind(c)
+         import :: c_int, info_t
+         type(info_t), intent(inout) :: info
+      end function info_function
+
+      integer(c_int) function evaluate_function(n_samples, n_coordinates, stride, z, v, n_parameters, parameters, f, &
+                                                df_dz, df_dv) bind(c)
+         import :: c_double, c_int, c_ptr
+         integer(c_int), value :: n_samples, n_coordinates, stride, n_parameters
+         real(c_double), intent(in) :: z(*), parameters(*)
+         type(c_ptr), value :: v, df_dz, df_dv                        ! NULL where there is none
+         real(c_double), intent(out) :: f(*)
+      end function evaluate_function
+   end interface
+
+contains
+
+   !> Loads the law `name` from a library; fails when the library does not load, lacks a function, refuses, or is made for
+   !> another version of the interface.
+   subroutine load_user_library(self, path, name, error)
+      type(user_library_t), intent(out) :: self
+      character(*), intent(in) :: path
+      character(*), intent(in) :: name                                !! prefix of the functions
+      type(error_t), allocatable, intent(out) :: error
+      type(dynamic_library_t) :: library
+      type(info_t) :: info
+      type(c_funptr) :: address
+      procedure(info_function), pointer :: ask
+      integer(c_int) :: code
+
+      call open_library(library, path, error)
+      if (allocated(error)) return
+      call library%find(name//"_info", address, error)
+      if (.not. allocated(error)) call library%find(name//"_evaluate", self%evaluate_function, error)
+      call annotate(error, "'"//path//"'")
+      if (allocated(error)) return
+      call c_f_procpointer(address, ask)
+      code = ask(info)
+      if (code /= 0) then
+         call fail(error, "'"//path//"': "//name//"_info returned "//to_text(int(code))//" instead of 0")
+      else if (info%api_version /= api_version) then
+         call fail(error, "'"//path//"': '"//name//"' was made for version "//to_text(int(info%api_version))// &
+                   " of nhbm_user_law.h, this nhbm has version "//to_text(api_version)//"; compile it again")
+      end if
+      if (allocated(error)) return
+      self%n_coordinates = int(info%n_coordinates)
+      self%n_parameters = int(info%n_parameters)
+      self%needs_velocity = info%needs_velocity /= 0
+      self%degree = max(0, int(info%degree))
+      self%length_scale = max(0.0_wp, info%length_scale)
+   end subroutine load_user_library
+
+   !> Calls the user's function and gives its return code. Its floating-point exceptions do not stop the program: what they
+   !> leave behind is seen in the numbers.
+   integer function user_library_evaluate(self, parameters, z, v, f, df_dz, df_dv) result(code)
+      class(user_library_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: parameters(:)
+      real(wp), intent(in), contiguous, target :: z(:, :), v(:, :)    !! (n_samples, n_coordinates), v empty if not needed
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional, target :: df_dz(:, :, :), df_dv(:, :, :)
+      procedure(evaluate_function), pointer :: evaluate
+      type(c_ptr) :: v_address, df_dz_address, df_dv_address
+      logical :: halting(size(ieee_all))
+
+      v_address = c_null_ptr
+      df_dz_address = c_null_ptr
+      df_dv_address = c_null_ptr
+      if (self%needs_velocity) v_address = c_loc(v)
+      if (present(df_dz)) df_dz_address = c_loc(df_dz)
+      if (present(df_dv) .and. self%needs_velocity) df_dv_address = c_loc(df_dv)
+      call c_f_procpointer(self%evaluate_function, evaluate)
+      call ieee_get_halting_mode(ieee_all, halting)
+      call ieee_set_halting_mode(ieee_all, .false.)
+      code = evaluate(int(size(z, 1), c_int), int(size(z, 2), c_int), int(size(z, 1), c_int), z, v_address, &
+                      int(size(parameters), c_int), parameters, f, df_dz_address, df_dv_address)
+      call ieee_set_halting_mode(ieee_all, halting)
+   end function user_library_evaluate
+end module hb_user_library

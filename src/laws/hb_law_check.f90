@@ -1,0 +1,247 @@
+!> Compares the derivatives that a law gives with central differences of its forces.
+!>
+!> At random samples of magnitudes over several decades; where differences of two step sizes disagree (a kink in between, or
+!> rounding) a sample is skipped, otherwise both are extrapolated to step zero. Source: Richardson, Philos. Trans. R. Soc.
+!> London A 210 (1911) 307-357.
+module hb_law_check
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_kinds, only: wp
+   use hb_law, only: law_t
+   use hb_text, only: string_t, to_text
+   implicit none
+   private
+   public :: check_derivatives, derivative_check_t, derivative_tolerance
+
+   integer, parameter :: n_samples = 400
+   real(wp), parameter :: step = 1.0e-5_wp                            ! relative to the magnitude of a sample
+   real(wp), parameter :: agreement = 1.0e-6_wp                       ! of both differences, relative
+   real(wp), parameter :: units = 20.0_wp                             ! of rounding in a force
+   real(wp), parameter :: derivative_tolerance = 1.0e-5_wp            !! relative difference from which a derivative is wrong
+
+   !> What a check found.
+   type :: derivative_check_t
+      real(wp) :: difference = 0.0_wp                                 !! largest, relative to the derivative
+      integer :: n_compared = 0                                       !! samples, each for every motion differentiated by
+      integer :: n_skipped = 0                                        !! of these, near a kink or without a finite force
+      type(string_t), allocatable :: wrong(:)                         !! derivatives that are wrong, such as df/dz
+   end type derivative_check_t
+
+   !> Samples z, rates v and reactions p, and their magnitudes.
+   type :: samples_t
+      real(wp), allocatable :: motion(:, :, :)                        ! (n_samples, n_coordinates, z v p)
+      real(wp), allocatable :: magnitude(:, :)                        ! (n_samples, z v p)
+   end type samples_t
+
+   character(1), parameter :: letters(3) = ["z", "v", "p"]
+
+contains
+
+   !> Checks all derivatives of a law. What it takes from the structure it gets as for a static stiffness of 1 N/m and an
+   !> impedance of 1 N s/m.
+   subroutine check_derivatives(unprepared_law, check)
+      class(law_t), intent(in) :: unprepared_law
+      type(derivative_check_t), intent(out) :: check
+      class(law_t), allocatable :: law
+      type(samples_t) :: samples
+      real(wp), allocatable :: f(:, :), slopes(:, :, :, :)
+      integer :: b, kind_of_motion, n
+
+      allocate (law, source=unprepared_law)
+      call law%prepare(1.0_wp)
+      call law%prepare_rate(1.0_wp)
+      n = size(law%shape, 2)
+      call choose_samples(law, samples)
+      allocate (check%wrong(0), f(n_samples, n))
+      allocate (slopes(n_samples, n, n, 3))
+      call evaluate(law, samples, f, slopes)
+      do kind_of_motion = 1, 3
+         if (.not. depends_on(law, kind_of_motion)) cycle
+         do b = 1, n
+            call check_column(law, samples, kind_of_motion, b, slopes(:, :, b, kind_of_motion), check)
+         end do
+      end do
+   end subroutine check_derivatives
+
+   !> Whether the law is told this kind of motion: 1 displacement, 2 rate, 3 reaction.
+   pure logical function depends_on(law, kind_of_motion)
+      class(law_t), intent(in) :: law
+      integer, intent(in) :: kind_of_motion
+
+      select case (kind_of_motion)
+      case (2); depends_on = law%needs_velocity
+      case (3); depends_on = law%is_multiplier
+      case default; depends_on = .true.
+      end select
+   end function depends_on
+
+   !> Numbers between -1 and 1 times a length of the law (1 m, 1 m/s, 1 N without one) times a power of ten, the same at
+   !> every call.
+   subroutine choose_samples(law, samples)
+      class(law_t), intent(in) :: law
+      type(samples_t), intent(out) :: samples
+      real(wp), parameter :: decades(2) = [-2.0_wp, 1.0_wp]
+      integer, allocatable :: seed(:), seed_before(:)
+      integer :: c, i, kind_of_motion, n
+      real(wp) :: length
+
+      call random_seed(size=n)
+      allocate (seed_before(n))
+      call random_seed(get=seed_before)
+      seed = [(104729*i, i=1, n)]
+      call random_seed(put=seed)
+      allocate (samples%motion(n_samples, size(law%shape, 2), 3), samples%magnitude(n_samples, 3))
+      call random_number(samples%motion)
+      call random_number(samples%magnitude)
+      call random_seed(put=seed_before)
+      length = law%length_scale()
+      if (length <= 0.0_wp) length = 1.0_wp
+      samples%magnitude = length*10.0_wp**(decades(1) + (decades(2) - decades(1))*samples%magnitude)
+      samples%motion = 2.0_wp*samples%motion - 1.0_wp
+      do kind_of_motion = 1, 3
+         do c = 1, size(samples%motion, 2)
+            samples%motion(:, c, kind_of_motion) = samples%magnitude(:, kind_of_motion)*samples%motion(:, c, kind_of_motion)
+         end do
+      end do
+   end subroutine choose_samples
+
+   !> Compares the derivatives of all forces by one coordinate's displacement, rate or reaction.
+   subroutine check_column(law, samples, kind_of_motion, b, slope, check)
+      class(law_t), intent(in) :: law
+      type(samples_t), intent(in) :: samples
+      integer, intent(in) :: kind_of_motion, b
+      real(wp), intent(in) :: slope(:, :)                             !! (n_samples, n_coordinates)
+      type(derivative_check_t), intent(inout) :: check
+      real(wp), dimension(size(slope, 1), size(slope, 2)) :: coarse, fine, noise
+      real(wp) :: difference, worst(size(slope, 2))
+      type(string_t) :: name
+      integer :: a, i
+      logical :: agrees
+
+      call central_difference(law, samples, kind_of_motion, b, step, coarse, noise)
+      call central_difference(law, samples, kind_of_motion, b, step/2, fine, noise)
+      worst = 0.0_wp
+      do i = 1, size(slope, 1)
+         check%n_compared = check%n_compared + 1
+         agrees = all(ieee_is_finite(coarse(i, :))) .and. all(ieee_is_finite(fine(i, :)))
+         if (agrees) agrees = all(abs(coarse(i, :) - fine(i, :)) <= agreement*abs(fine(i, :)) + noise(i, :))
+         if (.not. agrees) then
+            check%n_skipped = check%n_skipped + 1
+            cycle
+         end if
+         do a = 1, size(slope, 2)
+            difference = relative_difference((4.0_wp*fine(i, a) - coarse(i, a))/3.0_wp, slope(i, a), noise(i, a))
+            worst(a) = max(worst(a), difference)
+         end do
+      end do
+      do a = 1, size(slope, 2)
+         check%difference = max(check%difference, worst(a))
+         if (worst(a) > derivative_tolerance) then
+            name%value = name_of(a, letters(kind_of_motion), b, size(slope, 2))
+            check%wrong = [check%wrong, name]
+         end if
+      end do
+   end subroutine check_column
+
+   !> Difference relative to the larger of both, or to what makes rounding alone a tolerable difference. No finite derivative
+   !> counts as 1e300.
+   pure real(wp) function relative_difference(expected, found, noise)
+      real(wp), intent(in) :: expected, found, noise
+
+      if (.not. ieee_is_finite(found)) then
+         relative_difference = 1.0e300_wp
+      else if (found == expected) then
+         relative_difference = 0.0_wp
+      else
+         relative_difference = abs(found - expected)/max(abs(found), abs(expected), noise/derivative_tolerance)
+      end if
+   end function relative_difference
+
+   !> Such as df/dz, with several coordinates df(1)/dz(2).
+   pure function name_of(a, letter, b, n) result(name)
+      integer, intent(in) :: a, b, n
+      character(1), intent(in) :: letter
+      character(:), allocatable :: name
+
+      name = "df/d"//letter
+      if (n > 1) name = "df("//to_text(a)//")/d"//letter//"("//to_text(b)//")"
+   end function name_of
+
+   !> (f(x + h) - f(x - h))/(2 h) with h relative to the magnitude of each sample, and what rounding may do to it.
+   subroutine central_difference(law, samples, kind_of_motion, b, relative_step, quotient, noise)
+      class(law_t), intent(in) :: law
+      type(samples_t), intent(in) :: samples
+      integer, intent(in) :: kind_of_motion, b
+      real(wp), intent(in) :: relative_step
+      real(wp), intent(out) :: quotient(:, :), noise(:, :)            !! (n_samples, n_coordinates)
+      type(samples_t) :: moved
+      real(wp), dimension(size(quotient, 1), size(quotient, 2)) :: higher, lower
+      real(wp) :: h(size(quotient, 1))
+      integer :: a
+
+      h = relative_step*samples%magnitude(:, kind_of_motion)
+      moved = samples
+      moved%motion(:, b, kind_of_motion) = samples%motion(:, b, kind_of_motion) + h
+      call evaluate(law, moved, higher)
+      moved%motion(:, b, kind_of_motion) = samples%motion(:, b, kind_of_motion) - h
+      call evaluate(law, moved, lower)
+      do a = 1, size(quotient, 2)
+         quotient(:, a) = (higher(:, a) - lower(:, a))/(2.0_wp*h)
+         noise(:, a) = units*epsilon(1.0_wp)*(abs(higher(:, a)) + abs(lower(:, a)))/h
+      end do
+   end subroutine central_difference
+
+   !> Forces of all samples and, when asked for, their derivatives; sample by sample where a law cannot do all at once, so
+   !> that only those are lost that it cannot do.
+   subroutine evaluate(law, samples, f, slopes)
+      class(law_t), intent(in) :: law
+      type(samples_t), intent(in) :: samples
+      real(wp), intent(out), contiguous :: f(:, :)                    !! (n_samples, n_coordinates)
+      real(wp), intent(out), contiguous, optional :: slopes(:, :, :, :)
+         !! (n_samples, n_coordinates, n_coordinates, z v p)
+      real(wp) :: f_one(1, size(f, 2)), slopes_one(1, size(f, 2), size(f, 2), 3)
+      integer :: i
+
+      if (present(slopes)) then
+         call evaluate_block(law, samples%motion, f, slopes)
+      else
+         call evaluate_block(law, samples%motion, f)
+      end if
+      if (all(ieee_is_finite(f))) return
+      do i = 1, size(f, 1)
+         if (present(slopes)) then
+            call evaluate_block(law, samples%motion(i:i, :, :), f_one, slopes_one)
+            slopes(i, :, :, :) = slopes_one(1, :, :, :)
+         else
+            call evaluate_block(law, samples%motion(i:i, :, :), f_one)
+         end if
+         f(i, :) = f_one(1, :)
+      end do
+   end subroutine evaluate
+
+   !> As `evaluate`, all at once.
+   subroutine evaluate_block(law, motion, f, slopes)
+      class(law_t), intent(in) :: law
+      real(wp), intent(in) :: motion(:, :, :)                         !! (n_samples, n_coordinates, z v p)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), optional :: slopes(:, :, :, :)
+      real(wp), allocatable :: z(:, :), v(:, :), p(:, :), df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+      integer :: n, n_p, n_v
+
+      n = size(f, 2)
+      n_v = merge(n, 0, law%needs_velocity)
+      n_p = merge(n, 0, law%is_multiplier)
+      z = motion(:, :, 1)
+      v = motion(:, :n_v, 2)
+      p = motion(:, :n_p, 3)
+      if (.not. present(slopes)) then
+         call law%evaluate(z, v, p, f)
+         return
+      end if
+      allocate (df_dz(size(f, 1), n, n), df_dv(size(f, 1), n, n_v), df_dp(size(f, 1), n, n_p))
+      call law%evaluate(z, v, p, f, df_dz, df_dv, df_dp)
+      slopes = 0.0_wp
+      slopes(:, :, :, 1) = df_dz
+      if (n_v > 0) slopes(:, :, :, 2) = df_dv
+      if (n_p > 0) slopes(:, :, :, 3) = df_dp
+   end subroutine evaluate_block
+end module hb_law_check

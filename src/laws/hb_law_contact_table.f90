@@ -1,0 +1,132 @@
+!> Many contacts by linear forms: gap g_i = g0_i + a_i.q, contact force l_i = k_i max(0, -g_i), friction mu_i l_i.
+!>
+!> The structure feels l_i a_i, which opens the gap, and mu_i l_i b_i with b_i the row of `friction_shapes`; the law is
+!> minus that: f = - sum over i of l_i (a_i + mu_i b_i). Blade i of a disk against a casing is one row: a_i holds minus the
+!> disk's and plus the casing's radial shape at the blade, b_i minus the disk's and plus the casing's tangential one.
+!> Friction keeps its direction. Source: docs/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
+module hb_law_contact_table
+   use hb_kinds, only: wp
+   use hb_law, only: law_t, read_dofs
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: contact_table_t, new_contact_table
+
+   integer, parameter :: block_size = 256                             ! samples that stay in the cache over all contacts
+
+   type, extends(law_t) :: contact_table_t
+      real(wp), allocatable :: shapes(:, :)                           !! a_i, (n_contacts, n_dofs)
+      real(wp), allocatable :: pushes(:, :)                           !! a_i + mu_i b_i, (n_contacts, n_dofs)
+      real(wp), allocatable :: gaps(:)                                !! g0_i [m], (n_contacts); negative: pressed on at rest
+      real(wp), allocatable :: stiffness(:)                           !! k_i [N/m], (n_contacts)
+   contains
+      procedure :: read => contact_table_read
+      procedure :: evaluate => contact_table_evaluate
+      procedure :: length_scale => contact_table_length_scale
+   end type contact_table_t
+
+contains
+
+   !> Table of contacts; without friction `friction` is zero and `friction_shapes` of any value.
+   pure subroutine new_contact_table(self, shapes, gaps, stiffness, friction, friction_shapes)
+      class(contact_table_t), intent(inout) :: self
+      real(wp), intent(in) :: shapes(:, :)                            !! a_i, (n_contacts, n_dofs)
+      real(wp), intent(in) :: gaps(:)                                 !! [m], (n_contacts)
+      real(wp), intent(in) :: stiffness(:)                            !! [N/m], (n_contacts), >= 0
+      real(wp), intent(in) :: friction(:)                             !! mu_i, (n_contacts)
+      real(wp), intent(in) :: friction_shapes(:, :)                   !! b_i, as shapes
+
+      self%shapes = shapes
+      self%gaps = gaps
+      self%stiffness = stiffness
+      self%pushes = shapes + spread(friction, 2, size(shapes, 2))*friction_shapes
+   end subroutine new_contact_table
+
+   !> Reads a `&law type = 'contact_table'` group.
+   subroutine contact_table_read(self, group, structure)
+      class(contact_table_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      real(wp), allocatable :: friction(:), friction_shapes(:, :), gaps(:), shapes(:, :), stiffness(:)
+      integer :: i, n
+
+      n = 0
+      friction = [0.0_wp]
+      call read_dofs(self, group, structure)
+      call group%require("n_contacts", n, minimum=1, maximum=100000)
+      call group%require("gaps", gaps)
+      call group%require("stiffness", stiffness, minimum=0.0_wp)
+      call group%get("friction_coefficient", friction, minimum=0.0_wp)
+      if (n < 1 .or. .not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness))) return
+      call group%require("shapes", shapes, n=n, m=size(self%dofs))
+      if (any(friction > 0.0_wp)) then
+         call group%require("friction_shapes", friction_shapes, n=n, m=size(self%dofs))
+      else
+         allocate (friction_shapes(n, size(self%dofs)), source=0.0_wp)
+         call group%get("friction_shapes", friction_shapes, n=n, m=size(self%dofs))
+      end if
+      call one_for_each(group, "gaps", gaps, n)
+      call one_for_each(group, "stiffness", stiffness, n)
+      call one_for_each(group, "friction_coefficient", friction, n)
+      if (.not. (allocated(shapes) .and. allocated(friction_shapes))) return
+      do i = 1, n
+         if (all(shapes(i, :) == 0.0_wp)) call group%problem("shapes", "row "//to_text(i)//" is zero: its gap never moves")
+      end do
+      if (size(gaps) == n .and. size(stiffness) == n .and. size(friction) == n) then
+         call new_contact_table(self, shapes, gaps, stiffness, friction, friction_shapes)
+      end if
+   end subroutine contact_table_read
+
+   !> Spreads one number over all contacts.
+   subroutine one_for_each(group, key, values, n)
+      type(group_t), intent(inout) :: group
+      character(*), intent(in) :: key
+      real(wp), allocatable, intent(inout) :: values(:)
+      integer, intent(in) :: n
+
+      if (size(values) == 1) values = spread(values(1), 1, n)
+      if (size(values) /= n) call group%problem(key, "give one number, or one for each of the "//to_text(n)//" contacts")
+   end subroutine one_for_each
+
+   subroutine contact_table_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(contact_table_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+      real(wp) :: gap(block_size), load(block_size)
+      integer :: a, b, first, i, last, n
+
+      f = 0.0_wp
+      if (present(df_dz)) df_dz = 0.0_wp
+      do first = 1, size(z, 1), block_size
+         last = min(first + block_size - 1, size(z, 1))
+         n = last - first + 1
+         do i = 1, size(self%gaps)
+            gap(1:n) = self%gaps(i)
+            do a = 1, size(z, 2)
+               gap(1:n) = gap(1:n) + self%shapes(i, a)*z(first:last, a)
+            end do
+            if (all(gap(1:n) >= 0.0_wp)) cycle
+            load(1:n) = self%stiffness(i)*max(-gap(1:n), 0.0_wp)
+            do a = 1, size(z, 2)
+               f(first:last, a) = f(first:last, a) - self%pushes(i, a)*load(1:n)
+            end do
+            if (.not. present(df_dz)) cycle
+            load(1:n) = merge(self%stiffness(i), 0.0_wp, gap(1:n) < 0.0_wp)
+            do b = 1, size(z, 2)
+               do a = 1, size(z, 2)
+                  df_dz(first:last, a, b) = df_dz(first:last, a, b) + self%pushes(i, a)*self%shapes(i, b)*load(1:n)
+               end do
+            end do
+         end do
+      end do
+   end subroutine contact_table_evaluate
+
+   pure real(wp) function contact_table_length_scale(self)
+      class(contact_table_t), intent(in) :: self
+
+      contact_table_length_scale = maxval(abs(self%gaps))
+   end function contact_table_length_scale
+end module hb_law_contact_table

@@ -1,0 +1,96 @@
+!> Continuous piecewise linear spring: slope s_1 below the first breakpoint, s_2 to the second, ..., s_(n+1) above the last.
+!> Source: docs/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
+module hb_law_piecewise_linear
+   use hb_interval, only: interval_of, is_ascending
+   use hb_kinds, only: wp
+   use hb_law, only: law_t, read_place
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: new_piecewise_linear, piecewise_linear_t
+
+   type, extends(law_t) :: piecewise_linear_t
+      real(wp), allocatable :: breakpoints(:)                         !! [m], ascending, at least one
+      real(wp), allocatable :: slopes(:)                              !! [N/m], one more than breakpoints
+      real(wp), allocatable :: forces(:)                              !! at the breakpoints [N]
+   contains
+      procedure :: read => piecewise_linear_read
+      procedure :: evaluate => piecewise_linear_evaluate
+      procedure :: length_scale => piecewise_linear_length_scale
+   end type piecewise_linear_t
+
+contains
+
+   !> Spring of the given slopes between the breakpoints, with the given force at z = 0.
+   pure subroutine new_piecewise_linear(self, breakpoints, slopes, force_at_zero)
+      class(piecewise_linear_t), intent(inout) :: self
+      real(wp), intent(in) :: breakpoints(:)                          !! [m], ascending, at least one
+      real(wp), intent(in) :: slopes(:)                               !! [N/m], one more than breakpoints
+      real(wp), intent(in) :: force_at_zero                           !! [N]
+      real(wp) :: at_zero
+      integer :: i
+
+      self%breakpoints = breakpoints
+      self%slopes = slopes
+      self%forces = [(0.0_wp, i=1, size(breakpoints))]
+      do i = 2, size(breakpoints)
+         self%forces(i) = self%forces(i - 1) + slopes(i)*(breakpoints(i) - breakpoints(i - 1))
+      end do
+      at_zero = force_at(self, interval_of(breakpoints, 0.0_wp), 0.0_wp)
+      self%forces = self%forces + (force_at_zero - at_zero)
+   end subroutine new_piecewise_linear
+
+   !> Reads a `&law type = 'piecewise_linear'` group.
+   subroutine piecewise_linear_read(self, group, structure)
+      class(piecewise_linear_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      real(wp), allocatable :: breakpoints(:), slopes(:)
+      real(wp) :: force_at_zero
+
+      force_at_zero = 0.0_wp
+      call group%require("breakpoints", breakpoints)
+      call group%get("force_at_zero", force_at_zero)
+      if (allocated(breakpoints)) then
+         call group%require("slopes", slopes, n=size(breakpoints) + 1)
+         if (.not. is_ascending(breakpoints)) then
+            call group%problem("breakpoints", "each must be greater than the one before")
+         else if (allocated(slopes)) then
+            if (size(slopes) == size(breakpoints) + 1) call new_piecewise_linear(self, breakpoints, slopes, force_at_zero)
+         end if
+      end if
+      call read_place(self, group, structure)
+   end subroutine piecewise_linear_read
+
+   subroutine piecewise_linear_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(piecewise_linear_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+      integer :: i, piece
+
+      do i = 1, size(z, 1)
+         piece = interval_of(self%breakpoints, z(i, 1))
+         f(i, 1) = force_at(self, piece, z(i, 1))
+         if (present(df_dz)) df_dz(i, 1, 1) = self%slopes(piece + 1)
+      end do
+   end subroutine piecewise_linear_evaluate
+
+   !> Force on piece 0, ..., n, measured from the breakpoint at its lower end; piece 0 from that at its upper end.
+   pure real(wp) function force_at(self, piece, z)
+      class(piecewise_linear_t), intent(in) :: self
+      integer, intent(in) :: piece
+      real(wp), intent(in) :: z
+      integer :: node
+
+      node = max(piece, 1)
+      force_at = self%forces(node) + self%slopes(piece + 1)*(z - self%breakpoints(node))
+   end function force_at
+
+   pure real(wp) function piecewise_linear_length_scale(self)
+      class(piecewise_linear_t), intent(in) :: self
+
+      piecewise_linear_length_scale = maxval(abs(self%breakpoints))
+   end function piecewise_linear_length_scale
+end module hb_law_piecewise_linear

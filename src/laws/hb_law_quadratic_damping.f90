@@ -1,0 +1,53 @@
+!> Quadratic damping, f = c |v| v, the drag of a fluid.
+!> Source: docs/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
+module hb_law_quadratic_damping
+   use hb_kinds, only: wp
+   use hb_law, only: law_t, read_place
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: new_quadratic_damping, quadratic_damping_t
+
+   type, extends(law_t) :: quadratic_damping_t
+      real(wp) :: coefficient = 0.0_wp                                !! c [N s**2/m**2]
+   contains
+      procedure :: read => quadratic_damping_read
+      procedure :: evaluate => quadratic_damping_evaluate
+   end type quadratic_damping_t
+
+contains
+
+   !> Damper of the given coefficient.
+   pure subroutine new_quadratic_damping(self, coefficient)
+      class(quadratic_damping_t), intent(inout) :: self
+      real(wp), intent(in) :: coefficient                             !! c [N s**2/m**2]
+
+      self%coefficient = coefficient
+      self%needs_velocity = .true.
+   end subroutine new_quadratic_damping
+
+   !> Reads a `&law type = 'quadratic_damping'` group.
+   subroutine quadratic_damping_read(self, group, structure)
+      class(quadratic_damping_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      real(wp) :: coefficient
+
+      coefficient = 0.0_wp
+      call group%require("coefficient", coefficient)
+      call new_quadratic_damping(self, coefficient)
+      call read_place(self, group, structure)
+   end subroutine quadratic_damping_read
+
+   subroutine quadratic_damping_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(quadratic_damping_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+
+      f = self%coefficient*abs(v)*v
+      if (present(df_dz)) df_dz = 0.0_wp
+      if (present(df_dv)) df_dv(:, :, 1) = 2.0_wp*self%coefficient*abs(v)
+   end subroutine quadratic_damping_evaluate
+end module hb_law_quadratic_damping

@@ -1,0 +1,69 @@
+!> Damping that drives small motions and brakes large ones, f = -mu (1 - (z/a)**2) v.
+!> Source: van der Pol, Philos. Mag. 2 (1926) 978-992, with a = 1; docs/theory.md, section 5.1.
+!> Sign: f stands beside K q on the left-hand side.
+module hb_law_van_der_pol
+   use hb_kinds, only: wp
+   use hb_law, only: law_t, read_place
+   use hb_namelist, only: group_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: new_van_der_pol, van_der_pol_t
+
+   type, extends(law_t) :: van_der_pol_t
+      real(wp) :: strength = 0.0_wp                                   !! mu [N s/m]
+      real(wp) :: threshold = 1.0_wp                                  !! a [m], where driving turns into braking
+   contains
+      procedure :: read => van_der_pol_read
+      procedure :: evaluate => van_der_pol_evaluate
+      procedure :: length_scale => van_der_pol_length_scale
+   end type van_der_pol_t
+
+contains
+
+   !> Damping of the given strength that changes its sign at |z| = threshold.
+   pure subroutine new_van_der_pol(self, strength, threshold)
+      class(van_der_pol_t), intent(inout) :: self
+      real(wp), intent(in) :: strength                                !! mu [N s/m]
+      real(wp), intent(in) :: threshold                               !! a [m], > 0
+
+      self%strength = strength
+      self%threshold = threshold
+      self%needs_velocity = .true.
+      self%degree = 3
+   end subroutine new_van_der_pol
+
+   !> Reads a `&law type = 'van_der_pol'` group.
+   subroutine van_der_pol_read(self, group, structure)
+      class(van_der_pol_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      real(wp) :: strength, threshold
+
+      strength = 0.0_wp
+      threshold = self%threshold
+      call group%require("strength", strength)
+      call group%get("threshold", threshold, above=0.0_wp)
+      call new_van_der_pol(self, strength, threshold)
+      call read_place(self, group, structure)
+   end subroutine van_der_pol_read
+
+   subroutine van_der_pol_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(van_der_pol_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+
+      associate (mu => self%strength, a => self%threshold)
+         f = -mu*(1.0_wp - (z/a)**2)*v
+         if (present(df_dz)) df_dz(:, :, 1) = 2.0_wp*mu*z*v/a**2
+         if (present(df_dv)) df_dv(:, :, 1) = -mu*(1.0_wp - (z/a)**2)
+      end associate
+   end subroutine van_der_pol_evaluate
+
+   pure real(wp) function van_der_pol_length_scale(self)
+      class(van_der_pol_t), intent(in) :: self
+
+      van_der_pol_length_scale = self%threshold
+   end function van_der_pol_length_scale
+end module hb_law_van_der_pol

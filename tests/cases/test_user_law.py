@@ -1,0 +1,124 @@
+"""Laws from shared libraries: the worked examples built as their sources say, solved and checked by the program."""
+
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from nhbm_post.reader import Results
+
+from expectations import failures, read_expectations
+from program import ALL_CONVERGED, BAD_INPUT, NOT_ALL_CONVERGED, coefficients_by_tuple, run
+
+ROOT = Path(__file__).resolve().parents[2]
+HEADER_FOLDER = ROOT / "src" / "laws"
+INPUT = "cubic_spring.nml"
+
+WRONG = """
+#include "nhbm_user_law.h"
+#include <stddef.h>
+
+int wrong_info(nhbm_law_info_t *info)
+{
+   info->api_version = NHBM_USER_LAW_API;
+   info->n_coordinates = 1;
+   info->n_parameters = 1;
+   return 0;
+}
+
+int wrong_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                   const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   for (int i = 0; i < n; i++) {
+      f[i] = z[i];
+      if (df_dz != NULL)
+         df_dz[i] = -1.0;
+   }
+   return n_parameters == 1 && parameters[0] > 0.5 ? (int)-parameters[0] : 0;
+}
+"""
+
+ONE_MASS = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
+&tones frequency = 2.0 /
+&harmonics order = 3 /
+&load dof = 'x1', tuple = 1, cos = 1.0 /
+&law type = 'user', label = 'mine', library = 'wrong.so', name = 'wrong', dof = 'x1', parameters = 0.0 /
+"""
+
+
+def build_as_the_source_says(source: Path):
+    """Runs the one command that stands in the first lines of a source."""
+    lines = [line.strip(" *!>") for line in source.read_text().splitlines()[:5]]
+    (command,) = [line for line in lines if "-shared" in line]
+    words = [str(HEADER_FOLDER) if word == "../../src/laws" else word for word in shlex.split(command)]
+    subprocess.run(words, cwd=source.parent, check=True)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The folder of the examples with both libraries."""
+    copy = tmp_path / "user_law"
+    shutil.copytree(ROOT / "inputs" / "user_law", copy)
+    for source in ("cubic_spring.c", "cubic_spring.f90"):
+        build_as_the_source_says(copy / source)
+    return copy
+
+
+@pytest.fixture
+def wrong_law(tmp_path):
+    """Folder with a law whose derivative has the wrong sign, and an input `one_mass.nml` that uses it."""
+    (tmp_path / "wrong.c").write_text(WRONG)
+    command = ["cc", "-shared", "-fPIC", f"-I{HEADER_FOLDER}", "-o", "wrong.so", "wrong.c"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    (tmp_path / "one_mass.nml").write_text(ONE_MASS)
+    return tmp_path
+
+
+def test_examples_move_like_the_built_in_spring(folder, tmp_path):
+    done = run("solve", folder / INPUT, cwd=tmp_path)
+    result = tmp_path / "cubic_spring.h5"
+    assert done.status == ALL_CONVERGED, done.stderr
+    with Results(result) as results:
+        assert not failures(read_expectations((folder / INPUT).read_text()), results)
+    built_in = coefficients_by_tuple(result, dof=2)
+    largest = max(abs(value) for pair in built_in.values() for value in pair)
+    for dof in (0, 1):
+        for j, pair in coefficients_by_tuple(result, dof=dof).items():
+            assert pair == pytest.approx(built_in[j], rel=0.0, abs=1e-15 * largest), f"{j} of x{dof + 1}"
+
+
+def test_examples_pass_the_check(folder, tmp_path):
+    done = run("check", folder / INPUT, cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stderr
+    rows = [line.split() for line in done.stdout.splitlines() if line.startswith("from ")]
+    assert [row[1] for row in rows if row[-1] == "right"] == ["C", "Fortran"]
+
+
+def test_library_is_named_when_it_is_missing(tmp_path):
+    source = tmp_path / INPUT
+    shutil.copy(ROOT / "inputs" / "user_law" / INPUT, source)
+    done = run("check", source, cwd=tmp_path)
+    assert done.status == BAD_INPUT
+    assert "cannot load the library: cubic_c.so" in done.stderr
+    assert "cannot load the library: cubic_f.so" in done.stderr
+
+
+def test_check_finds_a_wrong_sign(wrong_law):
+    done = run("check", "one_mass.nml", cwd=wrong_law)
+    assert done.status == NOT_ALL_CONVERGED
+    (row,) = [line for line in done.stdout.splitlines() if line.startswith("mine ")]
+    assert row.endswith("wrong: df/dz")
+    assert "the input is sound" not in done.stdout
+
+
+def test_other_points_go_on_when_a_law_fails(wrong_law):
+    source = wrong_law / "one_mass.nml"
+    keys = "&solver method = 'broyden' /\n&certificate is_on = .false. /\n"  # the certificate needs right derivatives
+    source.write_text(ONE_MASS + keys + "&sweep parameter = 'law(1)%parameters', values = 0, 2, 0.1 /\n")
+    done = run("solve", source, cwd=wrong_law)
+    assert done.status == NOT_ALL_CONVERGED, done.stderr
+    with Results(wrong_law / "one_mass.h5") as results:
+        assert [results.status_name(i) for i in range(3)] == ["converged", "failed", "converged"]
+        assert results.message(1) == "law 'mine': 'wrong_evaluate' returned -2"

@@ -1,0 +1,168 @@
+/* Laws for the tests of hb_law_user: one that works and several that fail, each in its own way. */
+#include "nhbm_user_law.h"
+#include <math.h>
+#include <stddef.h>
+
+static int describe(nhbm_law_info_t *info, int n_coordinates, int n_parameters, int needs_velocity)
+{
+   info->api_version = NHBM_USER_LAW_API;
+   info->n_coordinates = n_coordinates;
+   info->n_parameters = n_parameters;
+   info->needs_velocity = needs_velocity;
+   return 0;
+}
+
+/* Two coordinates, not symmetric: f_0 = a z_0 z_1**2 + b v_0 z_1, f_1 = -v_0**2 v_1. */
+int coupled_info(nhbm_law_info_t *info)
+{
+   return describe(info, 2, 2, 1);
+}
+
+int coupled_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                     const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   const double a = parameters[0], b = parameters[1];
+
+   (void)n_parameters;
+   for (int i = 0; i < n; i++) {
+      const double x = z[i], y = z[i + stride], u = v[i], w = v[i + stride];
+      f[i] = a * x * y * y + b * u * y;
+      f[i + stride] = -u * u * w;
+      if (df_dz != NULL) {
+         df_dz[i] = a * y * y;
+         df_dz[i + stride] = 0.0;
+         df_dz[i + stride * n_coordinates] = 2.0 * a * x * y + b * u;
+         df_dz[i + stride * (1 + n_coordinates)] = 0.0;
+      }
+      if (df_dv != NULL) {
+         df_dv[i] = b * y;
+         df_dv[i + stride] = -2.0 * u * w;
+         df_dv[i + stride * n_coordinates] = 0.0;
+         df_dv[i + stride * (1 + n_coordinates)] = -u * u;
+      }
+   }
+   return 0;
+}
+
+/* A spring of stiffness 1 in one coordinate. */
+static void spring(int n, const double *z, double *f, double *df_dz, double slope)
+{
+   for (int i = 0; i < n; i++) {
+      f[i] = z[i];
+      if (df_dz != NULL)
+         df_dz[i] = slope;
+   }
+}
+
+static int is_beyond(int n, const double *z, double limit)
+{
+   for (int i = 0; i < n; i++)
+      if (fabs(z[i]) > limit)
+         return 1;
+   return 0;
+}
+
+/* Its derivative has the wrong sign. */
+int wrong_sign_info(nhbm_law_info_t *info)
+{
+   return describe(info, 1, 0, 0);
+}
+
+int wrong_sign_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                        const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   (void)n_coordinates, (void)stride, (void)v, (void)n_parameters, (void)parameters, (void)df_dv;
+   spring(n, z, f, df_dz, -1.0);
+   return 0;
+}
+
+/* Out of range, to be tried elsewhere, beyond |z| = parameter. */
+int limited_info(nhbm_law_info_t *info)
+{
+   return describe(info, NHBM_ANY_NUMBER, 1, 0);
+}
+
+int limited_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                     const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   (void)n_coordinates, (void)stride, (void)v, (void)n_parameters, (void)df_dv;
+   spring(n, z, f, df_dz, 1.0);
+   return is_beyond(n, z, parameters[0]) ? 3 : 0;
+}
+
+/* Cannot go on beyond |z| = parameter. */
+int fatal_info(nhbm_law_info_t *info)
+{
+   return describe(info, 1, 1, 0);
+}
+
+int fatal_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                   const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   (void)n_coordinates, (void)stride, (void)v, (void)n_parameters, (void)df_dv;
+   spring(n, z, f, df_dz, 1.0);
+   return is_beyond(n, z, parameters[0]) ? -7 : 0;
+}
+
+/* Not a number beyond |z| = parameter, without saying so: 0/0, which raises a floating-point exception as well. */
+int undefined_info(nhbm_law_info_t *info)
+{
+   return describe(info, 1, 1, 0);
+}
+
+int undefined_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                       const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   volatile double zero = 0.0;
+
+   (void)n_coordinates, (void)stride, (void)v, (void)n_parameters, (void)df_dv;
+   spring(n, z, f, df_dz, 1.0);
+   for (int i = 0; i < n; i++)
+      if (fabs(z[i]) > parameters[0])
+         f[i] = zero / zero;
+   return 0;
+}
+
+/* Its force is fine, its derivative is not. */
+int undefined_slope_info(nhbm_law_info_t *info)
+{
+   return describe(info, 1, 1, 0);
+}
+
+int undefined_slope_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                             const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   (void)n_coordinates, (void)stride, (void)v, (void)n_parameters, (void)parameters, (void)df_dv;
+   spring(n, z, f, df_dz, NAN);
+   return 0;
+}
+
+/* Made for another version of the interface. */
+int other_version_info(nhbm_law_info_t *info)
+{
+   info->api_version = NHBM_USER_LAW_API + 1;
+   return 0;
+}
+
+int other_version_evaluate(void)
+{
+   return 0;
+}
+
+/* Refuses to be used. */
+int refusing_info(nhbm_law_info_t *info)
+{
+   (void)info;
+   return 5;
+}
+
+int refusing_evaluate(void)
+{
+   return 0;
+}
+
+/* Lacks its evaluate function. */
+int half_info(nhbm_law_info_t *info)
+{
+   return describe(info, 1, 0, 0);
+}
