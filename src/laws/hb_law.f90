@@ -146,7 +146,6 @@ contains
       type(structure_t), intent(in) :: structure
       type(string_t), allocatable :: names(:)
       character(:), allocatable :: name
-      integer, allocatable :: dofs(:)
       real(wp), allocatable :: weights(:)
 
       if (group%given("dof") .and. group%given("dofs")) then
