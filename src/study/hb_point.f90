@@ -153,6 +153,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(real_block_t) :: corrected
       real(wp), allocatable :: coefficients(:, :)
+      integer :: i
       character(:), allocatable :: trouble
 
       allocate (coefficients, mold=u)
@@ -163,6 +164,7 @@ contains
          call fail(error, trouble)
          return
       end if
+      result%n_full_stick = count([(balance%law_set%full_stick(i), i=1, size(balance%law_set%laws))])
       call balance%project(balance%law_set%f%values, coefficients)
       result%force_coefficients = as_pairs(harmonics, coefficients)
       call new_real_block(corrected, size(balance%law_set%q%values, 1), size(u, 2), error)

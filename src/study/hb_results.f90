@@ -65,6 +65,7 @@ module hb_results
       real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
       real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
+      integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
       type(certificate_t) :: certificate                !! zero and without combination where none was made
       logical :: is_near_commensurate = .false.
       real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
@@ -216,6 +217,7 @@ contains
       call put(self, "solve_seconds", i, [point%solve_seconds], error)
       call put(self, "rank", i, [point%rank], error)
       call put(self, "n_harmonics", i, [point%n_harmonics], error)
+      call put(self, "n_full_stick", i, [point%n_full_stick], error)
       if (allocated(point%frequency)) call put(self, "frequency", i, point%frequency, error)
       if (allocated(point%coefficients)) call put(self, "coefficients", i, point%coefficients, error)
       if (allocated(point%force_coefficients)) call put(self, "force_coefficients", i, point%force_coefficients, error)
@@ -345,6 +347,8 @@ contains
          call add("solve_seconds", is_real, [point_axis], "s", "wall time of the point")
          call add("rank", is_integer, [point_axis], "1", "MPI rank that solved the point")
          call add("n_harmonics", is_integer, [point_axis], "1", "number of harmonics in the set of the point")
+         call add("n_full_stick", is_integer, [point_axis], "1", &
+            "friction laws that slip nowhere: the solution from rest, one of many")
          call add("frequency", is_real, [tone_axis, point_axis], "rad/s", "base frequencies")
          call add("coefficients", is_real, [component_axis, harmonic_axis, dof_axis, point_axis], "", &
             "coefficients of the motion", layout%dof_units)
