@@ -40,6 +40,17 @@ CASES = {
         + "&law type = 'cubic_spring', dof = 'x1', stiffness = 1.5 /\n",
         (1, 2, 3, 4, 5, 9),
     ),
+    "Jenkins element": (
+        "&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.02, stiffness = 1.0 /\n&tones frequency = 1.2 /\n"
+        "&load dof = 'x1', tuple = 1, cos = 0.3 /\n&sampling samples = 1024 /\n"
+        "&law type = 'jenkins', dof = 'x1', stiffness = 1.0, limit = 0.5 /\n",
+        (1, 3, 5, 7, 9, 31),
+    ),
+    "Jenkins element, two tones": (
+        MASS.format(damping=0.05, tones="0.9, 1.4562305898749055", load=0.4)
+        + "&sampling samples = 64 /\n&law type = 'jenkins', dof = 'x1', stiffness = 1.0, limit = 0.5 /\n",
+        (3, 5, 7, 13),
+    ),
 }
 FACTOR = 3.0
 
