@@ -187,7 +187,7 @@ contains
          scene%planning, error)
       if (allocated(error)) return
       associate (found => result%certificate, limit => scene%certificate)
-         if (found%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
+         if (found%defects%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
          if (found%truncation > limit%truncation) result%status = outcome%truncated
          if (found%aliasing > limit%aliasing) result%status = outcome%aliased
          result%is_near_commensurate = scene%tones%n_tones > 1 .and. &

@@ -40,6 +40,7 @@ module hb_results
       integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics), the union over all points
       character(16), allocatable :: dof_labels(:), dof_units(:) !! stored degrees of freedom; `m`, `rad`
       character(16), allocatable :: law_dof_labels(:), law_dof_units(:) !! those on which laws act
+      character(64), allocatable :: law_labels(:)       !! of the laws, unique
       integer, allocatable :: n_samples(:)              !! grid per tone; size 0: no surfaces are stored
       type(swept_parameter_t), allocatable :: parameters(:)
       character(:), allocatable :: title
@@ -98,7 +99,7 @@ module hb_results
    integer, parameter :: is_integer = 1, is_real = 2, is_characters = 3
    ! Indices of the axes; the hypertime axes follow.
    integer, parameter :: point_axis = 1, tone_axis = 2, harmonic_axis = 3, dof_axis = 4, law_dof_axis = 5, &
-      component_axis = 6, message_axis = 7, n_plain_axes = 7
+      component_axis = 6, message_axis = 7, law_axis = 8, n_plain_axes = 8
 
    !> An open result file.
    type :: results_t
@@ -239,12 +240,13 @@ contains
       associate (found => point%certificate)
          call put(self, "truncation_estimate", i, [found%truncation], error)
          call put(self, "aliasing_estimate", i, [found%aliasing], error)
-         call put(self, "penetration", i, [found%penetration], error)
-         call put(self, "tension", i, [found%tension], error)
-         call put(self, "complementarity", i, [found%complementarity], error)
+         call put(self, "penetration", i, [found%defects%penetration], error)
+         call put(self, "tension", i, [found%defects%tension], error)
+         call put(self, "complementarity", i, [found%defects%complementarity], error)
+         call put(self, "slip_defect", i, [found%defects%slip], error)
          call put(self, "power_in", i, [found%power_in], error)
          call put(self, "power_damping", i, [found%power_damping], error)
-         call put(self, "power_laws", i, [found%power_laws], error)
+         call put(self, "power_laws", i, found%power_laws, error)
          call put(self, "combination_frequency", i, [found%combination_frequency], error)
          call put(self, "combination", i, found%combination, error)
          call put(self, "is_near_commensurate", i, [merge(1, 0, point%is_near_commensurate)], error)
@@ -363,9 +365,11 @@ contains
          call add("penetration", is_real, [point_axis], "m", "largest penetration into a rigid wall")
          call add("tension", is_real, [point_axis], "N", "largest pull that a rigid wall would have to exert")
          call add("complementarity", is_real, [point_axis], "N m", "largest product of reaction and gap of a rigid wall")
+         call add("slip_defect", is_real, [point_axis], "W", &
+            "largest power that exact friction would take beyond the reaction of rigid friction")
          call add("power_in", is_real, [point_axis], "W", "mean power of the loads")
          call add("power_damping", is_real, [point_axis], "W", "mean loss in the damping of the structure")
-         call add("power_laws", is_real, [point_axis], "W", "mean loss in the laws")
+         call add("power_laws", is_real, [law_axis, point_axis], "W", "mean loss in each law")
          call add("combination_frequency", is_real, [point_axis], "rad/s", "smallest |k.omega| of low order")
          call add("combination", is_integer, [tone_axis, point_axis], "1", "integers k of combination_frequency")
          call add("is_near_commensurate", is_integer, [point_axis], "1", &
@@ -416,6 +420,7 @@ contains
       call set(law_dof_axis, "law_dof", size(layout%law_dof_labels), "1", &
          "degree of freedom on which laws act")
       call set(component_axis, "component", 2, "1", "part of a coefficient")
+      call set(law_axis, "law", size(layout%law_labels), "1", "law, by its label")
       call set(message_axis, "message_byte", message_length, "1", "byte of a message")
       do i = 1, size(layout%n_samples)
          call set(n_plain_axes + i, "tau_"//to_text(i), layout%n_samples(i), "rad", &
@@ -494,6 +499,7 @@ contains
 
       if (.not. (allocated(layout%tuples) .and. allocated(layout%dof_labels) .and. &
                  allocated(layout%dof_units) .and. allocated(layout%law_dof_labels) .and. &
+                 allocated(layout%law_labels) .and. &
                  allocated(layout%law_dof_units) .and. allocated(layout%n_samples) .and. &
                  allocated(layout%parameters))) then
          call fail(error, "layout: an array is not allocated")
@@ -640,6 +646,8 @@ contains
                call file%add_texts(axis%name, layout%dof_labels, axis%scale, error)
             case (law_dof_axis)
                call file%add_texts(axis%name, layout%law_dof_labels, axis%scale, error)
+            case (law_axis)
+               call file%add_texts(axis%name, layout%law_labels, axis%scale, error)
             case (component_axis)
                call file%add_texts(axis%name, ["cos", "sin"], axis%scale, error)
             case default
