@@ -290,12 +290,15 @@ contains
       character(:), allocatable, intent(inout) :: value
       character(*), intent(in), optional :: choices(:)
       type(strings_t) :: found
+      type(string_t) :: used(1)
       integer :: i_asked
 
       found = strings_among(choices)
       call read_values(self, key, is_required, "a text in quotes", single_value, found, i_asked)
       if (found%are_complete) value = found%values(1)%value
-      if (allocated(value)) call keep(self, i_asked, texts_of([string_t(value)]), 1)
+      if (.not. allocated(value)) return
+      used(1)%value = value                                 ! gfortran 12 would leak [string_t(value)]
+      call keep(self, i_asked, texts_of(used), 1)
    end subroutine read_string
 
    pure subroutine read_reals(self, key, is_required, value, range, n)
