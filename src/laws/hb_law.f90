@@ -17,8 +17,8 @@ module hb_law
    type :: defects_t
       real(wp) :: penetration = 0.0_wp                                !! into an obstacle [m]
       real(wp) :: tension = 0.0_wp                                    !! pull by an obstacle that can only push [N]
-      real(wp) :: complementarity = 0.0_wp                            !! product of the reaction of an obstacle and its distance [N m]
-      real(wp) :: slip = 0.0_wp                                       !! power that exact friction would take beyond the reaction [W]
+      real(wp) :: complementarity = 0.0_wp                            !! reaction of an obstacle times its distance [N m]
+      real(wp) :: slip = 0.0_wp                                       !! what exact friction would take beyond the reaction [W]
    end type defects_t
 
    type, abstract :: law_t
