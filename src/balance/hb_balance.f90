@@ -79,6 +79,8 @@ contains
       self%stiffness = stiffness
       self%n_dofs = size(stiffness%load, 1)
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
+      self%law_factor = 1.0_wp
+      self%load_factor = 1.0_wp
       call new_transform(self%transform, harmonics, torus, self%n_dofs, effort, error)
       if (allocated(error)) return
       call new_law_set(self%law_set, laws, torus, omega, error)
