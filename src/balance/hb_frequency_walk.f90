@@ -13,10 +13,10 @@ module hb_frequency_walk
    private
    public :: frequency_walk_t, new_frequency_walk
 
-   !> Samples stand slice by slice, as in hb_slider_memory.
+   !> Derivatives, slice by slice as in hb_slider_memory.
    type :: frequency_walk_t
-      real(wp), allocatable :: path(:, :, :, :)                       !! derivative [m s], (n_slice, n_coordinates, n_path_parts, n_steps)
-      real(wp), allocatable :: states(:, :, :)                        !! derivative, (n_slice, n_states, n_steps)
+      real(wp), allocatable :: path(:, :, :, :)                       !! [m s], (n_slice, n_coordinates, n_path_parts, n_steps)
+      real(wp), allocatable :: states(:, :, :)                        !! (n_slice, n_states, n_steps)
       logical :: repeats = .true.                                     !! false: not within `most_rounds`
       real(wp), allocatable, private :: start(:, :), first(:, :)      ! (n_slice, n_states)
    contains
