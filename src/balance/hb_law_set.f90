@@ -6,8 +6,9 @@
 module hb_law_set
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_characteristic, only: characteristic_t, new_characteristic
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
+   use hb_frequency_walk, only: frequency_walk_t, new_frequency_walk
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t, path_part
    use hb_kinds, only: wp
@@ -27,8 +28,16 @@ module hb_law_set
       real(wp), allocatable :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
       type(memory_t), allocatable :: memory                           ! of a law that has one
       type(memory_tangent_t), allocatable :: tangent                  ! of its memory, from the first use on
+      type(frequency_walk_t), allocatable :: frequency_walk           ! of its memory, from the first use on
+      real(wp), allocatable :: f_by_frequency(:, :)                   ! (n_samples, n_coordinates)
       real(wp), allocatable :: answer(:, :, :, :)                     ! (width, 2, n_coordinates, n_samples) to a block of columns
    end type slot_t
+
+   !> Derivatives of samples by a base frequency while all coefficients stay; they get their memory at their first use.
+   type :: frequency_samples_t
+      type(real_block_t) :: v, s, f                                   !! of rate, reaction, force, (n_samples, n_dofs)
+      type(real_block_t) :: q_before, step_rate, step_rate_before     !! of what steps know of the motion
+   end type frequency_samples_t
 
    !> Owner of outside resources: call `destroy`.
    type :: law_set_t
@@ -46,6 +55,7 @@ module hb_law_set
       type(real_block_t) :: q_before                                  !! motion one step before each sample
       type(real_block_t) :: step_rate, step_rate_before               !! rate times the step, there and one step before
       type(real_block_t) :: df_dq, df_dv, df_ds                       !! (n_samples, n_pairs)
+      type(frequency_samples_t) :: by_frequency
       type(slot_t), allocatable, private :: slots(:)
       integer, allocatable, private :: pair_at(:, :)                  ! (n_dofs, n_dofs), 0: no pair
       logical, private :: has_derivatives = .false.
@@ -53,6 +63,8 @@ module hb_law_set
       procedure :: columns_of => law_set_columns_of
       procedure :: evaluate => law_set_evaluate
       procedure :: differentiate => law_set_differentiate
+      procedure :: make_frequency_samples => law_set_make_frequency_samples
+      procedure :: differentiate_by_frequency => law_set_differentiate_by_frequency
       procedure :: prepare_answers => law_set_prepare_answers
       procedure :: n_blocks => law_set_n_blocks
       procedure :: answer_block => law_set_answer_block
@@ -244,6 +256,115 @@ contains
       self%has_derivatives = .true.
    end subroutine allocate_derivatives
 
+   !> Makes room for the samples `by_frequency`, at their first use.
+   subroutine law_set_make_frequency_samples(self, error)
+      class(law_set_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+      integer :: n_samples
+
+      if (associated(self%by_frequency%f%values)) return
+      n_samples = size(self%q%values, 1)
+      if (self%needs_velocity) call new_real_block(self%by_frequency%v, n_samples, self%n_dofs, error)
+      if (allocated(error)) return
+      if (self%needs_reaction) call new_real_block(self%by_frequency%s, n_samples, self%n_dofs, error)
+      if (allocated(error)) return
+      if (self%has_memory) then
+         call new_real_block(self%by_frequency%q_before, n_samples, self%n_dofs, error)
+         if (allocated(error)) return
+         call new_real_block(self%by_frequency%step_rate, n_samples, self%n_dofs, error)
+         if (allocated(error)) return
+         call new_real_block(self%by_frequency%step_rate_before, n_samples, self%n_dofs, error)
+         if (allocated(error)) return
+      end if
+      call new_real_block(self%by_frequency%f, n_samples, self%n_dofs, error)
+   end subroutine law_set_make_frequency_samples
+
+   !> Derivative by a base frequency of the forces, `by_frequency%f`, from the others there, after `differentiate`.
+   !>
+   !> Fails where the derivative of a law with memory does not repeat from round to round.
+   subroutine law_set_differentiate_by_frequency(self, weight_slope, error)
+      class(law_set_t), intent(inout) :: self
+      real(wp), intent(in) :: weight_slope(:)                         !! of `characteristic`, any without memory
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      associate (by => self%by_frequency)
+         by%f%values = 0.0_wp
+         do i = 1, size(self%laws)
+            if (.not. allocated(self%slots(i)%memory)) cycle
+            call add_walk(self, i, weight_slope, error)
+            if (allocated(error)) return
+         end do
+         if (self%has_memory) call pass_on_to_multipliers(self)
+         do i = 1, self%n_pairs
+            associate (row => self%row(i), column => self%column(i))
+               if (self%needs_velocity) by%f%values(:, row) = by%f%values(:, row) &
+                                                              + self%df_dv%values(:, i)*by%v%values(:, column)
+               if (self%needs_reaction) by%f%values(:, row) = by%f%values(:, row) &
+                                                              + self%df_ds%values(:, i)*by%s%values(:, column)
+            end associate
+         end do
+      end associate
+   end subroutine law_set_differentiate_by_frequency
+
+   !> Adds how the forces of law i, which has memory, answer to the frequency.
+   subroutine add_walk(self, i, weight_slope, error)
+      class(law_set_t), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: weight_slope(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: c, k
+
+      associate (slot => self%slots(i), by => self%by_frequency, shape => self%laws(i)%law%shape)
+         if (.not. allocated(slot%frequency_walk)) then
+            allocate (slot%frequency_walk)
+            call new_frequency_walk(slot%frequency_walk, slot%memory)
+            allocate (slot%f_by_frequency, mold=slot%f)
+         end if
+         associate (path => slot%frequency_walk%path)
+            call gather_part(self, i, by%q_before%values, path(:, :, path_part%at_start, :))
+            call gather_part(self, i, by%step_rate%values, path(:, :, path_part%end_rate, :))
+            call gather_part(self, i, by%step_rate_before%values, path(:, :, path_part%start_rate, :))
+         end associate
+         select type (law => self%laws(i)%law)
+         class is (hysteretic_law_t)
+            call slot%frequency_walk%walk(slot%memory, law, self%characteristic, weight_slope)
+            if (.not. slot%frequency_walk%repeats) then
+               call fail(error, "law '"//law%label//"': the derivative of its memory by a base frequency does not repeat "// &
+                         "from round to round of the torus")
+               return
+            end if
+            call slot%frequency_walk%force(slot%memory, law, self%characteristic, slot%f_by_frequency)
+         end select
+         do c = 1, size(shape, 2)
+            do k = 1, size(slot%columns)
+               by%f%values(:, slot%columns(k)) = by%f%values(:, slot%columns(k)) + shape(k, c)*slot%f_by_frequency(:, c)
+            end do
+         end do
+      end associate
+   end subroutine add_walk
+
+   !> Adds what multiplier laws then have to supply, as long as only laws with memory stand in `by_frequency%f`.
+   subroutine pass_on_to_multipliers(self)
+      class(law_set_t), intent(inout) :: self
+      real(wp), allocatable :: asked(:)
+      integer :: k, m
+
+      allocate (asked(size(self%by_frequency%f%values, 1)))
+      do m = 1, size(self%laws)
+         if (.not. self%laws(m)%law%is_multiplier) cycle
+         associate (w => self%laws(m)%law%shape(:, 1), columns => self%slots(m)%columns, f => self%by_frequency%f%values)
+            asked = 0.0_wp
+            do k = 1, size(w)
+               asked = asked - w(k)/sum(w**2)*f(:, columns(k))
+            end do
+            do k = 1, size(w)
+               f(:, columns(k)) = f(:, columns(k)) + w(k)*self%slots(m)%df_dp(:, 1, 1)*asked
+            end do
+         end associate
+      end do
+   end subroutine pass_on_to_multipliers
+
    subroutine run_laws(self, with_derivatives)
       class(law_set_t), intent(inout) :: self
       logical, intent(in) :: with_derivatives
@@ -292,11 +413,11 @@ contains
       integer, intent(in) :: i
       integer :: slice
 
-      associate (slot => self%slots(i), shape => self%laws(i)%law%shape)
-         call gather_part(self%q%values, path_part%at_end)
-         call gather_part(self%q_before%values, path_part%at_start)
-         call gather_part(self%step_rate%values, path_part%end_rate)
-         call gather_part(self%step_rate_before%values, path_part%start_rate)
+      associate (slot => self%slots(i))
+         call gather_part(self, i, self%q%values, slot%memory%path(:, :, path_part%at_end, :))
+         call gather_part(self, i, self%q_before%values, slot%memory%path(:, :, path_part%at_start, :))
+         call gather_part(self, i, self%step_rate%values, slot%memory%path(:, :, path_part%end_rate, :))
+         call gather_part(self, i, self%step_rate_before%values, slot%memory%path(:, :, path_part%start_rate, :))
          select type (law => self%laws(i)%law)
          class is (hysteretic_law_t)
             call slot%memory%march(law, self%characteristic)
@@ -307,29 +428,28 @@ contains
             end do
          end select
       end associate
+   end subroutine run_law_with_memory
 
-   contains
+   !> One part of the paths of all coordinates of law i from samples of the degrees of freedom.
+   subroutine gather_part(self, i, values, path)
+      class(law_set_t), intent(in) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: values(:, :)                            !! (n_samples, n_dofs)
+      real(wp), intent(out) :: path(:, :, :)                          !! (n_slice, n_coordinates, n_steps)
+      integer :: c, k, slice
 
-      !> One part of the paths of all coordinates from samples of the degrees of freedom.
-      subroutine gather_part(values, part)
-         real(wp), intent(in) :: values(:, :)
-         integer, intent(in) :: part
-         integer :: c, k, slice
-
-         associate (slot => self%slots(i), shape => self%laws(i)%law%shape, sample => self%characteristic%sample)
-            do slice = 1, size(sample, 2)
-               do c = 1, size(shape, 2)
-                  slot%memory%path(:, c, part, slice) = 0.0_wp
-                  do k = 1, size(slot%columns)
-                     if (abs(shape(k, c)) <= 0.0_wp) cycle
-                     slot%memory%path(:, c, part, slice) = slot%memory%path(:, c, part, slice) &
-                                                          + shape(k, c)*values(sample(:, slice), slot%columns(k))
-                  end do
+      associate (slot => self%slots(i), shape => self%laws(i)%law%shape, sample => self%characteristic%sample)
+         do slice = 1, size(sample, 2)
+            do c = 1, size(shape, 2)
+               path(:, c, slice) = 0.0_wp
+               do k = 1, size(slot%columns)
+                  if (abs(shape(k, c)) <= 0.0_wp) cycle
+                  path(:, c, slice) = path(:, c, slice) + shape(k, c)*values(sample(:, slice), slot%columns(k))
                end do
             end do
-         end associate
-      end subroutine gather_part
-   end subroutine run_law_with_memory
+         end do
+      end associate
+   end subroutine gather_part
 
    !> Remembers what law i says when its forces or derivatives are not finite, for the message of the point.
    subroutine listen(self, i, with_derivatives)
@@ -726,5 +846,11 @@ contains
       call self%df_dq%destroy()
       call self%df_dv%destroy()
       call self%df_ds%destroy()
+      call self%by_frequency%v%destroy()
+      call self%by_frequency%s%destroy()
+      call self%by_frequency%f%destroy()
+      call self%by_frequency%q_before%destroy()
+      call self%by_frequency%step_rate%destroy()
+      call self%by_frequency%step_rate_before%destroy()
    end subroutine law_set_destroy
 end module hb_law_set

@@ -27,7 +27,8 @@ module hb_slider_memory
       logical :: full_stick = .false.                                 !! no state moved in the last round
       real(wp), allocatable :: ds_ds_old(:, :, :, :)                  !! (n_slice, n_states, n_states, n_steps)
       real(wp), allocatable :: ds_dpath(:, :, :, :, :)                !! (n_slice, n_states, n_coordinates, n_path_parts, n_steps)
-      real(wp), allocatable, private :: before(:, :), start(:, :)     ! (n_slice, n_states)
+      real(wp), allocatable :: before(:, :)                           !! first slice before the last round, (n_slice, n_states)
+      real(wp), allocatable, private :: start(:, :)                   ! (n_slice, n_states)
    contains
       procedure :: march => memory_march
       procedure :: differentiable => memory_differentiable

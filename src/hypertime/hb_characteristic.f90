@@ -22,7 +22,10 @@ module hb_characteristic
       integer, allocatable :: sample(:, :)                            !! (n_slice, n_steps) place among those of the torus
       integer, allocatable :: neighbour(:, :)                         !! (n_neighbours, n_slice) within the slice before
       real(wp), allocatable :: weight(:)                              !! (n_neighbours), their sum is 1
+      real(wp), allocatable, private :: omega(:)                      ! [rad/s], (n_tones)
+      real(wp), allocatable, private :: way(:)                        ! to the start of a step, in samples, (n_tones)
    contains
+      procedure :: frequency_slopes => characteristic_frequency_slopes
       procedure :: interpolate => characteristic_interpolate
    end type characteristic_t
 
@@ -42,6 +45,7 @@ contains
       self%n_steps = torus%n_samples(self%tone)
       self%n_slice = torus%n_total/self%n_steps
       self%step = two_pi/(omega(self%tone)*self%n_steps)
+      self%omega = omega
       inner = product(torus%n_samples(:self%tone - 1))
       outer = product(torus%n_samples(self%tone + 1:))
       allocate (self%sample(self%n_slice, self%n_steps))
@@ -58,25 +62,25 @@ contains
       type(characteristic_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)
-      integer :: m, n_neighbours, node, other, p, q, rest, stride(size(omega)), shift(size(omega))
-      real(wp) :: by_node(n_nodes, size(omega)), way
+      integer :: m, n_neighbours, node, other, p, q, rest, shift(size(omega))
+      real(wp) :: by_node(n_nodes, size(omega))
 
       other = size(omega) - 1
       n_neighbours = n_nodes**other
-      allocate (self%neighbour(n_neighbours, self%n_slice), self%weight(n_neighbours))
-      stride = 1
+      allocate (self%neighbour(n_neighbours, self%n_slice), self%weight(n_neighbours), self%way(size(omega)))
       do m = 1, size(omega)
-         way = -omega(m)*self%step*torus%n_samples(m)/two_pi           ! to the start of a step, in samples
-         if (abs(way - anint(way)) < 8*epsilon(1.0_wp)*max(1.0_wp, abs(way))) way = anint(way)
-         shift(m) = floor(way)
-         by_node(:, m) = cubic_weights(way - shift(m))
+         associate (way => self%way(m))
+            way = -omega(m)*self%step*torus%n_samples(m)/two_pi
+            if (abs(way - anint(way)) < 8*epsilon(1.0_wp)*max(1.0_wp, abs(way))) way = anint(way)
+            shift(m) = floor(way)
+            by_node(:, m) = cubic_weights(way - shift(m))
+         end associate
       end do
+      self%weight = product_of(by_node, self%tone)
       do p = 1, self%n_slice
          do q = 1, n_neighbours
             rest = q - 1
-            node = 0
             self%neighbour(q, p) = 1
-            self%weight(q) = 1.0_wp
             call visit_tones()
          end do
       end do
@@ -95,11 +99,62 @@ contains
             at = modulo((p - 1)/inner, n)
             at = modulo(at + shift(m) + node - 1, n)
             self%neighbour(q, p) = self%neighbour(q, p) + inner*at
-            self%weight(q) = self%weight(q)*by_node(node + 1, m)
             inner = inner*n
          end do
       end subroutine visit_tones
    end subroutine lay_out_neighbours
+
+   !> Weights of all neighbours: products of those of one node per tone but the one that leads, first tones fastest.
+   pure function product_of(by_node, leading) result(weight)
+      real(wp), intent(in) :: by_node(:, :)                           !! (n_nodes, n_tones)
+      integer, intent(in) :: leading
+      real(wp) :: weight(n_nodes**(size(by_node, 2) - 1))
+      integer :: m, q, rest
+
+      do q = 1, size(weight)
+         rest = q - 1
+         weight(q) = 1.0_wp
+         do m = 1, size(by_node, 2)
+            if (m == leading) cycle
+            weight(q) = weight(q)*by_node(1 + modulo(rest, n_nodes), m)
+            rest = rest/n_nodes
+         end do
+      end do
+   end function product_of
+
+   !> Derivatives of step and weights by base frequency m, with the tone that leads and the neighbours held. Where a way ends
+   !> right on a sample, the neighbours change there too, and this is the derivative for a shorter way.
+   pure subroutine characteristic_frequency_slopes(self, m, step_slope, weight_slope)
+      class(characteristic_t), intent(in) :: self
+      integer, intent(in) :: m                                        !! tone
+      real(wp), intent(out) :: step_slope                             !! [s**2]
+      real(wp), intent(out) :: weight_slope(:)                        !! [s], (n_neighbours)
+      real(wp) :: by_node(n_nodes, size(self%omega)), way_slope
+      integer :: k, other
+
+      step_slope = 0.0_wp
+      if (m == self%tone) step_slope = -self%step/self%omega(m)
+      weight_slope = 0.0_wp
+      do k = 1, size(self%omega)
+         if (k == self%tone .or. (k /= m .and. m /= self%tone)) cycle
+         way_slope = self%way(k)/self%omega(m)                         ! way_k is as omega_k/omega_leading
+         if (m == self%tone) way_slope = -way_slope
+         do other = 1, size(self%omega)
+            by_node(:, other) = cubic_weights(self%way(other) - floor(self%way(other)))
+         end do
+         by_node(:, k) = way_slope*cubic_slopes(self%way(k) - floor(self%way(k)))
+         weight_slope = weight_slope + product_of(by_node, self%tone)
+      end do
+   end subroutine characteristic_frequency_slopes
+
+   !> Derivatives of `cubic_weights` by x.
+   pure function cubic_slopes(x) result(slopes)
+      real(wp), intent(in) :: x
+      real(wp) :: slopes(n_nodes)
+
+      slopes = [-(3*x**2 - 6*x + 2.0_wp)/6.0_wp, (3*x**2 - 4*x - 1.0_wp)/2.0_wp, -(3*x**2 - 2*x - 2.0_wp)/2.0_wp, &
+                (3*x**2 - 1.0_wp)/6.0_wp]
+   end function cubic_slopes
 
    !> Weights of the cubic through nodes at -1, 0, 1, 2 for its value at x between 0 and 1.
    pure function cubic_weights(x) result(weights)

@@ -27,6 +27,7 @@ module hb_block_solver
       integer, allocatable, private :: pivots(:)
    contains
       procedure :: solve => block_solver_solve
+      procedure :: solve_again => block_solver_solve_again
       procedure, private :: assemble => block_solver_assemble
    end type block_solver_t
 
@@ -116,6 +117,21 @@ contains
          self%rhs(:, i) = self%scale*self%rhs(:, i)
       end do
    end subroutine block_solver_solve
+
+   !> Solves S X = rhs(:, 1:n_rhs) in place at the frequency of the last `solve`, with its factors.
+   subroutine block_solver_solve_again(self)
+      class(block_solver_t), intent(inout) :: self
+      integer :: i
+
+      if (self%n == 0) return
+      do i = 1, self%n_rhs
+         self%rhs(:, i) = self%scale*self%rhs(:, i)
+      end do
+      call back_substitute(self, "N", self%rhs(:, :self%n_rhs))
+      do i = 1, self%n_rhs
+         self%rhs(:, i) = self%scale*self%rhs(:, i)
+      end do
+   end subroutine block_solver_solve_again
 
    !> Solves S X = b (`form` "N") or S**H X = b (`form` "C") in place with the factors of S.
    subroutine back_substitute(self, form, b)

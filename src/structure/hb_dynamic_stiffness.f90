@@ -6,7 +6,8 @@
 !>     S_c x_l = P_c,   S_c = S_ll - S_lr T,   P_c = P_l - S_lr y,   T = S_rr^-1 S_rl,   y = S_rr^-1 P_r,
 !>     x_r = y - T x_l.
 !>
-!> This is block elimination, no model reduction: nothing is lost at any frequency.
+!> This is block elimination, no model reduction: nothing is lost at any frequency. When asked for, the derivatives of S_c
+!> and P_c by the frequency come with it; docs/theory.md, eq. (17).
 module hb_dynamic_stiffness
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_block_solver, only: block_solver_t, new_block_solver
@@ -28,6 +29,8 @@ module hb_dynamic_stiffness
       integer :: n_dofs = 0, n_law = 0, n_harmonics = 0
       complex(wp), allocatable :: condensed(:, :, :)         !! S_c [N/m], (n_law, n_law, n_harmonics)
       complex(wp), allocatable :: load(:, :)                 !! P_c [N], (n_law, n_harmonics)
+      complex(wp), allocatable :: condensed_slope(:, :, :)   !! dS_c/dw [N s/m], as `condensed`, or not allocated
+      complex(wp), allocatable :: load_slope(:, :)           !! dP_c/dw [N s], as `load`, or not allocated
       integer, allocatable, private :: law_dofs(:), interior(:)
       complex(wp), allocatable, private :: transfer(:, :, :) !! T, (n_interior, n_law, n_harmonics)
       complex(wp), allocatable, private :: held_motion(:, :) !! y, motion with the law dofs held still
@@ -44,13 +47,14 @@ contains
    !> Fails for law dofs that do not exist or occur twice, for sizes that disagree, and where the interior is
    !> singular to working precision: at w = 0 a rigid-body motion, else an undamped resonance, that the law
    !> dofs do not hold.
-   subroutine new_dynamic_stiffness(self, structure, law_dofs, frequencies, loads, error)
+   subroutine new_dynamic_stiffness(self, structure, law_dofs, frequencies, loads, error, with_slopes)
       type(dynamic_stiffness_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: law_dofs(:)                              !! (n_law)
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), of any sign
       complex(wp), intent(in) :: loads(:, :)                          !! [N], (n_dofs, n_harmonics)
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: with_slopes                    !! also `condensed_slope` and `load_slope`
       type(structure_block_t) :: ll, lr, rl, rr
       type(block_solver_t) :: solver
       complex(wp), allocatable :: s_ll(:), s_lr(:), s_rl(:)
@@ -70,6 +74,11 @@ contains
       allocate (self%condensed(n_law, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
       allocate (self%transfer(n_interior, n_law, self%n_harmonics), self%magnitude(n_law, self%n_harmonics))
       allocate (self%held_motion(n_interior, self%n_harmonics))
+
+      if (present(with_slopes)) then
+         if (with_slopes) allocate (self%condensed_slope(n_law, n_law, self%n_harmonics), &
+                                    self%load_slope(n_law, self%n_harmonics))
+      end if
 
       call new_structure_block(ll, structure, law_dofs, law_dofs)
       call new_structure_block(lr, structure, law_dofs, self%interior)
@@ -111,8 +120,60 @@ contains
                load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*held_motion(lr%column(e))
             end do
          end associate
+         if (allocated(self%condensed_slope)) call find_slopes(self, h, frequencies(h), ll, lr, rl, rr, solver)
       end do
    end subroutine new_dynamic_stiffness
+
+   !> dS_c/dw and dP_c/dw of harmonic h from its T and y, with the factors that gave these.
+   subroutine find_slopes(self, h, frequency, ll, lr, rl, rr, solver)
+      type(dynamic_stiffness_t), intent(inout) :: self
+      integer, intent(in) :: h
+      real(wp), intent(in) :: frequency                               !! [rad/s]
+      type(structure_block_t), intent(in) :: ll, lr, rl, rr
+      type(block_solver_t), intent(inout) :: solver                   !! after `solve` at this frequency
+      complex(wp), allocatable :: s_lr(:), slope(:)
+      integer :: e, n
+
+      n = self%n_law
+      associate (transfer => self%transfer(:, :, h), held_motion => self%held_motion(:, h), &
+                 condensed => self%condensed_slope(:, :, h), load => self%load_slope(:, h))
+         ! dT = S_rr^-1 (dS_rl - dS_rr T), dy = -S_rr^-1 dS_rr y
+         solver%rhs = (0.0_wp, 0.0_wp)
+         allocate (slope(rl%n_entries))
+         call rl%slope(frequency, slope)
+         do e = 1, rl%n_entries
+            solver%rhs(rl%row(e), rl%column(e)) = slope(e)
+         end do
+         deallocate (slope)
+         allocate (slope(rr%n_entries))
+         call rr%slope(frequency, slope)
+         do e = 1, rr%n_entries
+            solver%rhs(rr%row(e), :n) = solver%rhs(rr%row(e), :n) - slope(e)*transfer(rr%column(e), :)
+            solver%rhs(rr%row(e), n + 1) = solver%rhs(rr%row(e), n + 1) - slope(e)*held_motion(rr%column(e))
+         end do
+         deallocate (slope)
+         call solver%solve_again()
+
+         ! dS_c = dS_ll - dS_lr T - S_lr dT, dP_c = -(dS_lr y + S_lr dy)
+         condensed = (0.0_wp, 0.0_wp)
+         load = (0.0_wp, 0.0_wp)
+         allocate (slope(ll%n_entries))
+         call ll%slope(frequency, slope)
+         do e = 1, ll%n_entries
+            condensed(ll%row(e), ll%column(e)) = slope(e)
+         end do
+         deallocate (slope)
+         allocate (slope(lr%n_entries), s_lr(lr%n_entries))
+         call lr%slope(frequency, slope)
+         call lr%evaluate(frequency, s_lr)
+         do e = 1, lr%n_entries
+            condensed(lr%row(e), :) = condensed(lr%row(e), :) - slope(e)*transfer(lr%column(e), :) &
+                                      - s_lr(e)*solver%rhs(lr%column(e), :n)
+            load(lr%row(e)) = load(lr%row(e)) - slope(e)*held_motion(lr%column(e)) &
+                              - s_lr(e)*solver%rhs(lr%column(e), n + 1)
+         end do
+      end associate
+   end subroutine find_slopes
 
    !> Gives all degrees of freedom from those of the laws, x_r = y - T x_l.
    pure subroutine dynamic_stiffness_recover(self, law_coefficients, coefficients)

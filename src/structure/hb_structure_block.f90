@@ -16,6 +16,7 @@ module hb_structure_block
       real(wp), allocatable :: mass(:), damping(:), stiffness(:)      !! (n_entries)
    contains
       procedure :: evaluate => structure_block_evaluate
+      procedure :: slope => structure_block_slope
       procedure :: magnitude => structure_block_magnitude
    end type structure_block_t
 
@@ -59,6 +60,15 @@ contains
 
       s = cmplx(self%stiffness - frequency**2*self%mass, frequency*self%damping, wp)
    end subroutine structure_block_evaluate
+
+   !> Derivatives of the entries by the frequency, ds/dw = -2 w m + i d.
+   pure subroutine structure_block_slope(self, frequency, ds_dw)
+      class(structure_block_t), intent(in) :: self
+      real(wp), intent(in) :: frequency                               !! [rad/s], of any sign
+      complex(wp), intent(out) :: ds_dw(:)                            !! (n_entries)
+
+      ds_dw = cmplx(-2.0_wp*frequency*self%mass, self%damping, wp)
+   end subroutine structure_block_slope
 
    !> Sizes of the entries before anything cancels, |k| + w**2 |m| + |w d|: rounding in S is relative to
    !> these.

@@ -3,6 +3,7 @@ module scenes
    use hb_balance, only: balance_t, new_balance
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
+   use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
    use hb_namelist, only: document_t, new_document
    use hb_point, only: solve_point
@@ -11,7 +12,7 @@ module scenes
    use user_law_paths, only: user_law_samples
    implicit none
    private
-   public :: balance_of, law_example, law_place, make_scene, message_of, one_group_a_line, paper_beam, solve_text
+   public :: balance_at, balance_of, law_example, law_place, make_scene, message_of, one_group_a_line, paper_beam, solve_text
 
    !> The paper's beam with its two loads; tones, harmonics and laws are still to be added.
    character(*), parameter :: paper_beam = &
@@ -106,6 +107,23 @@ contains
          call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, scene%laws, scene%planning, error)
       end associate
    end subroutine balance_of
+
+   !> Balance of a scene at other base frequencies, on its grid, with the derivatives of the dynamic stiffness; the caller
+   !> destroys it.
+   subroutine balance_at(scene, omega, balance, error)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
+      type(balance_t), intent(inout) :: balance
+      type(error_t), allocatable, intent(out) :: error
+      type(dynamic_stiffness_t) :: stiffness
+
+      associate (frequencies => scene%harmonics%frequencies(omega))
+         call new_dynamic_stiffness(stiffness, scene%structure, law_dofs_of(scene%laws), frequencies, scene%loads, error, &
+                                    with_slopes=.true.)
+         if (allocated(error)) return
+         call new_balance(balance, scene%harmonics, scene%torus, omega, stiffness, scene%laws, scene%planning, error)
+      end associate
+   end subroutine balance_at
 
    !> Reads and solves a scene.
    subroutine solve_text(text, scene, result, error)

@@ -1,0 +1,146 @@
+!> How the states of one hysteretic law answer to a base frequency while the coefficients of the motion stay: the exact
+!> derivative of the discrete walk over the torus.
+!>
+!> A frequency changes the paths of the steps and the weights by which states are interpolated at their starts. The
+!> derivative takes the same walk as the states, from rest and through all rounds, then further rounds until it repeats as
+!> well. Source: docs/theory.md, section 5.6.
+module hb_frequency_walk
+   use hb_characteristic, only: characteristic_t
+   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
+   use hb_kinds, only: wp
+   use hb_slider_memory, only: memory_t, most_rounds, repeat_tolerance
+   implicit none
+   private
+   public :: frequency_walk_t, new_frequency_walk
+
+   !> Derivatives, slice by slice as in hb_slider_memory.
+   type :: frequency_walk_t
+      real(wp), allocatable :: path(:, :, :, :)                       !! [m s], (n_slice, n_coordinates, n_path_parts, n_steps)
+      real(wp), allocatable :: states(:, :, :)                        !! (n_slice, n_states, n_steps)
+      logical :: repeats = .true.                                     !! false: not within `most_rounds`
+      real(wp), allocatable, private :: start(:, :), first(:, :)      ! (n_slice, n_states)
+   contains
+      procedure :: walk => frequency_walk_walk
+      procedure :: force => frequency_walk_force
+      procedure, private :: go_round => frequency_walk_go_round
+   end type frequency_walk_t
+
+contains
+
+   !> Makes room for the derivatives of a memory.
+   subroutine new_frequency_walk(self, memory)
+      type(frequency_walk_t), intent(out) :: self
+      type(memory_t), intent(in) :: memory
+
+      allocate (self%path, mold=memory%path)
+      allocate (self%states, mold=memory%states)
+      allocate (self%start(size(self%states, 1), size(self%states, 2)), self%first(size(self%states, 1), size(self%states, 2)))
+      self%path = 0.0_wp
+   end subroutine new_frequency_walk
+
+   !> Finds the derivatives of the states from those of the paths; the memory must have its own path and `rounds`.
+   !>
+   !> The place where the walk starts depends on the motion of the first slice alone: its derivative is zero.
+   subroutine frequency_walk_walk(self, memory, law, characteristic, weight_slope)
+      class(frequency_walk_t), intent(inout) :: self
+      type(memory_t), intent(inout) :: memory
+      class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), intent(in) :: weight_slope(:)                         !! derivative of the weights [s], (n_neighbours)
+      real(wp) :: change, largest_move
+      integer :: round
+
+      call memory%differentiable()
+      call memory%load_from_rest(law, with_derivatives=.true.)
+      self%states = 0.0_wp
+      do round = 1, memory%rounds
+         call memory%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+         if (round < memory%rounds) call self%go_round(memory, characteristic, weight_slope)
+      end do
+      self%repeats = .false.
+      do round = 1, most_rounds                                       ! in the steps of the last round of the states
+         self%first = self%states(:, :, 1)
+         call self%go_round(memory, characteristic, weight_slope)
+         change = maxval(abs(self%states(:, :, 1) - self%first))
+         self%repeats = change <= repeat_tolerance*max(maxval(abs(self%path)), maxval(abs(self%states)))
+         if (self%repeats) return
+      end do
+   end subroutine frequency_walk_walk
+
+   !> Goes once round in the steps that the memory took last.
+   subroutine frequency_walk_go_round(self, memory, characteristic, weight_slope)
+      class(frequency_walk_t), intent(inout) :: self
+      type(memory_t), intent(in) :: memory
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), intent(in) :: weight_slope(:)
+      integer :: c, i, k, last, old_state, part
+
+      do i = 2, characteristic%n_steps + 1
+         last = i - 1
+         associate (now => self%states(:, :, 1 + modulo(i - 1, characteristic%n_steps)), &
+                    slice => 1 + modulo(i - 1, characteristic%n_steps))
+            call characteristic%interpolate(self%states(:, :, last), self%start)
+            if (last == 1) then
+               call add_shift(memory%before)
+            else
+               call add_shift(memory%states(:, :, last))
+            end if
+            now = 0.0_wp
+            do old_state = 1, size(now, 2)
+               do k = 1, size(now, 2)
+                  now(:, k) = now(:, k) + memory%ds_ds_old(:, k, old_state, slice)*self%start(:, old_state)
+               end do
+            end do
+            do part = 1, n_path_parts
+               if (part == path_part%at_end) cycle                     ! the motion at the samples stays
+               do c = 1, size(self%path, 2)
+                  do k = 1, size(now, 2)
+                     now(:, k) = now(:, k) + memory%ds_dpath(:, k, c, part, slice)*self%path(:, c, part, slice)
+                  end do
+               end do
+            end do
+         end associate
+      end do
+
+   contains
+
+      !> What other weights make of the states before. Their slopes sum to zero: taken relative to one neighbour, states that
+      !> are all the same leave no rounding behind.
+      subroutine add_shift(before)
+         real(wp), intent(in) :: before(:, :)
+         integer :: k, p
+
+         if (size(weight_slope) == 1) return
+         do k = 1, size(before, 2)
+            do p = 1, characteristic%n_slice
+               associate (neighbour => characteristic%neighbour(:, p))
+                  self%start(p, k) = self%start(p, k) + dot_product(weight_slope, before(neighbour, k) - before(neighbour(1), k))
+               end associate
+            end do
+         end do
+      end subroutine add_shift
+   end subroutine frequency_walk_go_round
+
+   !> Derivatives of the forces, at the samples of the torus, after `walk`.
+   subroutine frequency_walk_force(self, memory, law, characteristic, df)
+      class(frequency_walk_t), intent(in) :: self
+      type(memory_t), intent(in) :: memory
+      class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), intent(out) :: df(:, :)                               !! [N s], (n_samples, n_coordinates)
+      real(wp), allocatable :: f(:, :), df_dz(:, :, :), df_ds(:, :, :)
+      integer :: a, i, k, n
+
+      n = characteristic%n_slice
+      allocate (f(n, size(df, 2)), df_dz(n, size(df, 2), size(df, 2)), df_ds(n, size(df, 2), size(self%states, 2)))
+      df = 0.0_wp
+      do i = 1, characteristic%n_steps
+         call law%force(memory%path(:, :, path_part%at_end, i), memory%states(:, :, i), f, df_dz, df_ds)
+         do k = 1, size(self%states, 2)
+            do a = 1, size(df, 2)
+               df(characteristic%sample(:, i), a) = df(characteristic%sample(:, i), a) + df_ds(:, a, k)*self%states(:, k, i)
+            end do
+         end do
+      end do
+   end subroutine frequency_walk_force
+end module hb_frequency_walk
