@@ -186,8 +186,8 @@ contains
       if (allocated(error)) return
       associate (found => result%certificate, limit => scene%certificate)
          if (found%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
-         if (found%truncation > limit%truncation) result%status = outcome%truncated
-         if (found%aliasing > limit%aliasing) result%status = outcome%aliased
+         if (.not. found%truncation <= limit%truncation) result%status = outcome%truncated   ! NaN: out of a law's range
+         if (.not. found%aliasing <= limit%aliasing) result%status = outcome%aliased
          result%is_near_commensurate = scene%tones%n_tones > 1 .and. &
             found%combination_frequency < limit%commensurability*maxval(scene%tones%omega)
       end associate
