@@ -9,7 +9,7 @@ module hb_certificate
    use hb_error, only: error_t
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box
    use hb_kinds, only: wp
-   use hb_law, only: law_box_t
+   use hb_law, only: defects_t, law_box_t
    use hb_law_set, only: law_dofs_of
    use hb_structure, only: structure_t
    use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
@@ -27,12 +27,10 @@ module hb_certificate
    type :: certificate_t
       real(wp) :: truncation = 0.0_wp                                 !! estimated error by the harmonics left out, relative
       real(wp) :: aliasing = 0.0_wp                                   !! estimated error by the finite grid, relative
-      real(wp) :: penetration = 0.0_wp                                !! largest, into rigid walls [m]
-      real(wp) :: tension = 0.0_wp                                    !! largest pull that rigid walls would have to exert [N]
-      real(wp) :: complementarity = 0.0_wp                            !! largest |reaction times gap| of rigid walls [N m]
+      type(defects_t) :: defects                                      !! of rigid walls and rigid friction, on the finer grid
       real(wp) :: power_in = 0.0_wp                                   !! mean power of the loads [W]
       real(wp) :: power_damping = 0.0_wp                              !! mean loss in the structure [W]
-      real(wp) :: power_laws = 0.0_wp                                 !! mean loss in the laws, on the finer grid [W]
+      real(wp), allocatable :: power_laws(:)                          !! mean loss in each law, on the finer grid [W]
       real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
       integer, allocatable :: combination(:)                          !! its k, (n_tones)
    end type certificate_t
@@ -197,22 +195,27 @@ contains
       end do
    end subroutine clear_kept
 
-   !> Rigid contact on the finer grid, and the power that the laws take there.
+   !> Rigid contact and friction on the finer grid, and the power that each law takes there.
    subroutine check_contact(self, balance, wide, u)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)
       real(wp), allocatable :: big(:, :), force(:, :)
+      integer :: i
 
       allocate (big(wide%harmonics%n_coefficients, wide%n_dofs))
       allocate (force, mold=big)
       call exchange(balance%harmonics, wide%harmonics, u, big)
       call wide%sample(big)
       call wide%law_set%evaluate()
-      call wide%law_set%contact_defects(self%penetration, self%tension, self%complementarity)
-      call wide%project(wide%law_set%f%values, force)
-      self%power_laws = mean_power(wide%harmonics, wide%frequencies, force, big)
+      self%defects = wide%law_set%defects()
+      allocate (self%power_laws(size(wide%law_set%laws)))
+      do i = 1, size(self%power_laws)
+         call wide%law_set%isolate_force(i)
+         call wide%project(wide%law_set%f%values, force)
+         self%power_laws(i) = mean_power(wide%harmonics, wide%frequencies, force, big)
+      end do
    end subroutine check_contact
 
    !> Mean of force times rate: sum over harmonics of w/2 (f_cos x_sin - f_sin x_cos), rate = w (x_sin cos - x_cos sin).

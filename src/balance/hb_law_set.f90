@@ -11,7 +11,7 @@ module hb_law_set
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t, path_part
    use hb_kinds, only: wp
-   use hb_law, only: law_box_t
+   use hb_law, only: defects_t, law_box_t
    use hb_memory_tangent, only: memory_tangent_t, new_memory_tangent, width
    use hb_slider_memory, only: memory_t, new_memory
    use hb_text, only: to_text
@@ -62,7 +62,8 @@ module hb_law_set
       procedure :: full_stick => law_set_full_stick
       procedure :: spring_forces => law_set_spring_forces
       procedure :: correct => law_set_correct
-      procedure :: contact_defects => law_set_contact_defects
+      procedure :: defects => law_set_defects
+      procedure :: isolate_force => law_set_isolate_force
       procedure :: mean_slopes => law_set_mean_slopes
       procedure :: destroy => law_set_destroy
    end type law_set_t
@@ -651,25 +652,31 @@ contains
       end do
    end subroutine law_set_correct
 
-   !> Largest defects of all rigid contacts over the samples q and s, after `evaluate`.
-   subroutine law_set_contact_defects(self, penetration, tension, complementarity)
-      class(law_set_t), intent(inout) :: self
-      real(wp), intent(out) :: penetration                            !! [m]
-      real(wp), intent(out) :: tension                                !! [N]
-      real(wp), intent(out) :: complementarity                        !! [N m]
-      real(wp) :: of_one(3), of_all(3)
+   !> Largest defects of all rigid contacts and rigid friction over the samples q, v and s, after `evaluate`.
+   pure function law_set_defects(self) result(largest)
+      class(law_set_t), intent(in) :: self
+      type(defects_t) :: largest
+      type(defects_t) :: found
       integer :: i
 
-      of_all = 0.0_wp
       do i = 1, size(self%laws)
          if (.not. self%laws(i)%law%is_multiplier) cycle
-         call self%laws(i)%law%contact_defects(self%slots(i)%z, self%slots(i)%p, of_one(1), of_one(2), of_one(3))
-         of_all = max(of_all, of_one)
+         found = self%laws(i)%law%defects(self%slots(i)%z, self%slots(i)%v, self%slots(i)%p)
+         largest%penetration = max(largest%penetration, found%penetration)
+         largest%tension = max(largest%tension, found%tension)
+         largest%complementarity = max(largest%complementarity, found%complementarity)
+         largest%slip = max(largest%slip, found%slip)
       end do
-      penetration = of_all(1)
-      tension = of_all(2)
-      complementarity = of_all(3)
-   end subroutine law_set_contact_defects
+   end function law_set_defects
+
+   !> Replaces the total force f by that of law i alone, as `evaluate` left it.
+   subroutine law_set_isolate_force(self, i)
+      class(law_set_t), intent(inout) :: self
+      integer, intent(in) :: i
+
+      self%f%values = 0.0_wp
+      call scatter(self, i)
+   end subroutine law_set_isolate_force
 
    !> Means over the torus of df/dq, df/dv and df/ds, after `differentiate`.
    subroutine law_set_mean_slopes(self, df_dq, df_dv, df_ds)

@@ -173,7 +173,8 @@ contains
       end associate
    end subroutine read_spectrum
 
-   !> Fills the table of `factor` times the function sampled in one column of `samples`. The table's index arrays are made at its first use.
+   !> Fills the table of `factor` times the function sampled in one column of `samples`. The table's index arrays are made at
+   !> its first use.
    subroutine transform_tabulate_product(self, samples, column, table, factor)
       class(transform_t), intent(inout) :: self
       real(wp), intent(inout), contiguous, target :: samples(:, :)    !! (n_total, any); unchanged

@@ -11,7 +11,15 @@ module hb_law
    use hb_text, only: string_t
    implicit none
    private
-   public :: law_box_t, law_t, place_coordinate, place_on_dof, place_on_dofs, read_dofs, read_place
+   public :: defects_t, law_box_t, law_t, place_coordinate, place_on_dof, place_on_dofs, read_dofs, read_place
+
+   !> Largest defects over the samples.
+   type :: defects_t
+      real(wp) :: penetration = 0.0_wp                                !! into an obstacle [m]
+      real(wp) :: tension = 0.0_wp                                    !! pull by an obstacle that can only push [N]
+      real(wp) :: complementarity = 0.0_wp                            !! reaction of an obstacle times its distance [N m]
+      real(wp) :: slip = 0.0_wp                                       !! what exact friction would take beyond the reaction [W]
+   end type defects_t
 
    type, abstract :: law_t
       character(:), allocatable :: label                              !! name given by the user, else kind and number
@@ -26,7 +34,7 @@ module hb_law
       procedure :: prepare => law_prepare
       procedure :: prepare_rate => law_prepare_rate
       procedure :: correct => law_correct
-      procedure :: contact_defects => law_contact_defects
+      procedure :: defects => law_defects
       procedure :: length_scale => law_length_scale
       procedure :: explain => law_explain
    end type law_t
@@ -83,19 +91,16 @@ contains
       corrected = z
    end subroutine law_correct
 
-   !> How far a motion and its reaction miss the conditions of rigid contact; zero for laws that have none.
-   pure subroutine law_contact_defects(self, z, p, penetration, tension, complementarity)
+   !> How far a motion and its reaction miss the conditions of rigid contact or friction; zero for laws that have none.
+   pure function law_defects(self, z, v, p) result(defects)
       class(law_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
+      real(wp), intent(in) :: v(:, :)                                 !! their rates [m/s]; no columns unless needs_velocity
       real(wp), intent(in) :: p(:, :)                                 !! reaction [N], as z
-      real(wp), intent(out) :: penetration                            !! largest [m]
-      real(wp), intent(out) :: tension                                !! largest pull by an obstacle that can only push [N]
-      real(wp), intent(out) :: complementarity                        !! largest product of reaction and gap [N m]
+      type(defects_t) :: defects
 
-      penetration = 0.0_wp
-      tension = 0.0_wp
-      complementarity = 0.0_wp
-   end subroutine law_contact_defects
+      defects = defects_t()
+   end function law_defects
 
    !> A length [m] that is typical of the law, such as its gap; 0 when there is none.
    pure real(wp) function law_length_scale(self)

@@ -6,7 +6,7 @@
 !> Appl. Mech. Engrg. 92 (1991) 353-375. Sign: f stands beside K q on the left-hand side.
 module hb_law_coulomb_rigid
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_place
+   use hb_law, only: defects_t, law_t, read_place
    use hb_namelist, only: group_t
    use hb_structure, only: structure_t
    implicit none
@@ -20,6 +20,7 @@ module hb_law_coulomb_rigid
       procedure :: read => coulomb_rigid_read
       procedure :: evaluate => coulomb_rigid_evaluate
       procedure :: prepare_rate => coulomb_rigid_prepare_rate
+      procedure :: defects => coulomb_rigid_defects
    end type coulomb_rigid_t
 
 contains
@@ -71,4 +72,13 @@ contains
 
       if (self%augmentation <= 0.0_wp) self%augmentation = impedance
    end subroutine coulomb_rigid_prepare_rate
+
+   !> Exact friction takes S |v|; the reaction, held within the limit, takes less where it slips the wrong way or too early.
+   pure function coulomb_rigid_defects(self, z, v, p) result(defects)
+      class(coulomb_rigid_t), intent(in) :: self
+      real(wp), intent(in) :: z(:, :), v(:, :), p(:, :)
+      type(defects_t) :: defects
+
+      defects%slip = maxval(self%limit*abs(v) - min(max(p, -self%limit), self%limit)*v)
+   end function coulomb_rigid_defects
 end module hb_law_coulomb_rigid

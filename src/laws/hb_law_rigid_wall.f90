@@ -6,7 +6,7 @@
 !> unilateral contact, Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375.
 module hb_law_rigid_wall
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_place
+   use hb_law, only: defects_t, law_t, read_place
    use hb_namelist, only: group_t
    use hb_structure, only: structure_t
    implicit none
@@ -22,7 +22,7 @@ module hb_law_rigid_wall
       procedure :: evaluate => rigid_wall_evaluate
       procedure :: prepare => rigid_wall_prepare
       procedure :: correct => rigid_wall_correct
-      procedure :: contact_defects => rigid_wall_contact_defects
+      procedure :: defects => rigid_wall_defects
       procedure :: length_scale => rigid_wall_length_scale
    end type rigid_wall_t
 
@@ -94,21 +94,20 @@ contains
       if (self%two_sided) corrected = max(corrected, -self%gap)
    end subroutine rigid_wall_correct
 
-   pure subroutine rigid_wall_contact_defects(self, z, p, penetration, tension, complementarity)
+   pure function rigid_wall_defects(self, z, v, p) result(defects)
       class(rigid_wall_t), intent(in) :: self
-      real(wp), intent(in) :: z(:, :), p(:, :)
-      real(wp), intent(out) :: penetration, tension, complementarity
+      real(wp), intent(in) :: z(:, :), v(:, :), p(:, :)
+      type(defects_t) :: defects
 
-      penetration = max(maxval(z) - self%gap, 0.0_wp)
-      complementarity = maxval(max(p, 0.0_wp)*abs(z - self%gap))
+      defects%penetration = max(maxval(z) - self%gap, 0.0_wp)
+      defects%complementarity = maxval(max(p, 0.0_wp)*abs(z - self%gap))
       if (self%two_sided) then                                        ! a push to either side is right
-         penetration = max(penetration, -minval(z) - self%gap)
-         complementarity = max(complementarity, maxval(max(-p, 0.0_wp)*abs(z + self%gap)))
-         tension = 0.0_wp
+         defects%penetration = max(defects%penetration, -minval(z) - self%gap)
+         defects%complementarity = max(defects%complementarity, maxval(max(-p, 0.0_wp)*abs(z + self%gap)))
       else
-         tension = max(-minval(p), 0.0_wp)
+         defects%tension = max(-minval(p), 0.0_wp)
       end if
-   end subroutine rigid_wall_contact_defects
+   end function rigid_wall_defects
 
    pure real(wp) function rigid_wall_length_scale(self)
       class(rigid_wall_t), intent(in) :: self

@@ -19,6 +19,7 @@ module hb_homotopy
    public :: solve_by_homotopy
 
    real(wp), parameter :: growth = 14.0_wp                            ! a grows by exp(growth), about six decades
+   real(wp), parameter :: farthest = 2.0_wp                           ! theta beyond which a grows no more: a correction astray
    real(wp), parameter :: first_step = 0.05_wp                        ! arc length
    real(wp), parameter :: longest_step = 0.5_wp
    real(wp), parameter :: shortest_step = 1.0e-7_wp
@@ -104,15 +105,18 @@ contains
       logical, intent(out) :: is_on_curve
       real(wp) :: change(curve%n), norm_before
       integer :: info
+      logical :: is_singular
 
       is_on_curve = .false.
       call evaluate(curve, problem, report)
       do corrections = 0, most_corrections
+         if (.not. ieee_is_finite(curve%norm)) return
          is_on_curve = curve%norm <= loose_tolerance
-         if (is_on_curve .or. corrections == most_corrections .or. .not. ieee_is_finite(curve%norm)) return
+         if (is_on_curve .or. corrections == most_corrections) return
+         if (corrections > 4 .and. curve%norm > norm_before) return
          call border(curve, problem, report)
-         call dgetrf(curve%n, curve%n, curve%matrix, curve%n, curve%pivots, info)
-         if (info /= 0) return
+         call factorise(curve, is_singular)
+         if (is_singular) return
          change(1:curve%n - 1) = -curve%residual
          change(curve%n) = 0.0_wp
          call dgetrs("N", curve%n, 1, curve%matrix, curve%n, curve%pivots, change, curve%n, info)
@@ -120,7 +124,6 @@ contains
          curve%y = curve%y + change
          call evaluate(curve, problem, report)
          report%iterations = report%iterations + 1
-         if (corrections > 3 .and. curve%norm > norm_before) return
       end do
    end subroutine correct
 
@@ -131,11 +134,12 @@ contains
       type(report_t), intent(inout) :: report
       real(wp) :: sign_now
       integer :: i, info
+      logical :: is_singular
 
       call evaluate(curve, problem, report)
       call border(curve, problem, report)
-      call dgetrf(curve%n, curve%n, curve%matrix, curve%n, curve%pivots, info)
-      if (info /= 0) then
+      call factorise(curve, is_singular)
+      if (is_singular) then
          report%status = outcome%singular
          return
       end if
@@ -151,6 +155,18 @@ contains
       if (curve%orientation == 0.0_wp) curve%orientation = sign_now
       curve%tangent = curve%tangent*sign_now*curve%orientation
    end subroutine turn_tangent
+
+   !> LU of the bordered tangent; `is_singular` when it has no inverse or is not finite.
+   subroutine factorise(curve, is_singular)
+      type(curve_t), intent(inout) :: curve
+      logical, intent(out) :: is_singular
+      integer :: info
+
+      is_singular = .not. all(ieee_is_finite(curve%matrix))
+      if (is_singular) return
+      call dgetrf(curve%n, curve%n, curve%matrix, curve%n, curve%pivots, info)
+      is_singular = info /= 0
+   end subroutine factorise
 
    !> Scaled residual at y.
    subroutine evaluate(curve, problem, report)
@@ -222,13 +238,13 @@ contains
    pure real(wp) function amount_at(theta)
       real(wp), intent(in) :: theta
 
-      amount_at = (exp(growth*theta) - 1.0_wp)/(exp(growth) - 1.0_wp)
+      amount_at = (exp(growth*min(theta, farthest)) - 1.0_wp)/(exp(growth) - 1.0_wp)
    end function amount_at
 
    !> da/dtheta
    pure real(wp) function slope_at(theta)
       real(wp), intent(in) :: theta
 
-      slope_at = growth*exp(growth*theta)/(exp(growth) - 1.0_wp)
+      slope_at = growth*exp(growth*min(theta, farthest))/(exp(growth) - 1.0_wp)
    end function slope_at
 end module hb_homotopy

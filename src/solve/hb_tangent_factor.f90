@@ -43,9 +43,6 @@ contains
       if (is_singular) return                                         ! LAPACK must not meet NaN where exceptions stop it
       call dgetrf(n, n, self%jacobian, n, self%pivots, info)
       is_singular = info /= 0
-      do i = 1, n
-         is_singular = is_singular .or. .not. ieee_is_finite(self%jacobian(i, i))
-      end do
    end subroutine tangent_factor_update
 
    !> Overwrites r with the solution s of tangent s = r.

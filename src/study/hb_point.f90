@@ -153,6 +153,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(real_block_t) :: corrected
       real(wp), allocatable :: coefficients(:, :)
+      integer :: i
       character(:), allocatable :: trouble
 
       allocate (coefficients, mold=u)
@@ -163,6 +164,7 @@ contains
          call fail(error, trouble)
          return
       end if
+      result%n_full_stick = count([(balance%law_set%full_stick(i), i=1, size(balance%law_set%laws))])
       call balance%project(balance%law_set%f%values, coefficients)
       result%force_coefficients = as_pairs(harmonics, coefficients)
       call new_real_block(corrected, size(balance%law_set%q%values, 1), size(u, 2), error)
@@ -185,7 +187,7 @@ contains
          scene%planning, error)
       if (allocated(error)) return
       associate (found => result%certificate, limit => scene%certificate)
-         if (found%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
+         if (found%defects%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
          if (.not. found%truncation <= limit%truncation) result%status = outcome%truncated   ! NaN: out of a law's range
          if (.not. found%aliasing <= limit%aliasing) result%status = outcome%aliased
          result%is_near_commensurate = scene%tones%n_tones > 1 .and. &

@@ -233,6 +233,7 @@ contains
          layout%dof_labels = structure%labels(scene%output%dofs)
          layout%dof_units = [character(16) :: structure%units(scene%output%dofs)]
          layout%law_dof_labels = structure%labels(law_dofs)
+         layout%law_labels = unique_labels(scene)
          layout%law_dof_units = [character(16) :: structure%units(law_dofs)]
          layout%n_samples = scene%output%samples
          layout%title = scene%output%title
@@ -257,6 +258,18 @@ contains
          end do
       end associate
    end subroutine describe_layout
+
+   !> Labels of the laws; where two laws have the same, the number of the law is added.
+   function unique_labels(scene) result(labels)
+      type(scene_t), intent(in) :: scene
+      character(64) :: labels(size(scene%laws))
+      integer :: i
+
+      do i = 1, size(labels)
+         labels(i) = scene%laws(i)%law%label
+         if (any(labels(:i - 1) == labels(i))) labels(i) = trim(labels(i))//" "//to_text(i)
+      end do
+   end function unique_labels
 
    !> Takes points from the shared counter until there are none left. Rank 0 tells the progress of all.
    subroutine run_points(self, layout, results, is_quiet, comm, summary, error)
@@ -362,6 +375,7 @@ contains
 
       law_dofs = law_dofs_of(scene%laws)
       is_same = size(scene%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
+                .and. size(scene%laws) == size(layout%law_labels) &
                 .and. size(scene%output%samples) == size(layout%n_samples)
       if (is_same) then
          is_same = all(scene%structure%labels(scene%output%dofs) == layout%dof_labels) .and. &

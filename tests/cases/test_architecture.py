@@ -15,8 +15,8 @@ FLOORS = ["base", "extern", "solve", "hypertime", "structure", "laws", "balance"
 
 INTRINSIC = {"iso_fortran_env", "ieee_arithmetic", "ieee_exceptions", "ieee_features"}
 
-# Calls of the C library that no outside library is behind: names of files and processes, terminals.
-SYSTEM_CALLS_IN = {"hb_progress", "hb_results"}
+# Calls of the C library that no outside library is behind: terminals.
+SYSTEM_CALLS_IN = {"hb_progress"}
 
 # Routines of MPI, HDF5, FFTW, BLAS and LAPACK, as they would be called without a module.
 LIBRARY_CALL = re.compile(

@@ -1,0 +1,336 @@
+!> What is asked of one group of a namelist file, which values are used, and what is wrong with it.
+!>
+!> Readers of values `ask` for a key, `keep` the value that is used, and add problems; `finish` reports all
+!> problems at once, together with the keys of the file that nobody asked for, and `complete` writes the group
+!> back with its defaults.
+module hb_namelist_record
+   use hb_error, only: error_t, fail
+   use hb_namelist_index, only: max_name
+   use hb_namelist_parser, only: content_t, element_text, shown
+   use hb_text, only: closest_word, join, lower, quote, string_t, text_builder_t, to_text
+   implicit none
+   private
+   public :: ask, keep, key_problem, record_t, value_problem
+
+   integer, parameter :: max_problems = 50                  !! more are counted, not told
+   integer, parameter :: line_width = 100                   !! of the text that `complete` returns
+
+   !> What was asked for, and the value used in namelist form (not allocated where there is none to write).
+   type :: asked_t
+      integer :: i_key = 0
+      character(:), allocatable :: used
+   end type asked_t
+
+   type :: record_t
+      character(:), allocatable :: name                     !! of the group, lower case
+      character(:), allocatable :: file_name
+      integer :: line = 0                                   !! where it begins; 0: not in the file
+      integer :: number = 1                                 !! position among the groups of its name
+      logical :: is_repeated = .false.                      !! there are more groups of its name
+      logical :: was_opened = .false.                       !! somebody reads it
+      type(content_t) :: content
+      type(asked_t), allocatable, private :: asked(:)       !! (capacity), in the order of asking
+      integer, private :: n_asked = 0
+      type(string_t), allocatable, private :: problems(:)
+      integer, private :: n_problems = 0
+   contains
+      procedure :: complete => record_complete
+      procedure :: finish => record_finish
+      procedure :: given => record_given
+      procedure :: place => record_place
+      procedure :: problem => record_problem
+      procedure :: problem_as_is => record_problem_as_is
+   end type record_t
+
+contains
+
+   !> Whether the file (or an override) gives the key.
+   pure logical function record_given(self, key) result(is_given)
+      class(record_t), intent(in) :: self
+      character(*), intent(in) :: key
+
+      is_given = self%content%is_given(self%content%names%find(lower(trim(key))))
+   end function record_given
+
+   !> Place of the group for messages, like `beam.nml:12: &law(2)`.
+   pure function record_place(self) result(place)
+      class(record_t), intent(in) :: self
+      character(:), allocatable :: place
+
+      place = place_at(self, self%line, .false.)
+   end function record_place
+
+   !> Adds a problem with a key that the reader cannot see; its line is the line of the key, or of the group
+   !> when the key is not given or empty.
+   pure subroutine record_problem(self, key, text)
+      class(record_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      character(*), intent(in) :: text
+      integer :: i_key
+
+      i_key = self%content%names%find(lower(trim(key)))
+      if (len_trim(key) == 0) then
+         call add_problem(self, self%place()//": "//text)
+      else if (self%content%is_given(i_key)) then
+         call add_problem(self, &
+                          place_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(key)//": "//text)
+      else
+         call add_problem(self, self%place()//": "//trim(key)//": "//text)
+      end if
+   end subroutine record_problem
+
+   !> Adds a problem whose text has a place already.
+   pure subroutine record_problem_as_is(self, text)
+      class(record_t), intent(inout) :: self
+      character(*), intent(in) :: text
+
+      call add_problem(self, text)
+   end subroutine record_problem_as_is
+
+   !> Reports all problems, keys given twice and keys of the file nobody asked for, one per line.
+   pure subroutine record_finish(self, error)
+      class(record_t), intent(in) :: self
+      type(error_t), allocatable, intent(out) :: error
+      type(string_t), allocatable :: known(:)
+      type(text_builder_t) :: lines
+      integer :: i, n
+
+      n = 0
+      do i = 1, min(self%n_problems, max_problems)
+         call add_line(lines, n, self%problems(i)%value)
+      end do
+      n = self%n_problems
+      call known_keys(self, known)
+      associate (content => self%content)
+         do i = 1, content%names%n
+            if (content%keys(i)%second_line > 0) then
+               call add_line(lines, n, place_at(self, content%keys(i)%second_line, .true.)//": key '"// &
+                             trim(content%names%names(i))//"' is given again; give it once")
+            end if
+            if (content%keys(i)%asked > 0 .or. .not. content%is_given(i)) cycle
+            if (n >= max_problems) then
+               n = n + 1
+            else
+               call add_line(lines, n, place_at(self, content%keys(i)%line, .true.)//": unknown key '"// &
+                             trim(content%names%names(i))//"'; "//advice(trim(content%names%names(i)), known))
+            end if
+         end do
+      end associate
+      if (n > max_problems) &
+         call lines%add(new_line("a")//self%place()//": and "//to_text(n - max_problems)//" more problems")
+      if (n > 0) call fail(error, lines%text())
+   end subroutine record_finish
+
+   !> The group as namelist text with every key that was asked for and its value, given or default.
+   pure function record_complete(self) result(text)
+      class(record_t), intent(in) :: self
+      character(:), allocatable :: text
+      type(text_builder_t) :: lines
+      integer :: i
+
+      call lines%add("&"//self%name//new_line("a"))
+      do i = 1, self%n_asked
+         if (.not. allocated(self%asked(i)%used)) cycle
+         call lines%add("   "//trim(self%content%names%names(self%asked(i)%i_key))//" = ")
+         call lines%add(self%asked(i)%used)
+         call lines%add(new_line("a"))
+      end do
+      call lines%add("/"//new_line("a"))
+      text = lines%text()
+   end function record_complete
+
+   !> Notes that a key is asked for. `i_key` is 0 when it is not given, a problem when it is required.
+   pure subroutine ask(self, key, is_required, kind, i_asked, i_key)
+      class(record_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      logical, intent(in) :: is_required
+      character(*), intent(in) :: kind                      !! what is needed, for the message
+      integer, intent(out) :: i_asked, i_key
+      type(asked_t), allocatable :: larger(:)
+      character(:), allocatable :: name
+      integer :: i
+
+      name = lower(trim(key))
+      i_key = self%content%names%find(name)
+      if (i_key == 0) then
+         call self%content%add_key(name)
+         i_key = self%content%names%n
+      end if
+      i_asked = self%content%keys(i_key)%asked
+      if (i_asked == 0) then
+         if (.not. allocated(self%asked)) allocate (self%asked(8))
+         if (self%n_asked == size(self%asked)) then
+            allocate (larger(2*self%n_asked))
+            do i = 1, self%n_asked
+               larger(i)%i_key = self%asked(i)%i_key
+               call move_alloc(self%asked(i)%used, larger(i)%used)
+            end do
+            call move_alloc(larger, self%asked)
+         end if
+         self%n_asked = self%n_asked + 1
+         i_asked = self%n_asked
+         self%content%keys(i_key)%asked = i_asked
+         self%asked(i_asked)%i_key = i_key
+      end if
+      if (allocated(self%asked(i_asked)%used)) deallocate (self%asked(i_asked)%used)
+      if (self%content%is_given(i_key)) return
+      i_key = 0
+      if (is_required) call add_problem(self, self%place()//": missing key '"//name//"', which needs "//kind)
+   end subroutine ask
+
+   !> Keeps the values that are used for a key, in rows of `row_length`; none are kept when one has no text.
+   pure subroutine keep(self, i_asked, texts, row_length)
+      class(record_t), intent(inout) :: self
+      integer, intent(in) :: i_asked                        !! as `ask` gives it
+      type(string_t), intent(in) :: texts(:)                !! the values in namelist form
+      integer, intent(in) :: row_length
+      integer :: i
+
+      do i = 1, size(texts)
+         if (.not. allocated(texts(i)%value)) return
+      end do
+      call write_list(texts, row_length, self%asked(i_asked)%used)
+   end subroutine keep
+
+   !> Adds a problem with a key as a whole.
+   pure subroutine key_problem(self, i_key, text)
+      class(record_t), intent(inout) :: self
+      integer, intent(in) :: i_key
+      character(*), intent(in) :: text
+
+      call add_problem(self, place_at(self, self%content%keys(i_key)%line, .true.)//": "// &
+                       trim(self%content%names%names(i_key))//" "//text)
+   end subroutine key_problem
+
+   !> Adds a problem with one value of a key.
+   pure subroutine value_problem(self, i_key, i_value, i, j, text)
+      class(record_t), intent(inout) :: self
+      integer, intent(in) :: i_key, i_value
+      integer, intent(in) :: i, j                           !! element, 0 for a scalar
+      character(*), intent(in) :: text
+      character(:), allocatable :: word
+
+      word = self%content%word(i_value)
+      if (self%content%values(i_value)%is_quoted) word = quote(word)
+      call add_problem(self, place_at(self, self%content%values(i_value)%line, .true.)//": "// &
+                       element_text(trim(self%content%names%names(i_key)), i, j)//" = "// &
+                       shown(word)//" "//text)
+   end subroutine value_problem
+
+   !> Keys asked for, in alphabetical order.
+   pure subroutine known_keys(self, known)
+      class(record_t), intent(in) :: self
+      type(string_t), allocatable, intent(out) :: known(:)
+      character(max_name), allocatable :: names(:)
+      character(max_name) :: name
+      integer :: i, j
+
+      allocate (names(self%n_asked), known(self%n_asked))
+      do i = 1, self%n_asked
+         name = self%content%names%names(self%asked(i)%i_key)
+         do j = i - 1, 1, -1
+            if (lle(names(j), name)) exit
+            names(j + 1) = names(j)
+         end do
+         names(j + 1) = name
+      end do
+      do i = 1, self%n_asked
+         known(i)%value = trim(names(i))
+      end do
+   end subroutine known_keys
+
+   !> What to say about an unknown key.
+   pure function advice(word, known) result(text)
+      character(*), intent(in) :: word
+      type(string_t), intent(in) :: known(:)
+      character(:), allocatable :: text
+
+      text = closest_word(word, known)
+      if (text /= "") text = "did you mean '"//text//"'? "
+      if (size(known) == 0) then
+         text = text//"no key is known here"
+      else
+         text = text//"known keys: "//join(known, ", ")
+      end if
+   end function advice
+
+   !> Place of a line of the group; a key without line was set from outside.
+   pure function place_at(self, line, is_key) result(place)
+      class(record_t), intent(in) :: self
+      integer, intent(in) :: line
+      logical, intent(in) :: is_key
+      character(:), allocatable :: place
+
+      place = self%file_name
+      if (line > 0) then
+         place = place//":"//to_text(line)
+      else if (is_key) then
+         place = place//" (override)"
+      end if
+      place = place//": &"//self%name
+      if (self%is_repeated) place = place//"("//to_text(self%number)//")"
+   end function place_at
+
+   !> Appends a line unless there are too many already.
+   pure subroutine add_line(lines, n, line)
+      type(text_builder_t), intent(inout) :: lines
+      integer, intent(inout) :: n
+      character(*), intent(in) :: line
+
+      n = n + 1
+      if (n > max_problems) return
+      if (n > 1) call lines%add(new_line("a"))
+      call lines%add(line)
+   end subroutine add_line
+
+   !> Stores a problem once, however often the key is asked for.
+   pure subroutine add_problem(self, text)
+      class(record_t), intent(inout) :: self
+      character(*), intent(in) :: text
+      integer :: i
+
+      if (.not. allocated(self%problems)) allocate (self%problems(max_problems))
+      do i = 1, min(self%n_problems, max_problems)
+         if (self%problems(i)%value == text) return
+      end do
+      self%n_problems = self%n_problems + 1
+      if (self%n_problems <= max_problems) self%problems(self%n_problems)%value = text
+   end subroutine add_problem
+
+   !> Values in namelist form, a line for each row, four and more equal ones with a repeat count; nothing for
+   !> an empty list, which a namelist cannot express.
+   pure subroutine write_list(words, row_length, text)
+      type(string_t), intent(in) :: words(:)
+      integer, intent(in) :: row_length
+      character(:), allocatable, intent(out) :: text
+      type(text_builder_t) :: list
+      character(:), allocatable :: piece
+      integer :: column, count, i, k, row_end
+
+      if (size(words) == 0) return
+      column = 0
+      i = 1
+      do while (i <= size(words))
+         row_end = ((i - 1)/row_length + 1)*row_length
+         count = 1
+         do k = i + 1, row_end
+            if (words(k)%value /= words(i)%value) exit
+            count = count + 1
+         end do
+         if (count < 4) count = 1
+         piece = words(i)%value
+         if (count > 1) piece = to_text(count)//"*"//piece
+         if (i > 1) call list%add(",")
+         if (i > 1 .and. (column + len(piece) > line_width .or. mod(i - 1, row_length) == 0)) then
+            call list%add(new_line("a")//"      ")
+            column = 0
+         else if (i > 1) then
+            call list%add(" ")
+         end if
+         call list%add(piece)
+         column = column + len(piece) + 2
+         i = i + count
+      end do
+      text = list%text()
+   end subroutine write_list
+end module hb_namelist_record

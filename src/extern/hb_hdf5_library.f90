@@ -1,0 +1,151 @@
+!> The HDF5 library itself: how it is started, its errors as values, spaces and types of text.
+module hb_hdf5_library
+   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, c_loc, &
+      c_ptr, c_size_t
+   use hb_error, only: annotate, error_t, fail
+   use hdf5, only: h5eset_auto_f, h5open_f, H5S_SCALAR_F, h5screate_f, h5screate_simple_f, H5T_C_S1, &
+      H5T_CSET_UTF8_F, H5T_STR_NULLPAD_F, H5T_STRING, h5tcopy_f, h5tset_cset_f, h5tset_strpad_f, hid_t, &
+      hsize_t
+   implicit none
+   private
+   public :: c_strlen, c_text, check, new_byte_type, new_space, new_text_type, no_id, start_library
+
+   integer(hid_t), parameter :: no_id = -1
+   integer, parameter :: max_cause = 512               ! characters kept of what the library says
+   logical :: is_library_open = .false.
+
+   !> H5E_error2_t of H5Epublic.h: one entry of the library's stack of errors.
+   type, bind(c) :: stack_entry_t
+      integer(c_int64_t) :: class, major, minor
+      integer(c_int) :: line
+      type(c_ptr) :: procedure_name, file_name, description
+   end type stack_entry_t
+
+   !> What the callback of `H5Ewalk2` fills.
+   type, bind(c) :: cause_t
+      character(c_char) :: text(max_cause)
+      integer(c_int) :: length = 0
+   end type cause_t
+
+   interface
+      !> Visits the stack of errors; the Fortran interface has only a way to print it.
+      integer(c_int) function h5ewalk2(stack, direction, visit, data) bind(c, name="H5Ewalk2")
+         import :: c_funptr, c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: stack
+         integer(c_int), value :: direction            !! 0: innermost first
+         type(c_funptr), value :: visit
+         type(c_ptr), value :: data
+      end function h5ewalk2
+
+      pure integer(c_size_t) function c_strlen(text) bind(c, name="strlen")
+         import :: c_ptr, c_size_t
+         type(c_ptr), intent(in), value :: text
+      end function c_strlen
+   end interface
+
+contains
+
+   !> Starts the library unless it runs, and keeps it from printing.
+   subroutine start_library(error)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: status
+
+      if (is_library_open) return
+      call h5open_f(status)
+      if (status < 0) then
+         call fail(error, "cannot start the HDF5 library")
+         return
+      end if
+      call h5eset_auto_f(0, status)
+      is_library_open = .true.
+   end subroutine start_library
+
+   !> Raises an error for a negative status: the action, and the innermost cause that the library names.
+   subroutine check(status, action, error, place)
+      integer, intent(in) :: status
+      character(*), intent(in) :: action
+      type(error_t), allocatable, intent(out) :: error
+      character(*), intent(in), optional :: place      !! put before the message
+      type(cause_t), target :: cause
+      character(*), parameter :: opening = "error message = '"
+      character(:), allocatable :: text
+      integer :: i, ignored
+
+      if (status >= 0) return
+      ignored = h5ewalk2(0_c_int64_t, 0_c_int, c_funloc(keep_innermost), c_loc(cause))
+      text = ""
+      do i = 1, cause%length
+         text = text//cause%text(i)
+      end do
+      i = index(text, opening)                         ! what the operating system says, within much detail
+      if (i > 0) text = text(i + len(opening):)
+      if (i > 0) text = text(:index(text//"'", "'") - 1)
+      if (cause%length > 0) text = " ("//text//")"
+      call fail(error, "HDF5 cannot "//action//text)
+      if (present(place)) call annotate(error, place)
+   end subroutine check
+
+   !> Callback of `H5Ewalk2`: keeps the description of the innermost entry.
+   integer(c_int) function keep_innermost(depth, entry, data) bind(c)
+      integer(c_int), value :: depth
+      type(stack_entry_t), intent(in) :: entry
+      type(c_ptr), value :: data
+      type(cause_t), pointer :: cause
+      character(:), allocatable :: text
+      integer :: i
+
+      keep_innermost = 0
+      if (depth /= 0) return
+      call c_f_pointer(data, cause)
+      text = c_text(entry%description)
+      cause%length = min(len(text), max_cause)
+      do i = 1, cause%length
+         cause%text(i) = text(i:i)
+      end do
+   end function keep_innermost
+
+   !> Makes a dataspace; one of no extents is that of a scalar.
+   subroutine new_space(space, extents, status)
+      integer(hid_t), intent(out) :: space
+      integer(hsize_t), intent(in) :: extents(:)       !! fastest first
+      integer, intent(out) :: status
+
+      if (size(extents) == 0) then
+         call h5screate_f(H5S_SCALAR_F, space, status)
+      else
+         call h5screate_simple_f(size(extents), extents, space, status)
+      end if
+   end subroutine new_space
+
+   !> Makes the type of UTF-8 strings of any length.
+   subroutine new_text_type(text_type, status)
+      integer(hid_t), intent(out) :: text_type
+      integer, intent(out) :: status
+
+      call h5tcopy_f(H5T_STRING, text_type, status)
+      if (status >= 0) call h5tset_cset_f(text_type, H5T_CSET_UTF8_F, status)
+   end subroutine new_text_type
+
+   !> Makes the type of single bytes of text.
+   subroutine new_byte_type(byte_type, status)
+      integer(hid_t), intent(out) :: byte_type
+      integer, intent(out) :: status
+
+      call h5tcopy_f(H5T_C_S1, byte_type, status)
+      if (status >= 0) call h5tset_strpad_f(byte_type, H5T_STR_NULLPAD_F, status)
+   end subroutine new_byte_type
+
+   !> Gives a copy of a string that ends with a null.
+   function c_text(address) result(text)
+      type(c_ptr), intent(in) :: address
+      character(:), allocatable :: text
+      character(c_char), pointer :: bytes(:)
+      integer :: i
+
+      call c_f_pointer(address, bytes, [int(c_strlen(address))])
+      allocate (character(size(bytes)) :: text)
+      do i = 1, size(bytes)
+         text(i:i) = bytes(i)
+      end do
+   end function c_text
+end module hb_hdf5_library

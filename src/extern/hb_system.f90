@@ -1,0 +1,103 @@
+!> What the program asks of the operating system: names of files, its own number, the time.
+!> Source of the interfaces: POSIX.1-2017.
+module hb_system
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_null_char, c_null_ptr, c_ptr, c_size_t
+   implicit none
+   private
+   public :: exists, link_file, process_id, remove_file, rename_file, utc_now
+
+   interface
+      integer(c_int) function c_link(old, new) bind(c, name="link")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: old(*), new(*)
+      end function c_link
+
+      integer(c_int) function c_rename(old, new) bind(c, name="rename")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: old(*), new(*)
+      end function c_rename
+
+      integer(c_int) function c_unlink(path) bind(c, name="unlink")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: path(*)
+      end function c_unlink
+
+      integer(c_int) function c_getpid() bind(c, name="getpid")
+         import :: c_int
+      end function c_getpid
+
+      integer(c_long) function c_time(seconds) bind(c, name="time")
+         import :: c_long, c_ptr
+         type(c_ptr), value :: seconds
+      end function c_time
+
+      type(c_ptr) function c_gmtime(seconds) bind(c, name="gmtime")
+         import :: c_long, c_ptr
+         integer(c_long), intent(in) :: seconds
+      end function c_gmtime
+
+      integer(c_size_t) function c_strftime(text, max_length, format, moment) bind(c, name="strftime")
+         import :: c_char, c_ptr, c_size_t
+         character(c_char), intent(out) :: text(*)
+         integer(c_size_t), value :: max_length
+         character(c_char), intent(in) :: format(*)
+         type(c_ptr), value :: moment
+      end function c_strftime
+   end interface
+
+contains
+
+   !> Says whether there is a file of this name; `folder/.` is there when the folder is.
+   logical function exists(path)
+      character(*), intent(in) :: path
+
+      inquire (file=path, exist=exists)
+   end function exists
+
+   !> Gives a file a second name; unlike `rename_file` it fails where the name is taken.
+   subroutine link_file(old, new, ok)
+      character(*), intent(in) :: old, new
+      logical, intent(out) :: ok
+
+      ok = c_link(c_path(old), c_path(new)) == 0
+   end subroutine link_file
+
+   !> Gives a file another name, and takes it from the file that may have it.
+   subroutine rename_file(old, new, ok)
+      character(*), intent(in) :: old, new
+      logical, intent(out) :: ok
+
+      ok = c_rename(c_path(old), c_path(new)) == 0
+   end subroutine rename_file
+
+   !> Takes one name from a file; does nothing where there is none.
+   subroutine remove_file(path)
+      character(*), intent(in) :: path
+      integer(c_int) :: ignored
+
+      ignored = c_unlink(c_path(path))
+   end subroutine remove_file
+
+   !> Gives the number by which the system knows this process.
+   integer function process_id()
+      process_id = int(c_getpid())
+   end function process_id
+
+   !> Gives the time of now in UTC, ISO 8601.
+   function utc_now() result(text)
+      character(:), allocatable :: text
+      character(21, c_char) :: bytes
+      integer(c_size_t) :: length
+
+      length = c_strftime(bytes, len(bytes, c_size_t), "%Y-%m-%dT%H:%M:%SZ"//c_null_char, &
+                          c_gmtime(c_time(c_null_ptr)))
+      text = bytes(:length)
+   end function utc_now
+
+   pure function c_path(path)
+      character(*), intent(in) :: path
+      character(:), allocatable :: c_path
+
+      c_path = path//c_null_char
+   end function c_path
+end module hb_system

@@ -1,0 +1,296 @@
+!> Making a result file whole, before the first point is solved; by one process.
+module hb_results_file
+   use hb_error, only: error_t, fail
+   use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t
+   use hb_kinds, only: two_pi
+   use hb_outcome, only: outcome_names
+   use hb_results_layout, only: results_layout_t, swept_parameter_t
+   use hb_results_plan, only: axis_t, component_axis, dof_axis, harmonic_axis, is_characters, is_integer, &
+      is_real, law_axis, law_dof_axis, message_axis, parameter_name_length, parameter_names, plan_t, point_axis, &
+      size_text, tone_axis
+   use hb_solver_types, only: rescue_names
+   use hb_system, only: exists, link_file, process_id, remove_file, rename_file, utc_now
+   use hb_text, only: join, to_text
+   implicit none
+   private
+   public :: make_file
+
+   integer, parameter :: schema_version = 1
+   character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
+      "[ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
+
+contains
+
+   !> Makes the whole file under another name beside `path`, then puts it in its place.
+   subroutine make_file(path, layout, plan, overwrite, error)
+      character(*), intent(in) :: path
+      type(results_layout_t), intent(in) :: layout
+      type(plan_t), intent(inout) :: plan
+      logical, intent(in) :: overwrite
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: folder, temporary
+
+      folder = path(:index(path, "/", back=.true.))
+      if (folder == "") folder = "./"
+      if (.not. exists(folder//".")) then
+         call fail(error, "folder '"//folder//"' does not exist; make it or give another --output")
+      else if (exists(path//"/.")) then
+         call fail(error, "is a folder; give another --output")
+      else if (exists(path) .and. .not. overwrite) then
+         call fail(error, "exists; give --overwrite or another --output")
+      end if
+      if (allocated(error)) return
+
+      temporary = path//"."//to_text(process_id())//".part"
+      call fill_file(temporary, layout, plan, error)
+      if (allocated(error)) then
+         error%message = "cannot be made; check permission and space ("//size_text(plan)// &
+            ") or give another --output: "//error%message
+      else
+         call put_in_place(temporary, path, overwrite, error)
+      end if
+      if (allocated(error)) call remove_file(temporary)
+   end subroutine make_file
+
+   subroutine put_in_place(temporary, path, overwrite, error)
+      character(*), intent(in) :: temporary, path
+      logical, intent(in) :: overwrite
+      type(error_t), allocatable, intent(out) :: error
+      logical :: ok
+
+      if (.not. overwrite) then
+         ! another run may have made the file meanwhile: link refuses then, and rename would not
+         call link_file(temporary, path, ok)
+         if (ok) then
+            call remove_file(temporary)
+            return
+         end if
+         if (exists(path)) then
+            call fail(error, "exists; give --overwrite or another --output")
+            return
+         end if
+         ! a file system without links: rename after all
+      end if
+      call rename_file(temporary, path, ok)
+      if (.not. ok) call fail(error, "'"//temporary//"' cannot be renamed to it; give another --output")
+   end subroutine put_in_place
+
+   subroutine fill_file(path, layout, plan, error)
+      character(*), intent(in) :: path
+      type(results_layout_t), intent(in) :: layout
+      type(plan_t), intent(inout) :: plan
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
+      type(h5_file_t) :: file
+
+      call create_file(file, path, .true., error)
+      if (.not. allocated(error)) call add_root_attributes(file, layout, error)
+      if (.not. allocated(error)) call add_scales(file, layout, plan%axes, error)
+      if (.not. allocated(error)) call add_inputs(file, layout, plan, error)
+      if (.not. allocated(error)) call add_point_variables(file, plan, error)
+      call file%close(error_in_close)
+      if (.not. allocated(error)) call move_alloc(error_in_close, error)
+   end subroutine fill_file
+
+   subroutine add_root_attributes(file, layout, error)
+      type(h5_file_t), intent(in) :: file
+      type(results_layout_t), intent(in) :: layout
+      type(error_t), allocatable, intent(out) :: error
+
+      call file%set_attribute("schema_version", schema_version, error)
+      if (.not. allocated(error)) call file%set_attribute("n_ranks", layout%n_ranks, error)
+      call set_text("program_version", or_empty(layout%program_version))
+      call set_text("git_commit", or_empty(layout%git_commit))
+      call set_text("created_utc", utc_now())
+      call set_text("title", or_empty(layout%title))
+      call set_text("amplitude_convention", amplitude_convention)
+   contains
+      subroutine set_text(name, value)
+         character(*), intent(in) :: name, value
+
+         if (.not. allocated(error)) call file%set_attribute(name, value, error)
+      end subroutine set_text
+   end subroutine add_root_attributes
+
+   subroutine add_scales(file, layout, axes, error)
+      type(h5_file_t), intent(in) :: file
+      type(results_layout_t), intent(in) :: layout
+      type(axis_t), intent(inout) :: axes(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i, k
+
+      do i = 1, size(axes)
+         associate (axis => axes(i))
+            select case (i)
+            case (point_axis, harmonic_axis, message_axis)
+               call add_numbers(file, axis, [(k, k=0, axis%length - 1)], error)
+            case (tone_axis)
+               call add_numbers(file, axis, [(k, k=1, axis%length)], error)
+            case (dof_axis)
+               call file%add_texts(axis%name, layout%dof_labels, axis%scale, error)
+            case (law_axis)
+               call file%add_texts(axis%name, layout%law_labels, axis%scale, error)
+            case (law_dof_axis)
+               call file%add_texts(axis%name, layout%law_dof_labels, axis%scale, error)
+            case (component_axis)
+               call file%add_texts(axis%name, ["cos", "sin"], axis%scale, error)
+            case default
+               call file%add_real(axis%name, [axis%length], axis%scale, error)
+               if (.not. allocated(error)) &
+                  call axis%scale%write([(two_pi*k/axis%length, k=0, axis%length - 1)], error)
+            end select
+            if (.not. allocated(error)) call axis%scale%make_scale(scale_name(axis, i), error)
+            if (.not. allocated(error)) call describe(axis%scale, axis%units, axis%long_name, error)
+         end associate
+         if (allocated(error)) return
+      end do
+   end subroutine add_scales
+
+   !> Gives the name that a scale keeps in the file: its own, or the words of netCDF for a dimension without
+   !> coordinate.
+   function scale_name(axis, i) result(name)
+      type(axis_t), intent(in) :: axis
+      integer, intent(in) :: i                          !! its index
+      character(:), allocatable :: name
+      character(64) :: words
+
+      name = axis%name
+      if (i /= message_axis) return
+      write (words, "(a, i10)") "This is a netCDF dimension but not a netCDF variable.", axis%length
+      name = trim(words)
+   end function scale_name
+
+   subroutine add_numbers(file, axis, numbers, error)
+      type(h5_file_t), intent(in) :: file
+      type(axis_t), intent(inout) :: axis
+      integer, intent(in), contiguous :: numbers(:)
+      type(error_t), allocatable, intent(out) :: error
+
+      call file%add_integer(axis%name, [axis%length], axis%scale, error)
+      if (.not. allocated(error)) call axis%scale%write(numbers, error)
+   end subroutine add_numbers
+
+   !> Adds what is known of the run before it starts: tuples, swept parameters, input files.
+   subroutine add_inputs(file, layout, plan, error)
+      type(h5_file_t), intent(in) :: file
+      type(results_layout_t), intent(in) :: layout
+      type(plan_t), intent(in) :: plan
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: dataset
+      character(parameter_name_length) :: names(size(layout%parameters))
+      integer :: i
+
+      call file%add_integer("tuple", shape(layout%tuples), dataset, error)
+      if (.not. allocated(error)) call dataset%write(layout%tuples, error)
+      if (.not. allocated(error)) call attach(dataset, plan, [tone_axis, harmonic_axis], error)
+      if (.not. allocated(error)) call describe(dataset, "1", "integer tuple j of each harmonic", error)
+      if (allocated(error)) return
+
+      names = parameter_names(layout, plan)
+      do i = 1, size(names)
+         call add_parameter(file, trim(names(i)), layout%parameters(i), plan, error)
+         if (allocated(error)) return
+      end do
+
+      call file%add_text("input_text", or_empty(layout%input_text), dataset, error)
+      if (.not. allocated(error)) call describe(dataset, "1", "the input as given", error)
+      if (allocated(error)) return
+      call file%add_text("input_complete", or_empty(layout%input_complete), dataset, error)
+      if (.not. allocated(error)) call describe(dataset, "1", "the input after defaults", error)
+   end subroutine add_inputs
+
+   subroutine add_parameter(file, name, parameter, plan, error)
+      type(h5_file_t), intent(in) :: file
+      character(*), intent(in) :: name
+      type(swept_parameter_t), intent(in) :: parameter
+      type(plan_t), intent(in) :: plan
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: dataset
+
+      if (parameter%is_text) then
+         call file%add_texts(name, parameter%text_values, dataset, error)
+      else
+         call file%add_real(name, shape(parameter%values), dataset, error)
+         if (.not. allocated(error)) call dataset%write(parameter%values, error)
+      end if
+      if (.not. allocated(error)) call attach(dataset, plan, [point_axis], error)
+      if (.not. allocated(error)) &
+         call describe(dataset, or_empty(parameter%units), "swept parameter "//parameter%path, error)
+      if (.not. allocated(error)) call dataset%set_attribute("parameter", parameter%path, error)
+   end subroutine add_parameter
+
+   subroutine add_point_variables(file, plan, error)
+      type(h5_file_t), intent(in) :: file
+      type(plan_t), intent(inout) :: plan
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: extents(:)
+      integer :: i
+
+      do i = 1, size(plan%variables)
+         associate (variable => plan%variables(i))
+            extents = plan%axes(variable%axes)%length
+            select case (variable%kind)
+            case (is_integer)
+               call file%add_integer(variable%name, extents, variable%dataset, error)
+            case (is_real)
+               call file%add_real(variable%name, extents, variable%dataset, error)
+            case (is_characters)
+               call file%add_characters(variable%name, extents, variable%dataset, error)
+            end select
+            if (.not. allocated(error)) call attach(variable%dataset, plan, variable%axes, error)
+            if (.not. allocated(error)) &
+               call describe(variable%dataset, variable%units, variable%long_name, error)
+            if (allocated(variable%dof_units) .and. .not. allocated(error)) &
+               call variable%dataset%set_attribute("dof_units", variable%dof_units, error)
+            if (variable%kind == is_characters .and. .not. allocated(error)) &
+               call variable%dataset%set_attribute("_Encoding", "utf-8", error)
+            if (allocated(error)) return
+            if (variable%name == "status") call set_flags(variable%dataset, outcome_names, error)
+            if (variable%name == "rescue") call set_flags(variable%dataset, rescue_names, error)
+         end associate
+         if (allocated(error)) return
+      end do
+   end subroutine add_point_variables
+
+   !> Names the values 0, 1, ... of an integer dataset (CF convention).
+   subroutine set_flags(dataset, names, error)
+      type(h5_dataset_t), intent(in) :: dataset
+      character(*), intent(in) :: names(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      call dataset%set_attribute("flag_values", [(k, k=0, size(names) - 1)], error)
+      if (.not. allocated(error)) call dataset%set_attribute("flag_meanings", join(names, " "), error)
+   end subroutine set_flags
+
+   subroutine attach(dataset, plan, axes, error)
+      type(h5_dataset_t), intent(in) :: dataset
+      type(plan_t), intent(in) :: plan
+      integer, intent(in) :: axes(:)                    !! indices, fastest first
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      do i = 1, size(axes)
+         call dataset%attach_scale(i, plan%axes(axes(i))%scale, error)
+         if (allocated(error)) return
+      end do
+   end subroutine attach
+
+   subroutine describe(dataset, units, long_name, error)
+      type(h5_dataset_t), intent(in) :: dataset
+      character(*), intent(in) :: units, long_name
+      type(error_t), allocatable, intent(out) :: error
+
+      call dataset%set_attribute("units", units, error)
+      if (.not. allocated(error)) call dataset%set_attribute("long_name", long_name, error)
+   end subroutine describe
+
+   !> Gives the text, or an empty one where none is allocated.
+   pure function or_empty(text)
+      character(*), intent(in), optional :: text
+      character(:), allocatable :: or_empty
+
+      or_empty = ""
+      if (present(text)) or_empty = text
+   end function or_empty
+end module hb_results_file

@@ -1,0 +1,81 @@
+!> What is known of a result file before the first point is solved.
+module hb_results_layout
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: check_layout, results_layout_t, swept_parameter_t
+
+   !> One swept input parameter with its value at every point.
+   type :: swept_parameter_t
+      character(:), allocatable :: path                 !! in the input, for example `law(1)%gap`
+      character(:), allocatable :: units                !! of the input
+      logical :: is_text = .false.                      !! which of the next two holds the values
+      real(wp), allocatable :: values(:)                !! (n_points)
+      character(64), allocatable :: text_values(:)      !! (n_points)
+   end type swept_parameter_t
+
+   !> All that is known before the first point is solved; the same on all ranks.
+   type :: results_layout_t
+      integer :: n_points = 0
+      integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics), the union over all points
+      character(16), allocatable :: dof_labels(:), dof_units(:) !! stored degrees of freedom; `m`, `rad`
+      character(16), allocatable :: law_dof_labels(:), law_dof_units(:) !! those on which laws act
+      character(64), allocatable :: law_labels(:)       !! of the laws, unique
+      integer, allocatable :: n_samples(:)              !! grid per tone; size 0: no surfaces are stored
+      type(swept_parameter_t), allocatable :: parameters(:)
+      character(:), allocatable :: title
+      character(:), allocatable :: input_text           !! the input as given
+      character(:), allocatable :: input_complete       !! the input after defaults
+      integer :: n_ranks = 1
+      character(:), allocatable :: program_version
+      character(:), allocatable :: git_commit
+   end type results_layout_t
+
+contains
+
+   !> Refuses a layout with parts that are missing or do not fit each other.
+   subroutine check_layout(layout, error)
+      type(results_layout_t), intent(in) :: layout
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      if (.not. (allocated(layout%tuples) .and. allocated(layout%dof_labels) .and. &
+                 allocated(layout%dof_units) .and. allocated(layout%law_dof_labels) .and. &
+                 allocated(layout%law_labels) .and. &
+                 allocated(layout%law_dof_units) .and. allocated(layout%n_samples) .and. &
+                 allocated(layout%parameters))) then
+         call fail(error, "layout: an array is not allocated")
+      else if (layout%n_points < 1 .or. size(layout%tuples) < 1) then
+         call fail(error, "layout: at least one point, one tone and one harmonic are needed")
+      else if (size(layout%dof_units) /= size(layout%dof_labels) .or. &
+               size(layout%law_dof_units) /= size(layout%law_dof_labels)) then
+         call fail(error, "layout: labels and units of the degrees of freedom differ in number")
+      else if (all(size(layout%n_samples) /= [0, size(layout%tuples, 1)]) .or. any(layout%n_samples < 1)) then
+         call fail(error, "layout: the grid of surfaces needs a positive size for each tone, or no size")
+      else
+         do i = 1, size(layout%parameters)
+            call check_parameter(layout%parameters(i), layout%n_points, error)
+            if (allocated(error)) return
+         end do
+      end if
+   end subroutine check_layout
+
+   subroutine check_parameter(parameter, n_points, error)
+      type(swept_parameter_t), intent(in) :: parameter
+      integer, intent(in) :: n_points
+      type(error_t), allocatable, intent(out) :: error
+      integer :: n_values
+
+      if (.not. allocated(parameter%path)) then
+         call fail(error, "layout: a swept parameter has no path")
+         return
+      end if
+      n_values = 0
+      if (parameter%is_text .and. allocated(parameter%text_values)) n_values = size(parameter%text_values)
+      if (.not. parameter%is_text .and. allocated(parameter%values)) n_values = size(parameter%values)
+      if (n_values /= n_points) call fail(error, "layout: swept parameter '"//parameter%path//"' has "// &
+                                          to_text(n_values)//" values for "//to_text(n_points)//" points")
+   end subroutine check_parameter
+end module hb_results_layout

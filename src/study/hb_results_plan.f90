@@ -1,0 +1,278 @@
+!> What stands in a result file: its dimensions, its datasets with one row per point, their names and units.
+module hb_results_plan
+   use hb_hdf5, only: h5_dataset_t
+   use hb_kinds, only: int64, wp
+   use hb_results_layout, only: results_layout_t
+   use hb_text, only: join, to_text
+   implicit none
+   private
+   public :: axis_t, new_plan, parameter_name_length, parameter_names, plan_t, size_text, variable_t
+   public :: message_length
+   public :: is_characters, is_integer, is_real
+   public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, point_axis, tone_axis
+
+   integer, parameter :: message_length = 200          ! bytes
+   integer, parameter :: parameter_name_length = 256   ! more than any path of an input has
+   ! Kinds of variables.
+   integer, parameter :: is_integer = 1, is_real = 2, is_characters = 3
+   integer, parameter :: bytes_of_kind(3) = [4, 8, 1]
+   ! Indices of the axes; the hypertime axes follow.
+   integer, parameter :: point_axis = 1, tone_axis = 2, harmonic_axis = 3, dof_axis = 4, law_dof_axis = 5, &
+      component_axis = 6, message_axis = 7, law_axis = 8, n_plain_axes = 8
+
+   !> A dimension of the file.
+   type :: axis_t
+      character(:), allocatable :: name, long_name, units
+      integer :: length = 0
+      type(h5_dataset_t) :: scale
+   end type axis_t
+
+   !> A dataset of the file that has one row per point.
+   type :: variable_t
+      character(:), allocatable :: name, long_name, units
+      integer :: kind = 0                               ! one of the three above
+      integer, allocatable :: axes(:)                   ! indices of axes, fastest first
+      character(:), allocatable :: dof_units            ! of each degree of freedom, where they are an axis
+      type(h5_dataset_t) :: dataset
+   end type variable_t
+
+   !> What the file consists of, beside swept parameters and texts.
+   type :: plan_t
+      type(axis_t), allocatable :: axes(:)
+      type(variable_t), allocatable :: variables(:)
+   end type plan_t
+
+contains
+
+   !> Plans the file for a layout that `check_layout` has passed.
+   subroutine new_plan(self, layout)
+      type(plan_t), intent(out) :: self
+      type(results_layout_t), intent(in) :: layout
+
+      call list_axes(layout, self%axes)
+      call list_variables(layout, self%variables)
+   end subroutine new_plan
+
+   !> Lists all datasets that have one row per point and are written when it is solved.
+   subroutine list_variables(layout, list)
+      type(results_layout_t), intent(in) :: layout
+      type(variable_t), allocatable, intent(out) :: list(:)
+      integer :: taus(size(layout%n_samples)), i, n_listed
+
+      n_listed = 0
+      allocate (list(0))
+      call add_all()                                   ! counts
+      deallocate (list)
+      allocate (list(n_listed))
+      n_listed = 0
+      call add_all()
+   contains
+      subroutine add_all()
+         call add("status", is_integer, [point_axis], "1", "outcome of the point")
+         call add("message", is_characters, [message_axis, point_axis], "1", "why the point failed")
+         call add("iterations", is_integer, [point_axis], "1", "iterations of the solver")
+         call add("rescue", is_integer, [point_axis], "1", "what the solver needed beside the direct attempt")
+         call add("evaluations", is_integer, [point_axis], "1", "evaluations of the residual")
+         call add("residual", is_real, [point_axis], "1", &
+            "norm of the balance relative to the scale of the forces")
+         call add("solve_seconds", is_real, [point_axis], "s", "wall time of the point")
+         call add("rank", is_integer, [point_axis], "1", "MPI rank that solved the point")
+         call add("n_harmonics", is_integer, [point_axis], "1", "number of harmonics in the set of the point")
+         call add("n_full_stick", is_integer, [point_axis], "1", &
+            "friction laws that slip nowhere: the solution from rest, one of many")
+         call add("frequency", is_real, [tone_axis, point_axis], "rad/s", "base frequencies")
+         call add("coefficients", is_real, [component_axis, harmonic_axis, dof_axis, point_axis], "", &
+            "coefficients of the motion", layout%dof_units)
+         call add("force_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], "", &
+            "coefficients of the force of the laws, on the left-hand side", force_units(layout%law_dof_units))
+         call add("corrected_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], &
+            "", "coefficients of the displacement corrected to the wall", layout%law_dof_units)
+         call add("truncation_estimate", is_real, [point_axis], "1", &
+            "estimated error by the harmonics left out, relative to the motion")
+         call add("aliasing_estimate", is_real, [point_axis], "1", &
+            "estimated error by the finite number of samples, relative to the motion")
+         call add("penetration", is_real, [point_axis], "m", "largest penetration into a rigid wall")
+         call add("tension", is_real, [point_axis], "N", "largest pull that a rigid wall would have to exert")
+         call add("complementarity", is_real, [point_axis], "N m", "largest product of reaction and gap of a rigid wall")
+         call add("slip_defect", is_real, [point_axis], "W", &
+            "largest power that exact friction would take beyond the reaction of rigid friction")
+         call add("power_in", is_real, [point_axis], "W", "mean power of the loads")
+         call add("power_damping", is_real, [point_axis], "W", "mean loss in the damping of the structure")
+         call add("power_laws", is_real, [law_axis, point_axis], "W", "mean loss in each law")
+         call add("combination_frequency", is_real, [point_axis], "rad/s", "smallest |k.omega| of low order")
+         call add("combination", is_integer, [tone_axis, point_axis], "1", "integers k of combination_frequency")
+         call add("is_near_commensurate", is_integer, [point_axis], "1", &
+            "1 where combination_frequency is below the threshold: the tones are hard to tell from commensurate ones")
+         if (size(taus) == 0) return
+         taus = [(n_plain_axes + i, i=1, size(taus))]
+         call add("displacement_samples", is_real, [taus, law_dof_axis, point_axis], "", &
+            "hypertime surface of the motion", layout%law_dof_units)
+         call add("corrected_samples", is_real, [taus, law_dof_axis, point_axis], "", &
+            "hypertime surface corrected to the wall", layout%law_dof_units)
+         call add("force_samples", is_real, [taus, law_dof_axis, point_axis], "", &
+            "hypertime surface of the force", force_units(layout%law_dof_units))
+      end subroutine add_all
+
+      subroutine add(name, kind, axes, units, long_name, units_by_dof)
+         character(*), intent(in) :: name
+         integer, intent(in) :: kind, axes(:)
+         character(*), intent(in) :: units, long_name
+         character(*), intent(in), optional :: units_by_dof(:) !! replaces `units`
+
+         n_listed = n_listed + 1
+         if (n_listed > size(list)) return
+         associate (new => list(n_listed))
+            new%name = name
+            new%kind = kind
+            new%axes = axes
+            new%units = units
+            new%long_name = long_name
+            if (present(units_by_dof)) then
+               new%units = common_units(units_by_dof)
+               new%dof_units = trim(adjustl(join(units_by_dof, " ")))
+            end if
+         end associate
+      end subroutine add
+   end subroutine list_variables
+
+   !> Lists all dimensions of the file, in the order of the axis indices.
+   subroutine list_axes(layout, axes)
+      type(results_layout_t), intent(in) :: layout
+      type(axis_t), allocatable, intent(out) :: axes(:)
+      integer :: i
+
+      allocate (axes(n_plain_axes + size(layout%n_samples)))
+      call set(point_axis, "point", layout%n_points, "1", "number of the sweep point, from 0")
+      call set(tone_axis, "tone", size(layout%tuples, 1), "1", "number of the tone, from 1")
+      call set(harmonic_axis, "harmonic", size(layout%tuples, 2), "1", "number of the harmonic, from 0")
+      call set(dof_axis, "dof", size(layout%dof_labels), "1", "stored degree of freedom")
+      call set(law_axis, "law", size(layout%law_labels), "1", "law, by its label")
+      call set(law_dof_axis, "law_dof", size(layout%law_dof_labels), "1", &
+         "degree of freedom on which laws act")
+      call set(component_axis, "component", 2, "1", "part of a coefficient")
+      call set(message_axis, "message_byte", message_length, "1", "byte of a message")
+      do i = 1, size(layout%n_samples)
+         call set(n_plain_axes + i, "tau_"//to_text(i), layout%n_samples(i), "rad", &
+            "hypertime of tone "//to_text(i))
+      end do
+   contains
+      subroutine set(i_axis, name, length, units, long_name)
+         integer, intent(in) :: i_axis, length
+         character(*), intent(in) :: name, units, long_name
+
+         axes(i_axis)%name = name
+         axes(i_axis)%length = length
+         axes(i_axis)%units = units
+         axes(i_axis)%long_name = long_name
+      end subroutine set
+   end subroutine list_axes
+
+   !> Gives a variable name for each swept parameter: its path in lower case with one underscore for every run
+   !> of other characters; a number is added where the name is taken.
+   function parameter_names(layout, plan) result(names)
+      type(results_layout_t), intent(in) :: layout
+      type(plan_t), intent(in) :: plan
+      character(parameter_name_length) :: names(size(layout%parameters))
+      character(parameter_name_length), allocatable :: taken(:)
+      character(:), allocatable :: stem
+      integer :: i, n
+
+      allocate (taken, source=[character(parameter_name_length) :: "tuple", "input_text", "input_complete"])
+      do i = 1, size(plan%axes)
+         taken = [character(parameter_name_length) :: taken, plan%axes(i)%name]
+      end do
+      do i = 1, size(plan%variables)
+         taken = [character(parameter_name_length) :: taken, plan%variables(i)%name]
+      end do
+      do i = 1, size(names)
+         stem = identifier(layout%parameters(i)%path)
+         if (stem == "") stem = "parameter"
+         names(i) = stem
+         n = 1
+         do while (any(names(i) == taken))
+            n = n + 1
+            names(i) = stem//"_"//to_text(n)
+         end do
+         taken = [character(parameter_name_length) :: taken, names(i)]
+      end do
+   end function parameter_names
+
+   !> Gives a path in lower case with one underscore for every run of other characters, none at the ends.
+   pure function identifier(path) result(name)
+      character(*), intent(in) :: path
+      character(:), allocatable :: name
+      integer :: i
+
+      name = ""
+      do i = 1, len(path)
+         select case (path(i:i))
+         case ("a":"z", "0":"9")
+            name = name//path(i:i)
+         case ("A":"Z")
+            name = name//achar(iachar(path(i:i)) + iachar("a") - iachar("A"))
+         case default
+            if (len(name) > 0) then
+               if (name(len(name):) /= "_") name = name//"_"
+            end if
+         end select
+      end do
+      if (len(name) > 0) then
+         if (name(len(name):) == "_") name = name(:len(name) - 1)
+      end if
+   end function identifier
+
+   ! Units and size
+
+   !> Gives the unit of the force that does work on each degree of freedom.
+   pure function force_units(units)
+      character(*), intent(in) :: units(:)
+      character(16) :: force_units(size(units))
+      integer :: i
+
+      do i = 1, size(units)
+         select case (units(i))
+         case ("m")
+            force_units(i) = "N"
+         case ("rad")
+            force_units(i) = "N*m"
+         case ("1", "")
+            force_units(i) = "1"
+         case default
+            force_units(i) = "J/"//units(i)
+         end select
+      end do
+   end function force_units
+
+   !> Gives the unit that all degrees of freedom share, or the name of the attribute that lists them.
+   pure function common_units(units) result(common)
+      character(*), intent(in) :: units(:)
+      character(:), allocatable :: common
+
+      common = "see dof_units"
+      if (size(units) == 0) then
+         common = "1"
+      else if (all(units == units(1))) then
+         common = trim(units(1))
+      end if
+   end function common_units
+
+   !> Gives the size of the file in words, for messages.
+   function size_text(plan) result(text)
+      type(plan_t), intent(in) :: plan
+      character(:), allocatable :: text
+      character(40) :: digits
+      integer(int64) :: n_bytes
+      integer :: i
+
+      n_bytes = 0
+      do i = 1, size(plan%variables)
+         associate (variable => plan%variables(i))
+            n_bytes = n_bytes + &
+               bytes_of_kind(variable%kind)*product(int(plan%axes(variable%axes)%length, int64))
+         end associate
+      end do
+      write (digits, "(f0.1)") max(0.1_wp, real(n_bytes, wp)/1.0e6_wp)
+      text = trim(digits)//" MB"
+      if (text(1:1) == ".") text = "0"//text
+   end function size_text
+end module hb_results_plan
