@@ -19,9 +19,9 @@ BEAM = """\
 ! -0.5 to 2.4 mm (the linear motion has 2.4 mm), tones of 0.5 to 50 rad/s (the first mode has 148 rad/s).
 ! Written by random_contact.py.
 !
-! Hard, because Newton's method cycles among the pieces of a piecewise linear system, and because combination tones of order 5 come
-! near the resonance where stiff stops make the motion bounce: no two-tone motion of this order is near the true one there, and
-! the equations may have no solution at all. docs/hard.md lists the points that do not converge.
+! Hard, because Newton's method cycles among the pieces of a piecewise linear system, because one sample that touches changes the
+! tangent by up to a million times the beam, and because order 5 is far too low where stiff stops make the motion bounce. Whether the
+! equations of the points that do not converge have a solution at all is not known. docs/hard.md lists them.
 !
 ! expect: solved > 165
 !
@@ -47,8 +47,9 @@ MASS = """\
 ! of them on both sides, gaps of -0.3 to 1 m, tones of 0.3 to 9 rad/s round the resonance.
 ! Written by random_contact.py.
 !
-! Hard, because the motion is an impact oscillator near its resonance, often chaotic or of a longer period: where there is
-! no motion of two tones, there is nothing for a balance to find. docs/hard.md lists the points that do not converge.
+! Hard, because the motion is that of an impact oscillator near its resonance. About every fourth of these problems has no single
+! two-tone motion: marched from three initial states the motions are still apart after 360 s (docs/hard.md, with the list of
+! the points that do not converge).
 !
 ! expect: solved > 95
 !
