@@ -44,6 +44,7 @@ module hb_balance
       complex(wp), allocatable, private :: factors(:, :, :)           ! LU of S, (n_dofs, n_dofs, n_harmonics)
       integer, allocatable, private :: pivots(:, :)
       logical, allocatable, private :: is_singular(:)                 ! (n_harmonics) where the structure is free to move
+      real(wp), allocatable, private :: support(:)                    ! (n_dofs) [N/m] that holds it there on the way
    contains
       procedure :: residual => balance_residual
       procedure :: tangent => balance_tangent
@@ -101,14 +102,14 @@ contains
       call choose_scales(self)
    end subroutine new_balance
 
-   !> LU of S per harmonic. Where S is singular (a structure free to move, an undamped resonance) its diagonal is lifted:
-   !> the factors are used for first steps only, never for a residual.
+   !> LU of S per harmonic. Where S is singular (a structure free to move, an undamped resonance) weak supports hold it, each a
+   !> tenth of the stiffness in the first harmonic that is not: for first guesses and first steps, never for a residual.
    subroutine factorise_linear_part(self)
       type(balance_t), intent(inout) :: self
-      real(wp), parameter :: lift = 1.0e-6_wp
+      real(wp), parameter :: weakness = 1.0e-1_wp
       integer :: h, i, info
       complex(wp), allocatable :: free_motion(:, :)
-      real(wp) :: magnitude
+      real(wp) :: stiffest
 
       self%factors = self%stiffness%condensed
       if (allocated(self%pivots)) deallocate (self%pivots)
@@ -117,12 +118,15 @@ contains
       allocate (self%is_singular(self%harmonics%n_harmonics))
       allocate (free_motion(self%n_dofs, self%harmonics%n_harmonics))
       call self%stiffness%linear_amplitudes(free_motion, self%is_singular)
-      magnitude = maxval(abs(self%factors))
-      if (magnitude <= 0.0_wp) magnitude = 1.0_wp
+      h = max(1, findloc(self%is_singular, .false., dim=1))
+      self%support = [(weakness*abs(self%stiffness%condensed(i, i, h)), i=1, self%n_dofs)]
+      stiffest = maxval(self%support)
+      if (stiffest <= 0.0_wp) stiffest = 1.0_wp
+      where (self%support <= epsilon(1.0_wp)*stiffest) self%support = stiffest
       do h = 1, self%harmonics%n_harmonics
          if (self%is_singular(h)) then
             do i = 1, self%n_dofs
-               self%factors(i, i, h) = self%factors(i, i, h) + lift*magnitude
+               self%factors(i, i, h) = self%factors(i, i, h) + self%support(i)
             end do
          end if
          call zgetrf(self%n_dofs, self%n_dofs, self%factors(:, :, h), self%n_dofs, self%pivots(:, h), info)
@@ -237,16 +241,20 @@ contains
       if (self%harmonics%sin_at(h) > 0) u(self%harmonics%sin_at(h), i) = -aimag(c)
    end subroutine set_amplitude
 
-   !> The motion without any law; zero in harmonics where the structure is free to move.
+   !> The motion without any law; where the structure is free to move, that on its weak supports.
    subroutine balance_linear_solution(self, u)
       class(balance_t), intent(in) :: self
       real(wp), intent(out) :: u(self%harmonics%n_coefficients, self%n_dofs)   !! [m]
       complex(wp) :: c(self%n_dofs, self%harmonics%n_harmonics)
       logical :: is_singular(self%harmonics%n_harmonics)
-      integer :: h, i
+      integer :: h, i, info
 
       call self%stiffness%linear_amplitudes(c, is_singular)
       do h = 1, self%harmonics%n_harmonics
+         if (is_singular(h)) then
+            c(:, h) = self%stiffness%load(:, h)
+            call zgetrs("N", self%n_dofs, 1, self%factors(:, :, h), self%n_dofs, self%pivots(:, h), c(:, h), self%n_dofs, info)
+         end if
          do i = 1, self%n_dofs
             call set_amplitude(self, u, h, i, c(i, h))
          end do
@@ -261,16 +269,34 @@ contains
       call balance_residual_of(self, x, r)
    end subroutine balance_residual
 
-   !> R = F_nl - s, with s = F_ext - S u; the factors are 1 but on the way of a homotopy.
+   !> R = F_nl - s, with s = F_ext - S u; the factors are 1 but on the way of a homotopy in the laws, where supports that fade as
+   !> the laws grow hold a structure that is free to move.
    subroutine balance_residual_of(self, u, r)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), intent(out) :: r(self%harmonics%n_coefficients, self%n_dofs)
+      integer :: h, i
 
       call balance_sample(self, u)
       call self%law_set%evaluate()
       call self%transform%to_coefficients(self%law_set%f%values, self%force)
       r = self%law_factor*self%force - self%reaction
+      do i = 1, self%n_dofs
+         do h = 1, self%harmonics%n_harmonics
+            if (self%is_singular(h)) call add_support(h, i)
+         end do
+      end do
+
+   contains
+
+      subroutine add_support(h, i)
+         integer, intent(in) :: h, i
+
+         associate (a => self%harmonics%cos_at(h), b => self%harmonics%sin_at(h), k => (1.0_wp - self%law_factor)*self%support(i))
+            r(a, i) = r(a, i) + k*u(a, i)
+            if (b > 0) r(b, i) = r(b, i) + k*u(b, i)
+         end associate
+      end subroutine add_support
    end subroutine balance_residual_of
 
    !> Brings the motion onto the torus: q, and v and s where a law asks for them.
@@ -347,6 +373,7 @@ contains
             do i = 1, self%n_dofs
                call add_linear(self, jacobian, h, i, k)
             end do
+            if (self%is_singular(h)) call add_support(h, k)
          end do
       end do
       call balance_sample(self, u)
@@ -372,6 +399,17 @@ contains
          end associate
       end do
       if (self%law_set%has_memory) call add_memory(self, jacobian)
+
+   contains
+
+      subroutine add_support(h, i)
+         integer, intent(in) :: h, i
+
+         associate (a => self%harmonics%cos_at(h), b => self%harmonics%sin_at(h), k => (1.0_wp - self%law_factor)*self%support(i))
+            jacobian(a, i, a, i) = jacobian(a, i, a, i) + k
+            if (b > 0) jacobian(b, i, b, i) = jacobian(b, i, b, i) + k
+         end associate
+      end subroutine add_support
    end subroutine balance_tangent_of
 
    !> Adds what the forces with memory answer to each coefficient: through coordinate b of a law, cos or sin of harmonic h of

@@ -19,6 +19,8 @@ module hb_certificate
    private
    public :: certificate_t, certify, near_commensurate
 
+   real(wp), parameter :: rest = 1.0e-6_wp                             ! motion relative to what the loads do to the stiffest
+                                                                      ! harmonic, below which nothing moves
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
    real(wp), parameter :: largest_fine_grid = 4.0e6_wp                 ! samples
 
@@ -113,8 +115,8 @@ contains
       real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), size_of_motion
       logical :: is_singular
 
-      size_of_motion = norm2(u)
-      if (size_of_motion <= 0.0_wp) return
+      if (all(u == 0.0_wp)) return
+      size_of_motion = max(norm2(u), rest*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
       allocate (big(wide%harmonics%n_coefficients, wide%n_dofs), source=0.0_wp)
       allocate (defect, mold=big)
       allocate (answer, mold=big)

@@ -1,5 +1,6 @@
 !> One point of a study: from a scene to its solution and what is kept of it.
 module hb_point
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_balance, only: balance_t, new_balance
    use hb_certificate, only: certify
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
@@ -188,12 +189,20 @@ contains
       if (allocated(error)) return
       associate (found => result%certificate, limit => scene%certificate)
          if (found%defects%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
-         if (found%truncation > limit%truncation) result%status = outcome%truncated
-         if (found%aliasing > limit%aliasing) result%status = outcome%aliased
+         if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
+         if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
          result%is_near_commensurate = scene%tones%n_tones > 1 .and. &
             found%combination_frequency < limit%commensurability*maxval(scene%tones%omega)
       end associate
    end subroutine keep_certificate
+
+   !> Whether an estimate is above its limit; one that is not a number, out of the range of a law, is.
+   pure logical function is_missed(estimate, limit)
+      real(wp), intent(in) :: estimate, limit
+
+      is_missed = .true.
+      if (ieee_is_finite(estimate)) is_missed = estimate > limit
+   end function is_missed
 
    !> Hypertime surfaces on the grid that the user asked for.
    subroutine keep_surfaces(scene, balance, u, result, error)

@@ -90,6 +90,13 @@ def test_point_that_is_not_converged_fails_unless_said(failing_results):
     assert not expects_only_converged(read_expectations(f"! expect: {line}"))
 
 
+def test_points_solved_are_counted(failing_results):
+    assert not problems(failing_results, "solved > 1")
+    assert problems(failing_results, "solved > 2")
+    assert problems(failing_results, "solver_max_iterations=100 solved > 1")  # says nothing of the third point
+    assert not expects_only_converged(read_expectations("! expect: solved > 1"))
+
+
 def test_coefficient_of_a_point_that_is_not_converged_fails(failing_results):
     name = failing_results.status_name(2)
     lines = [f"solver_max_iterations=0 status = {name}", "solver_max_iterations=0 x1 (1) cos < 1e300"]
@@ -124,6 +131,8 @@ def test_coefficient_of_a_point_that_is_not_converged_fails(failing_results):
         "! expect: residual < inf",
         "! expect: law_1_gap = 1e-3 residual < 1e-3",
         "! expect: law_1_gap=1 law_1_gap=2 residual < 1e-3",
+        "! expect: solved > many",
+        "! expect: solved = 2",
         "! expect: status = fine",
         "! expect: status = converged to 1e-3",
     ],

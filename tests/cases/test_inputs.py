@@ -1,4 +1,7 @@
-"""Every example input runs as it is and gives the numbers that it promises in its `! expect:` lines."""
+"""Every example input runs as it is and gives the numbers that it promises in its `! expect:` lines.
+
+Those with a line `! label: long` take many seconds and run with the long tests alone.
+"""
 
 from pathlib import Path
 
@@ -7,21 +10,30 @@ from nhbm_post.reader import Results
 
 from expectations import expects_only_converged, failures, read_expectations
 from program import ALL_CONVERGED, NOT_ALL_CONVERGED, messages_of, run
+from user_law import with_its_law
 
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
 # Those of user_law need libraries that are built first: test_user_law.py runs them.
 FILES = sorted(file for file in INPUTS.rglob("*.nml") if file.parent.name != "user_law")
 
 
+def case(file: Path):
+    marks = [pytest.mark.long] if "\n! label: long\n" in file.read_text() else []
+    return pytest.param(file, id=str(file.relative_to(INPUTS)), marks=marks)
+
+
+CASES = [case(file) for file in FILES]
+
+
 def test_there_are_inputs():
     assert FILES
 
 
-@pytest.mark.parametrize("source", FILES, ids=[str(f.relative_to(INPUTS)) for f in FILES])
+@pytest.mark.parametrize("source", CASES)
 def test_input_gives_what_it_promises(source, tmp_path):
     expectations = read_expectations(source.read_text())
     assert expectations, f"{source} has no '! expect:' line"
-    done = run("solve", source, cwd=tmp_path)
+    done = run("solve", with_its_law(source, tmp_path / "law"), cwd=tmp_path)
     result = tmp_path / f"{source.stem}.h5"
     wanted = ALL_CONVERGED if expects_only_converged(expectations) else NOT_ALL_CONVERGED
     assert done.status == wanted, done.stderr + messages_of(result)
@@ -30,9 +42,11 @@ def test_input_gives_what_it_promises(source, tmp_path):
     assert not problems, "\n".join(problems)
 
 
-@pytest.mark.parametrize("source", FILES, ids=[str(f.relative_to(INPUTS)) for f in FILES])
+@pytest.mark.parametrize("source", CASES)
 def test_input_passes_the_check(source, tmp_path):
-    done = run("check", source, cwd=tmp_path)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    done = run("check", with_its_law(source, tmp_path / "law"), cwd=folder)
     assert done.status == ALL_CONVERGED, done.stderr
     assert "the input is sound" in done.stdout
-    assert not list(tmp_path.iterdir()), "check must write no file"
+    assert not list(folder.iterdir()), "check must write no file"

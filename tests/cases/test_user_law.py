@@ -1,6 +1,5 @@
 """Laws from shared libraries: the worked examples built as their sources say, solved and checked by the program."""
 
-import shlex
 import shutil
 import subprocess
 from pathlib import Path
@@ -10,9 +9,9 @@ from nhbm_post.reader import Results
 
 from expectations import failures, read_expectations
 from program import ALL_CONVERGED, BAD_INPUT, NOT_ALL_CONVERGED, coefficients_by_tuple, run
+from user_law import HEADER_FOLDER, build_as_the_source_says
 
 ROOT = Path(__file__).resolve().parents[2]
-HEADER_FOLDER = ROOT / "src" / "laws"
 INPUT = "cubic_spring.nml"
 
 WRONG = """
@@ -46,14 +45,6 @@ ONE_MASS = """
 &load dof = 'x1', tuple = 1, cos = 1.0 /
 &law type = 'user', label = 'mine', library = 'wrong.so', name = 'wrong', dof = 'x1', parameters = 0.0 /
 """
-
-
-def build_as_the_source_says(source: Path):
-    """Runs the one command that stands in the first lines of a source."""
-    lines = [line.strip(" *!>") for line in source.read_text().splitlines()[:5]]
-    (command,) = [line for line in lines if "-shared" in line]
-    words = [str(HEADER_FOLDER) if word == "../../src/laws" else word for word in shlex.split(command)]
-    subprocess.run(words, cwd=source.parent, check=True)
 
 
 @pytest.fixture
