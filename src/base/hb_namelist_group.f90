@@ -252,7 +252,7 @@ contains
       found%range = range
       call read_values(self, key, is_required, "a real number", single_value, found, i_asked)
       if (found%are_complete) value = found%values(1)
-      if (found%are_complete .or. .not. is_required) call keep(self, i_asked, texts_of([value]), 1)
+      if (self%keeps_values .and. (found%are_complete .or. .not. is_required)) call keep(self, i_asked, texts_of([value]), 1)
    end subroutine read_real
 
    pure subroutine read_integer(self, key, is_required, value, range)
@@ -267,7 +267,7 @@ contains
       found%range = range
       call read_values(self, key, is_required, "an integer", single_value, found, i_asked)
       if (found%are_complete) value = found%values(1)
-      if (found%are_complete .or. .not. is_required) call keep(self, i_asked, texts_of([value]), 1)
+      if (self%keeps_values .and. (found%are_complete .or. .not. is_required)) call keep(self, i_asked, texts_of([value]), 1)
    end subroutine read_integer
 
    pure subroutine read_logical(self, key, is_required, value)
@@ -280,7 +280,7 @@ contains
 
       call read_values(self, key, is_required, ".true. or .false.", single_value, found, i_asked)
       if (found%are_complete) value = found%values(1)
-      if (found%are_complete .or. .not. is_required) call keep(self, i_asked, texts_of([value]), 1)
+      if (self%keeps_values .and. (found%are_complete .or. .not. is_required)) call keep(self, i_asked, texts_of([value]), 1)
    end subroutine read_logical
 
    pure subroutine read_string(self, key, is_required, value, choices)
@@ -298,7 +298,7 @@ contains
       if (found%are_complete) value = found%values(1)%value
       if (.not. allocated(value)) return
       used(1)%value = value                                 ! gfortran 12 would leak [string_t(value)]
-      call keep(self, i_asked, texts_of(used), 1)
+      if (self%keeps_values) call keep(self, i_asked, texts_of(used), 1)
    end subroutine read_string
 
    pure subroutine read_reals(self, key, is_required, value, range, n)
@@ -314,7 +314,7 @@ contains
       found%range = range
       call read_values(self, key, is_required, "a list of real numbers", list_of(n), found, i_asked)
       if (found%are_complete) call move_alloc(found%values, value)
-      if (allocated(value)) call keep(self, i_asked, texts_of(value), size(value))
+      if (self%keeps_values .and. allocated(value)) call keep(self, i_asked, texts_of(value), size(value))
    end subroutine read_reals
 
    pure subroutine read_integers(self, key, is_required, value, range, n)
@@ -330,7 +330,7 @@ contains
       found%range = range
       call read_values(self, key, is_required, "a list of integers", list_of(n), found, i_asked)
       if (found%are_complete) call move_alloc(found%values, value)
-      if (allocated(value)) call keep(self, i_asked, texts_of(value), size(value))
+      if (self%keeps_values .and. allocated(value)) call keep(self, i_asked, texts_of(value), size(value))
    end subroutine read_integers
 
    pure subroutine read_logicals(self, key, is_required, value, n)
@@ -344,7 +344,7 @@ contains
 
       call read_values(self, key, is_required, "a list of .true. and .false.", list_of(n), found, i_asked)
       if (found%are_complete) call move_alloc(found%values, value)
-      if (allocated(value)) call keep(self, i_asked, texts_of(value), size(value))
+      if (self%keeps_values .and. allocated(value)) call keep(self, i_asked, texts_of(value), size(value))
    end subroutine read_logicals
 
    pure subroutine read_strings(self, key, is_required, value, n, choices)
@@ -360,7 +360,7 @@ contains
       found = strings_among(choices)
       call read_values(self, key, is_required, "a list of texts in quotes", list_of(n), found, i_asked)
       if (found%are_complete) call move_alloc(found%values, value)
-      if (allocated(value)) call keep(self, i_asked, texts_of(value), size(value))
+      if (self%keeps_values .and. allocated(value)) call keep(self, i_asked, texts_of(value), size(value))
    end subroutine read_strings
 
    pure subroutine read_matrix(self, key, is_required, value, n, m, range)
@@ -377,7 +377,7 @@ contains
       call read_values(self, key, is_required, "a matrix of "//matrix_text(n, m)//", row by row", [n, m], &
          found, i_asked)
       if (found%are_complete) value = reshape(found%values, [n, m], order=[2, 1])
-      if (allocated(value)) &
+      if (self%keeps_values .and. allocated(value)) &
          call keep(self, i_asked, texts_of(reshape(transpose(value), [size(value)])), size(value, 2))
    end subroutine read_matrix
 

@@ -28,6 +28,7 @@ module hb_namelist_record
       integer :: number = 1                                 !! position among the groups of its name
       logical :: is_repeated = .false.                      !! there are more groups of its name
       logical :: was_opened = .false.                       !! somebody reads it
+      logical :: keeps_values = .true.                      !! for `complete`
       type(content_t) :: content
       type(asked_t), allocatable, private :: asked(:)       !! (capacity), in the order of asking
       integer, private :: n_asked = 0

@@ -76,6 +76,7 @@ contains
       call read_scene(self%scene, first, error)
       if (allocated(error)) return
       self%input_complete = first%complete()
+      call self%document%forget_values()                             ! nobody asks for the texts of single points
       call collect_tuples(self, error)
    end subroutine new_study
 
