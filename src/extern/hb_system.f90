@@ -1,10 +1,10 @@
-!> What the program asks of the operating system: names of files, its own number, the time.
+!> What the program asks of the operating system: names of files, its own number, the time, terminals.
 !> Source of the interfaces: POSIX.1-2017.
 module hb_system
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_null_char, c_null_ptr, c_ptr, c_size_t
    implicit none
    private
-   public :: exists, link_file, process_id, remove_file, rename_file, utc_now
+   public :: exists, is_terminal, link_file, process_id, remove_file, rename_file, utc_now
 
    interface
       integer(c_int) function c_link(old, new) bind(c, name="link")
@@ -21,6 +21,11 @@ module hb_system
          import :: c_char, c_int
          character(c_char), intent(in) :: path(*)
       end function c_unlink
+
+      integer(c_int) function c_isatty(descriptor) bind(c, name="isatty")
+         import :: c_int
+         integer(c_int), value :: descriptor
+      end function c_isatty
 
       integer(c_int) function c_getpid() bind(c, name="getpid")
          import :: c_int
@@ -46,6 +51,11 @@ module hb_system
    end interface
 
 contains
+
+   !> Says whether standard error goes to a terminal.
+   logical function is_terminal()
+      is_terminal = c_isatty(2_c_int) == 1
+   end function is_terminal
 
    !> Says whether there is a file of this name; `folder/.` is there when the folder is.
    logical function exists(path)

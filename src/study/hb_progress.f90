@@ -1,9 +1,9 @@
 !> Progress of a run: one line that is rewritten on a terminal, a plain line now and then in a log.
 module hb_progress
-   use, intrinsic :: iso_c_binding, only: c_int
    use, intrinsic :: iso_fortran_env, only: error_unit
    use hb_kinds, only: wp
    use hb_mpi, only: wall_clock
+   use hb_system, only: is_terminal
    use hb_text, only: to_text
    implicit none
    private
@@ -23,13 +23,6 @@ module hb_progress
       procedure :: finish => progress_finish
    end type progress_t
 
-   interface
-      integer(c_int) function isatty(descriptor) bind(c)
-         import :: c_int
-         integer(c_int), value :: descriptor
-      end function isatty
-   end interface
-
 contains
 
    !> Progress over `n_points`, written to standard error; nothing is written when `is_quiet`.
@@ -40,7 +33,7 @@ contains
 
       self%n_points = n_points
       self%is_quiet = is_quiet
-      self%on_terminal = isatty(2_c_int) == 1
+      self%on_terminal = is_terminal()
       self%started = wall_clock()
       self%shown = self%started
    end subroutine new_progress

@@ -15,9 +15,6 @@ FLOORS = ["base", "extern", "solve", "hypertime", "structure", "laws", "balance"
 
 INTRINSIC = {"iso_fortran_env", "ieee_arithmetic", "ieee_exceptions", "ieee_features"}
 
-# Calls of the C library that no outside library is behind: terminals.
-SYSTEM_CALLS_IN = {"hb_progress"}
-
 # Routines of MPI, HDF5, FFTW, BLAS and LAPACK, as they would be called without a module.
 LIBRARY_CALL = re.compile(
     r"\b((?:mpi|fftw)_\w+|h5[a-z]\w*_f)\s*\("
@@ -127,7 +124,6 @@ def test_outside_libraries_stay_in_extern(path):
         return
     for number, module in used_modules(path):
         allowed = module.startswith("hb_") or module in INTRINSIC
-        allowed = allowed or (module == "iso_c_binding" and name_of(path) in SYSTEM_CALLS_IN)
         assert allowed, f"{path.relative_to(ROOT)}:{number} uses {module}; outside libraries belong to src/extern/"
     known = _imported(path) | _defined(path)
     for number, statement in statements(path):
