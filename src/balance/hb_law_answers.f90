@@ -1,0 +1,107 @@
+!> How forces answer to the motion of a law with memory, and what multiplier laws that share degrees of freedom with it then
+!> have to supply.
+!>
+!> Source: docs/theory.md, sections 5.3 to 5.6.
+module hb_law_answers
+   use hb_fftw, only: real_block_t
+   use hb_kinds, only: wp
+   use hb_law, only: law_box_t
+   use hb_law_slot, only: slot_t
+   implicit none
+   private
+   public :: answer_on, answering_dofs, pass_on_to_multipliers
+
+contains
+
+   !> Finds the answer, at all samples, of the forces on degree of freedom k to cos (part 1) or sin (part 2) of harmonic h of
+   !> the block that was found last. A multiplier law there supplies what equilibrium then asks of it.
+   subroutine answer_on(laws, slots, i, h, part, k, samples)
+      type(law_box_t), intent(in) :: laws(:)
+      type(slot_t), intent(in) :: slots(:)
+      integer, intent(in) :: i                                        !! law with memory
+      integer, intent(in) :: h                                        !! within the block
+      integer, intent(in) :: part
+      integer, intent(in) :: k                                        !! one of `answering_dofs`
+      real(wp), intent(out) :: samples(:)                             !! [N/m], (n_samples)
+      real(wp), allocatable :: asked(:)
+      integer :: m, n, own
+
+      samples = 0.0_wp
+      call add_force_on(k, 1.0_wp, samples)
+      do m = 1, size(laws)
+         if (.not. laws(m)%law%is_multiplier) cycle
+         own = findloc(slots(m)%columns, k, dim=1)
+         if (own == 0) cycle
+         allocate (asked(size(samples)), source=0.0_wp)
+         associate (w => laws(m)%law%shape(:, 1), columns => slots(m)%columns)
+            do n = 1, size(columns)
+               call add_force_on(columns(n), -w(n)/sum(w**2), asked)
+            end do
+            samples = samples + w(own)*slots(m)%df_dp(:, 1, 1)*asked
+         end associate
+         return                                                       ! no other multiplier acts there
+      end do
+
+   contains
+
+      subroutine add_force_on(dof, weight, to)
+         integer, intent(in) :: dof
+         real(wp), intent(in) :: weight
+         real(wp), intent(inout) :: to(:)
+         integer :: a, row
+
+         row = findloc(slots(i)%columns, dof, dim=1)
+         if (row == 0) return
+         associate (shape => laws(i)%law%shape)
+            do a = 1, size(shape, 2)
+               if (abs(shape(row, a)) > 0.0_wp) to = to + weight*shape(row, a)*slots(i)%memory%answer(h, part, a, :)
+            end do
+         end associate
+      end subroutine add_force_on
+   end subroutine answer_on
+
+   !> Degrees of freedom, among those of all laws, whose forces answer to the motion of law i, which has memory: its own and
+   !> those of multiplier laws that share one with it.
+   pure function answering_dofs(laws, slots, i, n_dofs) result(dofs)
+      type(law_box_t), intent(in) :: laws(:)
+      type(slot_t), intent(in) :: slots(:)
+      integer, intent(in) :: i
+      integer, intent(in) :: n_dofs                                   !! of all laws
+      integer, allocatable :: dofs(:)
+      logical :: answers(n_dofs)
+      integer :: k, m
+
+      answers = .false.
+      answers(slots(i)%columns) = .true.
+      do m = 1, size(laws)
+         if (.not. laws(m)%law%is_multiplier) cycle
+         associate (columns => slots(m)%columns)
+            if (any([(any(columns(k) == slots(i)%columns), k=1, size(columns))])) answers(columns) = .true.
+         end associate
+      end do
+      dofs = pack([(k, k=1, n_dofs)], answers)
+   end function answering_dofs
+
+   !> Adds what multiplier laws have to supply to slopes of the forces, as long as only those of laws with memory stand there.
+   subroutine pass_on_to_multipliers(laws, slots, f)
+      type(law_box_t), intent(in) :: laws(:)
+      type(slot_t), intent(in) :: slots(:)
+      type(real_block_t), intent(inout) :: f                          !! (n_samples, n_dofs)
+      real(wp), allocatable :: asked(:)
+      integer :: k, m
+
+      allocate (asked(size(f%values, 1)))
+      do m = 1, size(laws)
+         if (.not. laws(m)%law%is_multiplier) cycle
+         associate (w => laws(m)%law%shape(:, 1), columns => slots(m)%columns)
+            asked = 0.0_wp
+            do k = 1, size(w)
+               asked = asked - w(k)/sum(w**2)*f%values(:, columns(k))
+            end do
+            do k = 1, size(w)
+               f%values(:, columns(k)) = f%values(:, columns(k)) + w(k)*slots(m)%df_dp(:, 1, 1)*asked
+            end do
+         end associate
+      end do
+   end subroutine pass_on_to_multipliers
+end module hb_law_answers
