@@ -2,7 +2,7 @@
 
     ! expect: [PARAMETER=VALUE ...] SUBJECT = NUMBER to TOLERANCE
     ! expect: [PARAMETER=VALUE ...] SUBJECT < NUMBER
-    ! expect: [PARAMETER=VALUE ...] status = NAME
+    ! expect: [PARAMETER=VALUE ...] status = NAME [or NAME ...]
     ! expect: [PARAMETER=VALUE ...] solved > NUMBER
 
 SUBJECT is a coefficient, `DOF (j1,j2,...) cos|sin|amplitude`, or one of penetration, residual, iterations, n_harmonics.
@@ -37,12 +37,12 @@ STATUSES = (
 _FORMS = (
     "[PARAMETER=VALUE ...] then DOF (j1,j2) cos|sin|amplitude or "
     + "|".join(QUANTITIES)
-    + ", then '= NUMBER to TOLERANCE' or '< NUMBER'; or status = NAME; or solved > NUMBER"
+    + ", then '= NUMBER to TOLERANCE' or '< NUMBER'; or status = NAME [or NAME ...]; or solved > NUMBER"
 )
 _MARK = re.compile(r"!\s*expect", re.IGNORECASE)
 _LINE = re.compile(r"\s*! expect: (.*\S)\s*")
 _PARAMETER = re.compile(r"([A-Za-z]\w*)=(\S+)\s+")
-_STATUS = re.compile(r"status = (\w+)")
+_STATUS = re.compile(r"status = (\w+(?: or \w+)*)")
 _SOLVED = re.compile(r"solved > (\d+)")
 _COMPARISON = re.compile(r"(?P<subject>.+?) (?:= (?P<number>\S+) to (?P<tolerance>\S+)|< (?P<bound>\S+))")
 _COEFFICIENT = re.compile(r"(\S+) \(([^()]*)\) (\w+)")
@@ -118,7 +118,7 @@ def failures(expectations: list[Expectation], results: Results) -> list[str]:
         else:
             problems += _wrong_values(expectation, results, points)
     for point, name in expected_status.items():
-        if results.status_name(point) != name:
+        if results.status_name(point) not in name.split(" or "):
             what = f"status is {results.status_name(point)}, not {name}"
             problems.append(f"{results.point_text(point)}: {what} {results.message(point)}".rstrip())
     return problems
@@ -164,8 +164,9 @@ def _parse(line: str, number: int) -> Expectation:
     common = {"text": text, "line": number, "parameters": parameters}
 
     if status := _STATUS.fullmatch(rest):
-        if status[1] not in STATUSES:
-            raise _malformed(number, line, f"unknown status '{status[1]}'; known: {', '.join(STATUSES)}")
+        for name in status[1].split(" or "):
+            if name not in STATUSES:
+                raise _malformed(number, line, f"unknown status '{name}'; known: {', '.join(STATUSES)}")
         return Expectation(status=status[1], **common)
 
     if solved := _SOLVED.fullmatch(rest):
