@@ -1,0 +1,101 @@
+!> The derivative of the balance by a base frequency. Source: docs/theory.md, section 5.6.
+submodule (hb_balance) hb_balance_frequency
+   use hb_error, only: fail
+   use hb_text, only: to_text
+   implicit none
+
+contains
+
+   !> Derivative of the residual by base frequency m at fixed coefficients, exact for the discrete equations:
+   !> dR/domega_m = j_m (dS/dw u - dP/dw) + the projection of df/dv dv/domega_m + df/ds ds/domega_m.
+   !>
+   !> What laws were told by the structure (`prepare`) stays. Fails where the stiffness was made without slopes, for a tone
+   !> that does not exist, where the answer of a memory does not repeat, and out of memory. Source: docs/theory.md, section 5.6.
+   module subroutine balance_frequency_derivative(self, u, m, derivative, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      integer, intent(in) :: m                                        !! tone
+      real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)   !! [N s]
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: turns(self%harmonics%n_harmonics)                   ! j_m, the derivative of j.omega
+      real(wp) :: reaction(self%harmonics%n_coefficients, self%n_dofs)
+      real(wp), allocatable :: weight_slope(:)
+
+      derivative = 0.0_wp
+      if (.not. allocated(self%stiffness%condensed_slope)) then
+         call fail(error, "balance: its dynamic stiffness was made without slopes; derivatives by frequencies need them")
+      else if (m < 1 .or. m > size(self%omega)) then
+         call fail(error, "balance: no tone "//to_text(m)//" to differentiate by, there are 1 to "//to_text(size(self%omega)))
+      end if
+      if (allocated(error)) return
+      call balance_sample(self, u)
+      call self%law_set%differentiate(error)
+      if (allocated(error)) return
+      call self%law_set%make_frequency_samples(error)
+      if (allocated(error)) return
+
+      turns = real(self%harmonics%tuples(m, :), wp)
+      allocate (weight_slope(0))
+      call find_reaction_slope(self, u, turns, reaction)
+      associate (by => self%law_set%by_frequency)
+         if (self%law_set%needs_velocity) call self%transform%to_rate_samples(u, turns, by%v%values)
+         if (self%law_set%needs_reaction) call self%transform%to_samples(reaction, by%s%values)
+         if (self%law_set%has_memory) call sample_step_slopes(self, u, m, turns, weight_slope)
+         call self%law_set%differentiate_by_frequency(weight_slope, error)
+         if (allocated(error)) return
+         call self%transform%to_coefficients(by%f%values, self%force)
+      end associate
+      derivative = self%law_factor*self%force - reaction
+   end subroutine balance_frequency_derivative
+
+   !> How the steps of time change with base frequency m: motion at their start, rates at both ends, and the weights of the
+   !> neighbours there. With the angle phi = j.omega step and c the amplitude at the end of a step,
+   !> d(c exp(-i phi)) = -i c exp(-i phi) dphi, and d(i phi c exp(-i phi)) = (i + phi) c exp(-i phi) dphi.
+   subroutine sample_step_slopes(self, u, m, turns, weight_slope)
+      class(balance_t), intent(inout) :: self                         !! after `sample`
+      real(wp), intent(in) :: u(:, :)
+      integer, intent(in) :: m
+      real(wp), intent(in) :: turns(:)                                !! j_m, (n_harmonics)
+      real(wp), allocatable, intent(inout) :: weight_slope(:)
+      real(wp), dimension(self%harmonics%n_harmonics) :: angle, angle_slope
+      real(wp) :: rate_slope(self%harmonics%n_coefficients, self%n_dofs), step_slope
+      integer :: h, i
+
+      associate (characteristic => self%law_set%characteristic, by => self%law_set%by_frequency)
+         weight_slope = 0.0_wp*characteristic%weight
+         call characteristic%frequency_slopes(m, step_slope, weight_slope)
+         angle = self%frequencies*characteristic%step
+         angle_slope = turns*characteristic%step
+         if (m == characteristic%tone) angle_slope = (self%frequencies - turns*self%omega(m))*step_slope   ! this tone cancels
+         do i = 1, self%n_dofs
+            do h = 1, self%harmonics%n_harmonics
+               call self%harmonics%set_amplitude(rate_slope(:, i), h, &
+                                  cmplx(angle(h), 1.0_wp, wp)*angle_slope(h)*self%harmonics%amplitude(self%u_before(:, i), h))
+            end do
+         end do
+         call self%transform%to_rate_samples(self%u_before, -angle_slope, by%q_before%values)
+         call self%transform%to_rate_samples(u, angle_slope, by%step_rate%values)
+         call self%transform%to_samples(rate_slope, by%step_rate_before%values)
+      end associate
+   end subroutine sample_step_slopes
+
+   !> ds/domega_m = j_m (dP/dw - dS/dw u), per harmonic.
+   subroutine find_reaction_slope(self, u, turns, slope)
+      type(balance_t), intent(in) :: self
+      real(wp), intent(in) :: u(:, :)
+      real(wp), intent(in) :: turns(:)                                !! j_m, (n_harmonics)
+      real(wp), intent(out) :: slope(:, :)                            !! [N s], as u
+      complex(wp) :: s
+      integer :: h, i, k
+
+      do h = 1, self%harmonics%n_harmonics
+         do i = 1, self%n_dofs
+            s = self%load_factor*self%stiffness%load_slope(i, h)
+            do k = 1, self%n_dofs
+               s = s - self%stiffness%condensed_slope(i, k, h)*self%harmonics%amplitude(u(:, k), h)
+            end do
+            call self%harmonics%set_amplitude(slope(:, i), h, turns(h)*s)
+         end do
+      end do
+   end subroutine find_reaction_slope
+end submodule hb_balance_frequency
