@@ -45,6 +45,8 @@ module hb_balance
    contains
       procedure :: residual => balance_residual
       procedure :: tangent => balance_tangent
+      procedure :: linearise => balance_linearise
+      procedure :: apply_tangent => balance_apply_tangent
       procedure :: solve_linear => balance_solve_linear
       procedure :: rounding_level => balance_rounding_level
       procedure :: solve_mean_tangent => balance_solve_mean_tangent
@@ -173,51 +175,57 @@ contains
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), intent(out) :: r(self%harmonics%n_coefficients, self%n_dofs)
-      integer :: h, i
 
       call balance_sample(self, u)
       call self%law_set%evaluate()
       call self%transform%to_coefficients(self%law_set%f%values, self%force)
       r = self%law_factor*self%force - self%reaction
+      call add_support(self, u, r)
+   end subroutine balance_residual_of
+
+   !> Adds the forces of the supports, none but on the way of a homotopy in the laws.
+   subroutine add_support(self, u, r)
+      class(balance_t), intent(in) :: self
+      real(wp), intent(in) :: u(:, :)
+      real(wp), intent(inout) :: r(:, :)
+      integer :: h, i
+
       do i = 1, self%n_dofs
          do h = 1, self%harmonics%n_harmonics
-            if (self%is_singular(h)) call add_support(h, i)
+            if (.not. self%is_singular(h)) cycle
+            associate (a => self%harmonics%cos_at(h), b => self%harmonics%sin_at(h), &
+                       k => (1.0_wp - self%law_factor)*self%support(i))
+               r(a, i) = r(a, i) + k*u(a, i)
+               if (b > 0) r(b, i) = r(b, i) + k*u(b, i)
+            end associate
          end do
       end do
-
-   contains
-
-      subroutine add_support(h, i)
-         integer, intent(in) :: h, i
-
-         associate (a => self%harmonics%cos_at(h), b => self%harmonics%sin_at(h), k => (1.0_wp - self%law_factor)*self%support(i))
-            r(a, i) = r(a, i) + k*u(a, i)
-            if (b > 0) r(b, i) = r(b, i) + k*u(b, i)
-         end associate
-      end subroutine add_support
-   end subroutine balance_residual_of
+   end subroutine add_support
 
    !> Brings the motion onto the torus: q, and v and s where a law asks for them.
    subroutine balance_sample(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
 
-      call find_reaction(self, u)
-      call self%transform%to_samples(u, self%law_set%q%values)
-      if (self%law_set%needs_velocity) then
-         call self%transform%to_rate_samples(u, self%frequencies, self%law_set%v%values)
-      end if
-      if (self%law_set%needs_reaction) call self%transform%to_samples(self%reaction, self%law_set%s%values)
-      if (self%law_set%has_memory) call sample_steps(self, u)
+      call find_reaction(self, u, self%load_factor)
+      associate (set => self%law_set)
+         call sample_onto(self, u, set%q, set%v, set%s, set%q_before, set%step_rate, set%step_rate_before)
+      end associate
    end subroutine balance_sample
 
-   !> The steps of time that end at the samples: motion at their start, rates at both ends.
-   subroutine sample_steps(self, u)
+   !> Samples of a motion, or of a direction of it, with `reaction` found before: q, and what else the laws ask for. Laws with
+   !> memory need the steps of time that end at the samples: motion at their start, rates at both ends.
+   subroutine sample_onto(self, u, q, v, s, q_before, step_rate, step_rate_before)
       class(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: u(:, :)
+      real(wp), intent(in) :: u(:, :)                                 !! (n_coefficients, n_dofs)
+      type(real_block_t), intent(in) :: q, v, s, q_before, step_rate, step_rate_before !! what they point to is filled
       real(wp) :: angle(self%harmonics%n_harmonics)
       integer :: h, i
 
+      call self%transform%to_samples(u, q%values)
+      if (self%law_set%needs_velocity) call self%transform%to_rate_samples(u, self%frequencies, v%values)
+      if (self%law_set%needs_reaction) call self%transform%to_samples(self%reaction, s%values)
+      if (.not. self%law_set%has_memory) return
       angle = self%frequencies*self%law_set%characteristic%step
       do i = 1, self%n_dofs
          do h = 1, self%harmonics%n_harmonics
@@ -225,21 +233,22 @@ contains
                                               self%harmonics%amplitude(u(:, i), h)*cmplx(cos(angle(h)), -sin(angle(h)), wp))
          end do
       end do
-      call self%transform%to_samples(self%u_before, self%law_set%q_before%values)
-      call self%transform%to_rate_samples(u, angle, self%law_set%step_rate%values)
-      call self%transform%to_rate_samples(self%u_before, angle, self%law_set%step_rate_before%values)
-   end subroutine sample_steps
+      call self%transform%to_samples(self%u_before, q_before%values)
+      call self%transform%to_rate_samples(u, angle, step_rate%values)
+      call self%transform%to_rate_samples(self%u_before, angle, step_rate_before%values)
+   end subroutine sample_onto
 
-   !> s = F_ext - S u, per harmonic.
-   subroutine find_reaction(self, u)
+   !> s = F_ext - S u, per harmonic, with the loads multiplied by a factor.
+   subroutine find_reaction(self, u, load_factor)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(:, :)
+      real(wp), intent(in) :: load_factor
       complex(wp) :: s
       integer :: h, i, k
 
       do h = 1, self%harmonics%n_harmonics
          do i = 1, self%n_dofs
-            s = self%load_factor*self%stiffness%load(i, h)
+            s = load_factor*self%stiffness%load(i, h)
             do k = 1, self%n_dofs
                s = s - self%stiffness%condensed(i, k, h)*self%harmonics%amplitude(u(:, k), h)
             end do
@@ -247,6 +256,47 @@ contains
          end do
       end do
    end subroutine find_reaction
+
+   subroutine balance_linearise(self, x, has_products)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      logical, intent(out) :: has_products
+      type(error_t), allocatable :: error
+
+      call balance_sample(self, x)
+      call self%law_set%differentiate(error)
+      if (.not. allocated(error)) call self%law_set%make_direction_samples(error)
+      has_products = .not. allocated(error)
+   end subroutine balance_linearise
+
+   subroutine balance_apply_tangent(self, x, product)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(out), contiguous :: product(:)
+
+      call apply_tangent_to(self, x, product)
+   end subroutine balance_apply_tangent
+
+   !> J u: u onto the torus, times the derivatives of the laws there, and back. Where the answer of a memory does not repeat it
+   !> is what the last round gives, as in the dense tangent. Source: docs/theory.md, section 6.5.
+   subroutine apply_tangent_to(self, u, product)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
+      real(wp), intent(out) :: product(self%harmonics%n_coefficients, self%n_dofs)
+      real(wp), allocatable :: weight_slope(:)
+      type(error_t), allocatable :: error
+
+      call find_reaction(self, u, 0.0_wp)
+      allocate (weight_slope(0))
+      if (self%law_set%has_memory) weight_slope = 0.0_wp*self%law_set%characteristic%weight
+      associate (along => self%law_set%along)
+         call sample_onto(self, u, along%q, along%v, along%s, along%q_before, along%step_rate, along%step_rate_before)
+         call self%law_set%differentiate_along(weight_slope, error)
+         call self%transform%to_coefficients(along%f%values, self%force)
+      end associate
+      product = self%law_factor*self%force - self%reaction
+      call add_support(self, u, product)
+   end subroutine apply_tangent_to
 
    !> Multiplies all forces of the laws, or all loads, by a factor.
    subroutine balance_deform(self, kind, amount)

@@ -31,19 +31,20 @@ contains
       call balance_sample(self, u)
       call self%law_set%differentiate(error)
       if (allocated(error)) return
-      call self%law_set%make_frequency_samples(error)
+      call self%law_set%make_direction_samples(error)
       if (allocated(error)) return
 
       turns = real(self%harmonics%tuples(m, :), wp)
       allocate (weight_slope(0))
       call find_reaction_slope(self, u, turns, reaction)
-      associate (by => self%law_set%by_frequency)
-         if (self%law_set%needs_velocity) call self%transform%to_rate_samples(u, turns, by%v%values)
-         if (self%law_set%needs_reaction) call self%transform%to_samples(reaction, by%s%values)
+      associate (along => self%law_set%along)
+         along%q%values = 0.0_wp
+         if (self%law_set%needs_velocity) call self%transform%to_rate_samples(u, turns, along%v%values)
+         if (self%law_set%needs_reaction) call self%transform%to_samples(reaction, along%s%values)
          if (self%law_set%has_memory) call sample_step_slopes(self, u, m, turns, weight_slope)
-         call self%law_set%differentiate_by_frequency(weight_slope, error)
+         call self%law_set%differentiate_along(weight_slope, error)
          if (allocated(error)) return
-         call self%transform%to_coefficients(by%f%values, self%force)
+         call self%transform%to_coefficients(along%f%values, self%force)
       end associate
       derivative = self%law_factor*self%force - reaction
    end subroutine balance_frequency_derivative
@@ -61,7 +62,7 @@ contains
       real(wp) :: rate_slope(self%harmonics%n_coefficients, self%n_dofs), step_slope
       integer :: h, i
 
-      associate (characteristic => self%law_set%characteristic, by => self%law_set%by_frequency)
+      associate (characteristic => self%law_set%characteristic, along => self%law_set%along)
          weight_slope = 0.0_wp*characteristic%weight
          call characteristic%frequency_slopes(m, step_slope, weight_slope)
          angle = self%frequencies*characteristic%step
@@ -73,9 +74,9 @@ contains
                                   cmplx(angle(h), 1.0_wp, wp)*angle_slope(h)*self%harmonics%amplitude(self%u_before(:, i), h))
             end do
          end do
-         call self%transform%to_rate_samples(self%u_before, -angle_slope, by%q_before%values)
-         call self%transform%to_rate_samples(u, angle_slope, by%step_rate%values)
-         call self%transform%to_samples(rate_slope, by%step_rate_before%values)
+         call self%transform%to_rate_samples(self%u_before, -angle_slope, along%q_before%values)
+         call self%transform%to_rate_samples(u, angle_slope, along%step_rate%values)
+         call self%transform%to_samples(rate_slope, along%step_rate_before%values)
       end associate
    end subroutine sample_step_slopes
 

@@ -6,9 +6,9 @@
 module hb_law_set
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_characteristic, only: characteristic_t, new_characteristic
+   use hb_direction_samples, only: direction_samples_t, new_direction_samples
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
-   use hb_frequency_samples, only: frequency_samples_t, new_frequency_samples
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
@@ -37,7 +37,7 @@ module hb_law_set
       type(real_block_t) :: q_before                                  !! motion one step before each sample
       type(real_block_t) :: step_rate, step_rate_before               !! rate times the step, there and one step before
       type(real_block_t) :: df_dq, df_dv, df_ds                       !! (n_samples, n_pairs)
-      type(frequency_samples_t) :: by_frequency                       !! made at their first use
+      type(direction_samples_t) :: along                              !! made at their first use
       type(slot_t), allocatable, private :: slots(:)
       integer, allocatable, private :: pair_at(:, :)                  ! (n_dofs, n_dofs), 0: no pair
       logical, private :: has_derivatives = .false.
@@ -45,8 +45,8 @@ module hb_law_set
       procedure :: columns_of => law_set_columns_of
       procedure :: evaluate => law_set_evaluate
       procedure :: differentiate => law_set_differentiate
-      procedure :: make_frequency_samples => law_set_make_frequency_samples
-      procedure :: differentiate_by_frequency => law_set_differentiate_by_frequency
+      procedure :: make_direction_samples => law_set_make_direction_samples
+      procedure :: differentiate_along => law_set_differentiate_along
       procedure :: prepare_answers => law_set_prepare_answers
       procedure :: n_blocks => law_set_n_blocks
       procedure :: answer_block => law_set_answer_block
@@ -190,45 +190,44 @@ contains
       self%has_derivatives = .true.
    end subroutine allocate_derivatives
 
-   !> Makes room for the samples `by_frequency`, at their first use.
-   subroutine law_set_make_frequency_samples(self, error)
+   !> Makes room for the samples `along` a direction, at their first use.
+   subroutine law_set_make_direction_samples(self, error)
       class(law_set_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
 
-      if (associated(self%by_frequency%f%values)) return
-      call new_frequency_samples(self%by_frequency, size(self%q%values, 1), self%n_dofs, self%needs_velocity, &
+      if (associated(self%along%f%values)) return
+      call new_direction_samples(self%along, size(self%q%values, 1), self%n_dofs, self%needs_velocity, &
                                  self%needs_reaction, self%has_memory, error)
-   end subroutine law_set_make_frequency_samples
+   end subroutine law_set_make_direction_samples
 
-   !> Derivative by a base frequency of the forces, `by_frequency%f`, from the others there, after `differentiate`.
+   !> Derivative along a direction of the forces, `along%f`, from the others there, after `differentiate`.
    !>
    !> Fails where the derivative of a law with memory does not repeat from round to round.
-   subroutine law_set_differentiate_by_frequency(self, weight_slope, error)
+   subroutine law_set_differentiate_along(self, weight_slope, error)
       class(law_set_t), intent(inout) :: self
       real(wp), intent(in) :: weight_slope(:)                         !! of `characteristic`, any without memory
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
-      associate (by => self%by_frequency)
-         by%f%values = 0.0_wp
+      associate (along => self%along)
+         along%f%values = 0.0_wp
          do i = 1, size(self%laws)
             if (.not. allocated(self%slots(i)%memory)) cycle
-            call self%slots(i)%memory%add_frequency_slope(self%laws(i)%law, self%slots(i)%columns, self%characteristic, &
-                                                          weight_slope, by%q_before, by%step_rate, by%step_rate_before, &
-                                                          by%f, error)
+            call self%slots(i)%memory%add_slope(self%laws(i)%law, self%slots(i)%columns, self%characteristic, weight_slope, &
+                                                along%q, along%q_before, along%step_rate, along%step_rate_before, along%f, &
+                                                error)
             if (allocated(error)) return
          end do
-         if (self%has_memory) call pass_on_to_multipliers(self%laws, self%slots, by%f)
+         if (self%has_memory) call pass_on_to_multipliers(self%laws, self%slots, along%f)
          do i = 1, self%n_pairs
-            associate (row => self%row(i), column => self%column(i))
-               if (self%needs_velocity) by%f%values(:, row) = by%f%values(:, row) &
-                                                              + self%df_dv%values(:, i)*by%v%values(:, column)
-               if (self%needs_reaction) by%f%values(:, row) = by%f%values(:, row) &
-                                                              + self%df_ds%values(:, i)*by%s%values(:, column)
+            associate (row => self%row(i), column => self%column(i), f => along%f%values)
+               f(:, row) = f(:, row) + self%df_dq%values(:, i)*along%q%values(:, column)
+               if (self%needs_velocity) f(:, row) = f(:, row) + self%df_dv%values(:, i)*along%v%values(:, column)
+               if (self%needs_reaction) f(:, row) = f(:, row) + self%df_ds%values(:, i)*along%s%values(:, column)
             end associate
          end do
       end associate
-   end subroutine law_set_differentiate_by_frequency
+   end subroutine law_set_differentiate_along
 
    subroutine run_laws(self, with_derivatives)
       class(law_set_t), intent(inout) :: self
@@ -459,6 +458,6 @@ contains
       call self%df_dq%destroy()
       call self%df_dv%destroy()
       call self%df_ds%destroy()
-      call self%by_frequency%destroy()
+      call self%along%destroy()
    end subroutine law_set_destroy
 end module hb_law_set

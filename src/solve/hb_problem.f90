@@ -1,5 +1,6 @@
 !> A system of nonlinear equations r(x) = 0 as the solvers see it: no mechanics, only numbers and their scales.
 module hb_problem
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
    implicit none
    private
@@ -23,6 +24,10 @@ module hb_problem
       procedure(solve_linear), deferred :: solve_linear
       procedure(rounding_level), deferred :: rounding_level
       procedure(deform), deferred :: deform
+      procedure :: linearise => problem_linearise
+      procedure :: apply_tangent => problem_apply_tangent
+      procedure :: update_preconditioner => problem_update_preconditioner
+      procedure :: precondition => problem_precondition
       procedure :: norm => problem_norm
    end type problem_t
 
@@ -68,6 +73,39 @@ module hb_problem
    end interface
 
 contains
+
+   !> Prepares products with the exact tangent at x; they hold until the next call of `tangent`, `linearise`, `residual` or
+   !> `rounding_level`. A problem that can multiply only by way of the whole tangent leaves this as it is.
+   subroutine problem_linearise(self, x, has_products)
+      class(problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
+      logical, intent(out) :: has_products                            !! false: there are none, whatever the reason
+
+      has_products = .false.
+   end subroutine problem_linearise
+
+   !> Multiplies by the tangent after `linearise`, where that has products.
+   subroutine problem_apply_tangent(self, x, product)
+      class(problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
+      real(wp), intent(out), contiguous :: product(:)                 !! (n_unknowns)
+
+      product = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine problem_apply_tangent
+
+   !> Brings the preconditioner to the tangent of the last `linearise`; it then stays until the next call.
+   subroutine problem_update_preconditioner(self)
+      class(problem_t), intent(inout) :: self
+   end subroutine problem_update_preconditioner
+
+   !> Solves with a cheap approximation of the tangent; without a better one, with the linear part.
+   subroutine problem_precondition(self, r, step)
+      class(problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: r(:)                        !! (n_unknowns)
+      real(wp), intent(out), contiguous :: step(:)                    !! (n_unknowns)
+
+      call self%solve_linear(r, step)
+   end subroutine problem_precondition
 
    !> Euclidean norm of r/r_scale; NaN or infinity if any entry is.
    pure real(wp) function problem_norm(self, r)
