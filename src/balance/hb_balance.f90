@@ -8,6 +8,9 @@
 !>
 !> Glossary: u unknowns, S condensed dynamic stiffness, s reaction = F_ext - S u, q motion and v rate on the samples.
 module hb_balance
+   use hb_block_factors, only: block_factors_t
+   use hb_block_pattern, only: block_pattern_t, new_block_pattern
+   use hb_coarse_tangent, only: coarse_tangent_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
@@ -38,8 +41,10 @@ module hb_balance
       real(wp), allocatable, private :: columns(:, :)                 ! (n_coefficients, 2) of a product
       real(wp), allocatable, private :: u_before(:, :)                ! (n_coefficients, n_dofs) motion a step of time earlier
       type(real_block_t), private :: answer                           ! (n_samples, 1) of a law with memory
-      complex(wp), allocatable, private :: factors(:, :, :)           ! LU of S, (n_dofs, n_dofs, n_harmonics)
-      integer, allocatable, private :: pivots(:, :)
+      type(block_factors_t), private :: factors                       ! LU of S of each harmonic
+      type(block_pattern_t), private :: tangent_pattern               ! of the tangent of one harmonic
+      type(block_factors_t), allocatable, private :: alone            ! preconditioner: LU of the tangent of each harmonic
+      type(coarse_tangent_t), allocatable, private :: coupled         ! and that between the most coupled ones
       logical, allocatable, private :: is_singular(:)                 ! (n_harmonics) where the structure is free to move
       real(wp), allocatable, private :: support(:)                    ! (n_dofs) [N/m] that holds it there on the way
    contains
@@ -47,6 +52,9 @@ module hb_balance
       procedure :: tangent => balance_tangent
       procedure :: linearise => balance_linearise
       procedure :: apply_tangent => balance_apply_tangent
+      procedure :: update_preconditioner => balance_update_preconditioner
+      procedure :: precondition => balance_precondition
+      procedure, private :: mean_tangent => balance_mean_tangent
       procedure :: solve_linear => balance_solve_linear
       procedure :: rounding_level => balance_rounding_level
       procedure :: solve_mean_tangent => balance_solve_mean_tangent
@@ -98,6 +106,19 @@ module hb_balance
          real(wp), intent(in), contiguous :: x(:)
          real(wp), intent(out), contiguous :: jacobian(:, :)
       end subroutine balance_tangent
+   end interface
+
+   ! Preconditioner; bodies in hb_balance_precondition
+   interface
+      module subroutine balance_update_preconditioner(self)
+         class(balance_t), intent(inout) :: self
+      end subroutine balance_update_preconditioner
+
+      module subroutine balance_precondition(self, r, step)
+         class(balance_t), intent(inout) :: self
+         real(wp), intent(in), contiguous :: r(:)
+         real(wp), intent(out), contiguous :: step(:)
+      end subroutine balance_precondition
 
       module subroutine balance_solve_mean_tangent(self, u, r, step, error)
          class(balance_t), intent(inout) :: self
@@ -106,6 +127,13 @@ module hb_balance
          real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
          type(error_t), allocatable, intent(out) :: error
       end subroutine balance_solve_mean_tangent
+
+      module subroutine balance_mean_tangent(self, h, df_dq, df_dv, df_ds, block)
+         class(balance_t), intent(in) :: self
+         integer, intent(in) :: h
+         real(wp), intent(in) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)   !! means over the torus, (n_dofs, n_dofs)
+         complex(wp), intent(out) :: block(:, :)                         !! (tangent_pattern%n_rows, n_dofs)
+      end subroutine balance_mean_tangent
    end interface
 
    ! Derivative by a base frequency; bodies in hb_balance_frequency
@@ -145,6 +173,7 @@ contains
       if (allocated(error)) return
       call new_law_set(self%law_set, laws, torus, omega, error)
       if (allocated(error)) return
+      call choose_tangent_pattern(self)
       call factorise_linear_part(self)
       do i = 1, size(laws)
          call prepare_law(self, i)
@@ -160,6 +189,21 @@ contains
       end if
       call choose_scales(self)
    end subroutine new_balance
+
+   !> Where the tangent of one harmonic has entries: where S has, where a law couples two motions, and where a force that
+   !> depends on the reaction meets S.
+   subroutine choose_tangent_pattern(self)
+      type(balance_t), intent(inout) :: self
+      integer :: law, linear, reach
+
+      linear = self%stiffness%pattern%reach
+      law = max(0, maxval(abs(self%law_set%row - self%law_set%column)), self%law_set%memory_reach())
+      reach = max(linear, law)
+      if (self%law_set%needs_reaction) reach = linear + law
+      call new_block_pattern(self%tangent_pattern, self%n_dofs, min(self%n_dofs, reach))
+      if (allocated(self%alone)) deallocate (self%alone)
+      if (allocated(self%coupled)) deallocate (self%coupled)
+   end subroutine choose_tangent_pattern
 
    subroutine balance_residual(self, x, r)
       class(balance_t), intent(inout) :: self
@@ -243,18 +287,25 @@ contains
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(:, :)
       real(wp), intent(in) :: load_factor
-      complex(wp) :: s
+      complex(wp) :: c(self%n_dofs), s(self%n_dofs)
       integer :: h, i, k
 
-      do h = 1, self%harmonics%n_harmonics
-         do i = 1, self%n_dofs
-            s = load_factor*self%stiffness%load(i, h)
+      associate (pattern => self%stiffness%pattern)
+         do h = 1, self%harmonics%n_harmonics
+            s = load_factor*self%stiffness%load(:, h)
             do k = 1, self%n_dofs
-               s = s - self%stiffness%condensed(i, k, h)*self%harmonics%amplitude(u(:, k), h)
+               c(k) = self%harmonics%amplitude(u(:, k), h)
             end do
-            call self%harmonics%set_amplitude(self%reaction(:, i), h, s)
+            do k = 1, self%n_dofs
+               associate (first => pattern%first(k), last => pattern%last(k), shift => pattern%shift(k))
+                  s(first:last) = s(first:last) - self%stiffness%condensed(shift + first:shift + last, k, h)*c(k)
+               end associate
+            end do
+            do i = 1, self%n_dofs
+               call self%harmonics%set_amplitude(self%reaction(:, i), h, s(i))
+            end do
          end do
-      end do
+      end associate
    end subroutine find_reaction
 
    subroutine balance_linearise(self, x, has_products)

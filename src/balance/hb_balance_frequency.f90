@@ -89,14 +89,16 @@ contains
       complex(wp) :: s
       integer :: h, i, k
 
-      do h = 1, self%harmonics%n_harmonics
-         do i = 1, self%n_dofs
-            s = self%load_factor*self%stiffness%load_slope(i, h)
-            do k = 1, self%n_dofs
-               s = s - self%stiffness%condensed_slope(i, k, h)*self%harmonics%amplitude(u(:, k), h)
+      associate (pattern => self%stiffness%pattern)
+         do h = 1, self%harmonics%n_harmonics
+            do i = 1, self%n_dofs
+               s = self%load_factor*self%stiffness%load_slope(i, h)
+               do k = pattern%first(i), pattern%last(i)
+                  s = s - self%stiffness%condensed_slope(pattern%shift(k) + i, k, h)*self%harmonics%amplitude(u(:, k), h)
+               end do
+               call self%harmonics%set_amplitude(slope(:, i), h, turns(h)*s)
             end do
-            call self%harmonics%set_amplitude(slope(:, i), h, turns(h)*s)
          end do
-      end do
+      end associate
    end subroutine find_reaction_slope
 end submodule hb_balance_frequency

@@ -1,6 +1,6 @@
 !> The linear part of the balance: its factors, what laws and solvers are told by it.
 submodule (hb_balance) hb_balance_linear
-   use hb_lapack, only: zgetrf, zgetrs
+   use hb_block_factors, only: new_block_factors
    implicit none
 
 contains
@@ -10,29 +10,33 @@ contains
    module subroutine factorise_linear_part(self)
       type(balance_t), intent(inout) :: self
       real(wp), parameter :: weakness = 1.0e-1_wp
-      integer :: h, i, info
-      complex(wp), allocatable :: free_motion(:, :)
+      integer :: h, i
+      complex(wp), allocatable :: block(:, :), free_motion(:, :)
+      logical :: has_zero_pivot
       real(wp) :: stiffest
 
-      self%factors = self%stiffness%condensed
-      if (allocated(self%pivots)) deallocate (self%pivots)
-      allocate (self%pivots(self%n_dofs, self%harmonics%n_harmonics))
+      call new_block_factors(self%factors, self%stiffness%pattern, self%harmonics%n_harmonics)
       if (allocated(self%is_singular)) deallocate (self%is_singular)
       allocate (self%is_singular(self%harmonics%n_harmonics))
       allocate (free_motion(self%n_dofs, self%harmonics%n_harmonics))
       call self%stiffness%linear_amplitudes(free_motion, self%is_singular)
       h = max(1, findloc(self%is_singular, .false., dim=1))
-      self%support = [(weakness*abs(self%stiffness%condensed(i, i, h)), i=1, self%n_dofs)]
+      associate (shift => self%stiffness%pattern%shift)
+         self%support = [(weakness*abs(self%stiffness%condensed(shift(i) + i, i, h)), i=1, self%n_dofs)]
+      end associate
       stiffest = maxval(self%support)
       if (stiffest <= 0.0_wp) stiffest = 1.0_wp
       where (self%support <= epsilon(1.0_wp)*stiffest) self%support = stiffest
       do h = 1, self%harmonics%n_harmonics
+         block = self%stiffness%condensed(:, :, h)
          if (self%is_singular(h)) then
             do i = 1, self%n_dofs
-               self%factors(i, i, h) = self%factors(i, i, h) + self%support(i)
+               associate (row => self%stiffness%pattern%shift(i) + i)
+                  block(row, i) = block(row, i) + self%support(i)
+               end associate
             end do
          end if
-         call zgetrf(self%n_dofs, self%n_dofs, self%factors(:, :, h), self%n_dofs, self%pivots(:, h), info)
+         call self%factors%factorise(h, block, has_zero_pivot)
       end do
    end subroutine factorise_linear_part
 
@@ -60,10 +64,9 @@ contains
       type(balance_t), intent(in) :: self
       integer, intent(in) :: i, h
       complex(wp) :: response(self%n_dofs)
-      integer :: info
 
       response = spread_weights(self, i)
-      call zgetrs("N", self%n_dofs, 1, self%factors(:, :, h), self%n_dofs, self%pivots(:, h), response, self%n_dofs, info)
+      call self%factors%solve(h, response)
       compliance_of = abs(dot_product(spread_weights(self, i), response))
    end function compliance_of
 
@@ -95,8 +98,9 @@ contains
       load = 0.0_wp
       do h = 1, self%harmonics%n_harmonics
          do i = 1, self%n_dofs
-            load(i) = load(i) + max(abs(self%stiffness%load(i, h)), &
-                                    abs(self%stiffness%condensed(i, i, h)*self%harmonics%amplitude(u(:, i), h)))**2
+            associate (s => self%stiffness%condensed(self%stiffness%pattern%shift(i) + i, i, h))
+               load(i) = load(i) + max(abs(self%stiffness%load(i, h)), abs(s*self%harmonics%amplitude(u(:, i), h)))**2
+            end associate
          end do
       end do
       load = sqrt(load)
@@ -124,13 +128,13 @@ contains
       real(wp), intent(out) :: u(self%harmonics%n_coefficients, self%n_dofs)   !! [m]
       complex(wp) :: c(self%n_dofs, self%harmonics%n_harmonics)
       logical :: is_singular(self%harmonics%n_harmonics)
-      integer :: h, i, info
+      integer :: h, i
 
       call self%stiffness%linear_amplitudes(c, is_singular)
       do h = 1, self%harmonics%n_harmonics
          if (is_singular(h)) then
             c(:, h) = self%stiffness%load(:, h)
-            call zgetrs("N", self%n_dofs, 1, self%factors(:, :, h), self%n_dofs, self%pivots(:, h), c(:, h), self%n_dofs, info)
+            call self%factors%solve(h, c(:, h))
          end if
          do i = 1, self%n_dofs
             call self%harmonics%set_amplitude(u(:, i), h, c(i, h))
@@ -152,13 +156,13 @@ contains
       real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
       complex(wp) :: c(self%n_dofs)
-      integer :: h, i, info
+      integer :: h, i
 
       do h = 1, self%harmonics%n_harmonics
          do i = 1, self%n_dofs
             c(i) = self%harmonics%amplitude(r(:, i), h)
          end do
-         call zgetrs("N", self%n_dofs, 1, self%factors(:, :, h), self%n_dofs, self%pivots(:, h), c, self%n_dofs, info)
+         call self%factors%solve(h, c)
          do i = 1, self%n_dofs
             call self%harmonics%set_amplitude(step(:, i), h, c(i))
          end do
@@ -184,15 +188,18 @@ contains
       integer :: h, i, k
 
       total = 0.0_wp
-      do h = 1, self%harmonics%n_harmonics
-         do i = 1, self%n_dofs
-            terms = abs(self%stiffness%load(i, h))
-            do k = 1, self%n_dofs
-               terms = terms + abs(self%stiffness%condensed(i, k, h))*abs(self%harmonics%amplitude(u(:, k), h))
+      associate (pattern => self%stiffness%pattern)
+         do h = 1, self%harmonics%n_harmonics
+            do i = 1, self%n_dofs
+               terms = abs(self%stiffness%load(i, h))
+               do k = pattern%first(i), pattern%last(i)
+                  terms = terms + abs(self%stiffness%condensed(pattern%shift(k) + i, k, h))* &
+                          abs(self%harmonics%amplitude(u(:, k), h))
+               end do
+               total = total + (terms/scale_of(i))**2
             end do
-            total = total + (terms/scale_of(i))**2
          end do
-      end do
+      end associate
       call balance_sample(self, u)
       call self%law_set%differentiate(error)
       if (.not. allocated(error)) then                                ! without memory the first part must do

@@ -1,8 +1,7 @@
-!> The dense tangent of the balance, and its approximation harmonic by harmonic.
+!> The dense tangent of the balance.
 !>
 !> Source: docs/theory.md, section 5.4.
 submodule (hb_balance) hb_balance_tangent
-   use hb_lapack, only: zgetrf, zgetrs
    use hb_memory_tangent, only: width
    implicit none
 
@@ -29,7 +28,7 @@ contains
       jacobian = 0.0_wp
       do k = 1, self%n_dofs
          do h = 1, self%harmonics%n_harmonics
-            do i = 1, self%n_dofs
+            do i = self%stiffness%pattern%first(k), self%stiffness%pattern%last(k)
                call add_linear(self, jacobian, h, i, k)
             end do
             if (self%is_singular(h)) call add_support(h, k)
@@ -51,7 +50,7 @@ contains
             end if
             if (self%law_set%needs_reaction) then
                call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table, self%law_factor)
-               do k = 1, self%n_dofs
+               do k = self%stiffness%pattern%first(column), self%stiffness%pattern%last(column)
                   call add_reaction(self, column, k, jacobian(:, row, :, k))
                end do
             end if
@@ -115,7 +114,8 @@ contains
       real(wp), intent(inout) :: jacobian(:, :, :, :)
       integer, intent(in) :: h, i, k
 
-      associate (s => self%stiffness%condensed(i, k, h), a => self%harmonics%cos_at(h), b => self%harmonics%sin_at(h))
+      associate (s => self%stiffness%condensed(self%stiffness%pattern%shift(k) + i, k, h), &
+                 a => self%harmonics%cos_at(h), b => self%harmonics%sin_at(h))
          jacobian(a, i, a, k) = jacobian(a, i, a, k) + real(s)
          if (b == 0) return
          jacobian(a, i, b, k) = jacobian(a, i, b, k) + aimag(s)
@@ -164,7 +164,8 @@ contains
       associate (set => self%harmonics)
          do h = 1, set%n_harmonics
             call self%table%columns(set, h, self%columns(:, 1), self%columns(:, 2))
-            associate (s => self%stiffness%condensed(m, k, h), a => set%cos_at(h), b => set%sin_at(h))
+            associate (s => self%stiffness%condensed(self%stiffness%pattern%shift(k) + m, k, h), &
+                       a => set%cos_at(h), b => set%sin_at(h))
                block(:, a) = block(:, a) - real(s)*self%columns(:, 1)
                if (b > 0) then
                   block(:, a) = block(:, a) + aimag(s)*self%columns(:, 2)
@@ -174,39 +175,4 @@ contains
          end do
       end associate
    end subroutine add_reaction
-
-   !> Solves with the tangent at u of each harmonic by itself, (1 - mean df/ds) S + mean df/dq + i w mean df/dv: what couples
-   !> the harmonics is left out.
-   module subroutine balance_solve_mean_tangent(self, u, r, step, error)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
-      real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)    !! [N]
-      real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
-      type(error_t), allocatable, intent(out) :: error
-      real(wp), dimension(self%n_dofs, self%n_dofs) :: df_dq, df_dv, df_ds
-      complex(wp) :: block(self%n_dofs, self%n_dofs), c(self%n_dofs)
-      integer :: h, i, info, pivots(self%n_dofs)
-
-      call balance_sample(self, u)
-      call self%law_set%differentiate(error)
-      if (allocated(error)) return
-      call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
-      do h = 1, self%harmonics%n_harmonics
-         associate (s => self%stiffness%condensed(:, :, h))
-            block = s - matmul(df_ds, s) + cmplx(df_dq, self%frequencies(h)*df_dv, wp)
-         end associate
-         do i = 1, self%n_dofs
-            c(i) = self%harmonics%amplitude(r(:, i), h)
-         end do
-         call zgetrf(self%n_dofs, self%n_dofs, block, self%n_dofs, pivots, info)
-         if (info == 0) then
-            call zgetrs("N", self%n_dofs, 1, block, self%n_dofs, pivots, c, self%n_dofs, info)
-         else
-            c = (0.0_wp, 0.0_wp)
-         end if
-         do i = 1, self%n_dofs
-            call self%harmonics%set_amplitude(step(:, i), h, c(i))
-         end do
-      end do
-   end subroutine balance_solve_mean_tangent
 end submodule hb_balance_tangent

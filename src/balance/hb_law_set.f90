@@ -52,6 +52,7 @@ module hb_law_set
       procedure :: answer_block => law_set_answer_block
       procedure :: answer => law_set_answer
       procedure :: answering_dofs => law_set_answering_dofs
+      procedure :: memory_reach => law_set_memory_reach
       procedure :: memory_trouble => law_set_memory_trouble
       procedure :: full_stick => law_set_full_stick
       procedure :: spring_forces => law_set_spring_forces
@@ -335,6 +336,18 @@ contains
 
       dofs = answering_dofs(self%laws, self%slots, i, self%n_dofs)
    end function law_set_answering_dofs
+
+   !> Largest distance between degrees of freedom, among those of all laws, that one law with memory couples.
+   pure integer function law_set_memory_reach(self) result(reach)
+      class(law_set_t), intent(in) :: self
+      integer :: i
+
+      reach = 0
+      do i = 1, size(self%slots)
+         if (.not. allocated(self%slots(i)%memory)) cycle
+         reach = max(reach, maxval(self%slots(i)%columns) - minval(self%slots(i)%columns))
+      end do
+   end function law_set_memory_reach
 
    !> What is wrong with the memory of a law after `evaluate`; empty when the states of all laws repeat.
    pure function law_set_memory_trouble(self) result(text)

@@ -3,6 +3,7 @@ module hb_solver
    use hb_broyden, only: solve_broyden
    use hb_homotopy, only: solve_by_homotopy
    use hb_kinds, only: wp
+   use hb_krylov, only: solve_krylov
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_problem, only: deformation, problem_t
@@ -72,6 +73,8 @@ contains
 
       if (chosen == method%broyden) then
          call solve_broyden(problem, config, x, report)
+      else if (chosen == method%krylov) then
+         call solve_krylov(problem, config, x, report)
       else
          call solve_newton(problem, config, x, report)
       end if

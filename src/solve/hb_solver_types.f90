@@ -9,9 +9,11 @@ module hb_solver_types
    type :: method_t
       integer :: newton = 1
       integer :: broyden = 2
+      integer :: krylov = 3
+      integer :: auto = 4
    end type method_t
    type(method_t), parameter :: method = method_t()
-   character(7), parameter :: method_names(2) = [character(7) :: "newton", "broyden"]
+   character(7), parameter :: method_names(4) = [character(7) :: "newton", "broyden", "krylov", "auto"]
    character(7), parameter :: start_names(2) = [character(7) :: "linear", "tangent"]
 
    !> What was needed beside the direct attempt; numbers as in the result file.
@@ -36,6 +38,8 @@ module hb_solver_types
       integer :: memory = 40                                          !! updates that Broyden keeps before it takes a new tangent
       logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: tangent, else linear part
       logical :: rescue = .true.                                      !! try other ways when the direct attempt fails
+      integer :: krylov_vectors = 150                                 !! of GMRES until it restarts
+      integer :: krylov_products = 1000                               !! with the tangent, at most, for one step
       integer :: homotopy_iterations = 500                            !! of all corrections on the way
    end type solver_config_t
 
@@ -45,6 +49,7 @@ module hb_solver_types
       integer :: iterations = 0
       integer :: evaluations = 0                                      !! of the residual
       integer :: factorizations = 0                                   !! of a tangent
+      integer :: products = 0                                         !! with a tangent
       integer :: rescue = rescue%none                                 !! what led to the solution
       real(wp) :: residual = huge(1.0_wp)                             !! last norm, relative
    end type report_t

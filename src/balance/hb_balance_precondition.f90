@@ -1,0 +1,295 @@
+!> The preconditioner of the balance: the exact tangent between the harmonics that the laws couple most, and the tangent of
+!> each other harmonic by itself.
+!>
+!> Source: docs/theory.md, section 6.5.
+submodule (hb_balance) hb_balance_precondition
+   use hb_block_factors, only: new_block_factors
+   use hb_coarse_tangent, only: factor_work, new_coarse_tangent
+   implicit none
+
+   real(wp), parameter :: most_work = 1.5e9_wp                        ! of the factors of the coupled harmonics
+   real(wp), parameter :: weakest_coupling = 1.0e-3_wp                ! below, a harmonic stands alone
+
+contains
+
+   module subroutine balance_update_preconditioner(self)
+      class(balance_t), intent(inout) :: self
+      real(wp), dimension(self%n_dofs, self%n_dofs) :: df_dq, df_dv, df_ds
+      complex(wp) :: block(self%tangent_pattern%n_rows, self%n_dofs)
+      real(wp) :: coupling(self%harmonics%n_harmonics)
+      logical :: is_singular
+      integer :: h, i
+
+      call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
+      if (.not. allocated(self%alone)) then
+         allocate (self%alone)
+         call new_block_factors(self%alone, self%tangent_pattern, self%harmonics%n_harmonics)
+      end if
+      do h = 1, self%harmonics%n_harmonics
+         call self%mean_tangent(h, self%law_factor*df_dq, self%law_factor*df_dv, self%law_factor*df_ds, block)
+         coupling(h) = coupling_of(self, h, block)
+         call self%alone%factorise(h, block, is_singular)
+         if (is_singular) then                                        ! a unit step per unit force: any will do
+            block = (0.0_wp, 0.0_wp)
+            do i = 1, self%n_dofs
+               block(self%tangent_pattern%shift(i) + i, i) = cmplx(self%r_scale(1 + (i - 1)*self%harmonics%n_coefficients)/ &
+                                                             self%x_scale(1 + (i - 1)*self%harmonics%n_coefficients), kind=wp)
+            end do
+            call self%alone%factorise(h, block, is_singular)
+         end if
+      end do
+      call choose_coupled(self, coupling)
+      if (allocated(self%coupled)) call fill_coupled(self)
+   end subroutine balance_update_preconditioner
+
+   !> How strongly a harmonic answers to what the laws pass on from others: the root mean square of what varies in their
+   !> slopes, relative to its own stiffness, at the degree of freedom where that is most.
+   real(wp) function coupling_of(self, h, block)
+      type(balance_t), intent(in) :: self
+      integer, intent(in) :: h
+      complex(wp), intent(in) :: block(:, :)
+      real(wp) :: varies
+      integer :: i, n_samples
+
+      coupling_of = 0.0_wp
+      n_samples = size(self%law_set%q%values, 1)
+      do i = 1, self%law_set%n_pairs
+         associate (row => self%law_set%row(i), column => self%law_set%column(i))
+            if (row /= column) cycle
+            varies = spread_of(self%law_set%df_dq%values(:, i))
+            if (self%law_set%needs_velocity) &
+               varies = varies + abs(self%frequencies(h))*spread_of(self%law_set%df_dv%values(:, i))
+            if (self%law_set%needs_reaction) &
+               varies = varies + abs(self%stiffness%condensed(self%stiffness%pattern%shift(row) + row, row, h))* &
+                        spread_of(self%law_set%df_ds%values(:, i))
+            coupling_of = max(coupling_of, self%law_factor*varies/ &
+                              max(tiny(1.0_wp), abs(block(self%tangent_pattern%shift(row) + row, row))))
+         end associate
+      end do
+
+   contains
+
+      real(wp) function spread_of(values)
+         real(wp), intent(in) :: values(:)
+         real(wp) :: mean
+
+         mean = sum(values)/n_samples
+         spread_of = sqrt(sum((values - mean)**2)/n_samples)
+      end function spread_of
+   end function coupling_of
+
+   !> Takes the harmonics with the strongest coupling, as many as the work of their factors allows.
+   subroutine choose_coupled(self, coupling)
+      type(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: coupling(:)                             !! (n_harmonics)
+      integer, allocatable :: kept(:)
+      real(wp) :: highest, lowest, threshold
+      integer :: h, most, step
+
+      most = size(coupling)
+      do while (factor_work(2*most, self%n_dofs, self%tangent_pattern%reach) > most_work .and. most > 0)
+         most = most - max(1, most/32)
+      end do
+      threshold = weakest_coupling
+      if (count(coupling > threshold) > most) then
+         lowest = log(threshold)
+         highest = log(2*maxval(coupling))
+         do step = 1, 60
+            threshold = exp(0.5_wp*(lowest + highest))
+            if (count(coupling > threshold) > most) then
+               lowest = log(threshold)
+            else
+               highest = log(threshold)
+            end if
+         end do
+         threshold = exp(highest)
+      end if
+      kept = pack([(h, h=1, size(coupling))], coupling > threshold)
+      if (size(kept) == 0) then
+         if (allocated(self%coupled)) deallocate (self%coupled)
+         return
+      end if
+      if (allocated(self%coupled)) then
+         if (size(self%coupled%kept) == size(kept)) then
+            if (all(self%coupled%kept == kept)) return
+         end if
+         deallocate (self%coupled)
+      end if
+      allocate (self%coupled)
+      call new_coarse_tangent(self%coupled, self%harmonics, kept, self%n_dofs, self%tangent_pattern%reach)
+   end subroutine choose_coupled
+
+   !> The tangent between the chosen harmonics, term by term as in hb_balance_tangent, and its factors.
+   subroutine fill_coupled(self)
+      type(balance_t), intent(inout) :: self
+      real(wp), allocatable :: block(:, :), cosine(:), sine(:)
+      integer :: h, i, k
+
+      associate (coupled => self%coupled, set => self%coupled%set, pattern => self%stiffness%pattern)
+         allocate (block(set%n_coefficients, set%n_coefficients), cosine(set%n_coefficients), sine(set%n_coefficients))
+         call coupled%clear()
+         do k = 1, self%n_dofs
+            do i = pattern%first(k), pattern%last(k)
+               block = 0.0_wp
+               do h = 1, set%n_harmonics
+                  call add_linear(h, self%stiffness%condensed(pattern%shift(k) + i, k, coupled%kept(h)))
+                  if (i == k .and. self%is_singular(coupled%kept(h))) &
+                     call add_linear(h, cmplx((1.0_wp - self%law_factor)*self%support(i), kind=wp))
+               end do
+               call coupled%add(i, k, block)
+            end do
+         end do
+         do i = 1, self%law_set%n_pairs
+            associate (row => self%law_set%row(i), column => self%law_set%column(i))
+               call self%transform%tabulate_product(self%law_set%df_dq%values, i, self%table, self%law_factor)
+               do h = 1, set%n_harmonics
+                  call find_columns(h)
+                  block(:, set%cos_at(h)) = cosine
+                  if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = sine
+               end do
+               if (self%law_set%needs_velocity) then
+                  call self%transform%tabulate_product(self%law_set%df_dv%values, i, self%table, self%law_factor)
+                  do h = merge(2, 1, set%has_zero), set%n_harmonics
+                     call find_columns(h)
+                     associate (w => self%frequencies(coupled%kept(h)))
+                        block(:, set%cos_at(h)) = block(:, set%cos_at(h)) - w*sine
+                        block(:, set%sin_at(h)) = block(:, set%sin_at(h)) + w*cosine
+                     end associate
+                  end do
+               end if
+               call coupled%add(row, column, block)
+               if (.not. self%law_set%needs_reaction) cycle
+               call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table, self%law_factor)
+               do k = pattern%first(column), pattern%last(column)
+                  do h = 1, set%n_harmonics
+                     call find_columns(h)
+                     associate (s => self%stiffness%condensed(pattern%shift(k) + column, k, coupled%kept(h)))
+                        block(:, set%cos_at(h)) = aimag(s)*sine - real(s)*cosine
+                        if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = -aimag(s)*cosine - real(s)*sine
+                     end associate
+                  end do
+                  call coupled%add(row, k, block)
+               end do
+            end associate
+         end do
+         call coupled%factorise()
+      end associate
+
+   contains
+
+      subroutine find_columns(h)
+         integer, intent(in) :: h                                     ! within those chosen
+
+         associate (kept => self%coupled%kept)
+            call self%table%columns_among(self%coupled%set, self%table%offset(kept), self%table%offset(kept(h)), cosine, sine)
+         end associate
+      end subroutine find_columns
+
+      subroutine add_linear(h, s)
+         integer, intent(in) :: h
+         complex(wp), intent(in) :: s
+
+         associate (a => self%coupled%set%cos_at(h), b => self%coupled%set%sin_at(h))
+            block(a, a) = block(a, a) + real(s)
+            if (b == 0) return
+            block(a, b) = block(a, b) + aimag(s)
+            block(b, a) = block(b, a) - aimag(s)
+            block(b, b) = block(b, b) + real(s)
+         end associate
+      end subroutine add_linear
+   end subroutine fill_coupled
+
+   module subroutine balance_precondition(self, r, step)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: r(:)
+      real(wp), intent(out), contiguous :: step(:)
+
+      call precondition_of(self, r, step)
+   end subroutine balance_precondition
+
+   !> Each harmonic by itself, then those that are coupled.
+   subroutine precondition_of(self, r, step)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)
+      real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
+      complex(wp) :: c(self%n_dofs)
+      integer :: h, i
+
+      do h = 1, self%harmonics%n_harmonics
+         do i = 1, self%n_dofs
+            c(i) = self%harmonics%amplitude(r(:, i), h)
+         end do
+         call self%alone%solve(h, c)
+         do i = 1, self%n_dofs
+            call self%harmonics%set_amplitude(step(:, i), h, c(i))
+         end do
+      end do
+      if (.not. allocated(self%coupled)) return
+      if (self%coupled%is_usable) call self%coupled%solve(self%harmonics, r, step)
+   end subroutine precondition_of
+
+   !> Solves with the tangent at u of each harmonic by itself, (1 - mean df/ds) S + mean df/dq + i w mean df/dv: what couples
+   !> the harmonics is left out.
+   module subroutine balance_solve_mean_tangent(self, u, r, step, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)    !! [N]
+      real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), dimension(self%n_dofs, self%n_dofs) :: df_dq, df_dv, df_ds
+      complex(wp) :: block(self%tangent_pattern%n_rows, self%n_dofs), c(self%n_dofs)
+      type(block_factors_t) :: factors
+      logical :: is_singular
+      integer :: h, i
+
+      call self%sample(u)
+      call self%law_set%differentiate(error)
+      if (allocated(error)) return
+      call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
+      call new_block_factors(factors, self%tangent_pattern, 1)
+      do h = 1, self%harmonics%n_harmonics
+         call self%mean_tangent(h, df_dq, df_dv, df_ds, block)
+         do i = 1, self%n_dofs
+            c(i) = self%harmonics%amplitude(r(:, i), h)
+         end do
+         call factors%factorise(1, block, is_singular)
+         if (is_singular) then
+            c = (0.0_wp, 0.0_wp)
+         else
+            call factors%solve(1, c)
+         end if
+         do i = 1, self%n_dofs
+            call self%harmonics%set_amplitude(step(:, i), h, c(i))
+         end do
+      end do
+   end subroutine balance_solve_mean_tangent
+
+   !> The tangent of harmonic h by itself, from mean slopes.
+   module subroutine balance_mean_tangent(self, h, df_dq, df_dv, df_ds, block)
+      class(balance_t), intent(in) :: self
+      integer, intent(in) :: h
+      real(wp), intent(in) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)
+      complex(wp), intent(out) :: block(:, :)
+      integer :: i, k, m
+
+      associate (own => self%tangent_pattern, linear => self%stiffness%pattern)
+         block = (0.0_wp, 0.0_wp)
+         do k = 1, self%n_dofs
+            do m = linear%first(k), linear%last(k)
+               associate (s => self%stiffness%condensed(linear%shift(k) + m, k, h), at => own%shift(k))
+                  block(at + m, k) = block(at + m, k) + s
+                  if (.not. self%law_set%needs_reaction) cycle
+                  do i = max(own%first(m), own%first(k)), min(own%last(m), own%last(k))
+                     block(at + i, k) = block(at + i, k) - df_ds(i, m)*s
+                  end do
+               end associate
+            end do
+            do i = own%first(k), own%last(k)
+               block(own%shift(k) + i, k) = block(own%shift(k) + i, k) + cmplx(df_dq(i, k), self%frequencies(h)*df_dv(i, k), wp)
+            end do
+            if (self%is_singular(h)) block(own%shift(k) + k, k) = block(own%shift(k) + k, k) &
+                                                                  + (1.0_wp - self%law_factor)*self%support(k)
+         end do
+      end associate
+   end subroutine balance_mean_tangent
+end submodule hb_balance_precondition
