@@ -19,6 +19,7 @@ module hb_balance
    use hb_law, only: law_box_t
    use hb_law_set, only: law_set_t, new_law_set
    use hb_problem, only: deformation, problem_t
+   use hb_thin_product, only: new_thin_product, thin_product_t
    use hb_torus, only: torus_t
    use hb_transform, only: new_transform, product_table_t, transform_t
    implicit none
@@ -45,6 +46,8 @@ module hb_balance
       type(block_pattern_t), private :: tangent_pattern               ! of the tangent of one harmonic
       type(block_factors_t), allocatable, private :: alone            ! preconditioner: LU of the tangent of each harmonic
       type(coarse_tangent_t), allocatable, private :: coupled         ! and that between the most coupled ones
+      type(thin_product_t), allocatable, private :: thin              ! products on fewer samples, from their first use on
+      integer, private :: effort = 0                                  ! one of hb_fftw%planning
       logical, allocatable, private :: is_singular(:)                 ! (n_harmonics) where the structure is free to move
       real(wp), allocatable, private :: support(:)                    ! (n_dofs) [N/m] that holds it there on the way
    contains
@@ -110,8 +113,10 @@ module hb_balance
 
    ! Preconditioner; bodies in hb_balance_precondition
    interface
-      module subroutine balance_update_preconditioner(self)
+      module subroutine balance_update_preconditioner(self, level, is_strongest)
          class(balance_t), intent(inout) :: self
+         integer, intent(in) :: level
+         logical, intent(out) :: is_strongest
       end subroutine balance_update_preconditioner
 
       module subroutine balance_precondition(self, r, step)
@@ -163,6 +168,8 @@ contains
 
       self%harmonics = harmonics
       self%omega = omega
+      self%effort = effort
+      call forget_products(self)
       self%frequencies = harmonics%frequencies(omega)
       self%stiffness = stiffness
       self%n_dofs = size(stiffness%load, 1)
@@ -201,9 +208,18 @@ contains
       reach = max(linear, law)
       if (self%law_set%needs_reaction) reach = linear + law
       call new_block_pattern(self%tangent_pattern, self%n_dofs, min(self%n_dofs, reach))
+   end subroutine choose_tangent_pattern
+
+   !> Drops what products with the tangent and their preconditioner hold.
+   subroutine forget_products(self)
+      class(balance_t), intent(inout) :: self
+
       if (allocated(self%alone)) deallocate (self%alone)
       if (allocated(self%coupled)) deallocate (self%coupled)
-   end subroutine choose_tangent_pattern
+      if (.not. allocated(self%thin)) return
+      call self%thin%destroy()
+      deallocate (self%thin)
+   end subroutine forget_products
 
    subroutine balance_residual(self, x, r)
       class(balance_t), intent(inout) :: self
@@ -316,8 +332,18 @@ contains
 
       call balance_sample(self, x)
       call self%law_set%differentiate(error)
-      if (.not. allocated(error)) call self%law_set%make_direction_samples(error)
+      if (.not. (allocated(error) .or. allocated(self%thin))) then
+         allocate (self%thin)
+         call new_thin_product(self%thin, self%harmonics, self%transform%torus, self%law_set, self%effort, error)
+      end if
       has_products = .not. allocated(error)
+      if (.not. has_products) return
+      if (self%thin%is_thinner) then
+         call self%thin%update(self%law_set)
+      else
+         call self%law_set%make_direction_samples(error)
+         has_products = .not. allocated(error)
+      end if
    end subroutine balance_linearise
 
    subroutine balance_apply_tangent(self, x, product)
@@ -338,13 +364,17 @@ contains
       type(error_t), allocatable :: error
 
       call find_reaction(self, u, 0.0_wp)
-      allocate (weight_slope(0))
-      if (self%law_set%has_memory) weight_slope = 0.0_wp*self%law_set%characteristic%weight
-      associate (along => self%law_set%along)
-         call sample_onto(self, u, along%q, along%v, along%s, along%q_before, along%step_rate, along%step_rate_before)
-         call self%law_set%differentiate_along(weight_slope, error)
-         call self%transform%to_coefficients(along%f%values, self%force)
-      end associate
+      if (self%thin%is_thinner) then
+         call self%thin%apply(self%law_set, self%frequencies, u, self%reaction, self%force)
+      else
+         allocate (weight_slope(0))
+         if (self%law_set%has_memory) weight_slope = 0.0_wp*self%law_set%characteristic%weight
+         associate (along => self%law_set%along)
+            call sample_onto(self, u, along%q, along%v, along%s, along%q_before, along%step_rate, along%step_rate_before)
+            call self%law_set%differentiate_along(weight_slope, error)
+            call self%transform%to_coefficients(along%f%values, self%force)
+         end associate
+      end if
       product = self%law_factor*self%force - self%reaction
       call add_support(self, u, product)
    end subroutine apply_tangent_to
@@ -391,5 +421,6 @@ contains
       call self%transform%destroy()
       call self%law_set%destroy()
       call self%answer%destroy()
+      call forget_products(self)
    end subroutine balance_destroy
 end module hb_balance

@@ -4,120 +4,126 @@
 !> Source: docs/theory.md, section 6.5.
 submodule (hb_balance) hb_balance_precondition
    use hb_block_factors, only: new_block_factors
-   use hb_coarse_tangent, only: factor_work, new_coarse_tangent
+   use hb_coarse_tangent, only: factor_memory, factor_work, new_coarse_tangent
    implicit none
 
-   real(wp), parameter :: most_work = 1.5e9_wp                        ! of the factors of the coupled harmonics
-   real(wp), parameter :: weakest_coupling = 1.0e-3_wp                ! below, a harmonic stands alone
+   real(wp), parameter :: unit_work = 1.0e6_wp                        ! multiplications: factors at level 1 take eight times that
+   real(wp), parameter :: most_memory = 1.0e8_wp                      ! numbers in the factors between coupled harmonics
 
 contains
 
-   module subroutine balance_update_preconditioner(self)
+   module subroutine balance_update_preconditioner(self, level, is_strongest)
       class(balance_t), intent(inout) :: self
+      integer, intent(in) :: level
+      logical, intent(out) :: is_strongest
       real(wp), dimension(self%n_dofs, self%n_dofs) :: df_dq, df_dv, df_ds
+      real(wp), dimension(self%n_dofs) :: varies_q, varies_v, varies_s
       complex(wp) :: block(self%tangent_pattern%n_rows, self%n_dofs)
       real(wp) :: coupling(self%harmonics%n_harmonics)
       logical :: is_singular
       integer :: h, i
 
       call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
+      call self%law_set%slope_variations(varies_q, varies_v, varies_s)
       if (.not. allocated(self%alone)) then
          allocate (self%alone)
          call new_block_factors(self%alone, self%tangent_pattern, self%harmonics%n_harmonics)
       end if
       do h = 1, self%harmonics%n_harmonics
          call self%mean_tangent(h, self%law_factor*df_dq, self%law_factor*df_dv, self%law_factor*df_ds, block)
-         coupling(h) = coupling_of(self, h, block)
+         coupling(h) = coupling_of(h)
          call self%alone%factorise(h, block, is_singular)
          if (is_singular) then                                        ! a unit step per unit force: any will do
             block = (0.0_wp, 0.0_wp)
             do i = 1, self%n_dofs
-               block(self%tangent_pattern%shift(i) + i, i) = cmplx(self%r_scale(1 + (i - 1)*self%harmonics%n_coefficients)/ &
-                                                             self%x_scale(1 + (i - 1)*self%harmonics%n_coefficients), kind=wp)
+               associate (first => 1 + (i - 1)*self%harmonics%n_coefficients)
+                  block(self%tangent_pattern%shift(i) + i, i) = cmplx(self%r_scale(first)/self%x_scale(first), kind=wp)
+               end associate
             end do
             call self%alone%factorise(h, block, is_singular)
          end if
       end do
-      call choose_coupled(self, coupling)
+      call choose_coupled(self, level, coupling, is_strongest)
       if (allocated(self%coupled)) call fill_coupled(self)
-   end subroutine balance_update_preconditioner
-
-   !> How strongly a harmonic answers to what the laws pass on from others: the root mean square of what varies in their
-   !> slopes, relative to its own stiffness, at the degree of freedom where that is most.
-   real(wp) function coupling_of(self, h, block)
-      type(balance_t), intent(in) :: self
-      integer, intent(in) :: h
-      complex(wp), intent(in) :: block(:, :)
-      real(wp) :: varies
-      integer :: i, n_samples
-
-      coupling_of = 0.0_wp
-      n_samples = size(self%law_set%q%values, 1)
-      do i = 1, self%law_set%n_pairs
-         associate (row => self%law_set%row(i), column => self%law_set%column(i))
-            if (row /= column) cycle
-            varies = spread_of(self%law_set%df_dq%values(:, i))
-            if (self%law_set%needs_velocity) &
-               varies = varies + abs(self%frequencies(h))*spread_of(self%law_set%df_dv%values(:, i))
-            if (self%law_set%needs_reaction) &
-               varies = varies + abs(self%stiffness%condensed(self%stiffness%pattern%shift(row) + row, row, h))* &
-                        spread_of(self%law_set%df_ds%values(:, i))
-            coupling_of = max(coupling_of, self%law_factor*varies/ &
-                              max(tiny(1.0_wp), abs(block(self%tangent_pattern%shift(row) + row, row))))
-         end associate
-      end do
 
    contains
 
-      real(wp) function spread_of(values)
-         real(wp), intent(in) :: values(:)
-         real(wp) :: mean
+      !> How strongly a harmonic answers to what the laws pass on from others: what varies in their slopes, relative to its
+      !> own stiffness, at the degree of freedom where that is most.
+      real(wp) function coupling_of(h)
+         integer, intent(in) :: h
 
-         mean = sum(values)/n_samples
-         spread_of = sqrt(sum((values - mean)**2)/n_samples)
-      end function spread_of
-   end function coupling_of
-
-   !> Takes the harmonics with the strongest coupling, as many as the work of their factors allows.
-   subroutine choose_coupled(self, coupling)
-      type(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: coupling(:)                             !! (n_harmonics)
-      integer, allocatable :: kept(:)
-      real(wp) :: highest, lowest, threshold
-      integer :: h, most, step
-
-      most = size(coupling)
-      do while (factor_work(2*most, self%n_dofs, self%tangent_pattern%reach) > most_work .and. most > 0)
-         most = most - max(1, most/32)
-      end do
-      threshold = weakest_coupling
-      if (count(coupling > threshold) > most) then
-         lowest = log(threshold)
-         highest = log(2*maxval(coupling))
-         do step = 1, 60
-            threshold = exp(0.5_wp*(lowest + highest))
-            if (count(coupling > threshold) > most) then
-               lowest = log(threshold)
-            else
-               highest = log(threshold)
-            end if
+         coupling_of = 0.0_wp
+         do i = 1, self%n_dofs
+            associate (own => abs(block(self%tangent_pattern%shift(i) + i, i)), &
+                       linear => abs(self%stiffness%condensed(self%stiffness%pattern%shift(i) + i, i, h)))
+               coupling_of = max(coupling_of, (varies_q(i) + abs(self%frequencies(h))*varies_v(i) + linear*varies_s(i))/ &
+                                 max(tiny(1.0_wp), own))
+            end associate
          end do
-         threshold = exp(highest)
-      end if
-      kept = pack([(h, h=1, size(coupling))], coupling > threshold)
-      if (size(kept) == 0) then
+      end function coupling_of
+   end subroutine balance_update_preconditioner
+
+   !> Takes the harmonics with the strongest coupling, as many as the level allows; all of them make the factors those of the
+   !> tangent itself.
+   subroutine choose_coupled(self, level, coupling, is_strongest)
+      type(balance_t), intent(inout) :: self
+      integer, intent(in) :: level
+      real(wp), intent(in) :: coupling(:)                             !! (n_harmonics)
+      logical, intent(out) :: is_strongest
+      integer, allocatable :: kept(:)
+      integer :: most, possible
+
+      is_strongest = .false.
+      if (level == 0) then
          if (allocated(self%coupled)) deallocate (self%coupled)
          return
       end if
+      possible = size(coupling)
+      do while (factor_memory(2*possible, self%n_dofs, self%tangent_pattern%reach) > most_memory .and. possible > 0)
+         possible = possible - max(1, possible/32)
+      end do
+      most = possible
+      do while (factor_work(2*most, self%n_dofs, self%tangent_pattern%reach) > unit_work*8.0_wp**level .and. most > 0)
+         most = most - max(1, most/32)
+      end do
+      is_strongest = most == possible
+      kept = strongest(coupling, most)
       if (allocated(self%coupled)) then
          if (size(self%coupled%kept) == size(kept)) then
             if (all(self%coupled%kept == kept)) return
          end if
          deallocate (self%coupled)
       end if
+      if (size(kept) == 0) return
       allocate (self%coupled)
       call new_coarse_tangent(self%coupled, self%harmonics, kept, self%n_dofs, self%tangent_pattern%reach)
    end subroutine choose_coupled
+
+   !> Numbers of the largest values, at most `most` of them, in ascending order; of equal ones all or none.
+   pure function strongest(values, most) result(kept)
+      real(wp), intent(in) :: values(:)                               !! >= 0
+      integer, intent(in) :: most
+      integer, allocatable :: kept(:)
+      real(wp) :: lowest, highest, middle
+      integer :: h, step
+
+      if (size(values) <= most) then
+         kept = [(h, h=1, size(values))]
+         return
+      end if
+      lowest = -1.0_wp
+      highest = maxval(values)
+      do step = 1, 100                                                ! halves the interval down to rounding
+         middle = 0.5_wp*(lowest + highest)
+         if (count(values > middle) > most) then
+            lowest = middle
+         else
+            highest = middle
+         end if
+      end do
+      kept = pack([(h, h=1, size(values))], values > highest)
+   end function strongest
 
    !> The tangent between the chosen harmonics, term by term as in hb_balance_tangent, and its factors.
    subroutine fill_coupled(self)

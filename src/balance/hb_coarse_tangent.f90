@@ -10,7 +10,7 @@ module hb_coarse_tangent
    use hb_lapack, only: dgbtrf, dgbtrs, dgetrf, dgetrs
    implicit none
    private
-   public :: coarse_tangent_t, factor_work, new_coarse_tangent
+   public :: coarse_tangent_t, factor_memory, factor_work, new_coarse_tangent
 
    type :: coarse_tangent_t
       type(harmonics_t) :: set                                        !! of the harmonics kept
@@ -68,6 +68,16 @@ contains
       factor_work = 2.0_wp/3.0_wp*n**3
       if (6*band <= n) factor_work = 4*n*band**2
    end function factor_work
+
+   !> Numbers that these factors hold.
+   pure real(wp) function factor_memory(n_coefficients, n_dofs, reach)
+      integer, intent(in) :: n_coefficients, n_dofs, reach
+      real(wp) :: band, n
+
+      n = real(n_coefficients, wp)*n_dofs
+      band = real(reach + 1, wp)*n_coefficients
+      factor_memory = min(n, 3*band)*n
+   end function factor_memory
 
    !> Makes all entries zero.
    subroutine coarse_tangent_clear(self)

@@ -14,7 +14,7 @@ module hb_law_set
    use hb_kinds, only: wp
    use hb_law, only: defects_t, law_box_t
    use hb_law_answers, only: answer_on, answering_dofs, pass_on_to_multipliers
-   use hb_law_pairs, only: add_explicit_derivatives, add_multiplier_derivatives, find_pairs
+   use hb_law_pairs, only: add_explicit_derivatives, add_multiplier_derivatives, add_slopes_along, find_pairs
    use hb_law_slot, only: new_slot, slot_t
    use hb_torus, only: torus_t
    implicit none
@@ -60,6 +60,7 @@ module hb_law_set
       procedure :: defects => law_set_defects
       procedure :: isolate_force => law_set_isolate_force
       procedure :: mean_slopes => law_set_mean_slopes
+      procedure :: slope_variations => law_set_slope_variations
       procedure :: destroy => law_set_destroy
    end type law_set_t
 
@@ -220,13 +221,7 @@ contains
             if (allocated(error)) return
          end do
          if (self%has_memory) call pass_on_to_multipliers(self%laws, self%slots, along%f)
-         do i = 1, self%n_pairs
-            associate (row => self%row(i), column => self%column(i), f => along%f%values)
-               f(:, row) = f(:, row) + self%df_dq%values(:, i)*along%q%values(:, column)
-               if (self%needs_velocity) f(:, row) = f(:, row) + self%df_dv%values(:, i)*along%v%values(:, column)
-               if (self%needs_reaction) f(:, row) = f(:, row) + self%df_ds%values(:, i)*along%s%values(:, column)
-            end associate
-         end do
+         call add_slopes_along(self%row, self%column, self%df_dq, self%df_dv, self%df_ds, along%q, along%v, along%s, along%f)
       end associate
    end subroutine law_set_differentiate_along
 
@@ -456,6 +451,36 @@ contains
          call self%slots(i)%memory%add_mean_slope(self%laws(i)%law, self%slots(i)%columns, self%characteristic, df_dq)
       end do
    end subroutine law_set_mean_slopes
+
+   !> Standard deviations over the torus of df/dq, df/dv and df/ds of each degree of freedom by itself, after `differentiate`;
+   !> zero for laws with memory.
+   subroutine law_set_slope_variations(self, df_dq, df_dv, df_ds)
+      class(law_set_t), intent(in) :: self
+      real(wp), intent(out) :: df_dq(:), df_dv(:), df_ds(:)           !! (n_dofs)
+      integer :: i
+
+      df_dq = 0.0_wp
+      df_dv = 0.0_wp
+      df_ds = 0.0_wp
+      do i = 1, self%n_pairs
+         associate (dof => self%row(i))
+            if (self%column(i) /= dof) cycle
+            df_dq(dof) = variation(self%df_dq%values(:, i))
+            if (self%needs_velocity) df_dv(dof) = variation(self%df_dv%values(:, i))
+            if (self%needs_reaction) df_ds(dof) = variation(self%df_ds%values(:, i))
+         end associate
+      end do
+
+   contains
+
+      pure real(wp) function variation(values)
+         real(wp), intent(in) :: values(:)
+
+         associate (n => real(size(values), wp))
+            variation = sqrt(sum((values - sum(values)/n)**2)/n)
+         end associate
+      end function variation
+   end subroutine law_set_slope_variations
 
    !> Frees all samples; safe to call twice.
    subroutine law_set_destroy(self)

@@ -41,7 +41,8 @@ contains
       allocate (self%work(n), self%direction(n))
    end subroutine new_gmres
 
-   !> Solves with the tangent of the last `problem%linearise`, to |b - J s| <= tolerance |b| or as far as `most_products` go.
+   !> Solves with the tangent of the last `problem%linearise`, from the given s, to |b - J s| <= tolerance |b| or as far as
+   !> `most_products` go.
    !>
    !> Ends early where a whole cycle gains next to nothing: J is singular, or the preconditioner too weak.
    subroutine gmres_solve(self, problem, b, tolerance, most_products, s)
@@ -50,19 +51,22 @@ contains
       real(wp), intent(in), contiguous :: b(:)                        !! (n_unknowns)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: most_products
-      real(wp), intent(out), contiguous :: s(:)                       !! (n_unknowns)
+      real(wp), intent(inout), contiguous :: s(:)                     !! (n_unknowns)
       real(wp), parameter :: stagnation = 0.9_wp                      ! gain of a cycle that is worth another
       real(wp) :: before, norm, norm_of_b
 
-      s = 0.0_wp
       self%n_products = 0
       self%residual = 0.0_wp
       self%work = b/problem%r_scale
       norm_of_b = dnrm2(size(b), self%work, 1)
-      if (norm_of_b <= 0.0_wp) return
+      if (norm_of_b <= 0.0_wp) then
+         s = 0.0_wp
+         return
+      end if
       self%residual = 1.0_wp
       if (.not. ieee_is_finite(norm_of_b)) return
       norm = norm_of_b
+      if (any(abs(s) > 0.0_wp)) call find_residual()
       do
          before = norm
          self%basis(:, 1) = self%work/norm
@@ -70,12 +74,18 @@ contains
          self%residual = norm/norm_of_b
          if (norm <= tolerance*norm_of_b .or. self%n_products >= most_products) return
          if (.not. norm <= stagnation*before) return
-         call problem%apply_tangent(s, self%work)                     ! afresh: what rotations say drifts from the truth
+         call find_residual()                                         ! afresh: what rotations say drifts from the truth
+         if (.not. (norm > 0.0_wp .and. ieee_is_finite(norm))) return
+      end do
+
+   contains
+
+      subroutine find_residual()
+         call problem%apply_tangent(s, self%work)
          self%work = (b - self%work)/problem%r_scale
          self%n_products = self%n_products + 1
          norm = dnrm2(size(b), self%work, 1)
-         if (.not. (norm > 0.0_wp .and. ieee_is_finite(norm))) return
-      end do
+      end subroutine find_residual
    end subroutine gmres_solve
 
    !> One cycle: from a residual of length `norm` along the first vector to the smallest that the space reaches; adds to s.

@@ -18,6 +18,17 @@ module hb_krylov
    real(wp), parameter :: lowest_accuracy = 1.0e-1_wp
    real(wp), parameter :: useless = 0.9_wp                            ! a step that leaves more of the residual is none
 
+   integer, parameter :: patience = 60                                ! products until the preconditioner gets stronger
+   integer, parameter :: easy = 20                                    ! products up to which it need not be made anew
+
+   !> What is known of the preconditioner.
+   type :: preconditioner_t
+      integer :: level = 0
+      logical :: is_fresh = .false.                                   ! made for this very tangent
+      logical :: is_tired = .true.                                    ! the last step took many products
+      logical :: is_strongest = .false.
+   end type preconditioner_t
+
 contains
 
    !> Solves r(x) = 0 from the given x; x is the last point reached, whatever the outcome. Ends as `singular` where GMRES
@@ -29,6 +40,7 @@ contains
       type(report_t), intent(out) :: report
       type(gmres_t) :: gmres
       type(line_search_t) :: search
+      type(preconditioner_t) :: preconditioner
       real(wp), allocatable :: r(:), step(:)
       real(wp) :: accuracy, fraction, norm_before
       logical :: has_products
@@ -52,14 +64,8 @@ contains
 
          if (report%iterations == 0) call new_gmres(gmres, problem%n_unknowns, config%krylov_vectors)
          call problem%linearise(x, has_products)
-         if (has_products) then
-            call problem%update_preconditioner()
-            report%factorizations = report%factorizations + 1
-            r = -r
-            call gmres%solve(problem, r, max(accuracy, 0.5_wp*config%tolerance/report%residual), config%krylov_products, step)
-            r = -r
-            report%products = report%products + gmres%n_products
-         end if
+         if (has_products) call find_step(problem, gmres, config, preconditioner, &
+            max(accuracy, 0.5_wp*config%tolerance/report%residual), r, step, report)
          if (.not. has_products .or. .not. gmres%residual < useless) then
             report%status = outcome%singular
             if (has_products .and. report%residual <= problem%rounding_level(x)) report%status = outcome%converged
@@ -78,6 +84,44 @@ contains
          accuracy = next_accuracy(accuracy, report%residual/norm_before)
       end do
    end subroutine solve_krylov
+
+   !> Solves J step = -r by GMRES. The preconditioner is made anew where it served long enough, and stronger where GMRES does
+   !> not come to an end with it.
+   subroutine find_step(problem, gmres, config, preconditioner, accuracy, r, step, report)
+      class(problem_t), intent(inout) :: problem
+      type(gmres_t), intent(inout) :: gmres
+      type(solver_config_t), intent(in) :: config
+      type(preconditioner_t), intent(inout) :: preconditioner
+      real(wp), intent(in) :: accuracy
+      real(wp), intent(in) :: r(:)
+      real(wp), intent(out), contiguous :: step(:)
+      type(report_t), intent(inout) :: report
+      integer :: products
+
+      if (preconditioner%level == 0 .or. preconditioner%is_tired) call renew()
+      step = 0.0_wp
+      products = 0
+      do
+         call gmres%solve(problem, -r, accuracy, merge(config%krylov_products - products, patience, &
+                                                       preconditioner%is_strongest), step)
+         products = products + gmres%n_products
+         if (gmres%residual <= accuracy .or. products >= config%krylov_products) exit
+         if (preconditioner%is_strongest .and. preconditioner%is_fresh) exit
+         if (preconditioner%is_fresh) preconditioner%level = preconditioner%level + 1
+         call renew()
+      end do
+      report%products = report%products + products
+      preconditioner%is_tired = products > easy
+      preconditioner%is_fresh = .false.
+
+   contains
+
+      subroutine renew()
+         call problem%update_preconditioner(preconditioner%level, preconditioner%is_strongest)
+         report%factorizations = report%factorizations + 1
+         preconditioner%is_fresh = .true.
+      end subroutine renew
+   end subroutine find_step
 
    !> Accuracy of the next step from how the residual fell: no more than quadratic convergence can use, and no jump to less
    !> than the last one asked for.

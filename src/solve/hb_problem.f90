@@ -94,8 +94,14 @@ contains
    end subroutine problem_apply_tangent
 
    !> Brings the preconditioner to the tangent of the last `linearise`; it then stays until the next call.
-   subroutine problem_update_preconditioner(self)
+   !>
+   !> Level 0 is the cheapest; each further one takes about eight times the work and is closer to the tangent.
+   subroutine problem_update_preconditioner(self, level, is_strongest)
       class(problem_t), intent(inout) :: self
+      integer, intent(in) :: level                                    !! >= 0
+      logical, intent(out) :: is_strongest                            !! no higher level would be any better
+
+      is_strongest = .true.
    end subroutine problem_update_preconditioner
 
    !> Solves with a cheap approximation of the tangent; without a better one, with the linear part.
