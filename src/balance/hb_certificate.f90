@@ -12,7 +12,7 @@ module hb_certificate
    use hb_law, only: defects_t, law_box_t
    use hb_law_set, only: law_dofs_of
    use hb_structure, only: structure_t
-   use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
+   use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_tones, only: tones_t
    use hb_torus, only: default_samples, new_torus, torus_t
    implicit none
@@ -111,7 +111,7 @@ contains
       type(balance_t), intent(inout) :: balance, wide
       real(wp), intent(in) :: u(:, :)
       type(error_t), allocatable, intent(out) :: error
-      type(tangent_factor_t) :: factor
+      type(tangent_solver_t) :: tangent
       real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), size_of_motion
       logical :: is_singular
 
@@ -121,17 +121,15 @@ contains
       allocate (defect, mold=big)
       allocate (answer, mold=big)
       allocate (change(size(u)), alias(size(u)))
-      call new_tangent_factor(factor, balance%n_unknowns)
-      call factor%update(balance, reshape(u, [size(u)]), is_singular)
-      if (is_singular) then
-         self%truncation = huge(1.0_wp)
-         self%aliasing = huge(1.0_wp)
-         return
-      end if
+      self%truncation = huge(1.0_wp)
+      self%aliasing = huge(1.0_wp)
+      call new_tangent_solver(tangent, balance, reshape(u, [size(u)]), is_singular)
+      if (is_singular) return
       call exchange(balance%harmonics, wide%harmonics, u, big)
       call residual_of(wide, big, defect)
       alias = restricted(defect)
-      call factor%solve(balance, alias)
+      call tangent%solve(balance, alias, is_singular)
+      if (is_singular) return
       self%aliasing = norm2(alias)/size_of_motion
 
       call clear_kept(balance%harmonics, wide%harmonics, defect)
@@ -140,7 +138,8 @@ contains
       call clear_kept(balance%harmonics, wide%harmonics, answer)
       call residual_of(wide, big - answer, defect)
       change = restricted(defect)
-      call factor%solve(balance, change)
+      call tangent%solve(balance, change, is_singular)
+      if (is_singular) return
       self%truncation = sqrt(norm2(change - alias)**2 + norm2(answer)**2)/size_of_motion
 
    contains

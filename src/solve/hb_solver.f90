@@ -7,7 +7,7 @@ module hb_solver
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_problem, only: deformation, problem_t
-   use hb_solver_types, only: method, report_t, rescue, solver_config_t
+   use hb_solver_types, only: largest_affordable, largest_dense, method, report_t, rescue, solver_config_t
    implicit none
    private
    public :: solve
@@ -25,19 +25,21 @@ contains
       type(report_t), intent(out) :: report
       type(report_t) :: attempt
       real(wp), allocatable :: first_guess(:), other_guess(:), trial(:)
-      integer :: other_method, way
+      integer :: chosen, other_method, way
 
       allocate (first_guess, source=x)
       allocate (other_guess, source=linear_solution)
       if (all(x == linear_solution)) other_guess = 0.0_wp
-      other_method = merge(method%broyden, method%newton, config%method == method%newton)
-      call solve_directly(problem, config, config%method, x, report)
+      chosen = config%method
+      if (chosen == method%auto) chosen = merge(method%krylov, method%newton, problem%n_unknowns > largest_dense)
+      other_method = merge(method%broyden, method%newton, chosen == method%newton)
+      call solve_directly(problem, config, chosen, x, report)
       if (report%status == outcome%converged .or. .not. config%rescue) return
-      do way = rescue%other_guess, rescue%load
+      do way = rescue%other_guess, merge(rescue%load, rescue%other_guess, problem%n_unknowns <= largest_affordable)
          select case (way)
          case (rescue%other_guess)
             trial = other_guess
-            call solve_directly(problem, config, config%method, trial, attempt)
+            call solve_directly(problem, config, chosen, trial, attempt)
          case (rescue%other_method)
             trial = first_guess
             call solve_directly(problem, config, other_method, trial, attempt)
@@ -54,6 +56,7 @@ contains
          report%iterations = report%iterations + attempt%iterations
          report%evaluations = report%evaluations + attempt%evaluations
          report%factorizations = report%factorizations + attempt%factorizations
+         report%products = report%products + attempt%products
          if (attempt%status == outcome%converged) then
             x = trial
             report%status = attempt%status

@@ -4,7 +4,7 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: method, method_names, report_t, rescue, rescue_names, solver_config_t, start_names
+   public :: largest_affordable, largest_dense, method, method_names, report_t, rescue, rescue_names, solver_config_t, start_names
 
    type :: method_t
       integer :: newton = 1
@@ -15,6 +15,9 @@ module hb_solver_types
    type(method_t), parameter :: method = method_t()
    character(7), parameter :: method_names(4) = [character(7) :: "newton", "broyden", "krylov", "auto"]
    character(7), parameter :: start_names(2) = [character(7) :: "linear", "tangent"]
+
+   integer, parameter :: largest_dense = 400                          !! unknowns up to which dense tangents are as fast as products
+   integer, parameter :: largest_affordable = 10000                   !! unknowns up to which a dense tangent fits at all, in 0.8 GB
 
    !> What was needed beside the direct attempt; numbers as in the result file.
    type :: rescue_t
@@ -31,7 +34,7 @@ module hb_solver_types
 
    !> Settings of a solver; the component initialisers are the defaults of the input group `&solver`.
    type :: solver_config_t
-      integer :: method = method%newton
+      integer :: method = method%auto
       real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces
       integer :: max_iterations = 100
       logical :: line_search = .true.
