@@ -96,9 +96,10 @@ module hb_balance
          real(wp), intent(out), contiguous :: step(:)
       end subroutine balance_solve_linear
 
-      module real(wp) function balance_rounding_level(self, x)
+      module function balance_rounding_level(self, x) result(level)
          class(balance_t), intent(inout) :: self
          real(wp), intent(in), contiguous :: x(:)
+         real(wp) :: level
       end function balance_rounding_level
    end interface
 
@@ -174,6 +175,7 @@ contains
       self%stiffness = stiffness
       self%n_dofs = size(stiffness%load, 1)
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
+      self%has_products = .true.
       self%law_factor = 1.0_wp
       self%load_factor = 1.0_wp
       call new_transform(self%transform, harmonics, torus, self%n_dofs, effort, error)
@@ -324,10 +326,10 @@ contains
       end associate
    end subroutine find_reaction
 
-   subroutine balance_linearise(self, x, has_products)
+   subroutine balance_linearise(self, x, is_ready)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
-      logical, intent(out) :: has_products
+      logical, intent(out) :: is_ready
       type(error_t), allocatable :: error
 
       call balance_sample(self, x)
@@ -336,13 +338,13 @@ contains
          allocate (self%thin)
          call new_thin_product(self%thin, self%harmonics, self%transform%torus, self%law_set, self%effort, error)
       end if
-      has_products = .not. allocated(error)
-      if (.not. has_products) return
+      is_ready = .not. allocated(error)
+      if (.not. is_ready) return
       if (self%thin%is_thinner) then
          call self%thin%update(self%law_set)
       else
          call self%law_set%make_direction_samples(error)
-         has_products = .not. allocated(error)
+         is_ready = .not. allocated(error)
       end if
    end subroutine balance_linearise
 

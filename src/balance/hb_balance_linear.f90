@@ -169,11 +169,12 @@ contains
       end do
    end subroutine solve_linear_of
 
-   module real(wp) function balance_rounding_level(self, x)
+   module function balance_rounding_level(self, x) result(level)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
+      real(wp) :: level
 
-      balance_rounding_level = rounding_level_of(self, x)
+      level = rounding_level_of(self, x)
    end function balance_rounding_level
 
    !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|, and what an error of one unit

@@ -30,7 +30,7 @@ contains
       type(line_search_t) :: search
       real(wp), allocatable :: r(:), step(:)
       real(wp) :: accuracy, fraction, norm_before
-      logical :: has_products
+      logical :: is_ready
 
       allocate (r(problem%n_unknowns), step(problem%n_unknowns))
       call new_line_search(search, problem%n_unknowns, config%line_search)
@@ -51,8 +51,8 @@ contains
 
          if (report%iterations == 0) call new_tangent_krylov(tangent, problem%n_unknowns, config%krylov_vectors, &
                                                              config%krylov_products)
-         call tangent%update(problem, x, has_products)
-         if (has_products) call tangent%solve(problem, r, max(accuracy, 0.5_wp*config%tolerance/report%residual), step)
+         call tangent%update(problem, x, is_ready)
+         if (is_ready) call tangent%solve(problem, r, max(accuracy, 0.5_wp*config%tolerance/report%residual), step)
          report%factorizations = tangent%n_preconditioners
          report%products = tangent%n_products
          if (.not. tangent%residual < useless) then

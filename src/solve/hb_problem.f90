@@ -16,6 +16,7 @@ module hb_problem
    !> Solvers work with x/x_scale and r/r_scale, so that the units of a scene do not matter to them.
    type, abstract :: problem_t
       integer :: n_unknowns = 0
+      logical :: has_products = .false.                               !! with the tangent, by `linearise` and `apply_tangent`
       real(wp), allocatable :: x_scale(:)                             !! typical magnitude of each unknown, > 0
       real(wp), allocatable :: r_scale(:)                             !! typical magnitude of each equation, > 0
    contains
@@ -75,13 +76,13 @@ module hb_problem
 contains
 
    !> Prepares products with the exact tangent at x; they hold until the next call of `tangent`, `linearise`, `residual` or
-   !> `rounding_level`. A problem that can multiply only by way of the whole tangent leaves this as it is.
-   subroutine problem_linearise(self, x, has_products)
+   !> `rounding_level`. A problem without products leaves this as it is.
+   subroutine problem_linearise(self, x, is_ready)
       class(problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
-      logical, intent(out) :: has_products                            !! false: there are none, whatever the reason
+      logical, intent(out) :: is_ready                                !! false: no products, for want of memory or altogether
 
-      has_products = .false.
+      is_ready = .false.
    end subroutine problem_linearise
 
    !> Multiplies by the tangent after `linearise`, where that has products.

@@ -31,7 +31,8 @@ contains
       allocate (other_guess, source=linear_solution)
       if (all(x == linear_solution)) other_guess = 0.0_wp
       chosen = config%method
-      if (chosen == method%auto) chosen = merge(method%krylov, method%newton, problem%n_unknowns > largest_dense)
+      if (chosen == method%auto) chosen = merge(method%krylov, method%newton, &
+                                                problem%has_products .and. problem%n_unknowns > largest_dense)
       other_method = merge(method%broyden, method%newton, chosen == method%newton)
       call solve_directly(problem, config, chosen, x, report)
       if (report%status == outcome%converged .or. .not. config%rescue) return

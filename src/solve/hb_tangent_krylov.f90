@@ -38,14 +38,14 @@ contains
       call new_gmres(self%gmres, n, n_vectors)
    end subroutine new_tangent_krylov
 
-   !> Goes over to the tangent at x; `has_products` is false where the problem has none.
-   subroutine tangent_krylov_update(self, problem, x, has_products)
+   !> Goes over to the tangent at x; `is_ready` is false where there are no products.
+   subroutine tangent_krylov_update(self, problem, x, is_ready)
       class(tangent_krylov_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
-      logical, intent(out) :: has_products
+      logical, intent(out) :: is_ready
 
-      call problem%linearise(x, has_products)
+      call problem%linearise(x, is_ready)
       self%is_fresh = .false.
       self%residual = 1.0_wp
    end subroutine tangent_krylov_update

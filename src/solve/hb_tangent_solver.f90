@@ -27,13 +27,13 @@ contains
       real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
       logical, intent(out) :: is_singular
       type(solver_config_t) :: config
-      logical :: has_products
+      logical :: is_ready
 
-      if (problem%n_unknowns > largest_dense) then
+      if (problem%has_products .and. problem%n_unknowns > largest_dense) then
          allocate (self%krylov)
          call new_tangent_krylov(self%krylov, problem%n_unknowns, config%krylov_vectors, config%krylov_products)
-         call self%krylov%update(problem, x, has_products)
-         is_singular = .not. has_products
+         call self%krylov%update(problem, x, is_ready)
+         is_singular = .not. is_ready
       else
          allocate (self%factor)
          call new_tangent_factor(self%factor, problem%n_unknowns)

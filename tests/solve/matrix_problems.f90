@@ -30,6 +30,7 @@ contains
       real(wp), intent(in) :: matrix(:, :), rhs(:)
 
       self%n_unknowns = size(rhs)
+      self%has_products = .true.
       self%matrix = matrix
       self%rhs = rhs
       self%x_scale = 0.0_wp*rhs + 1.0_wp
@@ -53,12 +54,12 @@ contains
       jacobian = self%matrix
    end subroutine matrix_problem_tangent
 
-   subroutine matrix_problem_linearise(self, x, has_products)
+   subroutine matrix_problem_linearise(self, x, is_ready)
       class(matrix_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
-      logical, intent(out) :: has_products
+      logical, intent(out) :: is_ready
 
-      has_products = .true.
+      is_ready = .true.
    end subroutine matrix_problem_linearise
 
    subroutine matrix_problem_apply_tangent(self, x, product)

@@ -40,6 +40,7 @@ contains
 
       self%kind = kind
       self%n_unknowns = 2
+      self%has_products = .true.
       self%x_scale = [1.0_wp, 1.0_wp]
       self%r_scale = [1.0_wp, 1.0_wp]
       if (present(x_unit)) self%x_scale = x_unit
@@ -103,13 +104,13 @@ contains
       end do
    end subroutine small_problem_tangent
 
-   subroutine small_problem_linearise(self, x, has_products)
+   subroutine small_problem_linearise(self, x, is_ready)
       class(small_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
-      logical, intent(out) :: has_products
+      logical, intent(out) :: is_ready
 
       call self%tangent(x, self%jacobian)
-      has_products = .true.
+      is_ready = .true.
    end subroutine small_problem_linearise
 
    subroutine small_problem_apply_tangent(self, x, product)

@@ -144,14 +144,14 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       integer, parameter :: n_vectors = 3
       real(wp), allocatable :: jacobian(:, :), v(:, :), product(:)
-      logical :: has_products
+      logical :: is_ready
       integer :: i
 
       allocate (jacobian(size(x), size(x)), v(size(x), n_vectors), product(size(x)))
       call balance%tangent(x, jacobian)
-      call balance%linearise(x, has_products)
+      call balance%linearise(x, is_ready)
       product_error = huge(1.0_wp)
-      if (.not. has_products) return
+      if (.not. is_ready) return
       call fill_random(31, v)
       product_error = 0.0_wp
       do i = 1, n_vectors
