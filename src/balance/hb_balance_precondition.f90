@@ -24,13 +24,16 @@ contains
       integer :: h, i
 
       call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
+      df_dq = self%law_factor*df_dq
+      df_dv = self%law_factor*df_dv
+      df_ds = self%law_factor*df_ds
       call self%law_set%slope_variations(varies_q, varies_v, varies_s)
       if (.not. allocated(self%alone)) then
          allocate (self%alone)
          call new_block_factors(self%alone, self%tangent_pattern, self%harmonics%n_harmonics)
       end if
       do h = 1, self%harmonics%n_harmonics
-         call self%mean_tangent(h, self%law_factor*df_dq, self%law_factor*df_dv, self%law_factor*df_ds, block)
+         call self%mean_tangent(h, df_dq, df_dv, df_ds, block)
          coupling(h) = coupling_of(h)
          call self%alone%factorise(h, block, is_singular)
          if (is_singular) then                                        ! a unit step per unit force: any will do
