@@ -68,6 +68,9 @@ contains
       norm = norm_of_b
       if (any(abs(s) > 0.0_wp)) call find_residual()
       do
+         if (.not. ieee_is_finite(norm)) return
+         self%residual = norm/norm_of_b
+         if (norm <= tolerance*norm_of_b .or. self%n_products >= most_products) return
          before = norm
          self%basis(:, 1) = self%work/norm
          call self%cycle(problem, norm, tolerance*norm_of_b, most_products, s)
@@ -75,7 +78,6 @@ contains
          if (norm <= tolerance*norm_of_b .or. self%n_products >= most_products) return
          if (.not. norm <= stagnation*before) return
          call find_residual()                                         ! afresh: what rotations say drifts from the truth
-         if (.not. (norm > 0.0_wp .and. ieee_is_finite(norm))) return
       end do
 
    contains
