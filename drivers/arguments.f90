@@ -1,13 +1,14 @@
 !> The command line of nhbm.
 module arguments
    use hb_error, only: error_t, fail
+   use hb_progress, only: log_level, log_level_names
    use hb_text, only: closest_word, join, string_t
    implicit none
    private
    public :: argument_list, arguments_t, read_arguments
 
-   character(11), parameter :: options(7) = [character(11) :: &
-      "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet"]
+   character(11), parameter :: options(9) = [character(11) :: &
+      "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet", "--verbose", "--log-level"]
 
    type :: arguments_t
       character(:), allocatable :: verb
@@ -15,7 +16,7 @@ module arguments
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
       logical :: overwrite = .false.
-      logical :: is_quiet = .false.
+      integer :: level = log_level%normal                             !! how much to tell
       logical :: wants_help = .false.
    end type arguments_t
 
@@ -52,8 +53,10 @@ contains
             case ("--overwrite")
                self%overwrite = .true.
             case ("--quiet")
-               self%is_quiet = .true.
-            case ("--output", "-o", "--set")
+               self%level = log_level%quiet
+            case ("--verbose")
+               self%level = log_level%verbose
+            case ("--output", "-o", "--set", "--log-level")
                i = i + 1
                if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
@@ -61,6 +64,12 @@ contains
                end if
                if (word == "--set") then
                   self%overrides = [self%overrides, words(i)]
+               else if (word == "--log-level") then
+                  self%level = findloc(log_level_names == words(i)%value, .true., dim=1) - 1
+                  if (self%level < 0) then
+                     call fail(error, "unknown log level '"//words(i)%value//"'; known: "//join(log_level_names, ", "))
+                     return
+                  end if
                else
                   self%output = words(i)%value
                end if

@@ -87,7 +87,9 @@ contains
          "  --overwrite          replace the result file if there is one", &
          "  --set PATH=VALUE     change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden';", &
          "                       may be given several times", &
-         "  --quiet              no progress and no summary", &
+         "  --quiet              errors alone: neither progress nor summary; as --log-level quiet", &
+         "  --verbose            also where the time of each rank went; as --log-level verbose", &
+         "  --log-level LEVEL    quiet, normal (progress, summary, warnings), verbose, debug (also a line a point)", &
          "  -h, --help           this text", &
          "", &
          "exit status: 0 all points converged, 1 some did not (their status is in the file) or a derivative is wrong,", &

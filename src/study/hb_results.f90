@@ -15,6 +15,7 @@ module hb_results
    use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
    use hb_results_plan, only: message_length, new_plan, plan_t
    use hb_text, only: to_text
+   use hb_timing, only: rank_times_t
    implicit none
    private
    public :: create_results, point_result_t, results_layout_t, results_t, swept_parameter_t
@@ -52,6 +53,7 @@ module hb_results
    contains
       procedure :: close => results_close
       procedure :: write_point => results_write_point
+      procedure :: write_times => results_write_times
    end type results_t
 
    !> Writes the row of one point; does nothing once there is an error, so that a point reads as a plain list.
@@ -131,6 +133,25 @@ contains
       call put(self, "status", i, [point%status], error)
       call annotate(error, "point "//to_text(i))
    end subroutine results_write_point
+
+   !> Writes where the time of a rank, from 0, went.
+   subroutine results_write_times(self, rank, times, error)
+      class(results_t), intent(inout) :: self
+      integer, intent(in) :: rank
+      type(rank_times_t), intent(in) :: times
+      type(error_t), allocatable, intent(out) :: error
+
+      call put(self, "worker_points", rank + 1, [times%n_points], error)
+      call put(self, "worker_draws", rank + 1, [times%n_draws], error)
+      call put(self, "worker_reading_seconds", rank + 1, [times%reading], error)
+      call put(self, "worker_solving_seconds", rank + 1, [times%solving], error)
+      call put(self, "worker_writing_seconds", rank + 1, [times%writing], error)
+      call put(self, "worker_drawing_seconds", rank + 1, [times%drawing], error)
+      call put(self, "worker_idle_seconds", rank + 1, [times%idle], error)
+      call put(self, "worker_total_seconds", rank + 1, [times%total], error)
+      call put(self, "worker_overhead_per_point", rank + 1, [times%overhead_per_point()], error)
+      call annotate(error, "times of rank "//to_text(rank))
+   end subroutine results_write_times
 
    subroutine put_certificate(self, i, point, error)
       class(results_t), intent(inout) :: self

@@ -7,7 +7,7 @@ module hb_results_file
    use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_results_plan, only: axis_t, component_axis, dof_axis, harmonic_axis, is_characters, is_integer, &
       is_real, law_axis, law_dof_axis, message_axis, parameter_name_length, parameter_names, plan_t, point_axis, &
-      size_text, tone_axis
+      size_text, tone_axis, worker_axis
    use hb_solver_types, only: rescue_names
    use hb_system, only: exists, link_file, process_id, remove_file, rename_file, utc_now
    use hb_text, only: join, to_text
@@ -122,7 +122,7 @@ contains
       do i = 1, size(axes)
          associate (axis => axes(i))
             select case (i)
-            case (point_axis, harmonic_axis, message_axis)
+            case (point_axis, harmonic_axis, message_axis, worker_axis)
                call add_numbers(file, axis, [(k, k=0, axis%length - 1)], error)
             case (tone_axis)
                call add_numbers(file, axis, [(k, k=1, axis%length)], error)

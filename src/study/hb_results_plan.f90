@@ -9,7 +9,7 @@ module hb_results_plan
    public :: axis_t, new_plan, parameter_name_length, parameter_names, plan_t, size_text, variable_t
    public :: message_length
    public :: is_characters, is_integer, is_real
-   public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, point_axis, tone_axis
+   public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, point_axis, tone_axis, worker_axis
 
    integer, parameter :: message_length = 200          ! bytes
    integer, parameter :: parameter_name_length = 256   ! more than any path of an input has
@@ -18,7 +18,7 @@ module hb_results_plan
    integer, parameter :: bytes_of_kind(3) = [4, 8, 1]
    ! Indices of the axes; the hypertime axes follow.
    integer, parameter :: point_axis = 1, tone_axis = 2, harmonic_axis = 3, dof_axis = 4, law_dof_axis = 5, &
-      component_axis = 6, message_axis = 7, law_axis = 8, n_plain_axes = 8
+      component_axis = 6, message_axis = 7, law_axis = 8, worker_axis = 9, n_plain_axes = 9
 
    !> A dimension of the file.
    type :: axis_t
@@ -27,7 +27,7 @@ module hb_results_plan
       type(h5_dataset_t) :: scale
    end type axis_t
 
-   !> A dataset of the file that has one row per point.
+   !> A dataset of the file that has one row per point, or per rank.
    type :: variable_t
       character(:), allocatable :: name, long_name, units
       integer :: kind = 0                               ! one of the three above
@@ -53,7 +53,7 @@ contains
       call list_variables(layout, self%variables)
    end subroutine new_plan
 
-   !> Lists all datasets that have one row per point and are written when it is solved.
+   !> Lists all datasets that are written in place after the file was made: a row when a point is solved, or when a rank ends.
    subroutine list_variables(layout, list)
       type(results_layout_t), intent(in) :: layout
       type(variable_t), allocatable, intent(out) :: list(:)
@@ -103,6 +103,16 @@ contains
          call add("combination", is_integer, [tone_axis, point_axis], "1", "integers k of combination_frequency")
          call add("is_near_commensurate", is_integer, [point_axis], "1", &
             "1 where combination_frequency is below the threshold: the tones are hard to tell from commensurate ones")
+         call add("worker_points", is_integer, [worker_axis], "1", "points that the rank solved")
+         call add("worker_draws", is_integer, [worker_axis], "1", "numbers that the rank drew from shared counters")
+         call add("worker_reading_seconds", is_real, [worker_axis], "s", "time in making scenes of the input")
+         call add("worker_solving_seconds", is_real, [worker_axis], "s", "time in solving")
+         call add("worker_writing_seconds", is_real, [worker_axis], "s", "time in writing results")
+         call add("worker_drawing_seconds", is_real, [worker_axis], "s", "time at shared counters")
+         call add("worker_idle_seconds", is_real, [worker_axis], "s", "time of waiting for the other ranks at the end")
+         call add("worker_total_seconds", is_real, [worker_axis], "s", "time from the first draw to the end of the slowest rank")
+         call add("worker_overhead_per_point", is_real, [worker_axis], "s", &
+            "time per point that was neither solving nor waiting")
          if (size(taus) == 0) return
          taus = [(n_plain_axes + i, i=1, size(taus))]
          call add("displacement_samples", is_real, [taus, law_dof_axis, point_axis], "", &
@@ -150,6 +160,7 @@ contains
       call set(law_dof_axis, "law_dof", size(layout%law_dof_labels), "1", &
          "degree of freedom on which laws act")
       call set(component_axis, "component", 2, "1", "part of a coefficient")
+      call set(worker_axis, "worker", layout%n_ranks, "1", "MPI rank of the run, from 0")
       call set(message_axis, "message_byte", message_length, "1", "byte of a message")
       do i = 1, size(layout%n_samples)
          call set(n_plain_axes + i, "tau_"//to_text(i), layout%n_samples(i), "rad", &
