@@ -1,7 +1,7 @@
 !> `nhbm solve`: solves all points of an input and writes the result file.
 module verb_solve
    use, intrinsic :: iso_fortran_env, only: output_unit
-   use arguments, only: arguments_t
+   use arguments, only: arguments_t, default_output
    use hb_error, only: error_t
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, share_error, size_of
    use hb_outcome, only: outcome, outcome_text
@@ -23,20 +23,23 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
       type(run_summary_t) :: summary
+      character(:), allocatable :: path
       logical :: tells
 
       all_converged = .false.
+      path = default_output(options%input)
+      if (allocated(options%output)) path = options%output
       tells = rank_of(comm) == 0 .and. options%level >= log_level%normal
       call load_study(options, comm, study, error)
       if (allocated(error)) return
       if (tells) write (output_unit, "(a)") "nhbm solve "//options%input//": "// &
          to_text(study%plan%n_points)//" points on "//to_text(size_of(comm))//" ranks, "// &
          to_text(study%scene%tones%n_tones)//" tones, "//to_text(size(study%tuples, 2))//" harmonics"
-      call run_study(study, options%output, options%overwrite, options%level, comm, summary, error)
+      call run_study(study, path, options%overwrite, options%level, comm, summary, error)
       if (allocated(error)) return
       all_converged = summary%counts(outcome%converged) == summary%n_points
       if (.not. tells) return
-      call write_summary(summary, options%output)
+      call write_summary(summary, path)
       if (options%level >= log_level%verbose) call write_times(summary)
    end subroutine run_solve
 

@@ -6,7 +6,7 @@ module hb_results_plan
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: axis_t, new_plan, parameter_name_length, parameter_names, plan_t, size_text, variable_t
+   public :: axis_t, measure_row, new_plan, parameter_name_length, parameter_names, plan_t, size_text, variable_t
    public :: message_length
    public :: is_characters, is_integer, is_real
    public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, point_axis, tone_axis, worker_axis
@@ -266,6 +266,26 @@ contains
          common = trim(units(1))
       end if
    end function common_units
+
+   !> Gives what one point takes in the file, swept parameters included, and how many datasets it is written to when solved.
+   pure subroutine measure_row(plan, n_parameters, n_bytes, n_datasets)
+      type(plan_t), intent(in) :: plan
+      integer, intent(in) :: n_parameters
+      real(wp), intent(out) :: n_bytes
+      integer, intent(out) :: n_datasets
+      integer :: i
+
+      n_bytes = bytes_of_kind(is_integer) + real(bytes_of_kind(is_real), wp)*n_parameters
+      n_datasets = 0
+      do i = 1, size(plan%variables)
+         associate (variable => plan%variables(i))
+            if (variable%axes(size(variable%axes)) /= point_axis) cycle
+            n_datasets = n_datasets + 1
+            n_bytes = n_bytes + bytes_of_kind(variable%kind)* &
+               product(real(plan%axes(variable%axes(:size(variable%axes) - 1))%length, wp))
+         end associate
+      end do
+   end subroutine measure_row
 
    !> Gives the size of the file in words, for messages.
    function size_text(plan) result(text)

@@ -17,8 +17,9 @@ module hb_sweep
    use hb_point, only: solve_point
    use hb_progress, only: new_progress, progress_t
    use hb_results, only: create_results, point_result_t, results_layout_t, results_t
-   use hb_schedule, only: new_schedule, schedule_t, way_t
+   use hb_results_plan, only: measure_row, new_plan, plan_t
    use hb_scene, only: group_names, read_harmonics, read_scene, read_tones, scene_t
+   use hb_schedule, only: new_schedule, schedule_t, way_t
    use hb_sweep_plan, only: parameter_units, read_sweep_plan, sweep_plan_t
    use hb_text, only: lower, string_t, to_text
    use hb_timing, only: rank_times_t
@@ -26,7 +27,7 @@ module hb_sweep
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: new_study, run_study, run_summary_t, study_t
+   public :: new_study, row_of_study, run_study, run_summary_t, study_t
 
    !> An input that was read without a problem, ready to run.
    type :: study_t
@@ -263,6 +264,19 @@ contains
          end do
       end associate
    end subroutine describe_layout
+
+   !> What one point takes in the result file, and to how many datasets it is written.
+   subroutine row_of_study(self, n_bytes, n_datasets)
+      type(study_t), intent(in) :: self
+      real(wp), intent(out) :: n_bytes
+      integer, intent(out) :: n_datasets
+      type(results_layout_t) :: layout
+      type(plan_t) :: plan
+
+      call describe_layout(self, 1, layout)
+      call new_plan(plan, layout)
+      call measure_row(plan, size(layout%parameters), n_bytes, n_datasets)
+   end subroutine row_of_study
 
    !> Labels of the laws; where two laws have the same, the number of the law is added.
    function unique_labels(scene) result(labels)
