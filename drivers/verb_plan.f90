@@ -4,6 +4,7 @@ module verb_plan
    use arguments, only: arguments_t
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
+   use hb_held_rows, only: hold_seconds
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, rank_of
    use hb_schedule, only: new_schedule, ranks_per_counter, schedule_t
@@ -179,14 +180,16 @@ contains
       real(wp), intent(in) :: ranks(:)
       integer, intent(in) :: n_points, line, chain, group_size
       type(tasks_t), intent(in) :: tasks
-      type(machine_t), intent(in) :: machine
+      type(machine_t), intent(inout) :: machine
       character(*), intent(in), optional :: path
       type(error_t), allocatable, intent(out) :: error
       type(schedule_t) :: schedule
       type(forecast_t) :: forecast
       real(wp) :: n_bytes
       integer :: i, n_ranks, status, unit
+      logical :: is_hold_given
 
+      is_hold_given = machine%hold > 0.0_wp
       if (present(path)) then
          open (newunit=unit, file=path, action="write", status="replace", iostat=status)
          if (status /= 0) then
@@ -200,7 +203,8 @@ contains
       n_bytes = n_points*tasks%bytes_per_point
       do i = 1, size(ranks)
          n_ranks = nint(ranks(i))
-         call new_schedule(schedule, n_points, line, chain, n_ranks, group_size)
+         if (.not. is_hold_given) machine%hold = hold_seconds(n_ranks, tasks%writes_per_row)
+         call new_schedule(schedule, n_points, line, chain, n_ranks, machine%hold, group_size)
          call simulate(schedule, n_ranks, tasks, machine, forecast)
          write (output_unit, "(i10, es11.3, f12.4, 3f10.4, 3es11.2, 2f9.4)") n_ranks, forecast%seconds, forecast%efficiency, &
             forecast%drawing, forecast%writing, forecast%idle, forecast%draws, forecast%writes/forecast%seconds, &

@@ -256,12 +256,13 @@ contains
       call MPI_Win_lock_all(0, self%window)
    end subroutine new_work_counter
 
-   !> Gives the next number of a counter, from 0; every number is given once over all ranks.
-   integer function work_counter_next(self, counter) result(number)
+   !> Gives the next `n` numbers of a counter, from 0, by the first of them; every number is given once over all ranks.
+   integer function work_counter_next(self, counter, n) result(number)
       class(work_counter_t), intent(in) :: self
       integer, intent(in) :: counter                   !! from 1
+      integer, intent(in) :: n                         !! 1 or more
 
-      number = fetch_and_add(self, self%owners(counter), next_slot, 1)
+      number = fetch_and_add(self, self%owners(counter), next_slot, n)
    end function work_counter_next
 
    !> Adds to the tallies of a counter.

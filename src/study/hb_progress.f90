@@ -24,13 +24,18 @@ module hb_progress
    real(wp), parameter :: terminal_interval = 0.2_wp                  ! [s] between two lines
    real(wp), parameter :: log_interval = 10.0_wp                      ! [s], of the first; then longer and longer
    real(wp), parameter :: log_growth = 1.5_wp, longest_log_interval = 600.0_wp
+   real(wp), parameter :: tally_interval = 0.2_wp                     ! [s] between two messages of a rank to the others
 
    type :: progress_t
       logical, private :: is_shown = .false., is_debug = .false.
       logical, private :: on_terminal = .false.
       integer, private :: n_points = 0
       real(wp), private :: started = 0.0_wp, shown = 0.0_wp, interval = log_interval
+      integer, private :: done = 0, failed = 0                        ! points of this rank that it has not reported yet
+      real(wp), private :: reported = 0.0_wp
    contains
+      procedure :: note => progress_note
+      procedure :: report => progress_report
       procedure :: is_due => progress_is_due
       procedure :: tell_point => progress_tell_point
       procedure :: show => progress_show
@@ -54,6 +59,29 @@ contains
       self%shown = self%started
       if (self%on_terminal) self%interval = terminal_interval
    end subroutine new_progress
+
+   !> Counts a point that this rank has solved; `is_report_due` tells whether the others should hear of it.
+   subroutine progress_note(self, has_failed, is_report_due)
+      class(progress_t), intent(inout) :: self
+      logical, intent(in) :: has_failed
+      logical, intent(out) :: is_report_due
+
+      self%done = self%done + 1
+      if (has_failed) self%failed = self%failed + 1
+      is_report_due = wall_clock() - self%reported >= tally_interval
+   end subroutine progress_note
+
+   !> Gives the points noted since the last call.
+   subroutine progress_report(self, done, failed)
+      class(progress_t), intent(inout) :: self
+      integer, intent(out) :: done, failed
+
+      done = self%done
+      failed = self%failed
+      self%done = 0
+      self%failed = 0
+      self%reported = wall_clock()
+   end subroutine progress_report
 
    !> Whether the last line is old enough for the next one.
    logical function progress_is_due(self)

@@ -7,7 +7,7 @@ module hb_results_file
    use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_results_plan, only: axis_t, component_axis, dof_axis, harmonic_axis, is_characters, is_integer, &
       is_real, law_axis, law_dof_axis, message_axis, parameter_name_length, parameter_names, plan_t, point_axis, &
-      size_text, tone_axis, worker_axis
+      size_text, tone_axis, variable_t, worker_axis
    use hb_solver_types, only: rescue_names
    use hb_system, only: exists, link_file, process_id, remove_file, rename_file, utc_now
    use hb_text, only: join, to_text
@@ -87,7 +87,8 @@ contains
       if (.not. allocated(error)) call add_root_attributes(file, layout, error)
       if (.not. allocated(error)) call add_scales(file, layout, plan%axes, error)
       if (.not. allocated(error)) call add_inputs(file, layout, plan, error)
-      if (.not. allocated(error)) call add_point_variables(file, plan, error)
+      if (.not. allocated(error)) call add_variables(file, plan, plan%variables, error)
+      if (.not. allocated(error)) call add_variables(file, plan, plan%times, error)
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
    end subroutine fill_file
@@ -219,15 +220,16 @@ contains
       if (.not. allocated(error)) call dataset%set_attribute("parameter", parameter%path, error)
    end subroutine add_parameter
 
-   subroutine add_point_variables(file, plan, error)
+   subroutine add_variables(file, plan, variables, error)
       type(h5_file_t), intent(in) :: file
-      type(plan_t), intent(inout) :: plan
+      type(plan_t), intent(in) :: plan
+      type(variable_t), intent(inout) :: variables(:)                 !! of the plan
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: extents(:)
       integer :: i
 
-      do i = 1, size(plan%variables)
-         associate (variable => plan%variables(i))
+      do i = 1, size(variables)
+         associate (variable => variables(i))
             extents = plan%axes(variable%axes)%length
             select case (variable%kind)
             case (is_integer)
@@ -250,7 +252,7 @@ contains
          end associate
          if (allocated(error)) return
       end do
-   end subroutine add_point_variables
+   end subroutine add_variables
 
    !> Names the values 0, 1, ... of an integer dataset (CF convention).
    subroutine set_flags(dataset, names, error)

@@ -40,6 +40,7 @@ module hb_results_plan
    type :: plan_t
       type(axis_t), allocatable :: axes(:)
       type(variable_t), allocatable :: variables(:)
+      type(variable_t), allocatable :: times(:)         ! one row per rank, as list_times says
    end type plan_t
 
 contains
@@ -51,9 +52,38 @@ contains
 
       call list_axes(layout, self%axes)
       call list_variables(layout, self%variables)
+      call list_times(self%times)
    end subroutine new_plan
 
-   !> Lists all datasets that are written in place after the file was made: a row when a point is solved, or when a rank ends.
+   !> Lists the datasets that tell where the time of each rank went, in the order of hb_timing%rank_times_t, the overhead
+   !> last.
+   subroutine list_times(list)
+      type(variable_t), allocatable, intent(out) :: list(:)
+
+      allocate (list(9))
+      call set(1, "points", is_integer, "1", "points that the rank solved")
+      call set(2, "draws", is_integer, "1", "numbers that the rank drew from shared counters")
+      call set(3, "reading_seconds", is_real, "s", "time of making scenes of the input")
+      call set(4, "solving_seconds", is_real, "s", "time of solving")
+      call set(5, "writing_seconds", is_real, "s", "time of writing results")
+      call set(6, "drawing_seconds", is_real, "s", "time at shared counters")
+      call set(7, "idle_seconds", is_real, "s", "time of waiting for the other ranks at the end")
+      call set(8, "total_seconds", is_real, "s", "time from the first draw to the end of the slowest rank")
+      call set(9, "overhead_per_point", is_real, "s", "time per point that was neither solving nor waiting")
+   contains
+      subroutine set(i, name, kind, units, long_name)
+         integer, intent(in) :: i, kind
+         character(*), intent(in) :: name, units, long_name
+
+         list(i)%name = "worker_"//name
+         list(i)%kind = kind
+         list(i)%axes = [worker_axis]
+         list(i)%units = units
+         list(i)%long_name = long_name
+      end subroutine set
+   end subroutine list_times
+
+   !> Lists all datasets that have one row per point and are written when it is solved.
    subroutine list_variables(layout, list)
       type(results_layout_t), intent(in) :: layout
       type(variable_t), allocatable, intent(out) :: list(:)
@@ -103,16 +133,6 @@ contains
          call add("combination", is_integer, [tone_axis, point_axis], "1", "integers k of combination_frequency")
          call add("is_near_commensurate", is_integer, [point_axis], "1", &
             "1 where combination_frequency is below the threshold: the tones are hard to tell from commensurate ones")
-         call add("worker_points", is_integer, [worker_axis], "1", "points that the rank solved")
-         call add("worker_draws", is_integer, [worker_axis], "1", "numbers that the rank drew from shared counters")
-         call add("worker_reading_seconds", is_real, [worker_axis], "s", "time in making scenes of the input")
-         call add("worker_solving_seconds", is_real, [worker_axis], "s", "time in solving")
-         call add("worker_writing_seconds", is_real, [worker_axis], "s", "time in writing results")
-         call add("worker_drawing_seconds", is_real, [worker_axis], "s", "time at shared counters")
-         call add("worker_idle_seconds", is_real, [worker_axis], "s", "time of waiting for the other ranks at the end")
-         call add("worker_total_seconds", is_real, [worker_axis], "s", "time from the first draw to the end of the slowest rank")
-         call add("worker_overhead_per_point", is_real, [worker_axis], "s", &
-            "time per point that was neither solving nor waiting")
          if (size(taus) == 0) return
          taus = [(n_plain_axes + i, i=1, size(taus))]
          call add("displacement_samples", is_real, [taus, law_dof_axis, point_axis], "", &
@@ -195,6 +215,9 @@ contains
       do i = 1, size(plan%variables)
          taken = [character(parameter_name_length) :: taken, plan%variables(i)%name]
       end do
+      do i = 1, size(plan%times)
+         taken = [character(parameter_name_length) :: taken, plan%times(i)%name]
+      end do
       do i = 1, size(names)
          stem = identifier(layout%parameters(i)%path)
          if (stem == "") stem = "parameter"
@@ -276,11 +299,9 @@ contains
       integer :: i
 
       n_bytes = bytes_of_kind(is_integer) + real(bytes_of_kind(is_real), wp)*n_parameters
-      n_datasets = 0
+      n_datasets = size(plan%variables)
       do i = 1, size(plan%variables)
          associate (variable => plan%variables(i))
-            if (variable%axes(size(variable%axes)) /= point_axis) cycle
-            n_datasets = n_datasets + 1
             n_bytes = n_bytes + bytes_of_kind(variable%kind)* &
                product(real(plan%axes(variable%axes(:size(variable%axes) - 1))%length, wp))
          end associate

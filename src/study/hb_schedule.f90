@@ -2,39 +2,48 @@
 !> and for its simulation.
 !>
 !> Points that must be solved one after the other by one rank form a *unit*: a chain along the fastest swept parameter
-!> (hb_neighbour), or a single point. What a unit holds depends on the input alone. Units are handed out in *blocks* of
-!> decreasing size: the number that a counter gives says which block it is, so one atomic operation suffices for a block
-!> and nobody has to know what remains. Source: S. F. Hummel, E. Schonberg, L. E. Flynn, Factoring: a method for
-!> scheduling parallel loops, Communications of the ACM 35 (1992); blocks from numbers: A. Eleliemy, F. M. Ciorba, A
-!> distributed chunk calculation approach for self-scheduling, Journal of Computational Science 51 (2021).
+!> (hb_neighbour), or a single point. What a unit holds depends on the input alone. A counter says which unit is the next
+!> one; a rank draws a *block* of units from it by one atomic operation that adds the length of the block. The rank decides
+!> on that length: so that a block takes a given time, by what its last block took, and no more than a small part of a fair
+!> share of what it last saw to remain. Slow points are thus drawn one by one, and a rank that comes upon slow points after
+!> fast ones has only a few of them. Source: C. D. Polychronopoulos, D. J. Kuck, Guided self-scheduling, IEEE Transactions
+!> on Computers C-36 (1987), with the rest as last seen and the limit in time added.
 !>
 !> One counter serves a few hundred ranks. More ranks have several, each with its own share of the units. A rank draws
 !> from the counter of its group; when that is empty it goes on to the others, each once, since a counter that is empty
 !> stays so.
 module hb_schedule
-   use hb_kinds, only: int64
+   use hb_kinds, only: int64, wp
    implicit none
    private
    public :: new_schedule, ranks_per_counter, schedule_t, way_t
 
    integer, parameter :: ranks_per_counter = 256
    integer, parameter :: largest_block = 32                           ! points; more would save no time and risk more
-   integer, parameter :: divisor = 4                                  ! a block is this part of a rank's fair share of the rest
+   integer, parameter :: divisor = 8                                  ! a block is at most this part of a fair share of the rest
 
-   !> Where a rank stands among the counters.
+   !> Where a rank stands among the counters, and how fast it is.
    type :: way_t
       integer :: counter = 1                                          !! to draw the next number from
       logical :: is_done = .false.                                    !! all counters were found empty
       integer, private :: n_empty = 0
+      integer, private :: seen = -1                                   ! units that the counter had given out, if known
+      real(wp), private :: seconds = -1.0_wp                          ! [s] of a unit of the last block, if known
+   contains
+      procedure :: note => way_note
    end type way_t
 
    type :: schedule_t
-      integer :: n_points = 0
-      integer :: n_units = 0
+      integer :: n_points = 0                                         !! to solve
+      integer :: n_units = 0                                          !! to solve
       integer :: n_counters = 1
       integer, private :: n_ranks = 1, group_size = 1, stride = 1, largest = 1
-      integer, private :: line = 1, chain = 1, units_per_line = 1
+      integer, private :: line = 1, chain = 1, units_per_line = 1, n_all_units = 0
+      integer, allocatable, private :: kept(:)                        ! units, where not all are to be solved
+      real(wp), private :: block_seconds = 0.0_wp
    contains
+      procedure :: ask => schedule_ask
+      procedure :: keep => schedule_keep
       procedure :: owner_of => schedule_owner_of
       procedure :: points_of => schedule_points_of
       procedure :: take => schedule_take
@@ -46,19 +55,22 @@ contains
 
    !> Schedule of `n_points` points, of which each run of `line` is a line of the grid along its fastest parameter, cut into
    !> chains of `chain` points; the last of a line may be shorter.
-   pure subroutine new_schedule(self, n_points, line, chain, n_ranks, group_size)
+   pure subroutine new_schedule(self, n_points, line, chain, n_ranks, block_seconds, group_size)
       type(schedule_t), intent(out) :: self
       integer, intent(in) :: n_points                                 !! a multiple of line
       integer, intent(in) :: line, chain                              !! 1 or greater
       integer, intent(in) :: n_ranks
+      real(wp), intent(in) :: block_seconds                           !! [s] that a block should take
       integer, intent(in), optional :: group_size                     !! ranks that share a counter, default ranks_per_counter
 
       self%n_points = n_points
       self%line = line
       self%chain = min(chain, line)
       self%units_per_line = (line + self%chain - 1)/self%chain
-      self%n_units = (n_points/line)*self%units_per_line
+      self%n_all_units = (n_points/line)*self%units_per_line
+      self%n_units = self%n_all_units
       self%n_ranks = n_ranks
+      self%block_seconds = block_seconds
       self%group_size = ranks_per_counter
       if (present(group_size)) self%group_size = group_size
       self%group_size = min(self%group_size, n_ranks)
@@ -83,7 +95,7 @@ contains
       end do
    end function common_divisor
 
-   !> Unit that holds a point, both from 1. A point may only be solved again together with its whole unit.
+   !> Unit that holds a point, both from 1, among all units. A point may only be solved again together with its whole unit.
    pure integer function schedule_unit_of(self, point)
       class(schedule_t), intent(in) :: self
       integer, intent(in) :: point
@@ -91,15 +103,38 @@ contains
       schedule_unit_of = ((point - 1)/self%line)*self%units_per_line + modulo(point - 1, self%line)/self%chain + 1
    end function schedule_unit_of
 
-   !> First and last point of a unit, all from 1.
+   !> Leaves only the units that hold one of the points: a chain of which one point is missing is solved again from its
+   !> beginning, for its points start from each other.
+   pure subroutine schedule_keep(self, points)
+      class(schedule_t), intent(inout) :: self
+      integer, intent(in) :: points(:)                                !! from 1
+      logical :: is_kept(self%n_all_units)
+      integer :: first, i, last
+
+      is_kept = .false.
+      do i = 1, size(points)
+         is_kept(self%unit_of(points(i))) = .true.
+      end do
+      self%kept = pack([(i, i=1, self%n_all_units)], is_kept)
+      self%n_units = size(self%kept)
+      self%n_points = 0
+      do i = 1, self%n_units
+         call self%points_of(i, first, last)
+         self%n_points = self%n_points + last - first + 1
+      end do
+   end subroutine schedule_keep
+
+   !> First and last point of a unit to solve, all from 1.
    pure subroutine schedule_points_of(self, unit, first, last)
       class(schedule_t), intent(in) :: self
       integer, intent(in) :: unit
       integer, intent(out) :: first, last
-      integer :: start_of_line, place
+      integer :: number, place, start_of_line
 
-      start_of_line = ((unit - 1)/self%units_per_line)*self%line
-      place = modulo(unit - 1, self%units_per_line)*self%chain
+      number = unit
+      if (allocated(self%kept)) number = self%kept(unit)
+      start_of_line = ((number - 1)/self%units_per_line)*self%line
+      place = modulo(number - 1, self%units_per_line)*self%chain
       first = start_of_line + place + 1
       last = start_of_line + min(place + self%chain, self%line)
    end subroutine schedule_points_of
@@ -120,25 +155,51 @@ contains
       schedule_way_of%counter = rank/self%group_size + 1
    end function schedule_way_of
 
-   !> Turns a number drawn from `way%counter` into a block of units, and sends the rank on to the next counter where there
-   !> is none left: then first > last.
-   pure subroutine schedule_take(self, way, number, first, last)
+   !> How many units the rank should draw from `way%counter`: one where it knows nothing yet.
+   pure integer function schedule_ask(self, way) result(n)
+      class(schedule_t), intent(in) :: self
+      type(way_t), intent(in) :: way
+      integer :: rest
+
+      n = 1
+      if (way%seen < 0 .or. way%seconds < 0.0_wp) return
+      rest = share_start(self, way%counter + 1) - share_start(self, way%counter) - way%seen
+      n = min(self%largest, rest/(divisor*ranks_of(self, way%counter)))
+      if (n*way%seconds > self%block_seconds) n = int(self%block_seconds/way%seconds)
+      n = max(1, n)
+   end function schedule_ask
+
+   !> Turns the number drawn from `way%counter` with `n` into a block of units, and sends the rank on to the next counter
+   !> where there is none left: then first > last.
+   pure subroutine schedule_take(self, way, number, n, first, last)
       class(schedule_t), intent(in) :: self
       type(way_t), intent(inout) :: way
-      integer, intent(in) :: number                                   !! from 0
+      integer, intent(in) :: number                                   !! sum of all that was drawn before
+      integer, intent(in) :: n                                        !! what `ask` said
       integer, intent(out) :: first, last                             !! units, from 1
-      integer :: start, n
+      integer :: end_of_share, start
 
       start = share_start(self, way%counter)
-      n = share_start(self, way%counter + 1) - start
-      call block_of(n, ranks_of(self, way%counter), self%largest, number, first, last)
-      first = start + first
-      last = start + last
-      if (first <= last) return
+      end_of_share = share_start(self, way%counter + 1)
+      first = start + number + 1
+      last = min(start + number + n, end_of_share)
+      way%seen = number + n
+      if (first <= end_of_share) return
+      last = first - 1
+      way%seen = -1
       way%n_empty = way%n_empty + 1
       way%is_done = way%n_empty == self%n_counters
       way%counter = modulo(way%counter - 1 + self%stride, self%n_counters) + 1
    end subroutine schedule_take
+
+   !> Notes how long the last block took.
+   pure subroutine way_note(self, n_units, seconds)
+      class(way_t), intent(inout) :: self
+      integer, intent(in) :: n_units                                  !! of the block, above 0
+      real(wp), intent(in) :: seconds                                 !! [s]
+
+      self%seconds = seconds/n_units
+   end subroutine way_note
 
    !> Number of units in the shares before that of a counter; shares follow the number of ranks.
    pure integer function share_start(self, counter)
@@ -156,34 +217,4 @@ contains
 
       ranks_of = min(self%group_size, self%n_ranks - (counter - 1)*self%group_size)
    end function ranks_of
-
-   !> Block `number`, from 0, of `n` units for `n_ranks` ranks: rounds of equal blocks, one for each rank, of
-   !> rest/(divisor*n_ranks) units, at most `largest` and at least one. first > last where all are given out.
-   pure subroutine block_of(n, n_ranks, largest, number, first, last)
-      integer, intent(in) :: n, n_ranks, largest, number
-      integer, intent(out) :: first, last                             !! from 1
-      integer(int64) :: in_round, left, n_full, round_size, start
-
-      first = 1
-      last = 0
-      round_size = int(n_ranks, int64)*largest
-      n_full = max(0_int64, (n - (divisor - 1)*round_size)/round_size)   ! rounds that the limit decides
-      left = number - n_full*n_ranks
-      if (left < 0) then
-         first = number*largest + 1
-         last = first + largest - 1
-         return
-      end if
-      start = n_full*round_size
-      do
-         if (start >= n) return
-         in_round = max(1_int64, min(int(largest, int64), (n - start)/(int(divisor, int64)*n_ranks)))
-         if (left < n_ranks .or. in_round == 1) exit
-         left = left - n_ranks
-         start = start + in_round*n_ranks
-      end do
-      if (start + left*in_round >= n) return
-      first = int(start + left*in_round) + 1
-      last = int(min(int(n, int64), first - 1 + in_round))
-   end subroutine block_of
 end module hb_schedule

@@ -18,7 +18,7 @@ module hb_simulation
       real(wp) :: write_latency = 5.0e-5_wp                           !! [s] of one write, for the rank that makes it
       real(wp) :: write_rate = 1.0e5_wp                               !! [1/s] writes that the file system takes from all ranks
       real(wp) :: bandwidth = 1.0e10_wp                               !! [B/s] that it takes from all ranks
-      real(wp) :: hold = 1.0_wp                                       !! [s] that results of a block are held back for one write
+      real(wp) :: hold = 0.0_wp                                       !! [s], above 0: how long results are held back, hb_held_rows
    end type machine_t
 
    !> What there is to do.
@@ -88,7 +88,7 @@ contains
       type(machine_t), intent(in) :: machine
       type(forecast_t), intent(out) :: forecast
       type(way_t) :: ways(0:n_ranks - 1)
-      integer :: heap(n_ranks), drawn(schedule%n_counters), n_active, n_writes, rank
+      integer :: heap(n_ranks), drawn(schedule%n_counters), n, n_active, n_writes, rank
       integer :: held(0:n_ranks - 1)                                  ! points of a block that waits to be written
       real(wp) :: time(0:n_ranks - 1), solving(0:n_ranks - 1)
       real(wp) :: counter_free(schedule%n_counters), counter_busy(schedule%n_counters), file_busy, file_free
@@ -128,14 +128,17 @@ contains
             served = served + 0.5_wp*machine%latency
             drawing = drawing + served - time(rank)
             time(rank) = served
-            call schedule%take(ways(rank), drawn(counter), first, last)
-            drawn(counter) = drawn(counter) + 1
+            n = schedule%ask(ways(rank))
+            call schedule%take(ways(rank), drawn(counter), n, first, last)
+            drawn(counter) = drawn(counter) + n
+            forecast%draws = forecast%draws + 1.0_wp
             if (first <= last) then
                call schedule%points_of(first, first_point, unused)
                call schedule%points_of(last, unused, last_point)
                held(rank) = last_point - first_point + 1
                solving(rank) = tasks%ends(last_point) - tasks%ends(first_point - 1)
                time(rank) = time(rank) + solving(rank)
+               call ways(rank)%note(last - first + 1, solving(rank))
             else if (ways(rank)%is_done) then
                end_of_all = max(end_of_all, time(rank))
                heap(1) = heap(n_active)
@@ -151,7 +154,6 @@ contains
       forecast%drawing = drawing/served
       forecast%writing = writing/served
       forecast%idle = max(0.0_wp, 1.0_wp - forecast%efficiency - forecast%drawing - forecast%writing)
-      forecast%draws = sum(real(drawn, wp))
       forecast%counter_load = maxval(counter_busy)/end_of_all
       forecast%file_load = file_busy/end_of_all
    end subroutine simulate

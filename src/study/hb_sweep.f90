@@ -291,13 +291,14 @@ contains
    end function unique_labels
 
    !> How the points are handed out: chains along the fastest parameter where points start from their neighbours.
-   subroutine schedule_study(self, n_ranks, schedule)
+   subroutine schedule_study(self, n_ranks, block_seconds, schedule)
       type(study_t), intent(in) :: self
       integer, intent(in) :: n_ranks
+      real(wp), intent(in) :: block_seconds
       type(schedule_t), intent(out) :: schedule
 
       call new_schedule(schedule, self%plan%n_points, self%plan%n_fastest(), &
-         merge(self%scene%chain%length, 1, self%scene%chain%is_on), n_ranks)
+         merge(self%scene%chain%length, 1, self%scene%chain%is_on), n_ranks, block_seconds)
    end subroutine schedule_study
 
    !> Draws blocks of points until there are none left. Rank 0 tells the progress of all.
@@ -315,9 +316,9 @@ contains
       type(progress_t) :: progress
       type(rank_times_t) :: times
       real(wp) :: started, waited
-      integer :: done, failed, first, i, last, number
+      integer :: done, failed, first, i, last, n, number
 
-      call schedule_study(self, size_of(comm), schedule)
+      call schedule_study(self, size_of(comm), results%hold_seconds(), schedule)
       call new_work_counter(counter, [(schedule%owner_of(i), i=1, schedule%n_counters)], comm, error)
       if (allocated(error)) return
       call new_progress(progress, layout%n_points, level, rank_of(comm) == 0)
@@ -325,16 +326,25 @@ contains
       started = wall_clock()
       do while (.not. (way%is_done .or. allocated(error)))
          waited = wall_clock()
-         number = counter%next(way%counter)
+         n = schedule%ask(way)
+         number = counter%next(way%counter, n)
          times%n_draws = times%n_draws + 1
          times%drawing = times%drawing + wall_clock() - waited
-         call schedule%take(way, number, first, last)
+         call schedule%take(way, number, n, first, last)
+         waited = wall_clock()
          do i = first, last
             call run_unit(self, layout, schedule, i, rank_of(comm), results, counter, way%counter, progress, summary, times, &
                error)
             if (allocated(error)) exit
          end do
+         if (first <= last) call way%note(last - first + 1, wall_clock() - waited)
       end do
+      call report(counter, way%counter, progress, times)
+      if (.not. allocated(error)) then
+         waited = wall_clock()
+         call results%flush(error)
+         times%writing = times%writing + wall_clock() - waited
+      end if
       waited = wall_clock()
       call barrier(comm)
       times%idle = wall_clock() - waited
@@ -365,7 +375,8 @@ contains
       type(neighbour_t) :: neighbour
       type(point_result_t) :: result
       real(wp) :: started
-      integer :: done, failed, first, last, point
+      integer :: first, last, point
+      logical :: is_report_due
 
       call schedule%points_of(unit, first, last)
       do point = first, last
@@ -378,15 +389,29 @@ contains
          times%writing = times%writing + wall_clock() - started
          call progress%tell_point("point "//to_text(point - 1)//" on rank "//to_text(rank)//": "// &
             outcome_name(result%status)//", "//to_text(result%iterations)//" iterations, "//self%plan%describe(point))
-         started = wall_clock()
-         call counter%add_done(group, 1, merge(0, 1, result%status == outcome%converged))
-         if (progress%is_due()) then
-            call counter%read_tallies(done, failed)
-            call progress%show(done, failed)
-         end if
-         times%drawing = times%drawing + wall_clock() - started
+         call progress%note(result%status /= outcome%converged, is_report_due)
+         if (is_report_due) call report(counter, group, progress, times)
       end do
    end subroutine run_unit
+
+   !> Adds the points of this rank to the tallies, and shows those of all ranks where it is time for that.
+   subroutine report(counter, group, progress, times)
+      type(work_counter_t), intent(in) :: counter
+      integer, intent(in) :: group
+      type(progress_t), intent(inout) :: progress
+      type(rank_times_t), intent(inout) :: times
+      real(wp) :: started
+      integer :: done, failed
+
+      started = wall_clock()
+      call progress%report(done, failed)
+      if (done > 0) call counter%add_done(group, done, failed)
+      if (progress%is_due()) then
+         call counter%read_tallies(done, failed)
+         call progress%show(done, failed)
+      end if
+      times%drawing = times%drawing + wall_clock() - started
+   end subroutine report
 
    subroutine count_point(summary, result)
       type(run_summary_t), intent(inout) :: summary
