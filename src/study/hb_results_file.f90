@@ -7,7 +7,7 @@ module hb_results_file
    use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_results_plan, only: axis_t, component_axis, dof_axis, harmonic_axis, is_characters, is_integer, &
       is_real, law_axis, law_dof_axis, message_axis, parameter_name_length, parameter_names, plan_t, point_axis, &
-      size_text, tone_axis, variable_t, worker_axis
+      size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
    use hb_solver_types, only: rescue_names
    use hb_system, only: exists, link_file, process_id, remove_file, rename_file, utc_now
    use hb_text, only: join, to_text
@@ -192,6 +192,12 @@ contains
          call add_parameter(file, trim(names(i)), layout%parameters(i), plan, error)
          if (allocated(error)) return
       end do
+      do i = 1, size(layout%tuples, 1)
+         call add_tuple_entry(file, i, layout%tuples(i, :), plan, error)
+         if (allocated(error)) return
+      end do
+      call file%set_attribute("coordinates", coordinate_names(size(layout%tuples, 1), names), error)
+      if (allocated(error)) return
 
       call file%add_text("input_text", or_empty(layout%input_text), dataset, error)
       if (.not. allocated(error)) call describe(dataset, "1", "the input as given", error)
@@ -199,6 +205,37 @@ contains
       call file%add_text("input_complete", or_empty(layout%input_complete), dataset, error)
       if (.not. allocated(error)) call describe(dataset, "1", "the input after defaults", error)
    end subroutine add_inputs
+
+   !> Adds one entry of all tuples as a dataset of its own: xarray selects by an index of such, not by rows of a matrix.
+   subroutine add_tuple_entry(file, tone, entries, plan, error)
+      type(h5_file_t), intent(in) :: file
+      integer, intent(in) :: tone
+      integer, intent(in) :: entries(:)                 !! (n_harmonics)
+      type(plan_t), intent(in) :: plan
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: dataset
+
+      call file%add_integer(tuple_entry_name(tone), shape(entries), dataset, error)
+      if (.not. allocated(error)) call dataset%write(entries, error)
+      if (.not. allocated(error)) call attach(dataset, plan, [harmonic_axis], error)
+      if (.not. allocated(error)) call describe(dataset, "1", "entry of the tuple for tone "//to_text(tone), error)
+   end subroutine add_tuple_entry
+
+   !> Gives the names of what labels points and harmonics, with blanks between (CF convention).
+   function coordinate_names(n_tones, parameters) result(text)
+      integer, intent(in) :: n_tones
+      character(*), intent(in) :: parameters(:)
+      character(:), allocatable :: text
+      integer :: i
+
+      text = "frequency tuple"
+      do i = 1, n_tones
+         text = text//" "//tuple_entry_name(i)
+      end do
+      do i = 1, size(parameters)
+         text = text//" "//trim(parameters(i))
+      end do
+   end function coordinate_names
 
    subroutine add_parameter(file, name, parameter, plan, error)
       type(h5_file_t), intent(in) :: file

@@ -6,7 +6,7 @@ module hb_results_plan
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: axis_t, measure_row, new_plan, parameter_name_length, parameter_names, plan_t, size_text, variable_t
+   public :: axis_t, measure_row, new_plan, parameter_name_length, parameter_names, plan_t, size_text, tuple_entry_name, variable_t
    public :: message_length
    public :: is_characters, is_integer, is_real
    public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, point_axis, tone_axis, worker_axis
@@ -215,6 +215,9 @@ contains
       do i = 1, size(plan%variables)
          taken = [character(parameter_name_length) :: taken, plan%variables(i)%name]
       end do
+      do i = 1, size(layout%tuples, 1)
+         taken = [character(parameter_name_length) :: taken, tuple_entry_name(i)]
+      end do
       do i = 1, size(plan%times)
          taken = [character(parameter_name_length) :: taken, plan%times(i)%name]
       end do
@@ -230,6 +233,14 @@ contains
          taken = [character(parameter_name_length) :: taken, names(i)]
       end do
    end function parameter_names
+
+   !> Gives the name of the dataset with the entries of all tuples for one tone, from 1.
+   pure function tuple_entry_name(tone) result(name)
+      integer, intent(in) :: tone
+      character(:), allocatable :: name
+
+      name = "tuple_"//to_text(tone)
+   end function tuple_entry_name
 
    !> Gives a path in lower case with one underscore for every run of other characters, none at the ends.
    pure function identifier(path) result(name)

@@ -354,6 +354,38 @@ def test_file_opens_in_xarray(engine, tmp_path):
             assert first[0] == results.coefficients(0, "v3", (1, 0))[0]
 
 
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+def test_xarray_selects_without_our_package(engine, grid):
+    """By the values of swept parameters, by tone and by tuple."""
+    with xarray.open_dataset(grid, engine=engine) as data:
+        assert {"law_wall_gap", "load_2_cos", "tuple", "tuple_1", "tuple_2", "frequency"} <= set(data.coords)
+        assert data["frequency"].sel(tone=2).values.tolist() == [3.141592653589793] * 12
+        table = data.set_index(point=["law_wall_gap", "load_2_cos"], harmonic=["tuple_1", "tuple_2"])
+        found = table["coefficients"].sel(dof="v3", component="cos").sel(point=(1.0e-3, 140.0)).sel(harmonic=(1, 0))
+        line = data["coefficients"].sel(dof="v3", component="cos").where(data["law_wall_gap"] == 1.0e-3, drop=True)
+        with Results(grid) as results:
+            point = results.point(at={"law_wall_gap": 1.0e-3, "load_2_cos": 140.0})
+            assert float(found) == results.coefficients(point, "v3", (1, 0))[0]
+        assert line.sizes["point"] == len(LOADS)
+        assert {"units", "long_name"} <= set(data["worker_solving_seconds"].attrs)
+
+
+def test_every_dataset_tells_its_unit(tmp_path):
+    """In the words of h5dump: a unit and what it is at each dataset, and scales along each axis."""
+    result = solve(GRID + "&output samples = 12 /\n&sweep parameter = 'solver%method', texts = 'newton' /\n", tmp_path)
+    with h5py.File(result, "r") as file:
+        assert len(file) > 50
+        for name, dataset in file.items():
+            if name == "message_byte":
+                continue
+            assert {"units", "long_name"} <= set(dataset.attrs), name
+            unit, words = (np.bytes_(dataset.attrs[key]).decode() for key in ("units", "long_name"))
+            assert words, name
+            assert unit or "parameter" in dataset.attrs or dataset.dtype.kind in "OS", name
+            if not h5py.h5ds.is_scale(dataset.id):
+                assert all(len(axis) == 1 for axis in dataset.dims), name
+
+
 def kill(process, ranks):
     """Kills a run, or one rank of it: mpirun then ends the others."""
     victim = process.pid
