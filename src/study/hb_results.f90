@@ -62,7 +62,8 @@ module hb_results
       procedure :: write_times => results_write_times
    end type results_t
 
-   !> Puts values into the row of the point that is taken; does nothing once there is an error, so that a point reads as a plain list.
+   !> Puts values into the row of the point that is taken; does nothing once there is an error, so that a point reads as
+   !> a plain list.
    interface put
       module procedure put_integer
       module procedure put_real

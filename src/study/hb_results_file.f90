@@ -193,7 +193,7 @@ contains
          if (allocated(error)) return
       end do
       do i = 1, size(layout%tuples, 1)
-         call add_tuple_entry(file, i, layout%tuples(i, :), plan, error)
+         call add_tuple_entry(file, i, layout%tuples, plan, error)
          if (allocated(error)) return
       end do
       call file%set_attribute("coordinates", coordinate_names(size(layout%tuples, 1), names), error)
@@ -207,14 +207,16 @@ contains
    end subroutine add_inputs
 
    !> Adds one entry of all tuples as a dataset of its own: xarray selects by an index of such, not by rows of a matrix.
-   subroutine add_tuple_entry(file, tone, entries, plan, error)
+   subroutine add_tuple_entry(file, tone, tuples, plan, error)
       type(h5_file_t), intent(in) :: file
       integer, intent(in) :: tone
-      integer, intent(in) :: entries(:)                 !! (n_harmonics)
+      integer, intent(in) :: tuples(:, :)               !! (n_tones, n_harmonics)
       type(plan_t), intent(in) :: plan
       type(error_t), allocatable, intent(out) :: error
       type(h5_dataset_t) :: dataset
+      integer :: entries(size(tuples, 2))
 
+      entries = tuples(tone, :)
       call file%add_integer(tuple_entry_name(tone), shape(entries), dataset, error)
       if (.not. allocated(error)) call dataset%write(entries, error)
       if (.not. allocated(error)) call attach(dataset, plan, [harmonic_axis], error)

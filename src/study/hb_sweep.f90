@@ -1,8 +1,9 @@
 !> Runs all points of an input over the ranks of a communicator and writes the result file.
 !>
 !> Points, or chains of points that start from each other's solutions, do not depend on each other; each rank draws the
-!> next ones as hb_schedule says. What a point gives does not depend on who solves it or when, so the file holds the same numbers for any number of ranks (with FFTW's planning by
-!> estimate, which is the default; measured plans may differ in the last digit).
+!> next ones as hb_schedule says. What a point gives does not depend on who solves it or when, so the file holds the same
+!> numbers for any number of ranks (with FFTW's planning by estimate, which is the default; measured plans may differ in the
+!> last digit).
 module hb_sweep
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
@@ -21,6 +22,7 @@ module hb_sweep
    use hb_scene, only: group_names, read_harmonics, read_scene, read_tones, scene_t
    use hb_schedule, only: new_schedule, schedule_t, way_t
    use hb_sweep_plan, only: parameter_units, read_sweep_plan, sweep_plan_t
+   use hb_swept_point, only: run_point
    use hb_text, only: lower, string_t, to_text
    use hb_timing, only: rank_times_t
    use hb_tones, only: tones_t
@@ -380,7 +382,7 @@ contains
 
       call schedule%points_of(unit, first, last)
       do point = first, last
-         call run_point(self, layout, point, rank, neighbour, times, result)
+         call run_point(self%document, self%plan, layout, point, rank, neighbour, times, result)
          started = wall_clock()
          call results%write_point(point, result, error)
          if (allocated(error)) return
@@ -440,96 +442,4 @@ contains
       summary%truncation = max_over(comm, summary%truncation)
       summary%aliasing = max_over(comm, summary%aliasing)
    end subroutine sum_up
-
-   !> Solves one point; whatever goes wrong becomes its status and message.
-   subroutine run_point(self, layout, point, rank, neighbour, times, result)
-      type(study_t), intent(in) :: self
-      type(results_layout_t), intent(in) :: layout
-      integer, intent(in) :: point, rank
-      type(neighbour_t), intent(inout) :: neighbour                   !! solutions of the points before it in its chain
-      type(rank_times_t), intent(inout) :: times
-      type(point_result_t), intent(out) :: result
-      type(document_t), target :: document
-      type(scene_t) :: scene
-      type(error_t), allocatable :: error
-      real(wp), allocatable :: start(:), unknowns(:)
-      real(wp) :: read, started
-
-      started = wall_clock()
-      document = self%document
-      call self%plan%apply(point, document, error)
-      if (.not. allocated(error)) call read_scene(scene, document, error)
-      if (.not. allocated(error)) call check_layout(scene, layout, error)
-      read = wall_clock()
-      if (.not. allocated(error)) then
-         if (scene%chain%is_on) call neighbour%predict(self%plan%fastest_value(point), scene%harmonics%tuples, &
-            scene%chain%secant, start)
-         call solve_point(scene, result, error, start, unknowns)
-      end if
-      if (allocated(error)) then
-         result%status = outcome%failed
-         result%message = error%message
-      else
-         call spread_harmonics(scene%harmonics, layout%tuples, result%coefficients)
-         call spread_harmonics(scene%harmonics, layout%tuples, result%force_coefficients)
-         call spread_harmonics(scene%harmonics, layout%tuples, result%corrected_coefficients)
-      end if
-      if (.not. allocated(error) .and. allocated(unknowns)) then
-         call neighbour%keep(self%plan%fastest_value(point), scene%harmonics%tuples, unknowns)
-      else
-         call neighbour%forget()
-      end if
-      result%rank = rank
-      result%solve_seconds = wall_clock() - started
-      times%reading = times%reading + read - started
-      times%solving = times%solving + wall_clock() - read
-   end subroutine run_point
-
-   !> A file holds one list of degrees of freedom: refuses a point whose structure or laws have others.
-   subroutine check_layout(scene, layout, error)
-      type(scene_t), intent(in) :: scene
-      type(results_layout_t), intent(in) :: layout
-      type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: law_dofs(:)
-      logical :: is_same
-
-      law_dofs = law_dofs_of(scene%laws)
-      is_same = size(scene%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
-                .and. size(scene%laws) == size(layout%law_labels) &
-                .and. size(scene%output%samples) == size(layout%n_samples)
-      if (is_same) then
-         is_same = all(scene%structure%labels(scene%output%dofs) == layout%dof_labels) .and. &
-                   all(scene%structure%labels(law_dofs) == layout%law_dof_labels) .and. &
-                   all(scene%output%samples == layout%n_samples)
-      end if
-      if (.not. is_same) call fail(error, "this point has other degrees of freedom or surfaces than the first point; "// &
-                                   "list the common ones in &output dofs, or run it by itself")
-   end subroutine check_layout
-
-   !> Puts coefficients of a point's own set onto the harmonics of the file; those that the point lacks become NaN.
-   subroutine spread_harmonics(harmonics, tuples, coefficients)
-      type(harmonics_t), intent(in) :: harmonics
-      integer, intent(in) :: tuples(:, :)
-      real(wp), allocatable, intent(inout) :: coefficients(:, :, :)   !! (2, n_harmonics, any)
-      real(wp), allocatable :: all_harmonics(:, :, :)
-      integer :: h, i
-
-      if (.not. allocated(coefficients)) return
-      allocate (all_harmonics(2, size(tuples, 2), size(coefficients, 3)))
-      do i = 1, size(tuples, 2)
-         h = harmonics%index_of(tuples(:, i))
-         if (h > 0) then
-            all_harmonics(:, i, :) = coefficients(:, h, :)
-         else
-            all_harmonics(:, i, :) = ieee_value_nan()
-         end if
-      end do
-      call move_alloc(all_harmonics, coefficients)
-   end subroutine spread_harmonics
-
-   pure real(wp) function ieee_value_nan()
-      use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-
-      ieee_value_nan = ieee_value(1.0_wp, ieee_quiet_nan)
-   end function ieee_value_nan
 end module hb_sweep

@@ -256,9 +256,8 @@ def test_chain_restarts_after_a_failed_point(tmp_path):
         "&solver first_guess = 'neighbour', rescue = .false. /\n"
     )
     whole = solve(text, tmp_path, status=NOT_ALL_CONVERGED)
-    rest = solve(
-        text.replace("0.1, 0.11, 0.12, 0.13, 0.14", "0.13, 0.14").replace("100, 100, 0, 100, 100", "100, 100"), tmp_path, name="rest"
-    )
+    last_two = text.replace("0.1, 0.11, 0.12, 0.13, 0.14", "0.13, 0.14").replace("100, 100, 0, 100, 100", "100, 100")
+    rest = solve(last_two, tmp_path, name="rest")
     assert read(whole, "status").tolist() == [CONVERGED, CONVERGED, OUT_OF_BUDGET, CONVERGED, CONVERGED]
     assert read(whole, "coefficients")[3:].tobytes() == read(rest, "coefficients").tobytes()
 
