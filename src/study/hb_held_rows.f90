@@ -5,7 +5,6 @@
 !> than a point takes, and every point is written when it is solved.
 module hb_held_rows
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use hb_error, only: error_t, fail
    use hb_hdf5, only: h5_dataset_t
    use hb_kinds, only: wp
@@ -95,14 +94,19 @@ contains
    subroutine held_rows_put_reals(self, k, values, error)
       class(held_rows_t), intent(inout) :: self
       integer, intent(in) :: k
-      real(wp), intent(in), contiguous, target :: values(..)
+      real(wp), intent(in) :: values(..)                              !! of one to three dimensions
       type(error_t), allocatable, intent(out) :: error
-      real(wp), pointer :: flat(:)
 
       call check_size(self, size(values), error)
-      if (allocated(error) .or. size(values) == 0) return
-      call c_f_pointer(c_loc(values), flat, [size(values)])
-      self%reals(:, k) = flat
+      if (allocated(error)) return
+      select rank (values)
+      rank (1); self%reals(:, k) = values
+      rank (2); self%reals(:, k) = reshape(values, [size(values)])
+      rank (3); self%reals(:, k) = reshape(values, [size(values)])
+      rank default
+         call fail(error, "values of more than three dimensions")
+         return
+      end select
       self%is_used = .true.
    end subroutine held_rows_put_reals
 
