@@ -176,7 +176,10 @@ contains
       if (allocated(point%force_samples)) call put(self, "force_samples", point%force_samples, error)
       call put(self, "status", [point%status], error)
       call annotate(error, "point "//to_text(i))
-      if (allocated(error)) return
+      if (allocated(error)) then
+         self%n_held = self%n_held - 1                  ! what could not be taken whole is not written in part
+         return
+      end if
       if (self%n_held == self%room .or. wall_clock() - self%flushed >= self%hold) call self%flush(error)
    end subroutine results_write_point
 
