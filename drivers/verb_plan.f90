@@ -2,11 +2,12 @@
 module verb_plan
    use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t
+   use hb_counter_speed, only: measure_counter
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_held_rows, only: hold_seconds
    use hb_kinds, only: wp
-   use hb_mpi, only: comm_t, rank_of
+   use hb_mpi, only: comm_t, rank_of, size_of
    use hb_schedule, only: new_schedule, ranks_per_counter, schedule_t
    use hb_simulation, only: forecast_t, lognormal_costs, machine_t, simulate, stretched_costs, tasks_t
    use hb_sweep, only: row_of_study, study_t
@@ -24,7 +25,7 @@ module verb_plan
 
 contains
 
-   !> Runs the verb on rank 0.
+   !> Runs the verb on rank 0. Several ranks measure how fast a shared counter is among them, for a machine like this one.
    subroutine run_plan(options, comm, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
@@ -36,7 +37,11 @@ contains
       integer :: chain, group_size, line, n_points
 
       call load_study(options, comm, study, error)
+      if (allocated(error)) return
+      if (size_of(comm) > 1) call measure_counter(comm, machine%latency, machine%counter_rate, error)
       if (allocated(error) .or. rank_of(comm) > 0) return
+      if (size_of(comm) > 1) write (output_unit, "(a, es7.1, a, es7.1)") "measured among "//to_text(size_of(comm))// &
+         " ranks: latency=", machine%latency, " counter_rate=", machine%counter_rate
       n_points = study%plan%n_points
       line = study%plan%n_fastest()
       chain = merge(study%scene%chain%length, 1, study%scene%chain%is_on)
@@ -113,7 +118,7 @@ contains
    !> Settings KEY=VALUE of the machine.
    subroutine read_machine(settings, machine, group_size, error)
       type(string_t), intent(in) :: settings(:)
-      type(machine_t), intent(out) :: machine
+      type(machine_t), intent(inout) :: machine
       integer, intent(out) :: group_size
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: closest, key

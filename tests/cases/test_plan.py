@@ -67,6 +67,15 @@ def test_costs_of_a_result(source, tmp_path):
     assert row["seconds"] * row["efficiency"] == pytest.approx(10 * seconds, rel=1e-4)
 
 
+def test_several_ranks_measure_a_counter(source):
+    done = run("plan", source, "--cost", "1.0", "--ranks", "2", cwd=source.parent, ranks=2)
+    assert done.status == 0, done.stderr
+    first, *rest = done.stdout.splitlines()
+    latency, rate = (float(word.partition("=")[2]) for word in first.split()[-2:])
+    assert first.startswith("measured among 2 ranks: latency=") and len(rest) == 3
+    assert 1e-9 < latency < 1e-2 and 1e2 < rate < 1e10
+
+
 def test_points_fill_whole_lines(source):
     assert plan(source, "--points", "21").stdout.startswith("40 points ")
 
