@@ -42,6 +42,7 @@ module hb_schedule
       integer, allocatable, private :: kept(:)                        ! units, where not all are to be solved
       real(wp), private :: block_seconds = 0.0_wp
    contains
+      procedure :: all_points => schedule_all_points
       procedure :: ask => schedule_ask
       procedure :: keep => schedule_keep
       procedure :: owner_of => schedule_owner_of
@@ -138,6 +139,21 @@ contains
       first = start_of_line + place + 1
       last = start_of_line + min(place + self%chain, self%line)
    end subroutine schedule_points_of
+
+   !> All points to solve, in the order of the sweep: after `keep` these are more than the points given where chains are
+   !> solved again from their beginning.
+   pure function schedule_all_points(self) result(points)
+      class(schedule_t), intent(in) :: self
+      integer :: points(self%n_points)
+      integer :: first, i, k, last, n
+
+      n = 0
+      do i = 1, self%n_units
+         call self%points_of(i, first, last)
+         points(n + 1:n + last - first + 1) = [(k, k=first, last)]
+         n = n + last - first + 1
+      end do
+   end function schedule_all_points
 
    !> Rank, from 0, that holds a counter, from 1: the first of its group.
    pure integer function schedule_owner_of(self, counter)
