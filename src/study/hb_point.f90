@@ -23,10 +23,12 @@ contains
 
    !> Solves the scene. An `error` is trouble that belongs to this point alone, such as a singular interior; a solver that
    !> does not converge is told by the status of the result.
-   subroutine solve_point(scene, result, error)
+   subroutine solve_point(scene, result, error, start, unknowns)
       type(scene_t), intent(in) :: scene
       type(point_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable, intent(in), optional :: start(:)         !! first guess in place of that of the scene, as unknowns
+      real(wp), allocatable, intent(out), optional :: unknowns(:)     !! of a converged solution; none without laws
       type(dynamic_stiffness_t) :: stiffness
       type(balance_t) :: balance
       integer, allocatable :: law_dofs(:)
@@ -43,7 +45,7 @@ contains
          return
       end if
       call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, scene%laws, scene%planning, error)
-      if (.not. allocated(error)) call solve_balance(scene, law_dofs, balance, result, error)
+      if (.not. allocated(error)) call solve_balance(scene, law_dofs, balance, result, error, start, unknowns)
       call balance%destroy()
    end subroutine solve_point
 
@@ -63,12 +65,14 @@ contains
       result%status = outcome%converged
    end subroutine solve_linear_scene
 
-   subroutine solve_balance(scene, law_dofs, balance, result, error)
+   subroutine solve_balance(scene, law_dofs, balance, result, error, start, unknowns)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: law_dofs(:)
       type(balance_t), intent(inout) :: balance
       type(point_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable, intent(in), optional :: start(:)
+      real(wp), allocatable, intent(out), optional :: unknowns(:)
       type(report_t) :: report
       complex(wp), allocatable :: c(:, :)
       real(wp), allocatable :: u(:, :)
@@ -76,7 +80,11 @@ contains
       allocate (u(scene%harmonics%n_coefficients, size(law_dofs)), source=0.0_wp)
       if (scene%start_from_linear) call balance%linear_solution(u)
       call add_start(scene, law_dofs, u)
+      if (present(start)) then
+         if (allocated(start)) u = reshape(start, shape(u))
+      end if
       call solve_unknowns(scene, balance, u, report)
+      if (present(unknowns) .and. report%status == outcome%converged) unknowns = reshape(u, [size(u)])
       result%status = report%status
       result%iterations = report%iterations
       result%evaluations = report%evaluations

@@ -24,7 +24,7 @@ module hb_scene
    character(11), parameter :: group_names(10) = [character(11) :: &
       "structure", "tones", "harmonics", "sampling", "load", "law", "start", "solver", "certificate", "output"]
 
-   character(7), parameter :: first_guess_names(2) = [character(7) :: "linear", "zero"]
+   character(9), parameter :: first_guess_names(3) = [character(9) :: "linear", "zero", "neighbour"]
 
    !> What is kept of a result.
    type :: output_config_t
@@ -42,6 +42,13 @@ module hb_scene
       real(wp) :: commensurability = 1.0e-3_wp                        !! smallest |k.omega| relative to the largest tone
    end type certificate_config_t
 
+   !> First guesses from neighbouring points of a sweep.
+   type :: chain_config_t
+      logical :: is_on = .false.
+      integer :: length = 16                                          !! points along the fastest parameter
+      logical :: secant = .true.                                      !! extrapolate through the last two solutions
+   end type chain_config_t
+
    type :: scene_t
       type(structure_t) :: structure
       type(tones_t) :: tones
@@ -52,6 +59,7 @@ module hb_scene
       complex(wp), allocatable :: start(:, :)                         !! added to the first guess [m], as loads
       type(solver_config_t) :: solver
       logical :: start_from_linear = .true.                           !! first guess: the motion without laws, else zero
+      type(chain_config_t) :: chain
       integer :: planning = planning%estimate                         !! effort of FFTW
       character(:), allocatable :: wisdom                             !! file with FFTW's wisdom
       type(certificate_config_t) :: certificate
@@ -298,9 +306,12 @@ contains
          call group%get("memory", solver%memory, minimum=1, maximum=10000)
          call group%get("first_jacobian", first_jacobian, choices=start_names)
          call group%get("first_guess", first_guess, choices=first_guess_names)
+         call group%get("chain_length", self%chain%length, minimum=1, maximum=1000000)
+         call group%get("secant", self%chain%secant)
          solver%method = max(1, findloc(method_names == name, .true., dim=1))
          solver%start_with_tangent = first_jacobian == start_names(2)
-         self%start_from_linear = first_guess == first_guess_names(1)
+         self%chain%is_on = first_guess == first_guess_names(3)
+         self%start_from_linear = first_guess /= first_guess_names(2)
       end associate
    end subroutine read_solver
 

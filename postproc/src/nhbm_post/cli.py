@@ -54,10 +54,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"nhbm-post {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
 
-    def command(name, run, help_text, description):
+    def command(name, run, help_text, description, file_help="result file of nhbm (HDF5)"):
         sub = commands.add_parser(name, help=help_text, description=description)
         sub.set_defaults(run=run)
-        sub.add_argument("file", type=Path, metavar="FILE", help="result file of nhbm (HDF5)")
+        sub.add_argument("file", type=Path, metavar="FILE", help=file_help)
         return sub
 
     sub = command(
@@ -195,6 +195,16 @@ def _parser() -> argparse.ArgumentParser:
         help="peak: max|x| over hypertime (default); rms; harmonic: amplitude of --tuple",
     )
     sub.add_argument("--tuple", type=_tuple, metavar="J1,J2,...", help="harmonic to draw, for example 1,0")
+    _add_output(sub)
+
+    sub = command(
+        "plan",
+        _plan,
+        "forecast of a run over many ranks",
+        "Draws the table of `nhbm plan INPUT -o FILE`: over the number of ranks the shares of solving (the "
+        "efficiency), of shared counters, of writing and of waiting in the time of all ranks, and the wall time.",
+        file_help="table of nhbm plan (comma-separated values)",
+    )
     _add_output(sub)
     return parser
 
@@ -389,6 +399,12 @@ def _response(arguments):
             at=dict(arguments.at),
         )
     _save(fig, arguments)
+
+
+def _plan(arguments):
+    from . import draw
+
+    _save(draw.draw_plan(arguments.file), arguments)
 
 
 def _time(arguments):
