@@ -7,13 +7,14 @@ program nhbm
    use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
    use hb_text, only: closest_word, join, string_t
    use hb_version, only: git_commit, program_version
+   use verb_bench, only: run_bench
    use verb_check, only: run_check
    use verb_solve, only: run_solve
    implicit none
 
    !> Exit statuses, listed in `nhbm --help`.
    integer(c_int), parameter :: success = 0, not_all_right = 1, bad_input = 2
-   character(7), parameter :: verbs(4) = [character(7) :: "solve", "check", "help", "version"]
+   character(7), parameter :: verbs(5) = [character(7) :: "solve", "check", "bench", "help", "version"]
 
    interface
       !> Ends the process with a status and without a word.
@@ -65,6 +66,8 @@ contains
          call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
       else if (verb == "check") then
          call run_check(options, comm, all_right, error)
+      else if (verb == "bench") then
+         call run_bench(options, comm, error)
       else
          call run_solve(options, comm, all_right, error)
       end if
