@@ -7,6 +7,7 @@ program nhbm
    use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
    use hb_text, only: closest_word, join, string_t
    use hb_version, only: git_commit, program_version
+   use verb_bench, only: run_bench
    use verb_check, only: run_check
    use verb_plan, only: run_plan
    use verb_solve, only: run_solve
@@ -14,7 +15,13 @@ program nhbm
 
    !> Exit statuses, listed in `nhbm --help`.
    integer(c_int), parameter :: success = 0, not_all_right = 1, bad_input = 2
-   character(7), parameter :: verbs(5) = [character(7) :: "solve", "check", "plan", "help", "version"]
+   character(7), parameter :: verbs(6) = [character(7) :: &
+      "solve", &
+      "check", &
+      "plan", &
+      "bench", &
+      "help", &
+      "version"]
 
    interface
       !> Ends the process with a status and without a word.
@@ -68,6 +75,8 @@ contains
          call run_check(options, comm, all_right, error)
       else if (verb == "plan") then
          call run_plan(options, comm, error)
+      else if (verb == "bench") then
+         call run_bench(options, comm, error)
       else
          call run_solve(options, comm, all_right, error)
       end if
