@@ -60,17 +60,19 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), parameter :: gib = 1024.0_wp**3
       integer :: n_dofs
+      character(10) :: key
       character(20) :: needed, there
 
-      n_dofs = 0
-      select case (name)
-      case ("beam")
-         call group%get("n_elements", n_dofs)
-         n_dofs = 2*min(n_dofs, max_dofs/2) + 2
-      case ("chain"); call group%get("n_masses", n_dofs)
-      case ("matrices"); call group%get("n_dofs", n_dofs)
-      case ("modal_beam"); call group%get("n_modes", n_dofs)
+      select case (name)                                              ! each builder asks for its key again
+      case ("beam"); key = "n_elements"
+      case ("chain"); key = "n_masses"
+      case ("matrices"); key = "n_dofs"
+      case ("modal_beam"); key = "n_modes"
+      case default; return
       end select
+      n_dofs = 0
+      call group%get(key, n_dofs)
+      if (name == "beam") n_dofs = 2*max(0, min(n_dofs, max_dofs/2)) + 2
       if (n_dofs > max_dofs + 2) return                               ! the builder refuses it with its key
       if (structure_bytes(n_dofs) <= memory_limit) return
       write (needed, "(f20.2)") structure_bytes(n_dofs)/gib

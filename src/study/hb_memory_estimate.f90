@@ -20,9 +20,9 @@ module hb_memory_estimate
    public :: amount, check_memory, estimate_memory, gib, memory_estimate_t, memory_text, new_sizes, sizes_t
 
    real(wp), parameter :: gib = 1024.0_wp**3
-   real(wp), parameter :: of_program = 90.0e6_wp                      ! MPI, HDF5 and the program itself, measured
+   real(wp), parameter :: of_program = 50.0e6_wp                      ! MPI, HDF5 and the program itself, measured
    real(wp), parameter :: real_bytes = 8.0_wp, complex_bytes = 16.0_wp, integer_bytes = 4.0_wp
-   real(wp), parameter :: copies_kept = 6.0_wp                        ! mass, damping, stiffness, of the study and of a point
+   real(wp), parameter :: copies_kept = 9.0_wp                        ! of a matrix: in the study, and while a point is read
 
    !> What the estimate depends on; real numbers, because hostile ones are beyond any integer.
    type :: sizes_t
@@ -31,6 +31,7 @@ module hb_memory_estimate
       real(wp) :: n_harmonics = 0
       real(wp) :: n_pairs = 0                                         !! coupled by laws
       real(wp) :: laws_per_sample = 0, derivatives_per_sample = 0     !! real numbers that laws keep for themselves
+      real(wp) :: answers_per_sample = 0                              !! of laws with memory, for a tangent
       real(wp) :: states = 0                                          !! coordinates times states, of laws with memory
       logical :: needs_velocity = .false., needs_reaction = .false., has_memory = .false.
       real(wp) :: n_stored_dofs = 0
@@ -125,7 +126,8 @@ contains
             associate (n => real(law%n_states, wp))
                self%has_memory = .true.
                self%laws_per_sample = self%laws_per_sample + n_path_parts*c + n
-               self%derivatives_per_sample = self%derivatives_per_sample + n*n + n*c*n_path_parts + c*c + c*n + 2*width*c
+               self%derivatives_per_sample = self%derivatives_per_sample + n*n + n*c*n_path_parts
+               self%answers_per_sample = self%answers_per_sample + c*c + c*n + 2*width*c
                self%states = self%states + c*n
             end associate
          class default
@@ -159,10 +161,10 @@ contains
       n = unknowns(s, s%n_harmonics)
       bytes%structure = copies_kept*real_bytes*s%n_dofs**2 + interior_bytes(s)
       bytes%linear = linear_bytes(s, s%n_harmonics) + 2*complex_bytes*s%n_dofs*s%n_harmonics
-      bytes%samples = sample_bytes(s, s%n_harmonics, s%samples, with_derivatives=.true.)
+      bytes%samples = sample_bytes(s, s%n_harmonics, s%samples, .true., .true.)
       bytes%results = complex_bytes*s%n_harmonics*(2*s%n_stored_dofs + 3*s%n_law_dofs + s%n_dofs)
       if (size(s%stored_samples) > 0) bytes%results = bytes%results + linear_bytes(s, s%n_harmonics) &
-         + sample_bytes(s, s%n_harmonics, s%stored_samples, with_derivatives=.false.) &
+         + sample_bytes(s, s%n_harmonics, s%stored_samples, .false., .false.) &
          + 4*real_bytes*s%n_law_dofs*volume(s%stored_samples)
       if (s%n_law_dofs <= 0) bytes%samples = 0
       if (s%n_law_dofs <= 0) return
@@ -176,7 +178,7 @@ contains
       samples = wider_samples(s%samples, orders)
       n_wide = 0.5_wp*(volume(2*orders + 1) + 1)
       bytes%certificate = real_bytes*(n*n + 4*unknowns(s, n_wide)) + linear_bytes(s, n_wide) &
-                          + complex_bytes*s%n_dofs*n_wide + sample_bytes(s, n_wide, samples, with_derivatives=.true.)
+                          + complex_bytes*s%n_dofs*n_wide + sample_bytes(s, n_wide, samples, .true., .false.)
    end function estimate_memory
 
    !> Bytes of a point whose direct attempt succeeds.
@@ -330,11 +332,12 @@ contains
    end function linear_bytes
 
    !> All that a balance keeps on a grid; see hb_transform, hb_law_set and what they use.
-   pure real(wp) function sample_bytes(s, n_harmonics, samples, with_derivatives)
+   pure real(wp) function sample_bytes(s, n_harmonics, samples, with_derivatives, with_answers)
       type(sizes_t), intent(in) :: s
       real(wp), intent(in) :: n_harmonics
       integer, intent(in) :: samples(:)
       logical, intent(in) :: with_derivatives
+      logical, intent(in) :: with_answers                             !! to every coefficient, of laws with memory
       real(wp) :: blocks, kinds, n_slice, n_steps, per_sample
 
       blocks = 2 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction) + merge(3, 0, s%has_memory)
@@ -344,12 +347,13 @@ contains
          kinds = 1 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction)
          per_sample = per_sample + kinds*s%n_pairs + s%derivatives_per_sample
       end if
+      if (with_answers) per_sample = per_sample + s%answers_per_sample
       sample_bytes = real_bytes*per_sample*volume(samples)
       if (.not. s%has_memory) return
       n_steps = minval(samples)
       n_slice = volume(samples)/n_steps
       sample_bytes = sample_bytes + integer_bytes*4.0_wp**(size(samples) - 1)*n_slice
-      if (with_derivatives) sample_bytes = sample_bytes + &
+      if (with_answers) sample_bytes = sample_bytes + &
          2*real_bytes*n_harmonics*(s%states*n_slice + n_slice + maxval(samples))
    end function sample_bytes
 
