@@ -119,8 +119,8 @@ def campaign(
             except EOFError:
                 is_open = False
         process.join()
-        if process.exitcode < 0 and current not in hangs and current not in failures:  # in the library; nhbm_post.guard makes a line of it
-            crashes.append(current)
+        if process.exitcode < 0 and current not in hangs and current not in failures:
+            crashes.append(current)  # inside the library; nhbm_post.guard makes a line of it
         elif process.exitcode > 0:
             failures[current] = f"the process ended with {process.exitcode}"
         next_number = numbers.stop if process.exitcode == 0 else current + 1
