@@ -2,8 +2,10 @@
 module verb_solve
    use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t, default_output
+   use hb_available_memory, only: available_memory
    use hb_error, only: error_t
-   use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, share_error, size_of
+   use hb_kinds, only: wp
+   use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use hb_outcome, only: outcome, outcome_text
    use hb_progress, only: log_level
    use hb_sweep, only: new_study, run_study, run_summary_t, study_t
@@ -79,11 +81,13 @@ contains
       type(study_t), intent(out) :: study
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: text
+      real(wp) :: share
 
       if (rank_of(comm) == 0) call read_text_file(options%input, text, error)
       call share_error(comm, error)
       if (allocated(error)) return
       call broadcast_text(comm, text, 0)
-      call new_study(study, options%input, text, options%overrides, error)
+      share = -max_over(comm, -available_memory()/ranks_on_node(comm))   ! the smallest of all ranks
+      call new_study(study, options%input, text, options%overrides, error, share)
    end subroutine load_study
 end module verb_solve

@@ -14,10 +14,10 @@ module hb_certificate
    use hb_structure, only: structure_t
    use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
    use hb_tones, only: tones_t
-   use hb_torus, only: default_samples, new_torus, torus_t
+   use hb_torus, only: new_torus, samples_for, torus_t
    implicit none
    private
-   public :: certificate_t, certify, near_commensurate
+   public :: certificate_t, certify, near_commensurate, wider_orders, wider_samples
 
    real(wp), parameter :: rest = 1.0e-6_wp                             ! motion relative to what the loads do to the stiffest
                                                                       ! harmonic, below which nothing moves
@@ -88,20 +88,35 @@ contains
       type(harmonics_t), intent(out) :: set
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
-      integer :: orders(narrow%n_tones), samples(narrow%n_tones)
+      integer :: orders(narrow%n_tones)
 
-      orders = max(2*narrow%highest, narrow%highest + 2)
-      do while (product(2*real(orders, wp) + 1) > 2*largest_wide_set .and. any(orders > narrow%highest))
-         where (orders > narrow%highest) orders = orders - 1
-      end do
+      orders = wider_orders(narrow%highest)
       call new_box(set, orders, .false., error)
       if (allocated(error)) return
-      samples = max(default_samples(set, 0), 4*torus%n_samples)
-      do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(torus%n_samples, 2*orders + 2)))
-         samples = max(torus%n_samples, 2*orders + 2, samples - max(2, samples/8))
-      end do
-      call new_torus(grid, samples, set, error)
+      call new_torus(grid, wider_samples(torus%n_samples, orders), set, error)
    end subroutine choose_wider
+
+   !> Orders of the wider box, for the orders of the solution.
+   pure function wider_orders(highest) result(orders)
+      integer, intent(in) :: highest(:)                               !! (n_tones)
+      integer :: orders(size(highest))
+
+      orders = max(2*highest, highest + 2)
+      do while (product(2*real(orders, wp) + 1) > 2*largest_wide_set .and. any(orders > highest))
+         where (orders > highest) orders = orders - 1
+      end do
+   end function wider_orders
+
+   !> Samples of the finer grid, for those of the solution and the orders of the wider box.
+   pure function wider_samples(n_samples, orders) result(samples)
+      integer, intent(in) :: n_samples(:), orders(:)                  !! (n_tones)
+      integer :: samples(size(orders))
+
+      samples = max(samples_for(orders, 0), 4*n_samples)
+      do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(n_samples, 2*orders + 2)))
+         samples = max(n_samples, 2*orders + 2, samples - max(2, samples/8))
+      end do
+   end function wider_samples
 
    !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: the harmonics
    !> outside answer the forces that nothing balances, through their stiffness with the mean stiffness of the laws; what
@@ -261,7 +276,7 @@ contains
       type(tones_t), intent(in) :: tones
       integer, allocatable, intent(out) :: combination(:)             !! (n_tones); of one tone 1
       real(wp), intent(out) :: frequency                              !! |k.omega| [rad/s]
-      integer, parameter :: largest_sum(4) = [1, 24, 12, 8]           ! of |k_m|, by number of tones
+      integer, parameter :: largest_sum(10) = [1, 24, 12, 8, 8, 4, 3, 2, 1, 1]   ! of |k_m|, by number of tones
       integer :: k(tones%n_tones), m, reach
 
       reach = largest_sum(min(tones%n_tones, size(largest_sum)))

@@ -11,7 +11,8 @@ module hb_mpi
    use hb_kinds, only: wp
    use mpi_f08, only: comm_t => MPI_Comm, MPI_Abort, MPI_ADDRESS_KIND, MPI_Allreduce, MPI_Barrier, &
       MPI_Bcast, MPI_CHARACTER, MPI_DOUBLE_PRECISION, MPI_Comm_dup, MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, &
-      MPI_Comm_set_errhandler, MPI_Comm_size, MPI_COMM_WORLD, MPI_Error_string, MPI_ERRORS_ARE_FATAL, &
+      MPI_Comm_set_errhandler, MPI_Comm_size, MPI_Comm_split_type, MPI_COMM_TYPE_SHARED, MPI_COMM_WORLD, &
+      MPI_Error_string, MPI_ERRORS_ARE_FATAL, &
       MPI_ERRORS_RETURN, MPI_Fetch_and_op, MPI_Finalize, MPI_Finalized, MPI_Gather, MPI_INFO_NULL, MPI_Init, &
       MPI_Initialized, MPI_INTEGER, MPI_LOCK_EXCLUSIVE, MPI_MAX, MPI_MAX_ERROR_STRING, MPI_MIN, MPI_NO_OP, &
       MPI_SUCCESS, MPI_SUM, MPI_Win, MPI_Win_allocate, MPI_Win_flush, MPI_Win_free, MPI_Win_lock, &
@@ -20,7 +21,7 @@ module hb_mpi
    implicit none
    private
    public :: abort_run, as_comm, barrier, broadcast_text, comm_handle, comm_t, gather_rows, max_over, new_work_counter, &
-      no_info_handle, rank_of, share_error, size_of, start_mpi, stop_mpi, sum_over, wall_clock, &
+      no_info_handle, rank_of, ranks_on_node, share_error, size_of, start_mpi, stop_mpi, sum_over, wall_clock, &
       work_counter_t, world
 
    !> Makes a communicator of what a caller has: an integer handle of the old `mpi` module, or a communicator.
@@ -131,6 +132,16 @@ contains
 
       call MPI_Comm_size(comm, size_of)
    end function size_of
+
+   !> Number of ranks that share the memory of this rank's computer.
+   integer function ranks_on_node(comm)
+      type(comm_t), intent(in) :: comm
+      type(comm_t) :: node
+
+      call MPI_Comm_split_type(comm, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, node)
+      call MPI_Comm_size(node, ranks_on_node)
+      call MPI_Comm_free(node)
+   end function ranks_on_node
 
    !> Waits until all ranks are here; collective.
    subroutine barrier(comm)

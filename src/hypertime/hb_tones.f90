@@ -8,6 +8,8 @@ module hb_tones
    private
    public :: new_tones, tones_t
 
+   integer, parameter :: max_tones = 10                               ! grids of more would not fit anywhere
+
    !> tau_m = omega_m t.
    type :: tones_t
       integer :: n_tones = 0
@@ -25,6 +27,9 @@ contains
 
       if (size(omega) < 1) then
          call fail(error, "there must be at least one tone")
+         return
+      else if (size(omega) > max_tones) then
+         call fail(error, "there are "//to_text(size(omega))//" tones; at most "//to_text(max_tones)//" can be treated")
          return
       end if
       do m = 1, size(omega)

@@ -8,7 +8,9 @@ module hb_scene
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_law_catalogue, only: read_law
+   use hb_law_set, only: law_dofs_of
    use hb_loads, only: add_harmonic
+   use hb_memory_estimate, only: check_memory, gib, new_sizes, sizes_t
    use hb_namelist, only: document_t, group_t
    use hb_solver_types, only: method_names, solver_config_t, start_names
    use hb_structure, only: structure_t
@@ -18,7 +20,7 @@ module hb_scene
    use hb_torus, only: default_samples, new_torus, torus_t
    implicit none
    private
-   public :: group_names, output_config_t, read_harmonics, read_scene, read_tones, scene_t
+   public :: group_names, output_config_t, read_harmonics, read_scene, read_tones, scene_t, sizes_of
 
    !> Every group that an input file may have.
    character(11), parameter :: group_names(10) = [character(11) :: &
@@ -64,16 +66,20 @@ module hb_scene
       character(:), allocatable :: wisdom                             !! file with FFTW's wisdom
       type(certificate_config_t) :: certificate
       type(output_config_t) :: output
+      real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may take
    end type scene_t
 
 contains
 
-   !> Reads a scene. All problems of the input are collected in one message, a line each.
-   subroutine read_scene(self, document, error)
+   !> Reads a scene. All problems of the input are collected in one message, a line each. Fails as well where the scene would
+   !> need more memory than its key `memory_limit` or, without this key, `available` says.
+   subroutine read_scene(self, document, error, available)
       type(scene_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: available                     !! bytes for this process
 
+      if (present(available)) self%memory_limit = available
       call read_parts(self, document, error)
       if (.not. allocated(error)) call document%finish(error)
    end subroutine read_scene
@@ -86,9 +92,10 @@ contains
       type(group_t), pointer :: group
       integer :: i
 
+      call read_solver(self, document%optional_group("solver"))
       call document%required_group("structure", group, error)
       if (allocated(error)) return
-      call read_structure(group, self%structure, error)
+      call read_structure(group, self%structure, error, self%memory_limit)
       if (allocated(error)) return
       call read_tones(self%tones, document, error)
       if (allocated(error)) return
@@ -103,6 +110,14 @@ contains
          if (allocated(error)) return
          call check_rigid_laws(self%laws(:i), group)
       end do
+      call read_certificate(self%certificate, document%optional_group("certificate"))
+      call read_output(self, document%optional_group("output"))
+      call read_sampling(self, document%optional_group("sampling"))
+      call check_memory(sizes_of(self), self%memory_limit, error)
+      if (allocated(error)) then
+         call annotate(error, document%file_name)
+         return
+      end if
       allocate (self%loads(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
       allocate (self%start(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
       do i = 1, document%count("load")
@@ -111,11 +126,23 @@ contains
       do i = 1, document%count("start")
          call read_amplitude(self, document%group("start", i), self%start)
       end do
-      call read_solver(self, document%optional_group("solver"))
-      call read_certificate(self%certificate, document%optional_group("certificate"))
-      call read_output(self, document%optional_group("output"))
-      call read_sampling(self, document%optional_group("sampling"))
    end subroutine read_parts
+
+   !> What the memory of a scene depends on; laws from the first that has a problem on, and a grid with one, do
+   !> not count.
+   type(sizes_t) function sizes_of(self) result(sizes)
+      type(scene_t), intent(in) :: self
+      type(torus_t) :: torus
+      integer :: n
+
+      do n = 0, size(self%laws) - 1
+         if (.not. (allocated(self%laws(n + 1)%law%dofs) .and. allocated(self%laws(n + 1)%law%shape))) exit
+      end do
+      torus = self%torus
+      if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(self%harmonics, 1)
+      call new_sizes(sizes, self%structure, self%harmonics, torus, self%laws(:n), size(law_dofs_of(self%laws(:n))), &
+                     size(self%output%dofs), self%output%samples, self%solver, self%certificate%is_on)
+   end function sizes_of
 
    !> Fails when the kind of a law is not known, and with that alone: none of the other keys of its group can be judged.
    subroutine check_kind(box, group, error)
@@ -292,6 +319,7 @@ contains
       type(scene_t), intent(inout) :: self
       type(group_t), intent(inout) :: group
       character(:), allocatable :: first_guess, first_jacobian, name
+      real(wp) :: limit
 
       associate (solver => self%solver)
          name = trim(method_names(solver%method))
@@ -308,6 +336,9 @@ contains
          call group%get("first_guess", first_guess, choices=first_guess_names)
          call group%get("chain_length", self%chain%length, minimum=1, maximum=1000000)
          call group%get("secant", self%chain%secant)
+         limit = 0.0_wp
+         call group%get("memory_limit", limit, above=0.0_wp)
+         if (group%given("memory_limit")) self%memory_limit = limit*gib
          solver%method = max(1, findloc(method_names == name, .true., dim=1))
          solver%start_with_tangent = first_jacobian == start_names(2)
          self%chain%is_on = first_guess == first_guess_names(3)

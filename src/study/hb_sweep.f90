@@ -39,6 +39,7 @@ module hb_sweep
       integer, allocatable :: tuples(:, :)                            !! union of the sets of all points, (n_tones, any)
       character(:), allocatable :: input_text                         !! the input as given
       character(:), allocatable :: input_complete                     !! the input after defaults
+      real(wp) :: available_memory = huge(1.0_wp)                     !! bytes for this process
    end type study_t
 
    !> What a run came to, over all ranks.
@@ -57,15 +58,17 @@ module hb_sweep
 contains
 
    !> Reads the text of an input file with its overrides; fails with all problems that the first point and the sweep show.
-   subroutine new_study(self, file_name, text, overrides, error)
+   subroutine new_study(self, file_name, text, overrides, error, available_memory)
       type(study_t), intent(out), target :: self
       character(*), intent(in) :: file_name                           !! for messages
       character(*), intent(in) :: text
       type(string_t), intent(in) :: overrides(:)                      !! path=value, as --set gives them
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: available_memory              !! bytes for this process, the same on all ranks
       type(document_t), target :: first
       integer :: i
 
+      if (present(available_memory)) self%available_memory = available_memory
       self%input_text = text
       call new_document(self%document, file_name, text, error)
       if (allocated(error)) return
@@ -80,7 +83,7 @@ contains
       if (allocated(error)) return
       call self%plan%apply(1, first, error)
       if (allocated(error)) return
-      call read_scene(self%scene, first, error)
+      call read_scene(self%scene, first, error, self%available_memory)
       if (allocated(error)) return
       self%input_complete = first%complete()
       call self%document%forget_values()                             ! nobody asks for the texts of single points
@@ -382,7 +385,7 @@ contains
 
       call schedule%points_of(unit, first, last)
       do point = first, last
-         call run_point(self%document, self%plan, layout, point, rank, neighbour, times, result)
+         call run_point(self%document, self%available_memory, self%plan, layout, point, rank, neighbour, times, result)
          started = wall_clock()
          call results%write_point(point, result, error)
          if (allocated(error)) return

@@ -22,8 +22,9 @@ module hb_swept_point
 contains
 
    !> Solves one point; whatever goes wrong becomes its status and message.
-   subroutine run_point(input, plan, layout, point, rank, neighbour, times, result)
+   subroutine run_point(input, available_memory, plan, layout, point, rank, neighbour, times, result)
       type(document_t), intent(in) :: input                           !! before values of the sweep are set
+      real(wp), intent(in) :: available_memory                        !! bytes
       type(sweep_plan_t), intent(in) :: plan
       type(results_layout_t), intent(in) :: layout
       integer, intent(in) :: point, rank
@@ -39,7 +40,7 @@ contains
       started = wall_clock()
       document = input
       call plan%apply(point, document, error)
-      if (.not. allocated(error)) call read_scene(scene, document, error)
+      if (.not. allocated(error)) call read_scene(scene, document, error, available_memory)
       if (.not. allocated(error)) call check_layout(scene, layout, error)
       read = wall_clock()
       if (.not. allocated(error)) then

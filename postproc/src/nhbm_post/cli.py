@@ -10,7 +10,7 @@ from pathlib import Path
 
 from . import __version__, report
 from .errors import NhbmPostError, UsageError
-from .reader import QUANTITIES, Results
+from .reader import DAMAGES, QUANTITIES, Results
 
 # matplotlib takes a second to load, so each command that draws imports nhbm_post.draw by itself.
 
@@ -44,6 +44,10 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     except BrokenPipeError:  # the reader of a pipe, for example head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except DAMAGES as error:
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        print(f"nhbm-post {arguments.command}: {arguments.file} cannot be read, it may be damaged ({what})", file=sys.stderr)
+        return 2
     return 0
 
 

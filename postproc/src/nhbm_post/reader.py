@@ -34,6 +34,11 @@ _STATUS_NAMES = {
 
 _REQUIRED = ("point", "tone", "harmonic", "dof", "tuple", "status", "frequency", "coefficients")
 
+# What h5py and numpy raise in the middle of a file that is damaged.
+DAMAGES = (
+    AttributeError, IndexError, KeyError, MemoryError, OSError, OverflowError, RuntimeError, TypeError, ValueError,
+)  # fmt: skip
+
 # A parameter value given by hand fits a stored one within this relative difference.
 _PARAMETER_TOLERANCE = 1e-6
 
