@@ -102,6 +102,7 @@ contains
       self%is_given_up = .false.
       if (allocated(self%complaint)) deallocate (self%complaint)
       self%laws = laws
+      call set_phases(self%laws, torus)
       dofs = law_dofs_of(laws)
       self%n_dofs = size(dofs)
       if (allocated(self%slots)) deallocate (self%slots)
@@ -132,6 +133,20 @@ contains
       if (allocated(error)) return
       call new_real_block(self%step_rate_before, n_samples, self%n_dofs, error)
    end subroutine new_law_set
+
+   !> Tells the laws that ask for it the phases of their tones on the grid.
+   pure subroutine set_phases(laws, torus)
+      type(law_box_t), intent(inout) :: laws(:)
+      type(torus_t), intent(in) :: torus
+      real(wp), allocatable :: tau(:, :)
+      integer :: i
+
+      do i = 1, size(laws)
+         if (laws(i)%law%phase_tone < 1) cycle
+         if (.not. allocated(tau)) tau = torus%phases()
+         call laws(i)%law%set_phase(tau(laws(i)%law%phase_tone, :))
+      end do
+   end subroutine set_phases
 
    pure logical function any_hysteretic(laws)
       type(law_box_t), intent(in) :: laws(:)

@@ -47,7 +47,7 @@ contains
    !> Fails for law dofs that do not exist or occur twice, for sizes that disagree, and where the interior is
    !> singular to working precision: at w = 0 a rigid-body motion, else an undamped resonance, that the law
    !> dofs do not hold.
-   subroutine new_dynamic_stiffness(self, structure, law_dofs, frequencies, loads, error, with_slopes)
+   subroutine new_dynamic_stiffness(self, structure, law_dofs, frequencies, loads, error, with_slopes, load_slopes)
       type(dynamic_stiffness_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: law_dofs(:)                              !! (n_law)
@@ -55,9 +55,12 @@ contains
       complex(wp), intent(in) :: loads(:, :)                          !! [N], (n_dofs, n_harmonics)
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: with_slopes                    !! also `condensed_slope` and `load_slope`
+      complex(wp), intent(in), optional :: load_slopes(:, :)          !! dP/dw [N s] of loads that grow with the frequency, as
+                                                                      !! loads; zero if not present
       type(structure_block_t) :: ll, lr, rl, rr
       type(block_solver_t) :: solver
       complex(wp), allocatable :: s_ll(:), s_lr(:), s_rl(:)
+      complex(wp) :: load_slope(structure%n_dofs)
       real(wp), allocatable :: magnitude(:)
       real(wp) :: reciprocal_condition
       integer :: e, h, n_interior, n_law
@@ -120,15 +123,19 @@ contains
                load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*held_motion(lr%column(e))
             end do
          end associate
-         if (allocated(self%condensed_slope)) call find_slopes(self, h, frequencies(h), ll, lr, rl, rr, solver)
+         if (.not. allocated(self%condensed_slope)) cycle
+         load_slope = (0.0_wp, 0.0_wp)
+         if (present(load_slopes)) load_slope = load_slopes(:, h)
+         call find_slopes(self, h, frequencies(h), load_slope, ll, lr, rl, rr, solver)
       end do
    end subroutine new_dynamic_stiffness
 
    !> dS_c/dw and dP_c/dw of harmonic h from its T and y, with the factors that gave these.
-   subroutine find_slopes(self, h, frequency, ll, lr, rl, rr, solver)
+   subroutine find_slopes(self, h, frequency, load_slope, ll, lr, rl, rr, solver)
       type(dynamic_stiffness_t), intent(inout) :: self
       integer, intent(in) :: h
       real(wp), intent(in) :: frequency                               !! [rad/s]
+      complex(wp), intent(in) :: load_slope(:)                        !! dP/dw [N s], (n_dofs)
       type(structure_block_t), intent(in) :: ll, lr, rl, rr
       type(block_solver_t), intent(inout) :: solver                   !! after `solve` at this frequency
       complex(wp), allocatable :: s_lr(:), slope(:)
@@ -137,8 +144,9 @@ contains
       n = self%n_law
       associate (transfer => self%transfer(:, :, h), held_motion => self%held_motion(:, h), &
                  condensed => self%condensed_slope(:, :, h), load => self%load_slope(:, h))
-         ! dT = S_rr^-1 (dS_rl - dS_rr T), dy = -S_rr^-1 dS_rr y
+         ! dT = S_rr^-1 (dS_rl - dS_rr T), dy = S_rr^-1 (dP_r - dS_rr y)
          solver%rhs = (0.0_wp, 0.0_wp)
+         solver%rhs(:, n + 1) = load_slope(self%interior)
          allocate (slope(rl%n_entries))
          call rl%slope(frequency, slope)
          do e = 1, rl%n_entries
@@ -154,9 +162,9 @@ contains
          deallocate (slope)
          call solver%solve_again()
 
-         ! dS_c = dS_ll - dS_lr T - S_lr dT, dP_c = -(dS_lr y + S_lr dy)
+         ! dS_c = dS_ll - dS_lr T - S_lr dT, dP_c = dP_l - dS_lr y - S_lr dy
          condensed = (0.0_wp, 0.0_wp)
-         load = (0.0_wp, 0.0_wp)
+         load = load_slope(self%law_dofs)
          allocate (slope(ll%n_entries))
          call ll%slope(frequency, slope)
          do e = 1, ll%n_entries

@@ -3,17 +3,19 @@ module hb_structure_catalogue
    use hb_beam, only: read_beam
    use hb_chain, only: read_chain
    use hb_error, only: error_t, fail
+   use hb_jeffcott, only: read_jeffcott
    use hb_matrices, only: read_matrices
    use hb_modal_beam, only: read_modal_beam
    use hb_namelist, only: group_t
+   use hb_rotor_stator, only: read_rotor_stator
    use hb_structure, only: structure_t
    use hb_text, only: closest_word, join, lower
    implicit none
    private
    public :: known_structures, read_structure
 
-   character(*), parameter :: known_structures(4) = &
-      [character(10) :: "beam", "chain", "matrices", "modal_beam"]
+   character(*), parameter :: known_structures(6) = &
+      [character(12) :: "beam", "chain", "jeffcott", "matrices", "modal_beam", "rotor_stator"]
 
 contains
 
@@ -32,10 +34,14 @@ contains
          call read_beam(group, structure, error)
       case ("chain")
          call read_chain(group, structure, error)
+      case ("jeffcott")
+         call read_jeffcott(group, structure, error)
       case ("matrices")
          call read_matrices(group, structure, error)
       case ("modal_beam")
          call read_modal_beam(group, structure, error)
+      case ("rotor_stator")
+         call read_rotor_stator(group, structure, error)
       case ("")
          call fail(error, group%place()//": type: needs the name of a structure in quotes; known: "// &
                    join(known_structures, ", "))

@@ -49,6 +49,7 @@ module hb_scene
       type(torus_t) :: torus
       type(law_box_t), allocatable :: laws(:)
       complex(wp), allocatable :: loads(:, :)                         !! cos - i sin [N], (n_dofs, n_harmonics)
+      complex(wp), allocatable :: load_slopes(:, :)                   !! their derivatives by j.omega [N s], as loads
       complex(wp), allocatable :: start(:, :)                         !! added to the first guess [m], as loads
       type(solver_config_t) :: solver
       logical :: start_from_linear = .true.                           !! first guess: the motion without laws, else zero
@@ -94,11 +95,15 @@ contains
          call check_kind(self%laws(i), group, error)
          if (allocated(error)) return
          call check_rigid_laws(self%laws(:i), group)
+         if (self%laws(i)%law%phase_tone > self%tones%n_tones) then
+            call group%problem("tone", "there are only "//to_text(self%tones%n_tones)//" tones")
+         end if
       end do
       allocate (self%loads(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
+      allocate (self%load_slopes, source=self%loads)
       allocate (self%start(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
       do i = 1, document%count("load")
-         call read_amplitude(self, document%group("load", i), self%loads)
+         call read_load(self, document%group("load", i))
       end do
       do i = 1, document%count("start")
          call read_amplitude(self, document%group("start", i), self%start)
@@ -214,6 +219,26 @@ contains
       end select
       call annotate(error, group%place())
    end subroutine read_harmonics
+
+   !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it.
+   subroutine read_load(self, group)
+      type(scene_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      complex(wp), allocatable :: amplitudes(:, :)
+      real(wp), allocatable :: w(:)
+      integer :: h, power
+
+      power = 0
+      call group%get("frequency_power", power, minimum=0, maximum=4)
+      allocate (amplitudes(size(self%loads, 1), size(self%loads, 2)), source=(0.0_wp, 0.0_wp))
+      call read_amplitude(self, group, amplitudes)
+      w = self%harmonics%frequencies(self%tones%omega)
+      do h = 1, size(w)
+         self%loads(:, h) = self%loads(:, h) + abs(w(h))**power*amplitudes(:, h)
+         if (power < 1) cycle
+         self%load_slopes(:, h) = self%load_slopes(:, h) + power*abs(w(h))**(power - 1)*sign(1.0_wp, w(h))*amplitudes(:, h)
+      end do
+   end subroutine read_load
 
    !> Reads `&load` and `&start`: `dof`, `tuple`, `cos`, `sin`, added to the amplitudes.
    subroutine read_amplitude(self, group, amplitudes)
