@@ -52,7 +52,7 @@ contains
       call law%prepare_rate(1.0_wp)
       n = size(law%shape, 2)
       call choose_samples(law, samples)
-      call law%set_phase(samples%phase)
+      if (law%phase_tone > 0) call law%set_phase(samples%phase)
       allocate (check%wrong(0), f(n_samples, n))
       allocate (slopes(n_samples, n, n, 3))
       call evaluate(law, samples, f, slopes)
@@ -213,7 +213,7 @@ contains
       if (all(ieee_is_finite(f))) return
       allocate (alone, source=law)
       do i = 1, size(f, 1)
-         call alone%set_phase(samples%phase(i:i))
+         if (law%phase_tone > 0) call alone%set_phase(samples%phase(i:i))
          if (present(slopes)) then
             call evaluate_block(alone, samples%motion(i:i, :, :), f_one, slopes_one)
             slopes(i, :, :, :) = slopes_one(1, :, :, :)
