@@ -31,6 +31,7 @@ module hb_results
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
+      real(wp), allocatable :: artificial_damping(:)    !! [1/s], (n_tones), of a normal mode
       real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
       real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
@@ -121,6 +122,7 @@ contains
       call put(self, "n_harmonics", i, [point%n_harmonics], error)
       call put(self, "n_full_stick", i, [point%n_full_stick], error)
       if (allocated(point%frequency)) call put(self, "frequency", i, point%frequency, error)
+      if (allocated(point%artificial_damping)) call put(self, "artificial_damping", i, point%artificial_damping, error)
       if (allocated(point%coefficients)) call put(self, "coefficients", i, point%coefficients, error)
       if (allocated(point%force_coefficients)) call put(self, "force_coefficients", i, point%force_coefficients, error)
       if (allocated(point%corrected_coefficients)) call put(self, "corrected_coefficients", i, point%corrected_coefficients, error)
@@ -139,6 +141,7 @@ contains
       type(error_t), allocatable, intent(inout) :: error
 
       associate (found => point%certificate)
+         call put(self, "frequency_estimate", i, found%frequency_error, error)
          call put(self, "truncation_estimate", i, [found%truncation], error)
          call put(self, "aliasing_estimate", i, [found%aliasing], error)
          call put(self, "penetration", i, [found%defects%penetration], error)
