@@ -19,7 +19,7 @@ module hb_self_excitation
    use hb_text, only: to_text
    implicit none
    private
-   public :: new_search, search_t
+   public :: climb_orders, new_search, search_t
 
    real(wp), parameter :: first_amplitude = 1.0e-3_wp                 ! of the scan, relative to the length of the scene
    real(wp), parameter :: last_amplitude = 1.0e3_wp
@@ -49,6 +49,8 @@ module hb_self_excitation
       type(report_t) :: report
       character(:), allocatable :: message                            !! why nothing was found
       real(wp) :: length = 1.0_wp                                     !! typical motion [m]
+      real(wp) :: reached = 0.0_wp                                    !! largest amplitude of the scan, 0: none [m]
+      logical :: is_neutral = .true.                                  !! nothing drove or damped the scan
       integer, allocatable :: tones(:)                                !! unknown ones
       integer, allocatable :: modes(:)                                !! of the rest, where each of them starts
       integer, allocatable :: phase_dofs(:)                           !! sine that is zero, by unknown tone; size 0: integral
@@ -107,12 +109,13 @@ contains
       logical, intent(out) :: is_found
       type(way_point_t) :: last, now
       real(wp) :: goal
-      integer :: i, n_solved
-      logical :: is_solved, was_neutral
+      integer :: i
+      logical :: is_solved
 
       is_found = .false.
-      was_neutral = .true.
-      n_solved = 0
+      self%is_neutral = .true.
+      self%reached = 0.0_wp
+      if (allocated(self%message)) deallocate (self%message)
       call shape_references(self)
       do i = 1, n_amplitudes
          goal = self%length*first_amplitude*(last_amplitude/first_amplitude)**(real(i - 1, wp)/(n_amplitudes - 1))
@@ -121,14 +124,14 @@ contains
             now%omega = self%rest%modes%frequency(self%modes)
             now%xi = -2.0_wp*self%rest%modes%growth(self%modes)
             now%amplitude = spread(goal, 1, size(self%tones))
-            call solve_with_amplitudes(self, now, is_solved)
+            call solve_with_amplitudes(self, now, .true., is_solved)
          else
             call approach(self, last, spread(goal, 1, size(self%tones)), now, is_solved)
          end if
          if (.not. is_solved) exit
          last = now
-         n_solved = i
-         was_neutral = was_neutral .and. all(abs(now%xi) <= neutral*now%omega)
+         self%reached = goal
+         self%is_neutral = self%is_neutral .and. all(abs(now%xi) <= neutral*now%omega)
          if (any(now%xi < -neutral*now%omega)) then
             call follow(self, now, is_found)
             exit
@@ -139,19 +142,18 @@ contains
          u = now%u
          return
       end if
-      if (self%report%status /= outcome%stalled .or. n_solved == 0 .or. .not. allocated(self%message)) then
-         self%report%status = outcome%no_motion
-         if (self%rest%is_forced .or. size(self%tones) > 1) self%report%status = outcome%collapsed
-      end if
+      self%report%residual = self%rest%report%residual
+      if (allocated(self%message) .and. self%report%status == outcome%stalled) return
+      self%report%status = outcome%no_motion
+      if (self%rest%is_forced .or. size(self%tones) > 1) self%report%status = outcome%collapsed
       if (allocated(self%message)) return
-      if (n_solved == 0) then
+      if (self%reached <= 0.0_wp) then
          self%report%status = outcome%stalled
          self%message = "no motion with a small amplitude of the unknown tones was found to start from"
-      else if (was_neutral) then
+      else if (self%is_neutral) then
          self%message = "nothing drives or damps the unknown tone: give its amplitude in &normal_mode"
       else
-         self%message = "damped at the amplitudes tried, "//to_text(self%length*first_amplitude)//" to "// &
-                        to_text(maxval(last%amplitude))
+         self%message = "damped at the amplitudes tried, "//to_text(self%length*first_amplitude)//" to "//to_text(self%reached)
       end if
    end subroutine search_from_modes
 
@@ -166,6 +168,7 @@ contains
       integer :: step
       logical :: is_solved
 
+      self%report%status = outcome%pending
       growth = longest_growth
       sign_before = sign(1.0_wp, now%xi)
       next_try = nearly_gone
@@ -225,7 +228,7 @@ contains
          trial = now
          trial%amplitude = now%amplitude*(goal/now%amplitude)**share
          call scale_tones(self, now, trial)
-         call solve_with_amplitudes(self, trial, is_solved)
+         call solve_with_amplitudes(self, trial, .false., is_solved)
          if (is_solved) then
             now = trial
             if (share >= 1.0_wp) return
@@ -286,9 +289,10 @@ contains
    end function fundamental
 
    !> Newton's method with prescribed amplitudes and free artificial damping. The shapes then become those of the motion found.
-   subroutine solve_with_amplitudes(self, point, is_solved)
+   subroutine solve_with_amplitudes(self, point, is_first, is_solved)
       type(search_t), intent(inout) :: self
       type(way_point_t), intent(inout) :: point
+      logical, intent(in) :: is_first                                 !! nothing better to start from: try smaller sets too
       logical, intent(out) :: is_solved
       type(phase_problem_t) :: problem
       type(report_t) :: report
@@ -314,6 +318,11 @@ contains
       x = problem%unknowns(point%u)
       call solve_newton(problem, config, x, report)
       call add_effort(self, report)
+      if (report%status /= outcome%converged .and. is_first) then
+         x = problem%unknowns(point%u)
+         call climb_orders(problem, config, x, report)
+         call add_effort(self, report)
+      end if
       is_solved = report%status == outcome%converged
       if (.not. is_solved) return
       point%u = reshape(x(:size(point%u)), shape(point%u))
@@ -327,6 +336,34 @@ contains
          end associate
       end do
    end subroutine solve_with_amplitudes
+
+   !> Newton's method with the harmonics up to order 1, 2, 4, ... only, each from the one before, then with all. Order 1 is
+   !> close to the linear mode with the stiffness that the laws have on average.
+   subroutine climb_orders(problem, config, x, report)
+      type(phase_problem_t), intent(inout) :: problem
+      type(solver_config_t), intent(in) :: config
+      real(wp), intent(inout), contiguous :: x(:)
+      type(report_t), intent(out) :: report
+      type(report_t) :: attempt
+      integer :: order
+
+      order = 1
+      do
+         call problem%hold_above(order)
+         if (allocated(problem%is_held)) then
+            where (problem%is_held) x(:size(problem%is_held)) = 0.0_wp
+         end if
+         call solve_newton(problem, config, x, attempt)
+         report%iterations = report%iterations + attempt%iterations
+         report%evaluations = report%evaluations + attempt%evaluations
+         report%factorizations = report%factorizations + attempt%factorizations
+         report%status = attempt%status
+         report%residual = attempt%residual
+         if (report%status /= outcome%converged .or. .not. allocated(problem%is_held)) exit
+         order = 2*order
+      end do
+      call problem%hold_above(huge(order))
+   end subroutine climb_orders
 
    !> Solves without artificial damping from a point nearby; found is a motion in which every unknown tone lives.
    subroutine try_motion(self, point, is_found)
