@@ -116,15 +116,10 @@ contains
       self%is_neutral = .true.
       self%reached = 0.0_wp
       if (allocated(self%message)) deallocate (self%message)
-      call shape_references(self)
       do i = 1, n_amplitudes
          goal = self%length*first_amplitude*(last_amplitude/first_amplitude)**(real(i - 1, wp)/(n_amplitudes - 1))
          if (i == 1) then
-            now%u = self%rest%u + goal*sum(self%reference, dim=3)
-            now%omega = self%rest%modes%frequency(self%modes)
-            now%xi = -2.0_wp*self%rest%modes%growth(self%modes)
-            now%amplitude = spread(goal, 1, size(self%tones))
-            call solve_with_amplitudes(self, now, .true., is_solved)
+            call begin(self, goal, now, is_solved)
          else
             call approach(self, last, spread(goal, 1, size(self%tones)), now, is_solved)
          end if
@@ -157,6 +152,30 @@ contains
       end if
    end subroutine search_from_modes
 
+   !> First point on the way, at the amplitude asked for; where an unstable rest is left but nothing drives the motion there
+   !> any more, at a hundredth, and so on.
+   subroutine begin(self, amplitude, point, is_solved)
+      type(search_t), intent(inout) :: self
+      real(wp), intent(in) :: amplitude                               !! [m]
+      type(way_point_t), intent(out) :: point
+      logical, intent(out) :: is_solved
+      integer, parameter :: most_tries = 4
+      integer :: try
+
+      do try = 0, most_tries - 1
+         call shape_references(self)
+         point%amplitude = spread(amplitude*0.01_wp**try, 1, size(self%tones))
+         point%u = self%rest%u + point%amplitude(1)*sum(self%reference, dim=3)
+         associate (modes => self%rest%modes)
+            point%omega = modes%frequency(self%modes)
+            point%xi = -2.0_wp*modes%growth(self%modes)
+            call solve_with_amplitudes(self, point, .true., is_solved)
+            if (.not. is_solved .or. all(modes%growth(self%modes) <= neutral*modes%frequency(self%modes))) return
+            if (any(point%xi < -neutral*point%omega)) return
+         end associate
+      end do
+   end subroutine begin
+
    !> Lets the amplitudes follow the artificial damping until that is nearly gone, then tries the motion without it.
    subroutine follow(self, now, is_found)
       type(search_t), intent(inout) :: self
@@ -164,17 +183,19 @@ contains
       logical, intent(out) :: is_found
       type(way_point_t) :: last, trial
       real(wp), dimension(size(self%tones)) :: growth, sign_before
-      real(wp) :: next_try
+      real(wp) :: next_try, smallest
       integer :: step
-      logical :: is_solved
+      logical :: has_turned(size(self%tones)), is_solved
 
       self%report%status = outcome%pending
+      has_turned = .false.
+      smallest = min(minval(now%amplitude), first_amplitude*self%length)
       growth = longest_growth
       sign_before = sign(1.0_wp, now%xi)
       next_try = nearly_gone
       do step = 1, most_steps
          is_found = .false.
-         if (maxval(abs(now%xi)/now%omega) <= next_try) then
+         if (all(has_turned) .and. maxval(abs(now%xi)/now%omega) <= next_try) then
             trial = now
             call try_motion(self, trial, is_found)
             if (is_found) now = trial
@@ -185,7 +206,7 @@ contains
             self%message = "driven at all amplitudes tried: the motion grows without bound"
             return
          end if
-         if (any(now%amplitude < first_amplitude*self%length .and. now%xi > 0.0_wp)) then
+         if (any(now%amplitude < 0.3_wp*smallest .and. now%xi > 0.0_wp)) then
             self%message = "the motion of an unknown tone dies out beside that of another"
             return
          end if
@@ -196,6 +217,7 @@ contains
                growth = min(longest_growth, 1.3_wp*growth)
             elsewhere
                growth = 0.3_wp*growth
+               has_turned = .true.
             end where
             sign_before = sign(1.0_wp, now%xi)
          else
