@@ -5,7 +5,10 @@ import itertools
 import h5py
 import numpy as np
 
-STATUS_WORDS = "pending converged stalled out_of_budget singular not_finite failed truncated aliased penetrating"
+STATUS_WORDS = (
+    "pending converged stalled out_of_budget singular not_finite failed truncated aliased penetrating "
+    "collapsed no_motion"
+)
 CONVENTION = (
     "x(t) = sum over harmonics h of [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ]; "
     "one-sided peak amplitude sqrt(cos_h**2 + sin_h**2)"

@@ -12,7 +12,7 @@ module hb_normal_mode
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, phase_problem_t
    use hb_rest, only: rest_t
-   use hb_self_excitation, only: search_t
+   use hb_self_excitation, only: climb_orders, search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
@@ -64,7 +64,7 @@ contains
          end if
       end associate
       if (has_start) then
-         call solve_at(search, forms, amplitude, search%config, u)
+         call solve_at(search, forms, amplitude, search%config, .false., u)
          if (search%report%status == outcome%converged) return
       end if
       call continue_from_mode(search, forms, amplitude, dof, h, u)
@@ -146,7 +146,7 @@ contains
          return
       end if
       call put(last)
-      call solve_at(search, forms, amplitude, search%config, u)
+      call solve_at(search, forms, amplitude, search%config, .false., u)
 
    contains
 
@@ -161,7 +161,7 @@ contains
          if (.not. is_possible) return
          effort_before = search%report%iterations
          call put(now)
-         call solve_at(search, forms, share*amplitude, config, u)
+         call solve_at(search, forms, share*amplitude, config, step == 1, u)
          iterations = search%report%iterations - effort_before
          now = search%phase%unknowns(u)
       end subroutine step_to
@@ -177,12 +177,13 @@ contains
       end subroutine put
    end subroutine continue_from_mode
 
-   !> Solves at one amplitude from u and the frequencies of the balance.
-   subroutine solve_at(search, forms, amplitude, config, u)
+   !> Solves at one amplitude from u and the frequencies of the balance, by orders or as a whole.
+   subroutine solve_at(search, forms, amplitude, config, by_orders, u)
       type(search_t), intent(inout) :: search
       real(wp), intent(in) :: forms(:, :)
       real(wp), intent(in) :: amplitude
       type(solver_config_t), intent(in) :: config
+      logical, intent(in) :: by_orders
       real(wp), intent(inout) :: u(:, :)
       type(report_t) :: report
       real(wp), allocatable :: x(:)
@@ -191,7 +192,11 @@ contains
       call search%set_scales(abs(amplitude))
       call new_phase_problem(search%phase, search%balance, search%tones, .true., forms, [0.0_wp, amplitude])
       x = search%phase%unknowns(u)
-      call solve(search%phase, config, x, x, report)
+      if (by_orders) then
+         call climb_orders(search%phase, config, x, report)
+      else
+         call solve(search%phase, config, x, x, report)
+      end if
       search%report%iterations = search%report%iterations + report%iterations
       search%report%evaluations = search%report%evaluations + report%evaluations
       search%report%factorizations = search%report%factorizations + report%factorizations

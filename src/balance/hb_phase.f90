@@ -20,6 +20,7 @@ module hb_phase
       logical :: with_damping = .false.                               !! their artificial damping is unknown too
       real(wp), allocatable :: forms(:, :)                            !! (coefficients of all dofs, equations added)
       real(wp), allocatable :: values(:)                              !! of the forms, (equations added)
+      logical, allocatable :: is_held(:)                              !! coefficients held at zero, none if not allocated
       integer, private :: n_u = 0                                     ! coefficients of all degrees of freedom
    contains
       procedure :: residual => phase_problem_residual
@@ -27,6 +28,7 @@ module hb_phase
       procedure :: solve_linear => phase_problem_solve_linear
       procedure :: rounding_level => phase_problem_rounding_level
       procedure :: deform => phase_problem_deform
+      procedure :: hold_above => phase_problem_hold_above
       procedure :: unknowns => phase_problem_unknowns
       procedure :: move_to => phase_problem_move_to
    end type phase_problem_t
@@ -64,6 +66,24 @@ contains
 
       x = [reshape(u, [size(u)]), self%balance%omega(self%tones), self%balance%xi(self%tones(:n_damped(self)))]
    end function phase_problem_unknowns
+
+   !> Holds the coefficients of all harmonics with sum |j_m| > order at zero: the problem of a smaller set, in the same vector.
+   !> An order of the whole set or above lets all go.
+   subroutine phase_problem_hold_above(self, order)
+      class(phase_problem_t), intent(inout) :: self
+      integer, intent(in) :: order
+      logical :: is_high(self%balance%harmonics%n_coefficients)
+      integer :: h, i
+
+      if (allocated(self%is_held)) deallocate (self%is_held)
+      associate (set => self%balance%harmonics)
+         do h = 1, set%n_harmonics
+            is_high(set%cos_at(h)) = sum(abs(set%tuples(:, h))) > order
+            if (set%sin_at(h) > 0) is_high(set%sin_at(h)) = is_high(set%cos_at(h))
+         end do
+      end associate
+      if (any(is_high)) self%is_held = [(is_high, i=1, self%balance%n_dofs)]
+   end subroutine phase_problem_hold_above
 
    !> Number of tones with unknown artificial damping.
    pure integer function n_damped(self)
@@ -107,6 +127,9 @@ contains
       associate (n => self%n_u)
          call self%balance%residual(x(:n), r(:n))
          r(n + 1:) = matmul(x(:n), self%forms) - self%values
+         if (allocated(self%is_held)) then
+            where (self%is_held) r(:n) = x(:n)*self%r_scale(:n)/self%x_scale(:n)
+         end if
       end associate
    end subroutine phase_problem_residual
 
@@ -136,6 +159,12 @@ contains
             if (.not. self%with_damping) cycle
             call self%balance%damping_derivative(u, self%tones(i), column, error)
             if (.not. allocated(error)) jacobian(:n, n + n_tones + i) = reshape(column, [n])
+         end do
+         if (.not. allocated(self%is_held)) return
+         do i = 1, n
+            if (.not. self%is_held(i)) cycle
+            jacobian(i, :) = 0.0_wp
+            jacobian(i, i) = self%r_scale(i)/self%x_scale(i)
          end do
       end associate
    end subroutine phase_problem_tangent
@@ -173,7 +202,7 @@ contains
    ! Linear forms of the coefficients
 
    !> Integral phase condition: the motion has no part along the shift of phase `tone` of a reference,
-   !> sum_j j_m (a_ref b - b_ref a)/scale**2, divided by the same sum of the shift with itself.
+   !> sum_j j_m (b_ref a - a_ref b)/scale**2, divided by the same sum of the shift with itself.
    pure function shift_form(harmonics, tone, reference, scale) result(form)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: tone
@@ -187,8 +216,8 @@ contains
       do h = 1, harmonics%n_harmonics
          associate (a => harmonics%cos_at(h), b => harmonics%sin_at(h), j => harmonics%tuples(tone, h))
             if (b == 0) cycle
-            shift(a, :) = -j*reference(b, :)/scale(a, :)
-            shift(b, :) = j*reference(a, :)/scale(b, :)
+            shift(a, :) = j*reference(b, :)/scale(a, :)
+            shift(b, :) = -j*reference(a, :)/scale(b, :)
          end associate
       end do
       total = sum(shift**2)

@@ -24,7 +24,9 @@ module hb_rest
    type :: rest_t
       real(wp), allocatable :: u(:, :)                                !! [m], (n_coefficients, n_dofs) in the whole set
       logical :: is_forced = .false.                                  !! it moves, other than by its mean
-      type(modes_t) :: modes                                          !! shapes at the degrees of freedom of the laws
+      type(modes_t) :: modes                                          !! shapes at the degrees of freedom of the laws, with
+                                                                      !! travelling waves after the modes themselves
+      integer :: n_linear = 0                                         !! modes themselves
       type(report_t) :: report                                        !! of the balance without unknown tones
    end type rest_t
 
@@ -112,7 +114,10 @@ contains
          stiffness(law_dofs, law_dofs) = stiffness(law_dofs, law_dofs) + df_dq
          call new_modes(self%modes, structure%mass, damping, stiffness, error)
          if (.not. allocated(error)) call replace_creeping_modes(self%modes, structure%mass, damping, stiffness, error)
-         if (.not. allocated(error)) self%modes%shapes = self%modes%shapes(law_dofs, :)
+         if (allocated(error)) return
+         self%n_linear = self%modes%n_modes
+         call add_travelling_waves(self%modes, structure%mass)
+         self%modes%shapes = self%modes%shapes(law_dofs, :)
       end subroutine find_modes
    end subroutine find_rest
 
@@ -136,4 +141,43 @@ contains
       end do
       modes = without
    end subroutine replace_creeping_modes
+
+   !> Adds both travelling waves of each pair of modes with the same frequency and growth: of shapes that are orthogonal by
+   !> the mass and equally heavy, one plus or minus i times the other.
+   subroutine add_travelling_waves(modes, mass)
+      type(modes_t), intent(inout) :: modes
+      real(wp), intent(in) :: mass(:, :)
+      real(wp), parameter :: same = 1.0e-6_wp                         ! relative
+      complex(wp), parameter :: quarter = (0.0_wp, 1.0_wp)
+      complex(wp) :: first(size(mass, 1)), second(size(mass, 1))
+      real(wp) :: weight
+      integer :: i, n
+
+      n = modes%n_modes
+      do i = 1, n - 1
+         if (abs(cmplx(modes%growth(i + 1) - modes%growth(i), modes%frequency(i + 1) - modes%frequency(i), wp)) > &
+             same*modes%frequency(i)) cycle
+         first = modes%shapes(:, i)/modes%shapes(maxloc(abs(modes%shapes(:, i)), dim=1), i)
+         second = modes%shapes(:, i + 1)/modes%shapes(maxloc(abs(modes%shapes(:, i + 1)), dim=1), i + 1)
+         first = first/sqrt(real(dot_product(first, matmul(mass, first))))
+         second = second - dot_product(first, matmul(mass, second))*first
+         weight = real(dot_product(second, matmul(mass, second)))
+         if (.not. weight > same*real(dot_product(first, first))) cycle
+         second = second/sqrt(weight)
+         call append(i, first + quarter*second)
+         call append(i, first - quarter*second)
+      end do
+
+   contains
+
+      subroutine append(like, wave)
+         integer, intent(in) :: like
+         complex(wp), intent(in) :: wave(:)
+
+         modes%shapes = reshape([reshape(modes%shapes, [size(modes%shapes)]), wave], [size(wave), modes%n_modes + 1])
+         modes%growth = [modes%growth, modes%growth(like)]
+         modes%frequency = [modes%frequency, modes%frequency(like)]
+         modes%n_modes = modes%n_modes + 1
+      end subroutine append
+   end subroutine add_travelling_waves
 end module hb_rest

@@ -19,7 +19,7 @@ module hb_self_excitation
    use hb_text, only: to_text
    implicit none
    private
-   public :: new_search, search_t
+   public :: climb_orders, new_search, search_t
 
    real(wp), parameter :: first_amplitude = 1.0e-3_wp                 ! of the scan, relative to the length of the scene
    real(wp), parameter :: last_amplitude = 1.0e3_wp
@@ -49,6 +49,8 @@ module hb_self_excitation
       type(report_t) :: report
       character(:), allocatable :: message                            !! why nothing was found
       real(wp) :: length = 1.0_wp                                     !! typical motion [m]
+      real(wp) :: reached = 0.0_wp                                    !! largest amplitude of the scan, 0: none [m]
+      logical :: is_neutral = .true.                                  !! nothing drove or damped the scan
       integer, allocatable :: tones(:)                                !! unknown ones
       integer, allocatable :: modes(:)                                !! of the rest, where each of them starts
       integer, allocatable :: phase_dofs(:)                           !! sine that is zero, by unknown tone; size 0: integral
@@ -107,28 +109,24 @@ contains
       logical, intent(out) :: is_found
       type(way_point_t) :: last, now
       real(wp) :: goal
-      integer :: i, n_solved
-      logical :: is_solved, was_neutral
+      integer :: i
+      logical :: is_solved
 
       is_found = .false.
-      was_neutral = .true.
-      n_solved = 0
-      call shape_references(self)
+      self%is_neutral = .true.
+      self%reached = 0.0_wp
+      if (allocated(self%message)) deallocate (self%message)
       do i = 1, n_amplitudes
          goal = self%length*first_amplitude*(last_amplitude/first_amplitude)**(real(i - 1, wp)/(n_amplitudes - 1))
          if (i == 1) then
-            now%u = self%rest%u + goal*sum(self%reference, dim=3)
-            now%omega = self%rest%modes%frequency(self%modes)
-            now%xi = -2.0_wp*self%rest%modes%growth(self%modes)
-            now%amplitude = spread(goal, 1, size(self%tones))
-            call solve_with_amplitudes(self, now, is_solved)
+            call begin(self, goal, now, is_solved)
          else
             call approach(self, last, spread(goal, 1, size(self%tones)), now, is_solved)
          end if
          if (.not. is_solved) exit
          last = now
-         n_solved = i
-         was_neutral = was_neutral .and. all(abs(now%xi) <= neutral*now%omega)
+         self%reached = goal
+         self%is_neutral = self%is_neutral .and. all(abs(now%xi) <= neutral*now%omega)
          if (any(now%xi < -neutral*now%omega)) then
             call follow(self, now, is_found)
             exit
@@ -139,21 +137,44 @@ contains
          u = now%u
          return
       end if
-      if (self%report%status /= outcome%stalled .or. n_solved == 0 .or. .not. allocated(self%message)) then
-         self%report%status = outcome%no_motion
-         if (self%rest%is_forced .or. size(self%tones) > 1) self%report%status = outcome%collapsed
-      end if
+      self%report%residual = self%rest%report%residual
+      if (allocated(self%message) .and. self%report%status == outcome%stalled) return
+      self%report%status = outcome%no_motion
+      if (self%rest%is_forced .or. size(self%tones) > 1) self%report%status = outcome%collapsed
       if (allocated(self%message)) return
-      if (n_solved == 0) then
+      if (self%reached <= 0.0_wp) then
          self%report%status = outcome%stalled
          self%message = "no motion with a small amplitude of the unknown tones was found to start from"
-      else if (was_neutral) then
+      else if (self%is_neutral) then
          self%message = "nothing drives or damps the unknown tone: give its amplitude in &normal_mode"
       else
-         self%message = "damped at the amplitudes tried, "//to_text(self%length*first_amplitude)//" to "// &
-                        to_text(maxval(last%amplitude))
+         self%message = "damped at the amplitudes tried, "//to_text(self%length*first_amplitude)//" to "//to_text(self%reached)
       end if
    end subroutine search_from_modes
+
+   !> First point on the way, at the amplitude asked for; where an unstable rest is left but nothing drives the motion there
+   !> any more, at a hundredth, and so on.
+   subroutine begin(self, amplitude, point, is_solved)
+      type(search_t), intent(inout) :: self
+      real(wp), intent(in) :: amplitude                               !! [m]
+      type(way_point_t), intent(out) :: point
+      logical, intent(out) :: is_solved
+      integer, parameter :: most_tries = 4
+      integer :: try
+
+      do try = 0, most_tries - 1
+         call shape_references(self)
+         point%amplitude = spread(amplitude*0.01_wp**try, 1, size(self%tones))
+         point%u = self%rest%u + point%amplitude(1)*sum(self%reference, dim=3)
+         associate (modes => self%rest%modes)
+            point%omega = modes%frequency(self%modes)
+            point%xi = -2.0_wp*modes%growth(self%modes)
+            call solve_with_amplitudes(self, point, .true., is_solved)
+            if (.not. is_solved .or. all(modes%growth(self%modes) <= neutral*modes%frequency(self%modes))) return
+            if (any(point%xi < -neutral*point%omega)) return
+         end associate
+      end do
+   end subroutine begin
 
    !> Lets the amplitudes follow the artificial damping until that is nearly gone, then tries the motion without it.
    subroutine follow(self, now, is_found)
@@ -162,16 +183,19 @@ contains
       logical, intent(out) :: is_found
       type(way_point_t) :: last, trial
       real(wp), dimension(size(self%tones)) :: growth, sign_before
-      real(wp) :: next_try
+      real(wp) :: next_try, smallest
       integer :: step
-      logical :: is_solved
+      logical :: has_turned(size(self%tones)), is_solved
 
+      self%report%status = outcome%pending
+      has_turned = .false.
+      smallest = min(minval(now%amplitude), first_amplitude*self%length)
       growth = longest_growth
       sign_before = sign(1.0_wp, now%xi)
       next_try = nearly_gone
       do step = 1, most_steps
          is_found = .false.
-         if (maxval(abs(now%xi)/now%omega) <= next_try) then
+         if (all(has_turned) .and. maxval(abs(now%xi)/now%omega) <= next_try) then
             trial = now
             call try_motion(self, trial, is_found)
             if (is_found) now = trial
@@ -182,7 +206,7 @@ contains
             self%message = "driven at all amplitudes tried: the motion grows without bound"
             return
          end if
-         if (any(now%amplitude < first_amplitude*self%length .and. now%xi > 0.0_wp)) then
+         if (any(now%amplitude < 0.3_wp*smallest .and. now%xi > 0.0_wp)) then
             self%message = "the motion of an unknown tone dies out beside that of another"
             return
          end if
@@ -193,6 +217,7 @@ contains
                growth = min(longest_growth, 1.3_wp*growth)
             elsewhere
                growth = 0.3_wp*growth
+               has_turned = .true.
             end where
             sign_before = sign(1.0_wp, now%xi)
          else
@@ -225,7 +250,7 @@ contains
          trial = now
          trial%amplitude = now%amplitude*(goal/now%amplitude)**share
          call scale_tones(self, now, trial)
-         call solve_with_amplitudes(self, trial, is_solved)
+         call solve_with_amplitudes(self, trial, .false., is_solved)
          if (is_solved) then
             now = trial
             if (share >= 1.0_wp) return
@@ -286,9 +311,10 @@ contains
    end function fundamental
 
    !> Newton's method with prescribed amplitudes and free artificial damping. The shapes then become those of the motion found.
-   subroutine solve_with_amplitudes(self, point, is_solved)
+   subroutine solve_with_amplitudes(self, point, is_first, is_solved)
       type(search_t), intent(inout) :: self
       type(way_point_t), intent(inout) :: point
+      logical, intent(in) :: is_first                                 !! nothing better to start from: try smaller sets too
       logical, intent(out) :: is_solved
       type(phase_problem_t) :: problem
       type(report_t) :: report
@@ -314,6 +340,11 @@ contains
       x = problem%unknowns(point%u)
       call solve_newton(problem, config, x, report)
       call add_effort(self, report)
+      if (report%status /= outcome%converged .and. is_first) then
+         x = problem%unknowns(point%u)
+         call climb_orders(problem, config, x, report)
+         call add_effort(self, report)
+      end if
       is_solved = report%status == outcome%converged
       if (.not. is_solved) return
       point%u = reshape(x(:size(point%u)), shape(point%u))
@@ -327,6 +358,34 @@ contains
          end associate
       end do
    end subroutine solve_with_amplitudes
+
+   !> Newton's method with the harmonics up to order 1, 2, 4, ... only, each from the one before, then with all. Order 1 is
+   !> close to the linear mode with the stiffness that the laws have on average.
+   subroutine climb_orders(problem, config, x, report)
+      type(phase_problem_t), intent(inout) :: problem
+      type(solver_config_t), intent(in) :: config
+      real(wp), intent(inout), contiguous :: x(:)
+      type(report_t), intent(out) :: report
+      type(report_t) :: attempt
+      integer :: order
+
+      order = 1
+      do
+         call problem%hold_above(order)
+         if (allocated(problem%is_held)) then
+            where (problem%is_held) x(:size(problem%is_held)) = 0.0_wp
+         end if
+         call solve_newton(problem, config, x, attempt)
+         report%iterations = report%iterations + attempt%iterations
+         report%evaluations = report%evaluations + attempt%evaluations
+         report%factorizations = report%factorizations + attempt%factorizations
+         report%status = attempt%status
+         report%residual = attempt%residual
+         if (report%status /= outcome%converged .or. .not. allocated(problem%is_held)) exit
+         order = 2*order
+      end do
+      call problem%hold_above(huge(order))
+   end subroutine climb_orders
 
    !> Solves without artificial damping from a point nearby; found is a motion in which every unknown tone lives.
    subroutine try_motion(self, point, is_found)

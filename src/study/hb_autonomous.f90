@@ -14,6 +14,8 @@ module hb_autonomous
    private
    public :: autonomous_start_t, find_motion, find_start
 
+   integer, parameter :: most_modes = 8                               ! from which one unknown tone is looked for
+
    type :: autonomous_start_t
       type(rest_t) :: rest
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones), first guesses where unknown
@@ -47,7 +49,7 @@ contains
          do m = 1, size(self%tones)
             if (tones%omega(self%tones(m)) > 0.0_wp) cycle
             if (m > size(self%modes)) then
-               call fail(error, "the linear structure has "//to_text(self%rest%modes%n_modes)//" oscillatory modes, not "// &
+               call fail(error, "the linear structure has "//to_text(self%rest%n_linear)//" oscillatory modes, not "// &
                          "one for each unknown tone: give first guesses of their frequencies in &tones, and a &start")
                return
             end if
@@ -65,6 +67,7 @@ contains
       integer :: i, m, mode(size(self%tones))
 
       is_free = .true.
+      is_free(self%rest%n_linear + 1:) = .false.
       mode = 0
       associate (modes => self%rest%modes, guess => scene%tones%omega)
          do m = 1, size(mode)
@@ -74,9 +77,9 @@ contains
          end do
          if (scene%normal_mode%is_asked .and. mode(1) == 0) then
             mode(1) = max(1, scene%normal_mode%mode)
-            if (mode(1) > modes%n_modes) mode(1) = 0
+            if (mode(1) > self%rest%n_linear) mode(1) = 0
          else if (scene%normal_mode%mode > 0) then
-            mode(1) = merge(scene%normal_mode%mode, 0, scene%normal_mode%mode <= modes%n_modes)
+            mode(1) = merge(scene%normal_mode%mode, 0, scene%normal_mode%mode <= self%rest%n_linear)
          end if
          is_grown = .false.
          do i = 1, count(mode == 0 .and. .not. scene%normal_mode%is_asked)
@@ -124,12 +127,42 @@ contains
       is_found = .false.
       if (start%has_motion) call search%from_start(u, is_found)
       if (is_found) return
-      if (size(start%modes) == size(start%tones)) then
+      if (size(start%tones) == 1 .and. size(start%modes) == 1) then
+         call search_all_modes()
+      else if (size(start%modes) == size(start%tones)) then
          call search%from_modes(u, is_found)
       else
          u = start%rest%u
          search%report%status = outcome%stalled
          search%message = "not found from the &start, and the linear structure has fewer oscillatory modes than unknown tones"
       end if
+
+   contains
+
+      !> One unknown tone: from the mode chosen, then from others, nearest to the first guess or most driven first.
+      subroutine search_all_modes()
+         real(wp) :: merit(start%rest%modes%n_modes), reached
+         integer :: best, k
+         logical :: is_neutral
+
+         associate (modes => start%rest%modes, guess => scene%tones%omega(start%tones(1)))
+            merit = modes%growth
+            if (guess > 0.0_wp) merit = -abs(modes%frequency - guess)
+         end associate
+         reached = huge(1.0_wp)
+         is_neutral = .true.
+         best = 1
+         do k = 1, min(most_modes, size(merit))
+            best = maxloc(merit, dim=1)
+            merit(best) = -huge(1.0_wp)
+            search%modes = [best]
+            call search%from_modes(u, is_found)
+            if (is_found .or. search%report%status == outcome%stalled) return
+            reached = min(reached, search%reached)
+            is_neutral = is_neutral .and. search%is_neutral
+            if (is_neutral) return
+         end do
+         search%message = "damped from each of "//to_text(k - 1)//" modes, up to an amplitude of "//to_text(reached)//" or more"
+      end subroutine search_all_modes
    end subroutine find_motion
 end module hb_autonomous

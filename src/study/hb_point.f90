@@ -43,7 +43,7 @@ contains
       result%frequency = start%omega
       result%n_harmonics = scene%harmonics%n_harmonics
       call new_dynamic_stiffness(stiffness, scene%structure, law_dofs, scene%harmonics%frequencies(start%omega), scene%loads, &
-                                 error, with_slopes=is_autonomous)
+                                 error, with_slopes=is_autonomous, load_slopes=scene%load_slopes)
       if (allocated(error)) return
       if (size(law_dofs) == 0) then
          call solve_linear_scene(scene, stiffness, result)

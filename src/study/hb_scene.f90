@@ -176,12 +176,18 @@ contains
       if (group%given("hertz")) then
          if (group%given("frequency")) then
             call group%problem("hertz", "give either 'frequency' [rad/s] or 'hertz', not both")
-            call group%get("frequency", omega, minimum=0.0_wp)
+            call group%get("frequency", omega, above=0.0_wp)
          end if
-         call group%get("hertz", omega, minimum=0.0_wp)
+         if (group%given("unknown")) then
+            call group%get("hertz", omega, minimum=0.0_wp)
+         else
+            call group%get("hertz", omega, above=0.0_wp)
+         end if
          if (allocated(omega)) omega = two_pi*omega
-      else if (group%given("frequency") .or. .not. group%given("unknown")) then
-         call group%require("frequency", omega, minimum=0.0_wp)
+      else if (.not. group%given("unknown")) then
+         call group%require("frequency", omega, above=0.0_wp)
+      else if (group%given("frequency")) then
+         call group%get("frequency", omega, minimum=0.0_wp)
       else
          call group%get("unknown", is_unknown)
          if (allocated(is_unknown)) then
