@@ -169,7 +169,8 @@ contains
       if (n > 1) name = "df("//to_text(a)//")/d"//letter//"("//to_text(b)//")"
    end function name_of
 
-   !> (f(x + h) - f(x - h))/(2 h) with h relative to the magnitude of each sample, and what rounding may do to it.
+   !> (f(x + h) - f(x - h))/(2 h) with h relative to the magnitude of each sample, and what rounding may do to it: units in the
+   !> last place of the largest force of the sample, because terms that all forces share may cancel in one of them.
    subroutine central_difference(law, samples, kind_of_motion, b, relative_step, quotient, noise)
       class(law_t), intent(in) :: law
       type(samples_t), intent(in) :: samples
@@ -189,7 +190,7 @@ contains
       call evaluate(law, moved, lower)
       do a = 1, size(quotient, 2)
          quotient(:, a) = (higher(:, a) - lower(:, a))/(2.0_wp*h)
-         noise(:, a) = units*epsilon(1.0_wp)*(abs(higher(:, a)) + abs(lower(:, a)))/h
+         noise(:, a) = units*epsilon(1.0_wp)*(maxval(abs(higher), dim=2) + maxval(abs(lower), dim=2))/h
       end do
    end subroutine central_difference
 
