@@ -7,7 +7,8 @@
 !>
 !> Coordinates that come in pairs may belong to a frame that turns relative to the contacts: at the phase tau of a tone the
 !> entries of a pair in all a_i and b_i are turned by the angle n tau. Blades that run along a casing are such contacts: for a
-!> mode of n diameters, cos n(phi_i + tau) and sin n(phi_i + tau) are the turned cos n phi_i and sin n phi_i. Source: docs/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
+!> mode of n diameters, cos n(phi_i + tau) and sin n(phi_i + tau) are the turned cos n phi_i and sin n phi_i.
+!> Source: docs/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_contact_table
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs

@@ -144,6 +144,15 @@ def test_limit_cycle_is_stable(cycle):
     assert multipliers[-2] < 0.9
 
 
+def test_small_limit_cycle_is_unstable():
+    """The one that inputs/rotor_stator/rotating.nml finds from a small wave: disk and casing in opposition."""
+    states, period, multipliers = limit_cycle(0.0, 0.909, 1.0138, 0.646, 0.3886, np.pi)
+    assert 2 * np.pi / period == pytest.approx(1.01378986, rel=REFERENCE_DIGITS)
+    assert np.hypot(states[:, 0], states[:, 1]).mean() == pytest.approx(0.6460444, rel=1e-6)
+    assert np.hypot(states[:, 2], states[:, 3]).mean() == pytest.approx(0.3886112, rel=1e-6)
+    assert np.max(np.abs(multipliers)) == pytest.approx(1.954, rel=1e-3)
+
+
 @pytest.mark.parametrize("frame", ["rotating", "stationary"])
 def test_marched_cycle_has_no_residual(cycle, frame, tmp_path):
     (friction, speed, *_), (states, period, _) = cycle

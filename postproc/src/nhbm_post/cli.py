@@ -196,6 +196,18 @@ def _parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--tuple", type=_tuple, metavar="J1,J2,...", help="harmonic to draw, for example 1,0")
     _add_output(sub)
+
+    sub = command(
+        "rotor",
+        _rotor,
+        "bladed disk and casing (figure 9 of the paper)",
+        "For a structure of type rotor_stator. speeds: amplitudes and frequency of all points over the speed, with "
+        "the critical speed; snapshots: disk and casing during one round of the casing's wave, in the stationary "
+        "frame; wave: displacement of the casing over angle and time.",
+    )
+    sub.add_argument("--view", choices=("speeds", "snapshots", "wave"), default="speeds", help="default: speeds")
+    _add_point(sub)
+    _add_output(sub)
     return parser
 
 
@@ -388,6 +400,15 @@ def _response(arguments):
             over=arguments.over,
             at=dict(arguments.at),
         )
+    _save(fig, arguments)
+
+
+def _rotor(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        point = 0 if arguments.view == "speeds" else results.point(arguments.point, dict(arguments.at))
+        fig = draw.draw_rotor(results, point, arguments.view)
     _save(fig, arguments)
 
 
