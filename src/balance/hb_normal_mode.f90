@@ -12,7 +12,7 @@ module hb_normal_mode
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, phase_problem_t
    use hb_rest, only: rest_t
-   use hb_self_excitation, only: climb_orders, search_t
+   use hb_search, only: climb_orders, search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
