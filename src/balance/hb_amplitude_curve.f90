@@ -1,7 +1,7 @@
 !> The way of one unknown tone to a limit cycle: the curve of motions with artificial damping, by its arc length.
 !>
 !> The curve begins at a mode with a small amplitude. Where the artificial damping changes its sign on it, the motion needs
-!> none: a limit cycle. One where the damping grows with the amplitude is preferred, motion near it would come back to it.
+!> none: a limit cycle. One beyond which the motion is damped is preferred, motion near it would come back to it.
 !> The curve may turn back in amplitude, as where two flexible bodies touch. Source: docs/theory.md, section 6.5.
 module hb_amplitude_curve
    use hb_kinds, only: wp
@@ -19,6 +19,7 @@ module hb_amplitude_curve
    real(wp), parameter :: first_step = 0.3_wp                         ! arc length in units of the amplitude reached
    real(wp), parameter :: longest_step = 2.0_wp
    real(wp), parameter :: shortest_step = 1.0e-6_wp
+   real(wp), parameter :: kink_step = 1.0e-3_wp                       ! beyond a kink
    integer, parameter :: most_steps = 600
    integer, parameter :: easy_iterations = 4                          ! the next step may be longer
    real(wp), parameter :: largest_damping = 100.0_wp                  ! xi/omega: damped for good
@@ -35,14 +36,16 @@ contains
       type(way_point_t) :: last, crossing
       type(report_t) :: report
       real(wp), allocatable :: direction(:)
-      real(wp) :: step
+      real(wp) :: damping(1), damping_before(1), step
       integer :: i
-      logical :: is_on_curve, is_stable
+      logical :: is_on_curve, is_stable, is_turned
 
       is_found = .false.
+      is_turned = .false.
       call self%begin(self%length*first_amplitude, point, is_on_curve)
       if (.not. is_on_curve) return
-      self%is_neutral = abs(point%xi(1)) <= neutral*point%omega(1)
+      damping = self%damping(point)
+      self%is_neutral = abs(damping(1)) <= neutral
       self%reached = point%amplitude(1)
       call point_upwards(self, point, direction)
       step = first_step
@@ -53,13 +56,20 @@ contains
          if (.not. is_on_curve) then
             point = last
             step = 0.4_wp*step
-            if (step < shortest_step) exit
+            if (step >= shortest_step) cycle
+            if (is_turned) exit
+            call turn_at_kink(self, point, direction, is_turned)
+            if (.not. is_turned) exit
+            step = kink_step
             cycle
          end if
-         self%is_neutral = self%is_neutral .and. abs(point%xi(1)) <= neutral*point%omega(1)
+         is_turned = .false.
+         damping_before = damping
+         damping = self%damping(point)
+         self%is_neutral = self%is_neutral .and. abs(damping(1)) <= neutral
          self%reached = max(self%reached, point%amplitude(1))
-         if (point%xi(1)*last%xi(1) <= 0.0_wp .and. .not. self%is_neutral) then
-            is_stable = (point%xi(1) - last%xi(1))*(point%amplitude(1) - last%amplitude(1)) > 0.0_wp
+         if (damping(1)*damping_before(1) <= 0.0_wp .and. .not. self%is_neutral) then
+            is_stable = damping(1) > damping_before(1)
             if (is_stable .or. .not. allocated(crossing%u)) then
                call land(self, last, step, direction, is_found)
                if (is_found .and. is_stable) then
@@ -71,7 +81,7 @@ contains
                end if
             end if
          end if
-         if (point%amplitude(1) > last_amplitude*self%length .or. point%xi(1) > largest_damping*point%omega(1)) exit
+         if (point%amplitude(1) > last_amplitude*self%length .or. damping(1) > largest_damping) exit
          if (point%amplitude(1) < 0.1_wp*first_amplitude*self%length .and. point%amplitude(1) < last%amplitude(1)) exit
          call turn_direction(self, point, direction)
          if (report%iterations <= easy_iterations) step = min(longest_step, 1.5_wp*step)
@@ -82,7 +92,7 @@ contains
          if (is_found) return
       end if
       if (i <= most_steps .and. step >= shortest_step) then
-         if (point%xi(1) < -neutral*point%omega(1) .and. point%amplitude(1) > last_amplitude*self%length) &
+         if (damping(1) < -neutral .and. point%amplitude(1) > last_amplitude*self%length) &
             self%message = "driven up to an amplitude of "//to_text(point%amplitude(1))//": the motion grows without bound"
          return
       end if
@@ -147,16 +157,42 @@ contains
                              [0.0_wp, dot_product(forms(:, 2), vector_of(point)) + step])
    end subroutine make_problem
 
-   !> Turns a direction into the tangent of the curve at a point, forwards.
-   subroutine turn_direction(self, point, direction)
+   !> Turns the direction where the curve has a kink, as at the first touch of a stop, so sharp that no plane across the
+   !> direction meets what follows. What follows has the tangent of the next piece, in the sense that keeps the sign of the
+   !> determinant (Allgower and Georg, Introduction to Numerical Continuation Methods, SIAM 2003, chapter 12).
+   subroutine turn_at_kink(self, point, direction, is_turned)
       type(search_t), intent(inout) :: self
       type(way_point_t), intent(in) :: point
       real(wp), intent(inout) :: direction(:)
+      logical, intent(out) :: is_turned
+      type(way_point_t) :: beyond
+      real(wp) :: next(size(direction)), same(size(direction)), sign_before, sign_beyond, x(size(direction))
+
+      x = vector_of(point) + kink_step*direction
+      beyond = point
+      beyond%u = reshape(x(:size(point%u)), shape(point%u))
+      beyond%omega = x(size(point%u) + 1)
+      beyond%xi = x(size(point%u) + 2)
+      same = direction
+      call turn_direction(self, point, same, sign_before)
+      next = direction
+      call turn_direction(self, beyond, next, sign_beyond)
+      is_turned = sign_before*sign_beyond < 0.0_wp
+      if (is_turned) direction = -next
+   end subroutine turn_at_kink
+
+   !> Turns a direction into the tangent of the curve at a point, forwards.
+   subroutine turn_direction(self, point, direction, determinant_sign)
+      type(search_t), intent(inout) :: self
+      type(way_point_t), intent(in) :: point
+      real(wp), intent(inout) :: direction(:)
+      real(wp), intent(out), optional :: determinant_sign             !! of the tangent bordered by the old direction, 0: none
       type(phase_problem_t) :: problem
       type(tangent_factor_t) :: factor
       real(wp) :: across(size(direction))
       logical :: is_possible, is_singular
 
+      if (present(determinant_sign)) determinant_sign = 0.0_wp
       call self%move_balance(point, is_possible)
       if (.not. is_possible) return
       call make_problem(self, point, direction, 0.0_wp, problem)
@@ -164,6 +200,7 @@ contains
       call factor%update(problem, vector_of(point), is_singular)
       self%report%factorizations = self%report%factorizations + 1
       if (is_singular) return                                         ! the old direction must do
+      if (present(determinant_sign)) determinant_sign = factor%determinant_sign()
       across = 0.0_wp
       across(size(across)) = 1.0_wp
       call factor%solve(problem, across)

@@ -41,8 +41,8 @@ contains
          if (.not. is_solved) return
          last = point
          self%reached = goal
-         self%is_neutral = self%is_neutral .and. all(abs(point%xi) <= neutral*point%omega)
-         if (any(point%xi < -neutral*point%omega)) then
+         self%is_neutral = self%is_neutral .and. all(abs(self%damping(point)) <= neutral)
+         if (any(self%damping(point) < -neutral)) then
             call follow(self, point, is_found)
             return
          end if
@@ -64,35 +64,35 @@ contains
       has_turned = .false.
       smallest = min(minval(now%amplitude), first_amplitude*self%length)
       growth = longest_growth
-      sign_before = sign(1.0_wp, now%xi)
+      sign_before = sign(1.0_wp, self%damping(now))
       next_try = nearly_gone
       do step = 1, most_steps
          is_found = .false.
-         if (all(has_turned) .and. maxval(abs(now%xi)/now%omega) <= next_try) then
+         if (all(has_turned) .and. maxval(abs(self%damping(now))) <= next_try) then
             trial = now
             call self%try_motion(trial, is_found)
             if (is_found) now = trial
             if (is_found) return
-            next_try = 0.3_wp*maxval(abs(now%xi)/now%omega)
+            next_try = 0.3_wp*maxval(abs(self%damping(now)))
          end if
          if (maxval(now%amplitude) > largest_amplitude*self%length) then
             self%message = "driven at all amplitudes tried: the motion grows without bound"
             return
          end if
-         if (any(now%amplitude < 0.3_wp*smallest .and. now%xi > 0.0_wp)) then
+         if (any(now%amplitude < 0.3_wp*smallest .and. self%damping(now) > 0.0_wp)) then
             self%message = "the motion of an unknown tone dies out beside that of another"
             return
          end if
          last = now
-         call approach(self, last, last%amplitude*exp(-sign(growth, last%xi)), now, is_solved)
+         call approach(self, last, last%amplitude*exp(-sign(growth, self%damping(last))), now, is_solved)
          if (is_solved) then
-            where (sign(1.0_wp, now%xi) == sign_before)
+            where (sign(1.0_wp, self%damping(now)) == sign_before)
                growth = min(longest_growth, 1.3_wp*growth)
             elsewhere
                growth = 0.3_wp*growth
                has_turned = .true.
             end where
-            sign_before = sign(1.0_wp, now%xi)
+            sign_before = sign(1.0_wp, self%damping(now))
          else
             now = last
             growth = 0.3_wp*growth
@@ -101,7 +101,7 @@ contains
       end do
       self%report%status = outcome%stalled
       self%message = "lost on the way to the motion, at amplitude "//to_text(maxval(now%amplitude))//" and damping xi/omega "// &
-                     to_text(maxval(abs(now%xi)/now%omega))
+                     to_text(maxval(abs(self%damping(now))))
    end subroutine follow
 
    !> Solves at other amplitudes from the point `last`, by smaller steps where the whole one fails. `now` is the last point

@@ -99,7 +99,7 @@ contains
          omega = search%balance%omega
          xi = 0.0_wp
          omega(tone) = modes%frequency(mode)
-         xi(tone) = -2.0_wp*modes%growth(mode)
+         xi(tone) = -modes%growth(mode)/modes%response(mode)
          call search%balance%move(omega, xi, error)
          if (allocated(error)) then
             search%report%status = outcome%singular

@@ -47,10 +47,12 @@ module hb_search
       integer, allocatable :: modes(:)                                !! of the rest, where each of them starts
       integer, allocatable :: phase_dofs(:)                           !! sine that is zero, by unknown tone; size 0: integral
       type(solver_config_t) :: config
+      real(wp), allocatable, private :: sense(:)                      ! 1 where negative xi drives, else -1, (unknown tones)
       real(wp), allocatable, private :: reference(:, :, :)            ! shapes, (n_coefficients, n_dofs, unknown tones)
    contains
       procedure :: from_start => search_from_start
       procedure :: begin => search_begin
+      procedure :: damping => search_damping
       procedure :: solve_with_amplitudes => search_solve_with_amplitudes
       procedure :: try_motion => search_try_motion
       procedure :: move_balance => search_move_balance
@@ -115,13 +117,25 @@ contains
          point%u = self%rest%u + point%amplitude(1)*sum(self%reference, dim=3)
          associate (modes => self%rest%modes)
             point%omega = modes%frequency(self%modes)
-            point%xi = -2.0_wp*modes%growth(self%modes)
+            self%sense = sign(1.0_wp, modes%response(self%modes))
+            point%xi = -modes%growth(self%modes)/modes%response(self%modes)
             call self%solve_with_amplitudes(point, .true., is_solved)
             if (.not. is_solved .or. all(modes%growth(self%modes) <= neutral*modes%frequency(self%modes))) return
-            if (any(point%xi < -neutral*point%omega)) return
+            if (any(self%damping(point) < -neutral)) return
          end associate
       end do
    end subroutine search_begin
+
+   !> How much the motion of each unknown tone is damped without the artificial damping, |xi|/omega, negative where it is
+   !> driven. In a rotating frame a mode that runs against the rotation may be damped by forces that drive others: the sign
+   !> is that of the mode where the search begins.
+   pure function search_damping(self, point) result(damping)
+      class(search_t), intent(in) :: self
+      type(way_point_t), intent(in) :: point
+      real(wp) :: damping(size(self%tones))
+
+      damping = self%sense*point%xi/point%omega
+   end function search_damping
 
    !> Shapes of the modes in the fundamental of their tones, real and 1 where they are largest.
    subroutine shape_references(self)
