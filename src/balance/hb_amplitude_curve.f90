@@ -27,7 +27,7 @@ module hb_amplitude_curve
 
 contains
 
-   !> Looks for a limit cycle. What is known without one stands in the search: how far it came, and a message if the curve
+   !> Looks for a limit cycle, from the rest until the curve is far from it, well damped, or back there. What is known without one stands in the search: how far it came, and a message if the curve
    !> was lost.
    subroutine follow_curve(self, point, is_found)
       type(search_t), intent(inout) :: self
@@ -53,7 +53,9 @@ contains
          last = point
          call advance(self, last, step, direction, point, report, is_on_curve)
          if (is_on_curve) is_on_curve = .not. leaps(last, point)
-         if (.not. is_on_curve) then
+         if (is_on_curve) then
+            if (sum((point%u - self%rest%u)*(last%u - self%rest%u)) < 0.0_wp) exit   ! through the rest: another mode ends here
+         else
             point = last
             step = 0.4_wp*step
             if (step >= shortest_step) cycle
@@ -89,6 +91,8 @@ contains
       if (allocated(crossing%u)) then
          point = crossing
          call self%try_motion(point, is_found)
+         self%is_left = is_found
+         if (is_found) self%message = "driven beyond this limit cycle and damped below: motion near it leaves it"
          if (is_found) return
       end if
       if (i <= most_steps .and. step >= shortest_step) then

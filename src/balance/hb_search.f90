@@ -39,10 +39,11 @@ module hb_search
       type(rest_t) :: rest
       type(phase_problem_t) :: phase
       type(report_t) :: report
-      character(:), allocatable :: message                            !! why nothing was found
+      character(:), allocatable :: message                            !! why nothing was found, or what is to be known of it
       real(wp) :: length = 1.0_wp                                     !! typical motion [m]
       real(wp) :: reached = 0.0_wp                                    !! largest amplitude of the search, 0: none [m]
       logical :: is_neutral = .true.                                  !! nothing drove or damped the motion
+      logical :: is_left = .false.                                    !! motion near the one found leaves it, as it seems
       integer, allocatable :: tones(:)                                !! unknown ones
       integer, allocatable :: modes(:)                                !! of the rest, where each of them starts
       integer, allocatable :: phase_dofs(:)                           !! sine that is zero, by unknown tone; size 0: integral

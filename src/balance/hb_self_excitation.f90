@@ -22,6 +22,7 @@ contains
       type(way_point_t) :: point
 
       self%is_neutral = .true.
+      self%is_left = .false.
       self%reached = 0.0_wp
       self%report%status = outcome%pending
       if (allocated(self%message)) deallocate (self%message)
