@@ -4,6 +4,7 @@ module verb_check
    use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t
    use hb_error, only: annotate, error_t
+   use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_check, only: check_derivatives, derivative_check_t
    use hb_law_set, only: law_dofs_of
@@ -67,7 +68,7 @@ contains
          end do
          write (output_unit, "(a)") "structure   "//to_text(scene%structure%n_dofs)//" degrees of freedom"
          write (output_unit, "(a, *(a, :, ', '))") "tones       ", &
-            (to_text(scene%tones%omega(i))//" rad/s", i=1, scene%tones%n_tones)
+            (tone_text(scene, i), i=1, scene%tones%n_tones)
          write (output_unit, "(a)") "harmonics   "//to_text(scene%harmonics%n_harmonics)
          write (output_unit, "(a, *(a, :, ' x '))") "samples     ", &
             (to_text(scene%torus%n_samples(i)), i=1, scene%tones%n_tones)
@@ -77,6 +78,21 @@ contains
          end do
       end associate
    end subroutine describe
+
+   !> Frequency of a tone, or that it is unknown.
+   function tone_text(scene, i) result(text)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: i
+      character(:), allocatable :: text
+
+      text = to_text(scene%tones%omega(i))//" rad/s"
+      if (.not. scene%tones%is_unknown(i)) return
+      if (scene%tones%omega(i) > 0.0_wp) then
+         text = "unknown, first guess "//text
+      else
+         text = "unknown"
+      end if
+   end function tone_text
 
    !> Checks the derivatives of all laws of the first point and prints them as a table, wrong ones by name.
    subroutine check_laws(laws, all_right)

@@ -12,7 +12,7 @@ module hb_normal_mode
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, phase_problem_t
    use hb_rest, only: rest_t
-   use hb_self_excitation, only: climb_orders, search_t
+   use hb_search, only: climb_orders, search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
@@ -99,7 +99,7 @@ contains
          omega = search%balance%omega
          xi = 0.0_wp
          omega(tone) = modes%frequency(mode)
-         xi(tone) = -2.0_wp*modes%growth(mode)
+         xi(tone) = -modes%growth(mode)/modes%response(mode)
          call search%balance%move(omega, xi, error)
          if (allocated(error)) then
             search%report%status = outcome%singular

@@ -18,7 +18,8 @@ module hb_phase
       type(balance_t), pointer :: balance => null()
       integer, allocatable :: tones(:)                                !! the unknown ones
       logical :: with_damping = .false.                               !! their artificial damping is unknown too
-      real(wp), allocatable :: forms(:, :)                            !! (coefficients of all dofs, equations added)
+      real(wp), allocatable :: forms(:, :)                            !! (coefficients of all dofs, or all unknowns; equations
+                                                                      !! added)
       real(wp), allocatable :: values(:)                              !! of the forms, (equations added)
       logical, allocatable :: is_held(:)                              !! coefficients held at zero, none if not allocated
       integer, private :: n_u = 0                                     ! coefficients of all degrees of freedom
@@ -42,7 +43,8 @@ contains
       type(balance_t), intent(in), target :: balance
       integer, intent(in) :: tones(:)                                 !! unknown ones
       logical, intent(in) :: with_damping
-      real(wp), intent(in) :: forms(:, :)                             !! (coefficients of all dofs, further unknowns)
+      real(wp), intent(in) :: forms(:, :)                             !! (coefficients of all dofs, or all unknowns; equations
+                                                                      !! added)
       real(wp), intent(in) :: values(:)                               !! (further unknowns)
       integer :: i
 
@@ -55,7 +57,7 @@ contains
       self%n_unknowns = self%n_u + size(values)
       self%x_scale = [balance%x_scale, balance%omega(tones)]
       if (with_damping) self%x_scale = [self%x_scale, balance%omega(tones)]
-      self%r_scale = [balance%r_scale, (norm2(forms(:, i)*balance%x_scale), i=1, size(values))]
+      self%r_scale = [balance%r_scale, (norm2(forms(:, i)*self%x_scale(:size(forms, 1))), i=1, size(values))]
    end subroutine new_phase_problem
 
    !> The state of the balance as a vector of unknowns.
@@ -126,7 +128,7 @@ contains
       end if
       associate (n => self%n_u)
          call self%balance%residual(x(:n), r(:n))
-         r(n + 1:) = matmul(x(:n), self%forms) - self%values
+         r(n + 1:) = matmul(x(:size(self%forms, 1)), self%forms) - self%values
          if (allocated(self%is_held)) then
             where (self%is_held) r(:n) = x(:n)*self%r_scale(:n)/self%x_scale(:n)
          end if
@@ -150,7 +152,7 @@ contains
          allocate (block(n, n))
          call self%balance%tangent(x(:n), block)
          jacobian(:n, :n) = block
-         jacobian(n + 1:, :n) = transpose(self%forms)
+         jacobian(n + 1:, :size(self%forms, 1)) = transpose(self%forms)
          u = reshape(x(:n), [self%balance%harmonics%n_coefficients, self%balance%n_dofs])
          allocate (column, mold=u)
          do i = 1, n_tones

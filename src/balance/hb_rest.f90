@@ -177,6 +177,7 @@ contains
          modes%shapes = reshape([reshape(modes%shapes, [size(modes%shapes)]), wave], [size(wave), modes%n_modes + 1])
          modes%growth = [modes%growth, modes%growth(like)]
          modes%frequency = [modes%frequency, modes%frequency(like)]
+         modes%response = [modes%response, modes%response(like)]
          modes%n_modes = modes%n_modes + 1
       end subroutine append
    end subroutine add_travelling_waves

@@ -18,6 +18,8 @@ module hb_modes
       integer :: n_modes = 0
       real(wp), allocatable :: growth(:)                              !! [1/s], (n_modes), positive: unstable
       real(wp), allocatable :: frequency(:)                           !! [rad/s], (n_modes), > 0, ascending
+      real(wp), allocatable :: response(:)                            !! d growth/d xi for forces -xi M q', (n_modes): 1/2
+                                                                      !! without gyroscopic terms, else of either sign
       complex(wp), allocatable :: shapes(:, :)                        !! (n_dofs, n_modes), of any magnitude
    end type modes_t
 
@@ -61,8 +63,10 @@ contains
       self%growth = rate*alpha_r(found)/beta(found)
       self%frequency = rate*alpha_i(found)/beta(found)
       allocate (self%shapes(n, size(found)))
+      allocate (self%response(size(found)))
       do i = 1, size(found)
          self%shapes(:, i) = cmplx(shapes(:n, found(i)), shapes(:n, found(i) + 1), wp)
+         self%response(i) = response_of(self%shapes(:, i), cmplx(self%growth(i), self%frequency(i), wp), mass, damping)
       end do
       do i = 2, size(found)                                            ! by insertion: there are few
          k = i
@@ -74,12 +78,25 @@ contains
       end do
    end subroutine new_modes
 
+   !> Real part of d lambda/d xi = lambda m/(2 lambda m + d), m and d the products of the shape with mass and damping: exact
+   !> to first order in what is neither symmetric nor gyroscopic.
+   pure real(wp) function response_of(shape, lambda, mass, damping)
+      complex(wp), intent(in) :: shape(:), lambda
+      real(wp), intent(in) :: mass(:, :), damping(:, :)
+      complex(wp) :: d, m
+
+      m = dot_product(shape, matmul(mass, shape))
+      d = dot_product(shape, matmul(damping, shape))
+      response_of = real(lambda*m/(2.0_wp*lambda*m + d))
+   end function response_of
+
    pure subroutine exchange(self, i, k)
       type(modes_t), intent(inout) :: self
       integer, intent(in) :: i, k
 
       self%growth([i, k]) = self%growth([k, i])
       self%frequency([i, k]) = self%frequency([k, i])
+      self%response([i, k]) = self%response([k, i])
       self%shapes(:, [i, k]) = self%shapes(:, [k, i])
    end subroutine exchange
 end module hb_modes

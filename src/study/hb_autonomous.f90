@@ -8,7 +8,8 @@ module hb_autonomous
    use hb_outcome, only: outcome
    use hb_rest, only: find_rest, rest_t
    use hb_scene, only: scene_t
-   use hb_self_excitation, only: new_search, search_t
+   use hb_search, only: new_search, search_t
+   use hb_self_excitation, only: search_from_modes
    use hb_text, only: to_text
    implicit none
    private
@@ -130,7 +131,7 @@ contains
       if (size(start%tones) == 1 .and. size(start%modes) == 1) then
          call search_all_modes()
       else if (size(start%modes) == size(start%tones)) then
-         call search%from_modes(u, is_found)
+         call search_from_modes(search, u, is_found)
       else
          u = start%rest%u
          search%report%status = outcome%stalled
@@ -139,11 +140,15 @@ contains
 
    contains
 
-      !> One unknown tone: from the mode chosen, then from others, nearest to the first guess or most driven first.
+      !> One unknown tone: from the mode chosen, then from others, nearest to the first guess or most driven first. A motion
+      !> that others leave is the answer only if there is no other.
       subroutine search_all_modes()
          real(wp) :: merit(start%rest%modes%n_modes), reached
+         real(wp), allocatable :: spare_u(:, :), spare_omega(:)
          integer :: best, k
          logical :: is_neutral
+         character(:), allocatable :: spare_message, trouble
+         type(error_t), allocatable :: error
 
          associate (modes => start%rest%modes, guess => scene%tones%omega(start%tones(1)))
             merit = modes%growth
@@ -156,12 +161,30 @@ contains
             best = maxloc(merit, dim=1)
             merit(best) = -huge(1.0_wp)
             search%modes = [best]
-            call search%from_modes(u, is_found)
-            if (is_found .or. search%report%status == outcome%stalled) return
+            call search_from_modes(search, u, is_found)
+            if (is_found .and. .not. search%is_left) return
+            if (is_found .and. .not. allocated(spare_u)) then
+               spare_u = u
+               spare_omega = balance%omega
+               spare_message = search%message
+            end if
+            if (search%report%status == outcome%stalled) trouble = search%message
             reached = min(reached, search%reached)
             is_neutral = is_neutral .and. search%is_neutral
             if (is_neutral) return
          end do
+         if (allocated(spare_u)) then
+            u = spare_u
+            call balance%move(spare_omega, 0.0_wp*spare_omega, error)
+            call search%from_start(u, is_found)
+            search%message = spare_message
+            if (is_found) return
+         end if
+         if (allocated(trouble)) then
+            search%report%status = outcome%stalled
+            search%message = trouble
+            return
+         end if
          search%message = "damped from each of "//to_text(k - 1)//" modes, up to an amplitude of "//to_text(reached)//" or more"
       end subroutine search_all_modes
    end subroutine find_motion

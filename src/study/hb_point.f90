@@ -13,7 +13,7 @@ module hb_point
    use hb_outcome, only: outcome
    use hb_results, only: point_result_t
    use hb_scene, only: scene_t
-   use hb_self_excitation, only: search_t
+   use hb_search, only: search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
    use hb_torus, only: new_torus, torus_t

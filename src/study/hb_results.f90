@@ -141,7 +141,7 @@ contains
       type(error_t), allocatable, intent(inout) :: error
 
       associate (found => point%certificate)
-         call put(self, "frequency_estimate", i, found%frequency_error, error)
+         if (allocated(found%frequency_error)) call put(self, "frequency_estimate", i, found%frequency_error, error)
          call put(self, "truncation_estimate", i, [found%truncation], error)
          call put(self, "aliasing_estimate", i, [found%aliasing], error)
          call put(self, "penetration", i, [found%defects%penetration], error)
