@@ -10,6 +10,7 @@
 !> mode of n diameters, cos n(phi_i + tau) and sin n(phi_i + tau) are the turned cos n phi_i and sin n phi_i.
 !> Source: docs/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_contact_table
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
    use hb_namelist, only: group_t
@@ -139,9 +140,17 @@ contains
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
       real(wp), allocatable :: turned(:, :)
       integer :: k
+      logical :: is_told
 
       if (.not. allocated(self%turns)) then
          call press(self, z, f, df_dz)
+         return
+      end if
+      is_told = allocated(self%cosine)
+      if (is_told) is_told = size(self%cosine, 1) == size(z, 1)
+      if (.not. is_told) then                                         ! without phases of these samples: no force is known
+         f = ieee_value(1.0_wp, ieee_quiet_nan)
+         if (present(df_dz)) df_dz = f(1, 1)
          return
       end if
       turned = z                                                      ! (R a).z = a.(R^T z)
