@@ -69,7 +69,7 @@ contains
          end do
          write (output_unit, "(a)") "structure   "//to_text(scene%structure%n_dofs)//" degrees of freedom"
          write (output_unit, "(a, *(a, :, ', '))") "tones       ", &
-            (to_text(scene%tones%omega(i))//" rad/s", i=1, scene%tones%n_tones)
+            (tone_text(scene, i), i=1, scene%tones%n_tones)
          write (output_unit, "(a)") "harmonics   "//to_text(scene%harmonics%n_harmonics)
          write (output_unit, "(a, *(a, :, ' x '))") "samples     ", &
             (to_text(scene%torus%n_samples(i)), i=1, scene%tones%n_tones)
@@ -93,6 +93,20 @@ contains
       if (scene%memory_limit < huge(1.0_wp)) text = text//"; "//amount(scene%memory_limit)//" are there"
       write (output_unit, "(a)") "memory      "//text, "            "//memory_text(bytes)
    end subroutine describe_memory
+   !> Frequency of a tone, or that it is unknown.
+   function tone_text(scene, i) result(text)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: i
+      character(:), allocatable :: text
+
+      text = to_text(scene%tones%omega(i))//" rad/s"
+      if (.not. scene%tones%is_unknown(i)) return
+      if (scene%tones%omega(i) > 0.0_wp) then
+         text = "unknown, first guess "//text
+      else
+         text = "unknown"
+      end if
+   end function tone_text
 
    !> Checks the derivatives of all laws of the first point and prints them as a table, wrong ones by name.
    subroutine check_laws(laws, all_right)

@@ -3,18 +3,20 @@ module hb_structure_catalogue
    use hb_beam, only: read_beam
    use hb_chain, only: read_chain
    use hb_error, only: error_t, fail
+   use hb_jeffcott, only: read_jeffcott
    use hb_kinds, only: wp
    use hb_matrices, only: read_matrices
    use hb_modal_beam, only: read_modal_beam
    use hb_namelist, only: group_t
+   use hb_rotor_stator, only: read_rotor_stator
    use hb_structure, only: max_dofs, structure_bytes, structure_t
    use hb_text, only: closest_word, join, lower, to_text
    implicit none
    private
    public :: known_structures, read_structure
 
-   character(*), parameter :: known_structures(4) = &
-      [character(10) :: "beam", "chain", "matrices", "modal_beam"]
+   character(*), parameter :: known_structures(6) = &
+      [character(12) :: "beam", "chain", "jeffcott", "matrices", "modal_beam", "rotor_stator"]
 
 contains
 
@@ -37,10 +39,14 @@ contains
          call read_beam(group, structure, error)
       case ("chain")
          call read_chain(group, structure, error)
+      case ("jeffcott")
+         call read_jeffcott(group, structure, error)
       case ("matrices")
          call read_matrices(group, structure, error)
       case ("modal_beam")
          call read_modal_beam(group, structure, error)
+      case ("rotor_stator")
+         call read_rotor_stator(group, structure, error)
       case ("")
          call fail(error, group%place()//": type: needs the name of a structure in quotes; known: "// &
                    join(known_structures, ", "))
@@ -68,7 +74,7 @@ contains
       case ("chain"); key = "n_masses"
       case ("matrices"); key = "n_dofs"
       case ("modal_beam"); key = "n_modes"
-      case default; return
+      case default; return                                            ! a few degrees of freedom
       end select
       n_dofs = 0
       call group%get(key, n_dofs)

@@ -33,6 +33,7 @@ module hb_results
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
+      real(wp), allocatable :: artificial_damping(:)    !! [1/s], (n_tones), of a normal mode
       real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
       real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
@@ -167,6 +168,7 @@ contains
       call put(self, "n_harmonics", [point%n_harmonics], error)
       call put(self, "n_full_stick", [point%n_full_stick], error)
       if (allocated(point%frequency)) call put(self, "frequency", point%frequency, error)
+      if (allocated(point%artificial_damping)) call put(self, "artificial_damping", point%artificial_damping, error)
       if (allocated(point%coefficients)) call put(self, "coefficients", point%coefficients, error)
       if (allocated(point%force_coefficients)) call put(self, "force_coefficients", point%force_coefficients, error)
       if (allocated(point%corrected_coefficients)) call put(self, "corrected_coefficients", point%corrected_coefficients, error)

@@ -111,12 +111,16 @@ contains
          call add("n_full_stick", is_integer, [point_axis], "1", &
             "friction laws that slip nowhere: the solution from rest, one of many")
          call add("frequency", is_real, [tone_axis, point_axis], "rad/s", "base frequencies")
+         call add("artificial_damping", is_real, [tone_axis, point_axis], "1/s", &
+            "xi of a normal mode: the forces -xi M dx/dt that keep up its amplitude")
          call add("coefficients", is_real, [component_axis, harmonic_axis, dof_axis, point_axis], "", &
             "coefficients of the motion", layout%dof_units)
          call add("force_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], "", &
             "coefficients of the force of the laws, on the left-hand side", force_units(layout%law_dof_units))
          call add("corrected_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], &
             "", "coefficients of the displacement corrected to the wall", layout%law_dof_units)
+         call add("frequency_estimate", is_real, [tone_axis, point_axis], "rad/s", &
+            "estimated error of the frequencies, 0 where given")
          call add("truncation_estimate", is_real, [point_axis], "1", &
             "estimated error by the harmonics left out, relative to the motion")
          call add("aliasing_estimate", is_real, [point_axis], "1", &

@@ -210,6 +210,18 @@ def _parser() -> argparse.ArgumentParser:
         file_help="table of nhbm plan (comma-separated values)",
     )
     _add_output(sub)
+
+    sub = command(
+        "rotor",
+        _rotor,
+        "bladed disk and casing (figure 9 of the paper)",
+        "For a structure of type rotor_stator. speeds: amplitudes and frequency of all points over the speed, with "
+        "the critical speed; snapshots: disk and casing during one round of the casing's wave, in the stationary "
+        "frame; wave: displacement of the casing over angle and time.",
+    )
+    sub.add_argument("--view", choices=("speeds", "snapshots", "wave"), default="speeds", help="default: speeds")
+    _add_point(sub)
+    _add_output(sub)
     return parser
 
 
@@ -409,6 +421,15 @@ def _plan(arguments):
     from . import draw
 
     _save(draw.draw_plan(arguments.file), arguments)
+
+
+def _rotor(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        point = 0 if arguments.view == "speeds" else results.point(arguments.point, dict(arguments.at))
+        fig = draw.draw_rotor(results, point, arguments.view)
+    _save(fig, arguments)
 
 
 def _time(arguments):

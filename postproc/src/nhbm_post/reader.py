@@ -30,6 +30,8 @@ _STATUS_NAMES = {
     7: "truncated",
     8: "aliased",
     9: "penetrating",
+    10: "collapsed",
+    11: "no_motion",
 }
 
 _REQUIRED = ("point", "tone", "harmonic", "dof", "tuple", "status", "frequency", "coefficients")
@@ -293,6 +295,12 @@ class Results:
     def frequency(self, point: int) -> np.ndarray:
         """Base frequencies of a point [rad/s], (n_tones)."""
         return np.asarray(self._file["frequency"][point], dtype=float)
+
+    def frequency_estimate(self, point: int) -> np.ndarray:
+        """Estimated errors of the base frequencies [rad/s], (n_tones); 0 where given, NaN where not known."""
+        if "frequency_estimate" not in self._file:
+            return np.full(self.n_tones, np.nan)
+        return np.asarray(self._file["frequency_estimate"][point], dtype=float)
 
     def series(
         self, point: int, dof: str | None = None, quantity: str = "motion", allow_unconverged: bool = False
