@@ -45,8 +45,10 @@ contains
          if (allocated(error)) then
             if (.not. (allocated(self%rest%u) .and. self%has_motion)) return
             deallocate (error)                                         ! without modes the start must do
+            allocate (self%modes(0))
+         else
+            call choose_modes(self, scene)
          end if
-         call choose_modes(self, scene)
          do m = 1, size(self%tones)
             if (tones%omega(self%tones(m)) > 0.0_wp) cycle
             if (m > size(self%modes)) then
@@ -69,6 +71,7 @@ contains
 
       is_free = .true.
       is_free(self%rest%n_linear + 1:) = .false.
+      if (.not. scene%normal_mode%is_asked) is_free = is_free .and. self%rest%is_at_laws
       mode = 0
       associate (modes => self%rest%modes, guess => scene%tones%omega)
          do m = 1, size(mode)
@@ -157,7 +160,8 @@ contains
          reached = huge(1.0_wp)
          is_neutral = .true.
          best = 1
-         do k = 1, min(most_modes, size(merit))
+         where (.not. start%rest%is_at_laws) merit = -huge(1.0_wp)
+         do k = 1, min(most_modes, count(start%rest%is_at_laws))
             best = maxloc(merit, dim=1)
             merit(best) = -huge(1.0_wp)
             search%modes = [best]
