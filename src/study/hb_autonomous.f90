@@ -1,4 +1,7 @@
 !> A scene with unknown tones: where the search for its motion starts, and the search.
+!>
+!> A motion known from elsewhere, a neighbouring point or a march, comes in as `scene%start` with its frequencies as the first
+!> guesses `scene%tones%omega`; it is tried before any mode.
 module hb_autonomous
    use hb_balance, only: balance_t
    use hb_error, only: error_t, fail
