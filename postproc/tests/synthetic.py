@@ -114,7 +114,7 @@ def write_results(
             status,
             ("point",),
             long_name="outcome",
-            flag_values=np.arange(7, dtype=np.int32),
+            flag_values=np.arange(len(STATUS_WORDS.split()), dtype=np.int32),
             flag_meanings=STATUS_WORDS,
         )
         messages = [m.encode() for m in (messages or [""] * n_points)]

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import h5py
 import numpy as np
 import pytest
 from conftest import single, walled
@@ -65,6 +66,19 @@ def test_info_tells_what_is_in_a_file(sweep, capsys):
         assert part in out
     _, short, _ = run(capsys, "info", sweep, "--points", 2)
     assert "... 4 more points" in short and len(short.splitlines()) == len(out.splitlines()) - 3
+
+
+def test_info_tells_unknown_frequencies_with_their_digits(sweep, capsys):
+    with h5py.File(sweep, "r+") as file:
+        estimates = file.create_dataset("frequency_estimate", data=np.full((6, 2), np.nan))
+        estimates[:2] = [0.0, 2.0e-7]
+        file["frequency"][2, 1] = np.nan
+        file["status"][2] = 10
+        file["message"][2] = np.frombuffer(b"damped at all amplitudes".ljust(200, b"\0"), dtype="S1")
+    _, out, _ = run(capsys, "info", sweep)
+    assert "tone 2 [rad/s]" in out and "tone 1" not in out
+    assert "3.1415927 " in out
+    assert "collapsed" in out and "damped at all amplitudes" in out
 
 
 @pytest.mark.parametrize(

@@ -27,8 +27,8 @@ module hb_amplitude_curve
 
 contains
 
-   !> Looks for a limit cycle, from the rest until the curve is far from it, well damped, or back there. What is known without one stands in the search: how far it came, and a message if the curve
-   !> was lost.
+   !> Looks for a limit cycle, from the rest until the curve is far from it, well damped, or back there. What is known without
+   !> one stands in the search: how far it came, and a message if the curve was lost.
    subroutine follow_curve(self, point, is_found)
       type(search_t), intent(inout) :: self
       type(way_point_t), intent(out) :: point                         !! the motion found, else the last point

@@ -88,7 +88,7 @@ contains
          if (is_solved) then
             where (sign(1.0_wp, self%damping(now)) == sign_before)
                growth = min(longest_growth, 1.3_wp*growth)
-            elsewhere
+            else where
                growth = 0.3_wp*growth
                has_turned = .true.
             end where

@@ -67,6 +67,11 @@ contains
          call solve_at(search, forms, amplitude, search%config, .false., u)
          if (search%report%status == outcome%converged) return
       end if
+      if (size(search%modes) == 0) then
+         search%report%status = outcome%no_motion
+         search%message = "there is no linear mode to start from, or none of that number; give a &start"
+         return
+      end if
       call continue_from_mode(search, forms, amplitude, dof, h, u)
    end subroutine find_normal_mode
 

@@ -21,11 +21,14 @@ module hb_rest
    private
    public :: find_rest, rest_t
 
+   real(wp), parameter :: unmoved = 1.0e-8_wp                         ! motion where laws act relative to the largest of a mode
+
    type :: rest_t
       real(wp), allocatable :: u(:, :)                                !! [m], (n_coefficients, n_dofs) in the whole set
       logical :: is_forced = .false.                                  !! it moves, other than by its mean
       type(modes_t) :: modes                                          !! shapes at the degrees of freedom of the laws, with
                                                                       !! travelling waves after the modes themselves
+      logical, allocatable :: is_at_laws(:)                           !! whether a mode moves where laws act, (n_modes)
       integer :: n_linear = 0                                         !! modes themselves
       type(report_t) :: report                                        !! of the balance without unknown tones
    end type rest_t
@@ -117,6 +120,7 @@ contains
          if (allocated(error)) return
          self%n_linear = self%modes%n_modes
          call add_travelling_waves(self%modes, structure%mass)
+         self%is_at_laws = maxval(abs(self%modes%shapes(law_dofs, :)), dim=1) > unmoved*maxval(abs(self%modes%shapes), dim=1)
          self%modes%shapes = self%modes%shapes(law_dofs, :)
       end subroutine find_modes
    end subroutine find_rest

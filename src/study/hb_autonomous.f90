@@ -1,4 +1,7 @@
 !> A scene with unknown tones: where the search for its motion starts, and the search.
+!>
+!> A motion known from elsewhere, a neighbouring point or a march, comes in as `scene%start` with its frequencies as the first
+!> guesses `scene%tones%omega`; it is tried before any mode.
 module hb_autonomous
    use hb_balance, only: balance_t
    use hb_error, only: error_t, fail
@@ -45,8 +48,10 @@ contains
          if (allocated(error)) then
             if (.not. (allocated(self%rest%u) .and. self%has_motion)) return
             deallocate (error)                                         ! without modes the start must do
+            allocate (self%modes(0))
+         else
+            call choose_modes(self, scene)
          end if
-         call choose_modes(self, scene)
          do m = 1, size(self%tones)
             if (tones%omega(self%tones(m)) > 0.0_wp) cycle
             if (m > size(self%modes)) then
@@ -69,6 +74,7 @@ contains
 
       is_free = .true.
       is_free(self%rest%n_linear + 1:) = .false.
+      if (.not. scene%normal_mode%is_asked) is_free = is_free .and. self%rest%is_at_laws
       mode = 0
       associate (modes => self%rest%modes, guess => scene%tones%omega)
          do m = 1, size(mode)
@@ -157,7 +163,8 @@ contains
          reached = huge(1.0_wp)
          is_neutral = .true.
          best = 1
-         do k = 1, min(most_modes, size(merit))
+         where (.not. start%rest%is_at_laws) merit = -huge(1.0_wp)
+         do k = 1, min(most_modes, count(start%rest%is_at_laws))
             best = maxloc(merit, dim=1)
             merit(best) = -huge(1.0_wp)
             search%modes = [best]

@@ -82,6 +82,8 @@ class Expectation:
         if self.quantity:
             return float(results.per_point(self.quantity)[point])
         if self.tone:
+            if self.tone > results.n_tones:
+                raise ReaderError(f"there is no tone {self.tone}, the file has {results.n_tones}")
             return float(results.frequency(point)[self.tone - 1])
         if self.component == "amplitude":
             return results.amplitude(point, self.dof, self.j)
