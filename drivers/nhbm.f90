@@ -7,13 +7,14 @@ program nhbm
    use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
    use hb_text, only: closest_word, join, string_t
    use hb_version, only: git_commit, program_version
+   use verb_benchmark, only: run_benchmark_verb
    use verb_check, only: run_check
    use verb_solve, only: run_solve
    implicit none
 
    !> Exit statuses, listed in `nhbm --help`.
    integer(c_int), parameter :: success = 0, not_all_right = 1, bad_input = 2
-   character(7), parameter :: verbs(4) = [character(7) :: "solve", "check", "help", "version"]
+   character(9), parameter :: verbs(5) = [character(9) :: "solve", "check", "benchmark", "help", "version"]
 
    interface
       !> Ends the process with a status and without a word.
@@ -65,6 +66,8 @@ contains
          call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
       else if (verb == "check") then
          call run_check(options, comm, all_right, error)
+      else if (verb == "benchmark") then
+         call run_benchmark_verb(options, comm, all_right, error)
       else
          call run_solve(options, comm, all_right, error)
       end if
@@ -79,6 +82,8 @@ contains
          "usage: nhbm solve INPUT [options]      solve all points of a namelist file, write an HDF5 file", &
          "       nhbm check INPUT [options]      read the input, every point of it, say what it asks for, and compare the", &
          "                                       derivatives of its laws with differences of their forces", &
+         "       nhbm benchmark INPUT [options]  solve one scene at many orders, samples and methods, measure time, memory", &
+         "                                       and error of each, write an HDF5 file; nhbm-post work-precision draws it", &
          "       nhbm version                    version and commit", &
          "       mpirun -n 4 nhbm solve INPUT    the same, points spread over 4 ranks", &
          "", &

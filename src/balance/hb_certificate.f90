@@ -33,6 +33,9 @@ module hb_certificate
       real(wp), allocatable :: power_laws(:)                          !! mean loss in each law, on the finer grid [W]
       real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
       integer, allocatable :: combination(:)                          !! its k, (n_tones)
+      type(harmonics_t) :: wider                                      !! the set of the corrected motion
+      real(wp), allocatable :: corrected(:, :)                        !! motion less its estimated error [m], not allocated
+                                                                      !! where there is none, (n_coefficients, n_dofs)
    end type certificate_t
 
 contains
@@ -142,6 +145,10 @@ contains
       change = restricted(defect)
       call factor%solve(balance, change)
       self%truncation = sqrt(norm2(change - alias)**2 + norm2(answer)**2)/size_of_motion
+      self%wider = wide%harmonics
+      allocate (self%corrected, mold=big)
+      call exchange(balance%harmonics, wide%harmonics, u - reshape(change, shape(u)), self%corrected)
+      self%corrected = self%corrected - answer
 
    contains
 

@@ -9,6 +9,7 @@ module hb_point
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
+   use hb_mpi, only: wall_clock
    use hb_outcome, only: outcome
    use hb_results, only: point_result_t
    use hb_scene, only: scene_t
@@ -31,7 +32,9 @@ contains
       type(balance_t) :: balance
       integer, allocatable :: law_dofs(:)
       real(wp), allocatable :: frequencies(:)
+      real(wp) :: started
 
+      started = wall_clock()
       law_dofs = law_dofs_of(scene%laws)
       frequencies = scene%harmonics%frequencies(scene%tones%omega)
       result%frequency = scene%tones%omega
@@ -39,11 +42,12 @@ contains
       call new_dynamic_stiffness(stiffness, scene%structure, law_dofs, frequencies, scene%loads, error)
       if (allocated(error)) return
       if (size(law_dofs) == 0) then
+         result%setup_seconds = wall_clock() - started
          call solve_linear_scene(scene, stiffness, result)
          return
       end if
       call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, scene%laws, scene%planning, error)
-      if (.not. allocated(error)) call solve_balance(scene, law_dofs, balance, result, error)
+      if (.not. allocated(error)) call solve_balance(scene, law_dofs, balance, started, result, error)
       call balance%destroy()
    end subroutine solve_point
 
@@ -63,20 +67,25 @@ contains
       result%status = outcome%converged
    end subroutine solve_linear_scene
 
-   subroutine solve_balance(scene, law_dofs, balance, result, error)
+   subroutine solve_balance(scene, law_dofs, balance, started, result, error)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: law_dofs(:)
       type(balance_t), intent(inout) :: balance
+      real(wp), intent(in) :: started                                 !! the set-up, on the wall clock [s]
       type(point_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       type(report_t) :: report
       complex(wp), allocatable :: c(:, :)
       real(wp), allocatable :: u(:, :)
+      real(wp) :: begun
 
       allocate (u(scene%harmonics%n_coefficients, size(law_dofs)), source=0.0_wp)
       if (scene%start_from_linear) call balance%linear_solution(u)
       call add_start(scene, law_dofs, u)
+      begun = wall_clock()
+      result%setup_seconds = begun - started
       call solve_unknowns(scene, balance, u, report)
+      result%solver_seconds = wall_clock() - begun
       result%status = report%status
       result%iterations = report%iterations
       result%evaluations = report%evaluations
@@ -95,7 +104,9 @@ contains
       call keep_forces(scene%harmonics, balance, u, result, error)
       if (allocated(error)) return
       if (scene%certificate%is_on .and. result%status == outcome%converged) then
+         begun = wall_clock()
          call keep_certificate(scene, balance, u, result, error)
+         result%certificate_seconds = wall_clock() - begun
          if (allocated(error)) return
       end if
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)

@@ -27,7 +27,10 @@ module hb_results
       integer :: evaluations = 0                        !! of the residual
       integer :: rescue = 0                             !! what the solver needed, hb_solver_types
       real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
-      real(wp) :: solve_seconds = 0.0_wp
+      real(wp) :: solve_seconds = 0.0_wp                !! wall time of the whole point
+      real(wp) :: setup_seconds = 0.0_wp                !! of it, dynamic stiffness, plans, first guess
+      real(wp) :: solver_seconds = 0.0_wp               !! of it, the iterations
+      real(wp) :: certificate_seconds = 0.0_wp          !! of it, the certificate
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)

@@ -6,7 +6,7 @@ module hb_results_plan
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: axis_t, new_plan, parameter_name_length, parameter_names, plan_t, size_text, variable_t
+   public :: axis_t, identifier, new_plan, parameter_name_length, parameter_names, plan_t, size_text, variable_t
    public :: message_length
    public :: is_characters, is_integer, is_real
    public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, point_axis, tone_axis

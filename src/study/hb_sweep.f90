@@ -23,7 +23,7 @@ module hb_sweep
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: new_study, run_study, run_summary_t, study_t
+   public :: apply_overrides, new_study, run_study, run_summary_t, study_t
 
    !> An input that was read without a problem, ready to run.
    type :: study_t
@@ -57,17 +57,18 @@ contains
       type(string_t), intent(in) :: overrides(:)                      !! path=value, as --set gives them
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: first
-      integer :: i
 
       self%input_text = text
       call new_document(self%document, file_name, text, error)
       if (allocated(error)) return
+      if (self%document%count("benchmark") > 0) then
+         call fail(error, file_name//": has a group &benchmark; such an input is for 'nhbm benchmark'")
+         return
+      end if
       call self%document%expect_groups([group_names, "sweep      "], error)
       if (allocated(error)) return
-      do i = 1, size(overrides)
-         call apply_override(self%document, overrides(i)%value, error)
-         if (allocated(error)) return
-      end do
+      call apply_overrides(self%document, overrides, error)
+      if (allocated(error)) return
       first = self%document
       call read_sweep_plan(self%plan, first, error)
       if (allocated(error)) return
@@ -79,6 +80,19 @@ contains
       call self%document%forget_values()                             ! nobody asks for the texts of single points
       call collect_tuples(self, error)
    end subroutine new_study
+
+   !> Applies overrides in turn, each path=value.
+   subroutine apply_overrides(document, overrides, error)
+      type(document_t), intent(inout) :: document
+      type(string_t), intent(in) :: overrides(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      do i = 1, size(overrides)
+         call apply_override(document, overrides(i)%value, error)
+         if (allocated(error)) return
+      end do
+   end subroutine apply_overrides
 
    !> Applies one `path=value`.
    subroutine apply_override(document, text, error)
