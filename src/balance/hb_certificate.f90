@@ -15,9 +15,10 @@ module hb_certificate
    use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
    use hb_tones, only: tones_t
    use hb_torus, only: default_samples, new_torus, torus_t
+   use hb_two_level, only: clear_kept, exchange, improve, residual_of
    implicit none
    private
-   public :: certificate_t, certify, near_commensurate
+   public :: certificate_t, certify, choose_wider_set, near_commensurate
 
    real(wp), parameter :: rest = 1.0e-6_wp                             ! motion relative to what the loads do to the stiffest
                                                                       ! harmonic, below which nothing moves
@@ -33,15 +34,15 @@ module hb_certificate
       real(wp), allocatable :: power_laws(:)                          !! mean loss in each law, on the finer grid [W]
       real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
       integer, allocatable :: combination(:)                          !! its k, (n_tones)
-      type(harmonics_t) :: wider                                      !! the set of the corrected motion
-      real(wp), allocatable :: corrected(:, :)                        !! motion less its estimated error [m], not allocated
-                                                                      !! where there is none, (n_coefficients, n_dofs)
+      type(harmonics_t) :: wider                                      !! the set of the improved motion
+      real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_dofs);
+                                                                      !! not allocated where it was not asked for
    end type certificate_t
 
 contains
 
-   !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance.
-   subroutine certify(self, structure, tones, laws, loads, torus, balance, u, effort, error)
+   !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance, and with it the motion improved by some steps.
+   subroutine certify(self, structure, tones, laws, loads, torus, balance, u, effort, n_steps, error)
       type(certificate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(tones_t), intent(in) :: tones
@@ -51,6 +52,7 @@ contains
       type(balance_t), intent(inout) :: balance
       real(wp), intent(in) :: u(:, :)                                 !! [m]
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
+      integer, intent(in) :: n_steps                                  !! of the improvement; 0: none
       type(error_t), allocatable, intent(out) :: error
       type(balance_t) :: wide
       type(harmonics_t) :: set
@@ -60,7 +62,7 @@ contains
       call choose_wider(balance%harmonics, torus, set, grid, error)
       if (allocated(error)) return
       call make_wide_balance()
-      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, error)
+      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, n_steps, error)
       if (.not. allocated(error)) then
          call check_contact(self, balance, wide, u)
          call find_structure_powers(self, structure, balance, loads, u)
@@ -84,24 +86,34 @@ contains
       end subroutine make_wide_balance
    end subroutine certify
 
-   !> A box of about twice the order around the set, and a grid with four times its samples or more.
-   subroutine choose_wider(narrow, torus, set, grid, error)
+   !> A box of about twice the order around the set.
+   subroutine choose_wider_set(narrow, set, error)
       type(harmonics_t), intent(in) :: narrow
-      type(torus_t), intent(in) :: torus
       type(harmonics_t), intent(out) :: set
-      type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
-      integer :: orders(narrow%n_tones), samples(narrow%n_tones)
+      integer :: orders(narrow%n_tones)
 
       orders = max(2*narrow%highest, narrow%highest + 2)
       do while (product(2*real(orders, wp) + 1) > 2*largest_wide_set .and. any(orders > narrow%highest))
          where (orders > narrow%highest) orders = orders - 1
       end do
       call new_box(set, orders, .false., error)
+   end subroutine choose_wider_set
+
+   !> The wider set, and a grid with four times the samples of the solution or more.
+   subroutine choose_wider(narrow, torus, set, grid, error)
+      type(harmonics_t), intent(in) :: narrow
+      type(torus_t), intent(in) :: torus
+      type(harmonics_t), intent(out) :: set
+      type(torus_t), intent(out) :: grid
+      type(error_t), allocatable, intent(out) :: error
+      integer :: samples(narrow%n_tones)
+
+      call choose_wider_set(narrow, set, error)
       if (allocated(error)) return
       samples = max(default_samples(set, 0), 4*torus%n_samples)
-      do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(torus%n_samples, 2*orders + 2)))
-         samples = max(torus%n_samples, 2*orders + 2, samples - max(2, samples/8))
+      do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(torus%n_samples, 2*set%highest + 2)))
+         samples = max(torus%n_samples, 2*set%highest + 2, samples - max(2, samples/8))
       end do
       call new_torus(grid, samples, set, error)
    end subroutine choose_wider
@@ -109,10 +121,11 @@ contains
    !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: the harmonics
    !> outside answer the forces that nothing balances, through their stiffness with the mean stiffness of the laws; what
    !> this motion then changes in the kept ones comes by the exact tangent.
-   subroutine estimate_errors(self, balance, wide, u, error)
+   subroutine estimate_errors(self, balance, wide, u, n_steps, error)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(inout) :: balance, wide
       real(wp), intent(in) :: u(:, :)
+      integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
       type(tangent_factor_t) :: factor
       real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), size_of_motion
@@ -145,10 +158,10 @@ contains
       change = restricted(defect)
       call factor%solve(balance, change)
       self%truncation = sqrt(norm2(change - alias)**2 + norm2(answer)**2)/size_of_motion
+      if (n_steps == 0) return
       self%wider = wide%harmonics
-      allocate (self%corrected, mold=big)
-      call exchange(balance%harmonics, wide%harmonics, u - reshape(change, shape(u)), self%corrected)
-      self%corrected = self%corrected - answer
+      allocate (self%improved, mold=big)
+      call improve(balance, wide, factor, u, n_steps, self%improved, error)
 
    contains
 
@@ -162,45 +175,6 @@ contains
          kept = reshape(pairs, [size(u)])
       end function restricted
    end subroutine estimate_errors
-
-   subroutine residual_of(problem, u, r)
-      type(balance_t), intent(inout) :: problem
-      real(wp), intent(in) :: u(:, :)
-      real(wp), intent(out) :: r(:, :)
-      real(wp) :: flat(size(u))
-
-      call problem%residual(reshape(u, [size(u)]), flat)
-      r = reshape(flat, shape(r))
-   end subroutine residual_of
-
-   !> Copies coefficients of the tuples that both sets have; the others of `to` become zero.
-   subroutine exchange(from_set, to_set, from, to)
-      type(harmonics_t), intent(in) :: from_set, to_set
-      real(wp), intent(in) :: from(:, :)
-      real(wp), intent(out) :: to(:, :)
-      integer :: h, k
-
-      to = 0.0_wp
-      do h = 1, to_set%n_harmonics
-         k = from_set%index_of(to_set%tuples(:, h))
-         if (k == 0) cycle
-         to(to_set%cos_at(h), :) = from(from_set%cos_at(k), :)
-         if (to_set%sin_at(h) > 0) to(to_set%sin_at(h), :) = from(from_set%sin_at(k), :)
-      end do
-   end subroutine exchange
-
-   !> Sets wide coefficients of the kept tuples to zero.
-   subroutine clear_kept(kept, set, coefficients)
-      type(harmonics_t), intent(in) :: kept, set
-      real(wp), intent(inout) :: coefficients(:, :)
-      integer :: h, k
-
-      do h = 1, kept%n_harmonics
-         k = set%index_of(kept%tuples(:, h))
-         coefficients(set%cos_at(k), :) = 0.0_wp
-         if (set%sin_at(k) > 0) coefficients(set%sin_at(k), :) = 0.0_wp
-      end do
-   end subroutine clear_kept
 
    !> Rigid contact and friction on the finer grid, and the power that each law takes there.
    subroutine check_contact(self, balance, wide, u)

@@ -48,12 +48,12 @@ module hb_benchmark
       real(wp), allocatable :: seconds(:, :)                          !! wall time, (parts, repeats)
       real(wp) :: memory = 0.0_wp                                     !! largest addition [byte]; 0: not known
       type(coefficient_set_t) :: motion                               !! at the observed degrees of freedom
-      type(coefficient_set_t) :: corrected                            !! the same less its estimated error
-      logical :: has_motion = .false., has_corrected = .false.
+      type(coefficient_set_t) :: improved                            !! the same in a wider set
+      logical :: has_motion = .false., has_improved = .false.
       logical :: is_reference = .false.
       real(wp) :: error = 0.0_wp                                      !! relative rms of the difference; NaN: not known
       real(wp) :: largest_error = 0.0_wp                              !! of one coefficient, unit of the motion
-      real(wp) :: corrected_error = 0.0_wp                            !! as `error`, of the corrected motion
+      real(wp) :: improved_error = 0.0_wp                            !! as `error`, of the improved motion
    end type measured_t
 
    !> An input that was read without a problem, ready to run.
@@ -283,20 +283,20 @@ contains
          call new_coefficient_set(rung%motion, scene%harmonics%tuples, result%coefficients, error)
          rung%has_motion = .not. allocated(error)
       end if
-      if (.not. allocated(result%certificate%corrected)) return
+      if (.not. allocated(result%certificate%improved)) return
       if (.not. all([(any(law_dofs == scene%output%dofs(k)), k=1, size(self%dofs))])) return
-      associate (wider => result%certificate%wider, found => result%certificate%corrected, corrected => rung%corrected)
-         corrected%harmonics = wider
-         allocate (corrected%values(2, wider%n_harmonics, size(self%dofs)), source=0.0_wp)
+      associate (wider => result%certificate%wider, found => result%certificate%improved, improved => rung%improved)
+         improved%harmonics = wider
+         allocate (improved%values(2, wider%n_harmonics, size(self%dofs)), source=0.0_wp)
          do k = 1, size(self%dofs)
             m = findloc(law_dofs == scene%output%dofs(k), .true., dim=1)
             do h = 1, wider%n_harmonics
-               corrected%values(1, h, k) = found(wider%cos_at(h), m)
-               if (wider%sin_at(h) > 0) corrected%values(2, h, k) = found(wider%sin_at(h), m)
+               improved%values(1, h, k) = found(wider%cos_at(h), m)
+               if (wider%sin_at(h) > 0) improved%values(2, h, k) = found(wider%sin_at(h), m)
             end do
          end do
       end associate
-      rung%has_corrected = .true.
+      rung%has_improved = .true.
    end subroutine keep
 
    !> Solves the reference of `reference_order`.
@@ -348,11 +348,11 @@ contains
 
       rung%error = ieee_value(1.0_wp, ieee_quiet_nan)
       rung%largest_error = rung%error
-      rung%corrected_error = rung%error
+      rung%improved_error = rung%error
       if (.not. self%has_reference) return
       if (rung%has_motion) call compare_motions(rung%motion, self%reference, .not. self%plan%compares_union, &
                                                 rung%error, rung%largest_error)
-      if (rung%has_corrected) call compare_motions(rung%corrected, self%reference, .not. self%plan%compares_union, &
-                                                   rung%corrected_error, ignored)
+      if (rung%has_improved) call compare_motions(rung%improved, self%reference, .not. self%plan%compares_union, &
+                                                   rung%improved_error, ignored)
    end subroutine measure_error
 end module hb_benchmark

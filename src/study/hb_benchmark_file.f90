@@ -120,6 +120,7 @@ contains
       call set_text("created_utc", utc_now())
       call set_text("title", self%title)
       call set_text("amplitude_convention", amplitude_convention)
+      call set_text("threads", threads_text())
 
    contains
 
@@ -129,6 +130,22 @@ contains
          if (.not. allocated(table%error)) call table%file%set_attribute(name, value, table%error)
       end subroutine set_text
    end subroutine add_attributes
+
+   !> What the environment says of threads, on which all times depend.
+   function threads_text() result(text)
+      character(:), allocatable :: text
+      character(*), parameter :: names(2) = [character(20) :: "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"]
+      character(32) :: value
+      integer :: i, status
+
+      text = ""
+      do i = 1, size(names)
+         call get_environment_variable(trim(names(i)), value, status=status)
+         if (status /= 0) value = "not set"
+         if (i > 1) text = text//", "
+         text = text//trim(names(i))//" "//trim(value)
+      end do
+   end function threads_text
 
    subroutine add_scales(table, self, n_harmonics)
       type(table_t), intent(inout) :: table
@@ -181,7 +198,7 @@ contains
       integer :: i
       integer :: samples(self%n_tones, size(self%rungs))
       real(wp) :: oversampling(size(self%rungs))
-      character(text_length) :: methods(size(self%rungs)), formulations(size(self%rungs))
+      character(text_length), dimension(size(self%rungs)) :: methods, formulations, samplings
 
       samples = 0
       oversampling = ieee_value(1.0_wp, ieee_quiet_nan)
@@ -189,6 +206,7 @@ contains
          associate (rung => self%rungs(i))
             methods(i) = ""
             if (allocated(rung%method)) methods(i) = rung%method
+            samplings(i) = self%plan%describe_sampling(i)
             formulations(i) = self%plan%formulations%describe(i_formulation(self, i))
             if (.not. allocated(rung%samples)) cycle
             samples(:, i) = rung%samples
@@ -199,6 +217,7 @@ contains
       call add_sample_counts()
       call add_reals(table, "oversampling", oversampling, "1", "samples over 2N + 1 of the tone that has fewest")
       call add_texts(table, "method", methods, "solver")
+      call add_texts(table, "sampling", samplings, "samples as &benchmark asks for them; empty: by the input")
       call add_texts(table, "formulation", formulations, "swept values of the rung")
 
    contains
@@ -339,8 +358,8 @@ contains
          "rms over hypertime of the difference to the reference, relative to the reference")
       call add_reals(table, "largest_error", self%rungs%largest_error, self%units, &
          "largest difference of one coefficient to the reference")
-      call add_reals(table, "corrected_error", self%rungs%corrected_error, "1", &
-         "as error, of the motion less the error that the certificate estimates")
+      call add_reals(table, "improved_error", self%rungs%improved_error, "1", &
+         "as error, of the improved motion in a wider set")
    end subroutine add_errors
 
    !> The motions at the observed degrees of freedom on the union of all tuples; NaN for what a set lacks.

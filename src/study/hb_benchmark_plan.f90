@@ -45,6 +45,7 @@ module hb_benchmark_plan
       procedure :: apply => benchmark_plan_apply
       procedure :: apply_reference => benchmark_plan_apply_reference
       procedure :: describe => benchmark_plan_describe
+      procedure :: describe_sampling => benchmark_plan_describe_sampling
    end type benchmark_plan_t
 
 contains
@@ -207,9 +208,24 @@ contains
       text = "rung "//to_text(i - 1)
       if (rung%order > 0) text = text//", order "//to_text(self%orders(rung%order))
       if (rung%method > 0) text = text//", "//self%methods(rung%method)%value
-      if (rung%sampling > 0 .and. size(self%samples) > 0) text = text//", "//to_text(self%samples(rung%sampling))//" samples"
-      if (rung%sampling > 0 .and. size(self%oversampling) > 0) &
-         text = text//", oversampling "//to_text(self%oversampling(rung%sampling))
+      if (rung%sampling > 0) text = text//", "//self%describe_sampling(i)
       if (size(self%formulations%parameters) > 0) text = text//", "//self%formulations%describe(rung%formulation)
    end function benchmark_plan_describe
+
+   !> Text such as `64 samples` or `oversampling 3.0`; empty where the input decides.
+   function benchmark_plan_describe_sampling(self, i) result(text)
+      class(benchmark_plan_t), intent(in) :: self
+      integer, intent(in) :: i                                        !! 1 to n_rungs
+      character(:), allocatable :: text
+      type(rung_t) :: rung
+
+      rung = self%rung(i)
+      text = ""
+      if (rung%sampling == 0) return
+      if (size(self%samples) > 0) then
+         text = to_text(self%samples(rung%sampling))//" samples"
+      else
+         text = "oversampling "//to_text(self%oversampling(rung%sampling))
+      end if
+   end function benchmark_plan_describe_sampling
 end module hb_benchmark_plan

@@ -196,8 +196,10 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call certify(result%certificate, scene%structure, scene%tones, scene%laws, scene%loads, scene%torus, balance, u, &
-         scene%planning, error)
+         scene%planning, scene%certificate%improvement_steps, error)
       if (allocated(error)) return
+      if (allocated(result%certificate%improved)) result%improved_coefficients = &
+         as_pairs(result%certificate%wider, result%certificate%improved)
       associate (found => result%certificate, limit => scene%certificate)
          if (found%defects%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated

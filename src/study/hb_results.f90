@@ -37,6 +37,7 @@ module hb_results
       real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
       real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
+      real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of certificate%wider, n_law_dofs)
       integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
       type(certificate_t) :: certificate                !! zero and without combination where none was made
       logical :: is_near_commensurate = .false.
@@ -127,6 +128,7 @@ contains
       if (allocated(point%coefficients)) call put(self, "coefficients", i, point%coefficients, error)
       if (allocated(point%force_coefficients)) call put(self, "force_coefficients", i, point%force_coefficients, error)
       if (allocated(point%corrected_coefficients)) call put(self, "corrected_coefficients", i, point%corrected_coefficients, error)
+      if (allocated(point%improved_coefficients)) call put(self, "improved_coefficients", i, point%improved_coefficients, error)
       if (allocated(point%certificate%combination)) call put_certificate(self, i, point, error)
       if (allocated(point%displacement_samples)) call put(self, "displacement_samples", i, point%displacement_samples, error)
       if (allocated(point%corrected_samples)) call put(self, "corrected_samples", i, point%corrected_samples, error)
@@ -188,7 +190,7 @@ contains
       if (allocated(error)) return
       j = index_of(self, name)
       if (j == 0) then
-         call fail(error, "'"//name//"' given, but the layout has no grid for surfaces")
+         call fail(error, "'"//name//"' given, but the layout has no room for it")
          return
       end if
       call self%plan%variables(j)%dataset%write_row(i, values, error)

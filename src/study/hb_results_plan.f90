@@ -87,6 +87,9 @@ contains
             "coefficients of the force of the laws, on the left-hand side", force_units(layout%law_dof_units))
          call add("corrected_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], &
             "", "coefficients of the displacement corrected to the wall", layout%law_dof_units)
+         if (layout%has_improved) call add("improved_coefficients", is_real, &
+            [component_axis, harmonic_axis, law_dof_axis, point_axis], "", &
+            "coefficients of the motion improved in a wider set of harmonics", layout%law_dof_units)
          call add("truncation_estimate", is_real, [point_axis], "1", &
             "estimated error by the harmonics left out, relative to the motion")
          call add("aliasing_estimate", is_real, [point_axis], "1", &

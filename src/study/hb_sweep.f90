@@ -4,6 +4,7 @@
 !> depend on who solves it or when, so the file holds the same numbers for any number of ranks (with FFTW's planning by
 !> estimate, which is the default; measured plans may differ in the last digit).
 module hb_sweep
+   use hb_certificate, only: choose_wider_set
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
    use hb_harmonics, only: harmonics_t
@@ -122,6 +123,8 @@ contains
       integer :: i, point
 
       self%tuples = self%scene%harmonics%tuples
+      call merge_wider_set(self, self%scene%harmonics, error)
+      if (allocated(error)) return
       if (.not. any([(is_harmonic_path(self%plan%parameters(i)%path), i=1, size(self%plan%parameters))])) return
       seen = ";"
       do point = 1, self%plan%n_points
@@ -145,8 +148,29 @@ contains
             return
          end if
          call merge_tuples(self%tuples, harmonics)
+         call merge_wider_set(self, harmonics, error)
+         if (allocated(error)) return
       end do
    end subroutine collect_tuples
+
+   !> Adds the tuples that an improved motion has beyond those of its set.
+   subroutine merge_wider_set(self, harmonics, error)
+      type(study_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: wider
+
+      if (.not. has_improved(self)) return
+      call choose_wider_set(harmonics, wider, error)
+      if (.not. allocated(error)) call merge_tuples(self%tuples, wider)
+   end subroutine merge_wider_set
+
+   !> Whether improved motions are stored: the first point decides for all.
+   pure logical function has_improved(self)
+      type(study_t), intent(in) :: self
+
+      has_improved = self%scene%certificate%is_on .and. self%scene%certificate%improvement_steps > 0
+   end function has_improved
 
    !> Whether a swept path is a key of `&harmonics`; names of groups stand in either case, with blanks before.
    logical function is_harmonic_path(path)
@@ -251,6 +275,7 @@ contains
          layout%law_labels = unique_labels(scene)
          layout%law_dof_units = [character(16) :: structure%units(law_dofs)]
          layout%n_samples = scene%output%samples
+         layout%has_improved = has_improved(self)
          layout%title = scene%output%title
          layout%input_text = self%input_text
          layout%input_complete = self%input_complete
@@ -375,6 +400,8 @@ contains
          call spread_harmonics(scene%harmonics, layout%tuples, result%coefficients)
          call spread_harmonics(scene%harmonics, layout%tuples, result%force_coefficients)
          call spread_harmonics(scene%harmonics, layout%tuples, result%corrected_coefficients)
+         if (.not. layout%has_improved .and. allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
+         call spread_harmonics(result%certificate%wider, layout%tuples, result%improved_coefficients)
       end if
       result%rank = rank
       result%solve_seconds = wall_clock() - started

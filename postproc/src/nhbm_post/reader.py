@@ -56,6 +56,9 @@ QUANTITIES = {
     "corrected": _Quantity(
         "corrected_coefficients", "law_dof", "corrected_samples", "corrected displacement", "corrected {}"
     ),
+    "improved": _Quantity(
+        "improved_coefficients", "law_dof", "improved_samples", "improved displacement", "improved {}"
+    ),
 }
 
 

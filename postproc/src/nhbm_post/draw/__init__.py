@@ -5,5 +5,15 @@ from .response import draw_response
 from .spectrum import draw_spectrum
 from .style import save
 from .time_history import draw_time
+from .work_precision import draw_convergence, draw_cost, draw_work_precision
 
-__all__ = ["draw_correction", "draw_response", "draw_spectrum", "draw_time", "save"]
+__all__ = [
+    "draw_convergence",
+    "draw_correction",
+    "draw_cost",
+    "draw_response",
+    "draw_spectrum",
+    "draw_time",
+    "draw_work_precision",
+    "save",
+]
