@@ -2,13 +2,14 @@
 module hb_benchmark_file
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_benchmark, only: benchmark_t, measured_t, part_names
+   use hb_benchmark_table, only: add_integers, add_one_text, add_reals, add_texts, table_t, text_length
    use hb_coefficient_set, only: coefficient_set_t
    use hb_error, only: annotate, error_t
-   use hb_harmonics, only: harmonics_t, new_harmonics
-   use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t
+   use hb_harmonics, only: harmonics_t, merge_tuples, new_harmonics
+   use hb_hdf5, only: create_file, h5_dataset_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome_names
-   use hb_results_file, only: amplitude_convention, check_place, describe, put_in_place, schema_version, set_flags
+   use hb_results_file, only: amplitude_convention, check_place, describe, put_in_place, schema_version
    use hb_results_plan, only: identifier
    use hb_solver_types, only: rescue_names
    use hb_sweep_plan, only: parameter_units
@@ -18,15 +19,6 @@ module hb_benchmark_file
    implicit none
    private
    public :: median, write_benchmark
-
-   integer, parameter :: text_length = 200                            ! longest text of a row
-
-   !> A file that is being filled; after an error nothing more is written.
-   type :: table_t
-      type(h5_file_t) :: file
-      type(h5_dataset_t) :: rung, tone, harmonic, dof, component, repeat   ! dimension scales
-      type(error_t), allocatable :: error
-   end type table_t
 
 contains
 
@@ -81,32 +73,14 @@ contains
       type(harmonics_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: tuples(:, :)
-      type(harmonics_t) :: so_far
       integer :: i
 
       allocate (tuples(self%n_tones, 1), source=0)
-      call new_harmonics(so_far, tuples, error)
-      if (self%has_reference .and. .not. allocated(error)) call take(self%reference%harmonics)
+      if (self%has_reference) call merge_tuples(tuples, self%reference%harmonics)
       do i = 1, size(self%rungs)
-         if (allocated(error)) return
-         if (self%rungs(i)%has_motion) call take(self%rungs(i)%motion%harmonics)
+         if (self%rungs(i)%has_motion) call merge_tuples(tuples, self%rungs(i)%motion%harmonics)
       end do
-      set = so_far
-
-   contains
-
-      subroutine take(other)
-         type(harmonics_t), intent(in) :: other
-         integer :: h
-         logical :: is_new(other%n_harmonics)
-
-         is_new = [(so_far%index_of(other%tuples(:, h)) == 0, h=1, other%n_harmonics)]
-         if (.not. any(is_new)) return
-         tuples = reshape([so_far%tuples, pack(other%tuples, spread(is_new, 1, self%n_tones))], &
-                          [self%n_tones, so_far%n_harmonics + count(is_new)])
-         so_far = harmonics_t()
-         call new_harmonics(so_far, tuples, error)
-      end subroutine take
+      call new_harmonics(set, tuples, error)
    end subroutine union_of_sets
 
    subroutine add_attributes(table, self)
@@ -419,66 +393,6 @@ contains
          if (.not. allocated(table%error)) call describe(dataset, self%units, long_name, table%error)
       end subroutine add
    end subroutine add_motions
-
-   ! One column of the table
-
-   subroutine add_reals(table, name, values, units, long_name, parameter)
-      type(table_t), intent(inout) :: table
-      character(*), intent(in) :: name, units, long_name
-      real(wp), intent(in) :: values(:)
-      character(*), intent(in), optional :: parameter                 !! path in the input
-      type(h5_dataset_t) :: dataset
-
-      if (allocated(table%error)) return
-      call table%file%add_real(name, shape(values), dataset, table%error)
-      if (.not. allocated(table%error)) call dataset%write(values, table%error)
-      call finish_column(table, dataset, units, long_name, parameter)
-   end subroutine add_reals
-
-   subroutine add_integers(table, name, values, long_name, meanings)
-      type(table_t), intent(inout) :: table
-      character(*), intent(in) :: name, long_name
-      integer, intent(in) :: values(:)
-      character(*), intent(in), optional :: meanings(:)               !! of 0, 1, ...
-      type(h5_dataset_t) :: dataset
-
-      if (allocated(table%error)) return
-      call table%file%add_integer(name, shape(values), dataset, table%error)
-      if (.not. allocated(table%error)) call dataset%write(values, table%error)
-      call finish_column(table, dataset, "1", long_name)
-      if (present(meanings) .and. .not. allocated(table%error)) call set_flags(dataset, meanings, table%error)
-   end subroutine add_integers
-
-   subroutine add_texts(table, name, values, long_name, parameter)
-      type(table_t), intent(inout) :: table
-      character(*), intent(in) :: name, values(:), long_name
-      character(*), intent(in), optional :: parameter                 !! path in the input
-      type(h5_dataset_t) :: dataset
-
-      if (allocated(table%error)) return
-      call table%file%add_texts(name, values, dataset, table%error)
-      call finish_column(table, dataset, "1", long_name, parameter)
-   end subroutine add_texts
-
-   subroutine finish_column(table, dataset, units, long_name, parameter)
-      type(table_t), intent(inout) :: table
-      type(h5_dataset_t), intent(in) :: dataset
-      character(*), intent(in) :: units, long_name
-      character(*), intent(in), optional :: parameter
-
-      if (.not. allocated(table%error)) call dataset%attach_scale(1, table%rung, table%error)
-      if (.not. allocated(table%error)) call describe(dataset, units, long_name, table%error)
-      if (present(parameter) .and. .not. allocated(table%error)) call dataset%set_attribute("parameter", parameter, table%error)
-   end subroutine finish_column
-
-   subroutine add_one_text(table, name, text, long_name)
-      type(table_t), intent(inout) :: table
-      character(*), intent(in) :: name, text, long_name
-      type(h5_dataset_t) :: dataset
-
-      if (.not. allocated(table%error)) call table%file%add_text(name, text, dataset, table%error)
-      if (.not. allocated(table%error)) call describe(dataset, "1", long_name, table%error)
-   end subroutine add_one_text
 
    !> Median of some numbers; of an even number of them the mean of the middle two.
    pure real(wp) function median(values)

@@ -7,7 +7,7 @@ module hb_sweep
    use hb_certificate, only: choose_wider_set
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
-   use hb_harmonics, only: harmonics_t
+   use hb_harmonics, only: harmonics_t, merge_tuples
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
    use hb_mpi, only: barrier, comm_t, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, wall_clock, &
@@ -178,32 +178,6 @@ contains
 
       is_harmonic_path = index(lower(adjustl(path)), "harmonics") == 1
    end function is_harmonic_path
-
-   !> Adds what the set has and the list lacks. The list grows to hold the largest set first where sets are nested.
-   subroutine merge_tuples(tuples, harmonics)
-      integer, allocatable, intent(inout) :: tuples(:, :)
-      type(harmonics_t), intent(in) :: harmonics
-      logical :: is_known(harmonics%n_harmonics)
-      integer, allocatable :: longer(:, :)
-      integer :: h, i, n_new
-
-      is_known = .false.
-      do i = 1, size(tuples, 2)
-         h = harmonics%index_of(tuples(:, i))
-         if (h > 0) is_known(h) = .true.
-      end do
-      n_new = count(.not. is_known)
-      if (n_new == 0) return
-      allocate (longer(size(tuples, 1), size(tuples, 2) + n_new))
-      longer(:, 1:size(tuples, 2)) = tuples
-      i = size(tuples, 2)
-      do h = 1, harmonics%n_harmonics
-         if (is_known(h)) cycle
-         i = i + 1
-         longer(:, i) = harmonics%tuples(:, h)
-      end do
-      call move_alloc(longer, tuples)
-   end subroutine merge_tuples
 
    !> Solves all points and writes them; collective. An error is trouble with the result file; what is wrong with a single
    !> point stands in the file.
