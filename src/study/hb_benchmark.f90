@@ -27,16 +27,17 @@ module hb_benchmark
    private
    public :: benchmark_t, measured_t, new_benchmark, part, part_names, run_benchmark
 
-   !> Parts of the wall time of a rung.
+   !> Parts of the time of a rung; wall time but for the last.
    type :: part_t
       integer :: setup = 1                                            !! input, dynamic stiffness, plans, first guess
       integer :: solver = 2                                           !! iterations
       integer :: recovery = 3                                         !! motion of all degrees of freedom, forces
       integer :: certificate = 4
       integer :: total = 5                                            !! without the certificate
+      integer :: cpu = 6                                              !! the same as processor time, of all threads
    end type part_t
    type(part_t), parameter :: part = part_t()
-   character(*), parameter :: part_names(5) = [character(11) :: "setup", "solver", "recovery", "certificate", "total"]
+   character(*), parameter :: part_names(6) = [character(11) :: "setup", "solver", "recovery", "certificate", "total", "cpu"]
 
    !> What was found at one rung.
    type :: measured_t
@@ -45,7 +46,7 @@ module hb_benchmark
       integer, allocatable :: samples(:)                              !! (n_tones)
       character(:), allocatable :: method
       integer :: n_unknowns = 0
-      real(wp), allocatable :: seconds(:, :)                          !! wall time, (parts, repeats)
+      real(wp), allocatable :: seconds(:, :)                          !! (parts, repeats)
       real(wp) :: memory = 0.0_wp                                     !! largest addition [byte]; 0: not known
       type(coefficient_set_t) :: motion                               !! at the observed degrees of freedom
       type(coefficient_set_t) :: improved                            !! the same in a wider set
@@ -233,24 +234,27 @@ contains
       type(scene_t) :: scene
       type(point_result_t) :: result
       type(error_t), allocatable :: error
-      real(wp) :: begun, read_at, ended, resident
+      real(wp) :: begun, read_at, ended, cpu_begun, cpu_ended, resident
       logical :: has_peak
 
       call release_memory()
       call forget_wisdom()
       resident = memory_resident()
       call reset_memory_peak(has_peak)
+      call cpu_time(cpu_begun)
       begun = wall_clock()
       call read_rung(self, i, scene, error)
       read_at = wall_clock()
       if (.not. allocated(error)) call solve_point(scene, result, error)
       ended = wall_clock()
+      call cpu_time(cpu_ended)
       if (has_peak) rung%memory = max(rung%memory, memory_peak() - resident)
       associate (seconds => rung%seconds(:, repeat))
          seconds(part%setup) = read_at - begun + result%setup_seconds
          seconds(part%solver) = result%solver_seconds
          seconds(part%certificate) = result%certificate_seconds
          seconds(part%total) = ended - begun - result%certificate_seconds
+         seconds(part%cpu) = cpu_ended - cpu_begun - result%certificate_cpu_seconds
          seconds(part%recovery) = seconds(part%total) - seconds(part%setup) - seconds(part%solver)
       end associate
       if (repeat > 1) return

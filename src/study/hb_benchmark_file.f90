@@ -1,7 +1,7 @@
 !> The file of a benchmark, one row a rung: the only writer of the second schema in docs/schema.md.
 module hb_benchmark_file
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_benchmark, only: benchmark_t, measured_t, part_names
+   use hb_benchmark, only: benchmark_t, measured_t, part, part_names
    use hb_benchmark_table, only: add_integers, add_one_text, add_reals, add_texts, table_t, text_length
    use hb_coefficient_set, only: coefficient_set_t
    use hb_error, only: annotate, error_t
@@ -277,14 +277,15 @@ contains
          "error by the finite number of samples as the certificate estimates it")
    end subroutine add_outcomes
 
-   !> Time and memory. Of each part the median over the repeats, and the least and the most.
+   !> Time and memory. Of each part of the time the median over the repeats, and the least and the most.
    subroutine add_costs(table, self)
       type(table_t), intent(inout) :: table
       type(benchmark_t), intent(in) :: self
-      character(*), parameter :: words(5) = [character(80) :: &
-         "set-up: input, dynamic stiffness, plans, first guess", "iterations", &
-         "motion of all degrees of freedom and forces of the laws", "certificate", &
-         "set-up, iterations and recovery, without the certificate"]
+      character(*), parameter :: words(size(part_names)) = [character(80) :: &
+         "wall time of the set-up: input, dynamic stiffness, plans, first guess", "wall time of the iterations", &
+         "wall time of the motion of all degrees of freedom and the forces of laws", "wall time of the certificate", &
+         "wall time of set-up, iterations and recovery, without the certificate", &
+         "processor time of all threads for set-up, iterations and recovery"]
       real(wp), dimension(size(self%rungs)) :: middle, least, most, memory
       real(wp) :: total(self%plan%repeats, size(self%rungs))
       integer :: i, k
@@ -295,13 +296,13 @@ contains
                middle(i) = median(seconds)
                least(i) = minval(seconds)
                most(i) = maxval(seconds)
-               if (k == size(part_names)) total(:, i) = seconds
+               if (k == part%total) total(:, i) = seconds
             end associate
          end do
          associate (name => trim(part_names(k))//"_seconds")
-            call add_reals(table, name, middle, "s", "wall time, median of the repeats: "//trim(words(k)))
-            call add_reals(table, name//"_min", least, "s", "wall time, least of the repeats: "//trim(words(k)))
-            call add_reals(table, name//"_max", most, "s", "wall time, most of the repeats: "//trim(words(k)))
+            call add_reals(table, name, middle, "s", trim(words(k))//", median of the repeats")
+            call add_reals(table, name//"_min", least, "s", trim(words(k))//", least of the repeats")
+            call add_reals(table, name//"_max", most, "s", trim(words(k))//", most of the repeats")
          end associate
       end do
       call add_all_times()
@@ -319,7 +320,7 @@ contains
          if (.not. allocated(table%error)) call dataset%write(total, table%error)
          if (.not. allocated(table%error)) call dataset%attach_scale(1, table%repeat, table%error)
          if (.not. allocated(table%error)) call dataset%attach_scale(2, table%rung, table%error)
-         if (.not. allocated(table%error)) call describe(dataset, "s", "wall time of each repeat, "//trim(words(5)), table%error)
+         if (.not. allocated(table%error)) call describe(dataset, "s", trim(words(part%total))//", each repeat", table%error)
       end subroutine add_all_times
    end subroutine add_costs
 

@@ -77,7 +77,7 @@ contains
       type(report_t) :: report
       complex(wp), allocatable :: c(:, :)
       real(wp), allocatable :: u(:, :)
-      real(wp) :: begun
+      real(wp) :: begun, cpu_begun, cpu_ended
 
       allocate (u(scene%harmonics%n_coefficients, size(law_dofs)), source=0.0_wp)
       if (scene%start_from_linear) call balance%linear_solution(u)
@@ -105,8 +105,11 @@ contains
       if (allocated(error)) return
       if (scene%certificate%is_on .and. result%status == outcome%converged) then
          begun = wall_clock()
+         call cpu_time(cpu_begun)
          call keep_certificate(scene, balance, u, result, error)
          result%certificate_seconds = wall_clock() - begun
+         call cpu_time(cpu_ended)
+         result%certificate_cpu_seconds = cpu_ended - cpu_begun
          if (allocated(error)) return
       end if
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)

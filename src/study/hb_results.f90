@@ -31,6 +31,7 @@ module hb_results
       real(wp) :: setup_seconds = 0.0_wp                !! of it, dynamic stiffness, plans, first guess
       real(wp) :: solver_seconds = 0.0_wp               !! of it, the iterations
       real(wp) :: certificate_seconds = 0.0_wp          !! of it, the certificate
+      real(wp) :: certificate_cpu_seconds = 0.0_wp      !! processor time of the certificate
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)

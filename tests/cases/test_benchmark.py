@@ -151,12 +151,14 @@ def test_reference_without_points_or_frequencies(tmp_path):
 
 def test_times_add_up_and_lie_between_their_ends(tmp_path):
     data = benchmark(SCENE + "&benchmark orders = 3, 7, repeats = 5 /", tmp_path)
-    for part in ("setup", "solver", "recovery", "certificate", "total"):
+    for part in ("setup", "solver", "recovery", "certificate", "total", "cpu"):
         least, middle, most = (data[f"{part}_seconds{end}"].values for end in ("_min", "", "_max"))
         assert (least >= 0.0).all() and (least <= middle).all() and (middle <= most).all()
     assert (data.solver_seconds.values > 0.0).all() and (data.setup_seconds.values > 0.0).all()
     repeats = data.total_seconds_of_repeat.values
     assert repeats.shape == (2, 5)
+    # One thread: no processor time without wall time, but for the tick of its clock.
+    assert (data.cpu_seconds_min.values <= data.total_seconds_max.values + 0.01).all()
     np.testing.assert_array_equal(np.median(repeats, axis=1), data.total_seconds.values)
     parts = data.setup_seconds_min + data.solver_seconds_min + data.recovery_seconds_min
     assert (parts.values <= data.total_seconds_min.values * (1.0 + ROUNDING)).all()

@@ -14,6 +14,7 @@ from . import style
 # Parts of the wall time that can stand on an axis.
 PARTS = {
     "total": "wall time without certificate",
+    "cpu": "processor time without certificate",
     "setup": "wall time of the set-up",
     "solver": "wall time of the iterations",
     "certificate": "wall time of the certificate",
