@@ -226,7 +226,9 @@ def test_bad_input_says_what_would_be_right(tmp_path):
         (SCENE + "&benchmark reference_samples = 5 /", "reference_order"),
         (SCENE + "&benchmark / &reference dof = 'x2', tuple = 1, 0, cos = 1.0 /", "observed: x1"),
         (
-            SCENE + "&benchmark / &reference dof = 'x1', tuple = 1, 0, cos = 1.0 / &reference dof = 'x1', tuple = -1, 0, cos = 1.0 /",
+            SCENE
+            + "&benchmark / &reference dof = 'x1', tuple = 1, 0, cos = 1.0 /"
+            + "&reference dof = 'x1', tuple = -1, 0, cos = 1.0 /",
             "given twice",
         ),
         (SCENE + "&benchmark / &sweep parameter = 'law(springs)%stiffness', values = 1.0 /", "spring"),
