@@ -5,6 +5,7 @@
 !> approximation alone need not converge; Anderson's acceleration combines all of them so that their residual is least.
 !> Source: docs/theory.md, section 7; Walker and Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735.
 module hb_two_level
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_balance, only: balance_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
@@ -49,7 +50,7 @@ contains
       do i = 0, n_steps
          call approximate_step(narrow, wide, factor, start, motion, step, error)
          if (allocated(error)) return
-         if (.not. norm2(step) <= huge(1.0_wp)) return                ! NaN: out of the range of a law
+         if (.not. all(ieee_is_finite(step))) return                  ! out of the range of a law
          if (norm2(step) < least) then
             least = norm2(step)
             improved = motion
