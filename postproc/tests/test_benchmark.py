@@ -19,7 +19,7 @@ def ladder(tmp_path):
     text = h5py.string_dtype()
     with h5py.File(path, "w") as file:
         file.attrs["schema_version"] = 1
-        file.attrs["content"] = "benchmark"
+        file.attrs["kind"] = "benchmark"
         file.attrs["title"] = "ladder"
         file["rung"] = np.arange(8, dtype=np.int32)
         file["dof"] = np.array(["x1"], dtype=text)

@@ -88,7 +88,7 @@ contains
       type(benchmark_t), intent(in) :: self
 
       call table%file%set_attribute("schema_version", schema_version, table%error)
-      call set_text("content", "benchmark")
+      call set_text("kind", "benchmark")
       call set_text("program_version", program_version)
       call set_text("git_commit", git_commit)
       call set_text("created_utc", utc_now())

@@ -59,7 +59,7 @@ class Benchmark:
     def __init__(self, path: str | os.PathLike):
         self.path = Path(path)
         with _open(self.path) as file:
-            if _text(file.attrs.get("content", "")) != "benchmark":
+            if _text(file.attrs.get("kind", "")) != "benchmark":
                 raise ReaderError(f"{path}: no file of 'nhbm benchmark'")
             version = int(np.ravel(file.attrs["schema_version"])[0])
             if version != SCHEMA_VERSION:

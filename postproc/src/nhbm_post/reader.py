@@ -414,7 +414,7 @@ class Results:
         return self._file[name]
 
     def _check_schema(self) -> None:
-        if _text(self._file.attrs.get("content", "")) == "benchmark":
+        if _text(self._file.attrs.get("kind", "")) == "benchmark":
             raise ReaderError(
                 f"{self.path}: a file of nhbm benchmark; nhbm-post work-precision, convergence and cost draw it"
             )
