@@ -8,6 +8,7 @@ program nhbm
    use hb_text, only: closest_word, join, string_t
    use hb_version, only: git_commit, program_version
    use verb_bench, only: run_bench
+   use verb_benchmark, only: run_benchmark_verb
    use verb_check, only: run_check
    use verb_plan, only: run_plan
    use verb_solve, only: run_solve
@@ -15,11 +16,12 @@ program nhbm
 
    !> Exit statuses, listed in `nhbm --help`.
    integer(c_int), parameter :: success = 0, not_all_right = 1, bad_input = 2
-   character(7), parameter :: verbs(6) = [character(7) :: &
+   character(9), parameter :: verbs(7) = [character(9) :: &
       "solve", &
       "check", &
       "plan", &
       "bench", &
+      "benchmark", &
       "help", &
       "version"]
 
@@ -77,6 +79,8 @@ contains
          call run_plan(options, comm, error)
       else if (verb == "bench") then
          call run_bench(options, comm, error)
+      else if (verb == "benchmark") then
+         call run_benchmark_verb(options, comm, all_right, error)
       else
          call run_solve(options, comm, all_right, error)
       end if
@@ -92,6 +96,8 @@ contains
          "       nhbm check INPUT [options]      read the input, every point of it, say what it asks for, and compare the", &
          "                                       derivatives of its laws with differences of their forces", &
          "       nhbm plan INPUT [options]       say how large the result becomes and how the run would go on many ranks", &
+         "       nhbm benchmark INPUT [options]  solve one scene at many orders, samples and methods, measure time, memory", &
+         "                                       and error of each, write an HDF5 file; nhbm-post work-precision draws it", &
          "       nhbm version                    version and commit", &
          "       mpirun -n 4 nhbm solve INPUT    the same, points spread over 4 ranks", &
          "", &

@@ -13,7 +13,7 @@ module hb_results_file
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: make_file
+   public :: amplitude_convention, check_place, describe, make_file, put_in_place, schema_version, set_flags
 
    integer, parameter :: schema_version = 1
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
@@ -28,19 +28,10 @@ contains
       type(plan_t), intent(inout) :: plan
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: folder, temporary
+      character(:), allocatable :: temporary
 
-      folder = path(:index(path, "/", back=.true.))
-      if (folder == "") folder = "./"
-      if (.not. exists(folder//".")) then
-         call fail(error, "folder '"//folder//"' does not exist; make it or give another --output")
-      else if (exists(path//"/.")) then
-         call fail(error, "is a folder; give another --output")
-      else if (exists(path) .and. .not. overwrite) then
-         call fail(error, "exists; give --overwrite or another --output")
-      end if
+      call check_place(path, overwrite, error)
       if (allocated(error)) return
-
       temporary = path//"."//to_text(process_id())//".part"
       call fill_file(temporary, layout, plan, error)
       if (allocated(error)) then
@@ -52,6 +43,25 @@ contains
       if (allocated(error)) call remove_file(temporary)
    end subroutine make_file
 
+   !> Fails where no file can be made: no folder, a folder in its place, or a file that may not be replaced.
+   subroutine check_place(path, overwrite, error)
+      character(*), intent(in) :: path
+      logical, intent(in) :: overwrite                  !! an existing file may be replaced
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: folder
+
+      folder = path(:index(path, "/", back=.true.))
+      if (folder == "") folder = "./"
+      if (.not. exists(folder//".")) then
+         call fail(error, "folder '"//folder//"' does not exist; make it or give another --output")
+      else if (exists(path//"/.")) then
+         call fail(error, "is a folder; give another --output")
+      else if (exists(path) .and. .not. overwrite) then
+         call fail(error, "exists; give --overwrite or another --output")
+      end if
+   end subroutine check_place
+
+   !> Gives a complete file its name, unless another run has made one meanwhile that may not be replaced.
    subroutine put_in_place(temporary, path, overwrite, error)
       character(*), intent(in) :: temporary, path
       logical, intent(in) :: overwrite
@@ -317,6 +327,7 @@ contains
       end do
    end subroutine attach
 
+   !> Gives a dataset its unit and what it means.
    subroutine describe(dataset, units, long_name, error)
       type(h5_dataset_t), intent(in) :: dataset
       character(*), intent(in) :: units, long_name

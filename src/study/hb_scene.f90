@@ -45,6 +45,7 @@ module hb_scene
       real(wp) :: truncation = 0.1_wp                                 !! largest estimated error, relative to the motion
       real(wp) :: aliasing = 0.1_wp                                   !! largest estimated error, relative to the motion
       real(wp) :: penetration = 0.1_wp                                !! largest, relative to the largest harmonic
+      integer :: improvement_steps = 0                                !! steps towards the motion in a wider set
       real(wp) :: commensurability = 1.0e-3_wp                        !! smallest |k.omega| relative to the largest tone
    end type certificate_config_t
 
@@ -139,6 +140,10 @@ contains
          call read_amplitude(self, document%group("start", i), self%start)
       end do
       if (any(self%tones%is_unknown)) then
+         if (self%certificate%improvement_steps > 0) then
+            group => document%optional_group("certificate")
+            call group%problem("improvement_steps", "only tones that are given allow it; leave it out")
+         end if
          call check_fundamentals(self, document%optional_group("harmonics"))
          call read_phase(self, document%optional_group("phase"))
       end if
@@ -502,6 +507,7 @@ contains
       call group%get("truncation", self%truncation, above=0.0_wp)
       call group%get("aliasing", self%aliasing, above=0.0_wp)
       call group%get("penetration", self%penetration, above=0.0_wp)
+      call group%get("improvement_steps", self%improvement_steps, minimum=0, maximum=1000)
       call group%get("commensurability", self%commensurability, minimum=0.0_wp)
    end subroutine read_certificate
 

@@ -5,9 +5,10 @@
 !> numbers for any number of ranks (with FFTW's planning by estimate, which is the default; measured plans may differ in the
 !> last digit).
 module hb_sweep
+   use hb_certificate, only: choose_wider_set
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
-   use hb_harmonics, only: harmonics_t
+   use hb_harmonics, only: harmonics_t, merge_tuples
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
    use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, &
@@ -29,7 +30,7 @@ module hb_sweep
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: new_study, row_of_study, run_study, run_summary_t, study_t
+   public :: apply_overrides, new_study, row_of_study, run_study, run_summary_t, study_t
 
    !> An input that was read without a problem, ready to run.
    type :: study_t
@@ -66,18 +67,19 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available_memory              !! bytes for this process, the same on all ranks
       type(document_t), target :: first
-      integer :: i
 
       if (present(available_memory)) self%available_memory = available_memory
       self%input_text = text
       call new_document(self%document, file_name, text, error)
       if (allocated(error)) return
+      if (self%document%count("benchmark") > 0) then
+         call fail(error, file_name//": has a group &benchmark; such an input is for 'nhbm benchmark'")
+         return
+      end if
       call self%document%expect_groups([group_names, "sweep      "], error)
       if (allocated(error)) return
-      do i = 1, size(overrides)
-         call apply_override(self%document, overrides(i)%value, error)
-         if (allocated(error)) return
-      end do
+      call apply_overrides(self%document, overrides, error)
+      if (allocated(error)) return
       first = self%document
       call read_sweep_plan(self%plan, first, error)
       if (allocated(error)) return
@@ -89,6 +91,19 @@ contains
       call self%document%forget_values()                             ! nobody asks for the texts of single points
       call collect_tuples(self, error)
    end subroutine new_study
+
+   !> Applies overrides in turn, each path=value.
+   subroutine apply_overrides(document, overrides, error)
+      type(document_t), intent(inout) :: document
+      type(string_t), intent(in) :: overrides(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      do i = 1, size(overrides)
+         call apply_override(document, overrides(i)%value, error)
+         if (allocated(error)) return
+      end do
+   end subroutine apply_overrides
 
    !> Applies one `path=value`.
    subroutine apply_override(document, text, error)
@@ -118,6 +133,8 @@ contains
       integer :: i, point
 
       self%tuples = self%scene%harmonics%tuples
+      call merge_wider_set(self, self%scene%harmonics, error)
+      if (allocated(error)) return
       if (.not. any([(is_harmonic_path(self%plan%parameters(i)%path), i=1, size(self%plan%parameters))])) return
       seen = ";"
       do point = 1, self%plan%n_points
@@ -141,8 +158,29 @@ contains
             return
          end if
          call merge_tuples(self%tuples, harmonics)
+         call merge_wider_set(self, harmonics, error)
+         if (allocated(error)) return
       end do
    end subroutine collect_tuples
+
+   !> Adds the tuples that an improved motion has beyond those of its set.
+   subroutine merge_wider_set(self, harmonics, error)
+      type(study_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: wider
+
+      if (.not. has_improved(self)) return
+      call choose_wider_set(harmonics, wider, error)
+      if (.not. allocated(error)) call merge_tuples(self%tuples, wider)
+   end subroutine merge_wider_set
+
+   !> Whether improved motions are stored: the first point decides for all.
+   pure logical function has_improved(self)
+      type(study_t), intent(in) :: self
+
+      has_improved = self%scene%certificate%is_on .and. self%scene%certificate%improvement_steps > 0
+   end function has_improved
 
    !> Whether a swept path is a key of `&harmonics`; names of groups stand in either case, with blanks before.
    logical function is_harmonic_path(path)
@@ -150,32 +188,6 @@ contains
 
       is_harmonic_path = index(lower(adjustl(path)), "harmonics") == 1
    end function is_harmonic_path
-
-   !> Adds what the set has and the list lacks. The list grows to hold the largest set first where sets are nested.
-   subroutine merge_tuples(tuples, harmonics)
-      integer, allocatable, intent(inout) :: tuples(:, :)
-      type(harmonics_t), intent(in) :: harmonics
-      logical :: is_known(harmonics%n_harmonics)
-      integer, allocatable :: longer(:, :)
-      integer :: h, i, n_new
-
-      is_known = .false.
-      do i = 1, size(tuples, 2)
-         h = harmonics%index_of(tuples(:, i))
-         if (h > 0) is_known(h) = .true.
-      end do
-      n_new = count(.not. is_known)
-      if (n_new == 0) return
-      allocate (longer(size(tuples, 1), size(tuples, 2) + n_new))
-      longer(:, 1:size(tuples, 2)) = tuples
-      i = size(tuples, 2)
-      do h = 1, harmonics%n_harmonics
-         if (is_known(h)) cycle
-         i = i + 1
-         longer(:, i) = harmonics%tuples(:, h)
-      end do
-      call move_alloc(longer, tuples)
-   end subroutine merge_tuples
 
    !> Solves all points and writes them; collective. An error is trouble with the result file; what is wrong with a single
    !> point stands in the file.
@@ -247,6 +259,7 @@ contains
          layout%law_labels = unique_labels(scene)
          layout%law_dof_units = [character(16) :: structure%units(law_dofs)]
          layout%n_samples = scene%output%samples
+         layout%has_improved = has_improved(self)
          layout%title = scene%output%title
          layout%input_text = self%input_text
          layout%input_complete = self%input_complete

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from . import __version__, report
+from .benchmark import Benchmark
 from .errors import NhbmPostError, UsageError
 from .reader import DAMAGES, QUANTITIES, Results
 
@@ -222,6 +223,48 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--view", choices=("speeds", "snapshots", "wave"), default="speeds", help="default: speeds")
     _add_point(sub)
     _add_output(sub)
+
+    for name, run, help_text, description in (
+        (
+            "work-precision",
+            _work_precision,
+            "error over time of a benchmark",
+            "Draws the error of each rung of a file of nhbm benchmark over its wall time, one curve for each method "
+            "and formulation.",
+        ),
+        (
+            "convergence",
+            _convergence,
+            "error over order of a benchmark, with its rate",
+            "Draws the error of each rung of a file of nhbm benchmark over its order, or over its samples, and prints "
+            "the rate, exponential or algebraic, whichever fits the falling part better.",
+        ),
+        (
+            "cost",
+            _cost,
+            "time over unknowns of a benchmark, with its exponent",
+            "Draws the wall time of each rung of a file of nhbm benchmark over its number of unknowns (over its samples "
+            "where there is one order) and prints the exponent of the larger half.",
+        ),
+    ):
+        sub = command(name, run, help_text, description)
+        if name != "convergence":
+            sub.add_argument(
+                "--part",
+                choices=("total", "cpu", "setup", "solver", "certificate"),
+                default="total",
+                help="which time (default: total, the wall time of all but the certificate; cpu: its processor time, which a busy "
+                "machine hardly changes)",
+            )
+        else:
+            sub.add_argument("--over", choices=("order", "samples"), help="axis (default: order if it varies)")
+        if name != "cost":
+            sub.add_argument(
+                "--improved",
+                action="store_true",
+                help="draw also the error of the improved motion (&certificate improvement_steps)",
+            )
+        _add_output(sub)
     return parser
 
 
@@ -238,7 +281,7 @@ def _add_quantity(sub):
         dest="quantity",
         choices=tuple(QUANTITIES),
         default="motion",
-        help="motion (default), force of the laws, or motion corrected to the wall",
+        help="motion (default), force of the laws, motion corrected to the wall, or improved in a wider set",
     )
 
 
@@ -474,6 +517,35 @@ def _time(arguments):
         n_samples=arguments.samples,
         has_difference=arguments.difference,
     )
+    _save(fig, arguments)
+
+
+def _work_precision(arguments):
+    from . import draw
+
+    benchmark = Benchmark(arguments.file)
+    _save(draw.draw_work_precision(benchmark, part=arguments.part, has_improved=arguments.improved), arguments)
+
+
+def _convergence(arguments):
+    from . import draw
+
+    benchmark = Benchmark(arguments.file)
+    over = arguments.over or benchmark.varying()
+    fig, rates = draw.draw_convergence(benchmark, over=over, has_improved=arguments.improved)
+    for curve, rate in rates:
+        print(f"{curve.label}: " + (f"error ~ {rate.plain(over)}" if rate else "too few points for a rate"))
+    _save(fig, arguments)
+
+
+def _cost(arguments):
+    from . import draw
+
+    benchmark = Benchmark(arguments.file)
+    fig, exponents = draw.draw_cost(benchmark, part=arguments.part)
+    what = "unknowns" if benchmark.varying() == "order" else "samples"
+    for curve, rate in exponents:
+        print(f"{curve.label}: " + (f"time ~ {rate.plain(what)}" if rate else "too few points for an exponent"))
     _save(fig, arguments)
 
 
