@@ -1,19 +1,20 @@
 !> The command line of nhbm.
 module arguments
    use hb_error, only: error_t, fail
-   use hb_text, only: closest_word, join, string_t
+   use hb_text, only: closest_word, join, parse_integer, string_t
    implicit none
    private
    public :: argument_list, arguments_t, read_arguments
 
-   character(11), parameter :: options(7) = [character(11) :: &
-      "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet"]
+   character(11), parameter :: options(8) = [character(11) :: &
+      "--help", "-h", "--output", "-o", "--overwrite", "--point", "--set", "--quiet"]
 
    type :: arguments_t
       character(:), allocatable :: verb
       character(:), allocatable :: input                              !! path of the input file
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
+      integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
       logical :: overwrite = .false.
       logical :: is_quiet = .false.
       logical :: wants_help = .false.
@@ -40,6 +41,7 @@ contains
       type(string_t), intent(in) :: words(:)
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: closest
+      logical :: is_number
       integer :: i
 
       allocate (self%overrides(0))
@@ -53,17 +55,24 @@ contains
                self%overwrite = .true.
             case ("--quiet")
                self%is_quiet = .true.
-            case ("--output", "-o", "--set")
+            case ("--output", "-o", "--point", "--set")
                i = i + 1
                if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
                   return
                end if
-               if (word == "--set") then
+               select case (word)
+               case ("--set")
                   self%overrides = [self%overrides, words(i)]
-               else
+               case ("--point")
+                  call parse_integer(words(i)%value, self%point, is_number)
+                  if (.not. is_number .or. self%point < 0) then
+                     call fail(error, "--point needs a number from 0 on, not '"//words(i)%value//"'")
+                     return
+                  end if
+               case default
                   self%output = words(i)%value
-               end if
+               end select
             case default
                if (index(word, "-") == 1) then
                   closest = closest_word(word, options)

@@ -8,12 +8,13 @@ program nhbm
    use hb_text, only: closest_word, join, string_t
    use hb_version, only: git_commit, program_version
    use verb_check, only: run_check
+   use verb_march, only: run_march
    use verb_solve, only: run_solve
    implicit none
 
    !> Exit statuses, listed in `nhbm --help`.
    integer(c_int), parameter :: success = 0, not_all_right = 1, bad_input = 2
-   character(7), parameter :: verbs(4) = [character(7) :: "solve", "check", "help", "version"]
+   character(7), parameter :: verbs(5) = [character(7) :: "solve", "check", "march", "help", "version"]
 
    interface
       !> Ends the process with a status and without a word.
@@ -65,6 +66,8 @@ contains
          call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
       else if (verb == "check") then
          call run_check(options, comm, all_right, error)
+      else if (verb == "march") then
+         call run_march(options, comm, error)
       else
          call run_solve(options, comm, all_right, error)
       end if
@@ -79,6 +82,7 @@ contains
          "usage: nhbm solve INPUT [options]      solve all points of a namelist file, write an HDF5 file", &
          "       nhbm check INPUT [options]      read the input, every point of it, say what it asks for, and compare the", &
          "                                       derivatives of its laws with differences of their forces", &
+         "       nhbm march INPUT [options]      follow the motion through time as &march says, write an HDF5 record", &
          "       nhbm version                    version and commit", &
          "       mpirun -n 4 nhbm solve INPUT    the same, points spread over 4 ranks", &
          "", &
@@ -87,6 +91,7 @@ contains
          "  --overwrite          replace the result file if there is one", &
          "  --set PATH=VALUE     change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden';", &
          "                       may be given several times", &
+         "  --point N            march: the point of a sweep to be followed, from 0", &
          "  --quiet              no progress and no summary", &
          "  -h, --help           this text", &
          "", &

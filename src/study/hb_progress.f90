@@ -17,6 +17,7 @@ module hb_progress
       logical, private :: is_quiet = .false.
       logical, private :: on_terminal = .false.
       integer, private :: n_points = 0
+      character(:), allocatable, private :: noun                      !! what is counted
       real(wp), private :: started = 0.0_wp, shown = 0.0_wp
    contains
       procedure :: show => progress_show
@@ -26,11 +27,14 @@ module hb_progress
 contains
 
    !> Progress over `n_points`, written to standard error; nothing is written when `is_quiet`.
-   subroutine new_progress(self, n_points, is_quiet)
+   subroutine new_progress(self, n_points, is_quiet, noun)
       type(progress_t), intent(out) :: self
       integer, intent(in) :: n_points
       logical, intent(in) :: is_quiet
+      character(*), intent(in), optional :: noun                      !! what is counted, if not points
 
+      self%noun = "points"
+      if (present(noun)) self%noun = noun
       self%n_points = n_points
       self%is_quiet = is_quiet
       self%on_terminal = is_terminal()
@@ -70,7 +74,7 @@ contains
       integer :: filled
 
       seconds = max(now - self%started, epsilon(1.0_wp))
-      line = to_text(done)//"/"//to_text(self%n_points)//" points"
+      line = to_text(done)//"/"//to_text(self%n_points)//" "//self%noun
       if (failed > 0) line = line//", "//to_text(failed)//" not converged"
       line = line//", "//rate_text(done/seconds)//" per s"
       if (done > 0 .and. done < self%n_points) then

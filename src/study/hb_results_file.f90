@@ -1,6 +1,7 @@
 !> Making a result file whole, before the first point is solved; by one process.
 module hb_results_file
-   use hb_error, only: error_t, fail
+   use hb_error, only: error_t
+   use hb_file_place, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t
    use hb_kinds, only: two_pi
    use hb_outcome, only: outcome_names
@@ -9,7 +10,7 @@ module hb_results_file
       is_real, law_axis, law_dof_axis, message_axis, parameter_name_length, parameter_names, plan_t, point_axis, &
       size_text, tone_axis
    use hb_solver_types, only: rescue_names
-   use hb_system, only: exists, link_file, process_id, remove_file, rename_file, utc_now
+   use hb_system, only: process_id, remove_file, utc_now
    use hb_text, only: join, to_text
    implicit none
    private
@@ -28,17 +29,9 @@ contains
       type(plan_t), intent(inout) :: plan
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: folder, temporary
+      character(:), allocatable :: temporary
 
-      folder = path(:index(path, "/", back=.true.))
-      if (folder == "") folder = "./"
-      if (.not. exists(folder//".")) then
-         call fail(error, "folder '"//folder//"' does not exist; make it or give another --output")
-      else if (exists(path//"/.")) then
-         call fail(error, "is a folder; give another --output")
-      else if (exists(path) .and. .not. overwrite) then
-         call fail(error, "exists; give --overwrite or another --output")
-      end if
+      call check_place(path, overwrite, error)
       if (allocated(error)) return
 
       temporary = path//"."//to_text(process_id())//".part"
@@ -51,29 +44,6 @@ contains
       end if
       if (allocated(error)) call remove_file(temporary)
    end subroutine make_file
-
-   subroutine put_in_place(temporary, path, overwrite, error)
-      character(*), intent(in) :: temporary, path
-      logical, intent(in) :: overwrite
-      type(error_t), allocatable, intent(out) :: error
-      logical :: ok
-
-      if (.not. overwrite) then
-         ! another run may have made the file meanwhile: link refuses then, and rename would not
-         call link_file(temporary, path, ok)
-         if (ok) then
-            call remove_file(temporary)
-            return
-         end if
-         if (exists(path)) then
-            call fail(error, "exists; give --overwrite or another --output")
-            return
-         end if
-         ! a file system without links: rename after all
-      end if
-      call rename_file(temporary, path, ok)
-      if (.not. ok) call fail(error, "'"//temporary//"' cannot be renamed to it; give another --output")
-   end subroutine put_in_place
 
    subroutine fill_file(path, layout, plan, error)
       character(*), intent(in) :: path

@@ -9,6 +9,7 @@ module hb_scene
    use hb_law, only: law_box_t
    use hb_law_catalogue, only: read_law
    use hb_loads, only: add_harmonic
+   use hb_march_config, only: march_config_t, read_march
    use hb_namelist, only: document_t, group_t
    use hb_solver_types, only: method_names, solver_config_t, start_names
    use hb_structure, only: structure_t
@@ -21,8 +22,8 @@ module hb_scene
    public :: group_names, output_config_t, read_harmonics, read_scene, read_tones, scene_t
 
    !> Every group that an input file may have.
-   character(11), parameter :: group_names(10) = [character(11) :: &
-      "structure", "tones", "harmonics", "sampling", "load", "law", "start", "solver", "certificate", "output"]
+   character(11), parameter :: group_names(11) = [character(11) :: &
+      "structure", "tones", "harmonics", "sampling", "load", "law", "start", "solver", "certificate", "output", "march"]
 
    character(7), parameter :: first_guess_names(2) = [character(7) :: "linear", "zero"]
 
@@ -56,6 +57,7 @@ module hb_scene
       character(:), allocatable :: wisdom                             !! file with FFTW's wisdom
       type(certificate_config_t) :: certificate
       type(output_config_t) :: output
+      type(march_config_t) :: march
    end type scene_t
 
 contains
@@ -107,6 +109,7 @@ contains
       call read_certificate(self%certificate, document%optional_group("certificate"))
       call read_output(self, document%optional_group("output"))
       call read_sampling(self, document%optional_group("sampling"))
+      call read_march(self%march, document%optional_group("march"))
    end subroutine read_parts
 
    !> Fails when the kind of a law is not known, and with that alone: none of the other keys of its group can be judged.
