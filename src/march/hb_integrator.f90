@@ -6,7 +6,7 @@ module hb_integrator
    use hb_march_system, only: march_system_t
    implicit none
    private
-   public :: integrator_t
+   public :: integrator_t, law_forces
 
    type, abstract :: integrator_t
       type(march_system_t), pointer :: system => null()
@@ -44,11 +44,20 @@ contains
       type(march_state_t), intent(in) :: state
       real(wp), intent(out) :: f(:)                                   !! (n_coordinates)
 
-      call self%system%laws%start_step(state%q, state%v, state%s)
-      call self%system%laws%gather(state%q, state%v)
-      call self%system%laws%evaluate(0.0_wp)
-      f = self%system%laws%f
+      call law_forces(self%system, state, f)
    end subroutine integrator_forces
+
+   !> Forces of all laws but the rigid ones in a state.
+   subroutine law_forces(system, state, f)
+      type(march_system_t), intent(inout) :: system
+      type(march_state_t), intent(in) :: state
+      real(wp), intent(out) :: f(:)                                   !! [N], (n_coordinates)
+
+      call system%laws%start_step(state%q, state%v, state%s)
+      call system%laws%gather(state%q, state%v)
+      call system%laws%evaluate(0.0_wp)
+      f = system%laws%f
+   end subroutine law_forces
 
    !> Gives back what an outside library holds; safe to call twice.
    subroutine integrator_destroy(self)

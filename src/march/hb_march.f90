@@ -3,11 +3,14 @@
 !> `march_from` is the whole of it for a caller; `judge` makes coefficients of a record.
 module hb_march
    use hb_birkhoff, only: coefficients_at
+   use hb_central_differences, only: central_differences_t, new_central_differences
    use hb_error, only: error_t, fail
    use hb_frequency_analysis, only: find_frequencies
+   use hb_generalized_alpha, only: generalized_alpha_t, new_generalized_alpha
    use hb_integrator, only: integrator_t
    use hb_kinds, only: wp
    use hb_march_config, only: march_config_t, march_method
+   use hb_march_cvode, only: march_cvode_t, new_march_cvode
    use hb_march_state, only: march_state_t
    use hb_march_system, only: march_system_t
    use hb_runge_kutta_4, only: new_runge_kutta_4, runge_kutta_4_t
@@ -78,14 +81,27 @@ contains
       real(wp), intent(in) :: step
       type(error_t), allocatable, intent(out) :: error
       type(runge_kutta_4_t), allocatable :: runge_kutta_4
+      type(central_differences_t), allocatable :: central_differences
+      type(generalized_alpha_t), allocatable :: generalized_alpha
+      type(march_cvode_t), allocatable :: cvode
 
       select case (config%method)
       case (march_method%runge_kutta_4)
          allocate (runge_kutta_4)
          call new_runge_kutta_4(runge_kutta_4, system, step, error)
          call move_alloc(runge_kutta_4, self)
+      case (march_method%central_differences)
+         allocate (central_differences)
+         call new_central_differences(central_differences, system, step, config%restitution, error)
+         call move_alloc(central_differences, self)
+      case (march_method%generalized_alpha)
+         allocate (generalized_alpha)
+         call new_generalized_alpha(generalized_alpha, system, step, config%spectral_radius, config%tolerance, error)
+         call move_alloc(generalized_alpha, self)
       case default
-         call fail(error, "method")
+         allocate (cvode)
+         call new_march_cvode(cvode, system, step, config%tolerance, config%is_stiff, config%restitution, error)
+         call move_alloc(cvode, self)
       end select
    end subroutine new_integrator
 

@@ -36,6 +36,7 @@ module hb_march_laws
       procedure :: start_step => laws_start_step
       procedure :: evaluate => laws_evaluate
       procedure :: differentiate => laws_differentiate
+      procedure :: has_rigid => laws_has_rigid
       procedure :: coordinate_labels => laws_coordinate_labels
    end type march_laws_t
 
@@ -194,6 +195,13 @@ contains
       place%path(1, :, path_part%start_rate) = elapsed*self%z_rate_start(place%first:place%last)
       place%s_old(1, :) = self%s_start(place%first_state:place%last_state)
    end subroutine lay_path
+
+   !> Whether there are laws that no force of their own describes.
+   pure logical function laws_has_rigid(self)
+      class(march_laws_t), intent(in) :: self
+
+      laws_has_rigid = any(self%places%is_held_back)
+   end function laws_has_rigid
 
    !> Names of the coordinates: the label of the law, followed by a number where it has several.
    function laws_coordinate_labels(self) result(labels)

@@ -4,7 +4,7 @@
 !> step cost order. Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd
 !> edition, Springer 1993, section II.1.
 module hb_runge_kutta_4
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
    use hb_integrator, only: integrator_t
    use hb_kinds, only: int64, wp
    use hb_march_state, only: march_state_t
@@ -25,13 +25,18 @@ module hb_runge_kutta_4
 
 contains
 
-   !> Fails for a singular mass.
+   !> Fails for a singular mass or rigid laws.
    subroutine new_runge_kutta_4(self, system, step, error)
       type(runge_kutta_4_t), intent(out) :: self
       type(march_system_t), intent(inout), target :: system
       real(wp), intent(in) :: step                                    !! [s], > 0
       type(error_t), allocatable, intent(out) :: error
 
+      if (system%laws%has_rigid()) then
+         call fail(error, "runge_kutta_4 cannot hold rigid walls or rigid friction; of the methods of &march cvode and "// &
+                   "central_differences can")
+         return
+      end if
       call system%divide_by_mass(error)
       if (allocated(error)) return
       self%system => system
