@@ -123,6 +123,8 @@ contains
             call change_branches(self, t, found)
             call self%cvode%restart(t, error)
             if (allocated(error)) return
+            is_event = end_time - t > 8.0_wp*epsilon(1.0_wp)*abs(end_time)
+            if (.not. is_event) exit                                  ! it happened at the sample
          end do
          if (is_event) then
             call fail(error, "cvode: events without end at t = "//to_text(t)//" s")
