@@ -90,6 +90,7 @@ contains
       call self%system%laws%start_step(state%q, state%v, state%s)
       call self%system%accelerations%here(self%a)
       call self%system%accelerate(state%q, state%v, 0.0_wp, self%a)
+      self%half_v = state%v - 0.5_wp*self%step*self%a
    end subroutine central_differences_start
 
    subroutine central_differences_advance(self, state, n_steps, error)
@@ -97,15 +98,17 @@ contains
       type(march_state_t), intent(inout) :: state
       integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
+      real(wp) :: before(self%system%n_dofs)
       integer :: i, info, n
 
       n = self%system%n_dofs
       associate (h => self%step, system => self%system, q => state%q, v => state%v, a => self%a, half_v => self%half_v)
          do i = 1, n_steps
             call system%laws%start_step(q, v, state%s)
+            before = half_v
             half_v = v + 0.5_wp*h*a
             if (size(self%rigid) > 0) then
-               call push(self, q, v, error)
+               call push(self, q, before, error)
                if (allocated(error)) then
                   error%message = error%message//" at t = "//to_text(self%origin + (self%n_steps + i)*h)//" s"
                   return
@@ -133,7 +136,8 @@ contains
    !> Adds the impulses of the rigid laws to the half-step velocity, by projected Gauss-Seidel sweeps over them.
    subroutine push(self, q, v, error)
       class(central_differences_t), intent(inout) :: self
-      real(wp), intent(in) :: q(:), v(:)
+      real(wp), intent(in) :: q(:)
+      real(wp), intent(in) :: v(:)                                    !! at the half step before [m/s]
       type(error_t), allocatable, intent(out) :: error
       real(wp), dimension(size(self%rigid)) :: after, before, free, z
       real(wp) :: change, new, scale
@@ -175,7 +179,7 @@ contains
    pure real(wp) function impulse_of(rigid, step, restitution, z, before, free) result(change)
       type(rigid_t), intent(in) :: rigid
       real(wp), intent(in) :: step, restitution
-      real(wp), intent(in) :: z, before, free                         !! place, velocity of the last state, velocity without impulse
+      real(wp), intent(in) :: z, before, free                         !! place, velocity a step before, velocity without impulse
       real(wp) :: high, low
 
       change = 0.0_wp
