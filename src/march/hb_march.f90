@@ -130,12 +130,13 @@ contains
       n_stored = n_steps/stride + 1
       record%start = state%time
       record%step = step
-      allocate (record%every_displacement(n_steps + 1, n_kept), record%time(n_stored), record%displacement(n_stored, n_kept), &
-                record%velocity(n_stored, n_kept), record%force(n_stored, system%laws%n_coordinates), stat=stat)
+      allocate (record%every_displacement(n_steps + 1, n_kept), stat=stat)
       if (stat /= 0) then
          call fail(error, "out of memory for a record of "//to_text(n_steps)//" steps")
          return
       end if
+      allocate (record%time(n_stored), record%displacement(n_stored, n_kept), record%velocity(n_stored, n_kept))
+      allocate (record%force(n_stored, system%laws%n_coordinates))
       call keep(0)
       do i = 1, n_steps
          call integrator%advance(state, 1, error)

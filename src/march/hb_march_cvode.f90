@@ -19,6 +19,8 @@ module hb_march_cvode
    private
    public :: march_cvode_t, new_march_cvode
 
+   ! Rounding of the time at each step of CVODE is systematic; it is small where time counts from near by.
+   integer, parameter :: steps_from_base = 1000
    integer, parameter :: max_events = 100000                          ! from one sample to the next
    real(wp), parameter :: slow = 1.0e-6_wp                            ! relative speed that does not bounce
    real(wp), parameter :: smallest_scale = 1.0e-3_wp                  ! of a displacement, relative to the length of the system
@@ -27,7 +29,9 @@ module hb_march_cvode
       type(march_equations_t), pointer :: equations => null()
       type(cvode_t) :: cvode
       real(wp) :: step = 0.0_wp, restitution = 0.0_wp
-      real(wp) :: origin = 0.0_wp                                     !! [s]
+      real(wp) :: origin = 0.0_wp                                     !! [s] where it started
+      real(wp) :: base = 0.0_wp                                       !! [s] from where the time of CVODE counts
+      integer :: n_since_base = 0                                     !! steps
       integer(int64) :: n_steps = 0_int64
       real(wp) :: time_scale = 0.0_wp                                 !! [s], far below all periods
       real(wp) :: tolerance = 0.0_wp
@@ -99,10 +103,23 @@ contains
          equations%held = state%s
          equations%mode = 0
          call self%equations%hold_active()
-         call choose_branches(self, state%time)
-         call self%cvode%restart(state%time, error)
+         call self%system%accelerations%begin(state%time, 0.0_wp)
+         call choose_branches(self, 0.0_wp)                           ! may change velocities, so before
+         call begin_at(self, state%time, error)
       end associate
    end subroutine march_cvode_start
+
+   !> Counts time from here on.
+   subroutine begin_at(self, time, error)
+      class(march_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: time                                    !! [s]
+      type(error_t), allocatable, intent(out) :: error
+
+      self%base = time
+      self%n_since_base = 0
+      call self%system%accelerations%begin(time, 0.0_wp)
+      call self%cvode%restart(0.0_wp, error)
+   end subroutine begin_at
 
    subroutine march_cvode_advance(self, state, n_steps, error)
       class(march_cvode_t), intent(inout) :: self
@@ -111,25 +128,32 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: found(self%equations%n_events()), i, n_events
       logical :: is_event
-      real(wp) :: end_time, t
+      real(wp) :: end_time, t                                         ! t counts from the base
 
       do i = 1, n_steps
          end_time = self%origin + (self%n_steps + i)*self%step
          do n_events = 1, max_events
-            call self%cvode%advance(end_time, t, is_event, found, error)
-            if (allocated(error)) return
+            call self%cvode%advance(end_time - self%base, t, is_event, found, error)
+            if (allocated(error)) then
+               error%message = error%message//", counted from "//to_text(self%base)//" s"
+               return
+            end if
             self%equations%scale = max(self%equations%scale, abs(self%cvode%values))
             if (.not. is_event) exit
             call change_branches(self, t, found)
             call self%cvode%restart(t, error)
             if (allocated(error)) return
-            is_event = end_time - t > 8.0_wp*epsilon(1.0_wp)*abs(end_time)
+            is_event = end_time - self%base - t > 8.0_wp*epsilon(1.0_wp)*abs(t)
             if (.not. is_event) exit                                  ! it happened at the sample
          end do
          if (is_event) then
-            call fail(error, "cvode: events without end at t = "//to_text(t)//" s")
+            call fail(error, "cvode: events without end at t = "//to_text(self%base + t)//" s")
             return
          end if
+         self%n_since_base = self%n_since_base + 1
+         if (self%n_since_base < steps_from_base) cycle
+         call begin_at(self, end_time, error)
+         if (allocated(error)) return
       end do
       self%n_steps = self%n_steps + n_steps
       associate (n => self%system%n_dofs)
@@ -354,7 +378,7 @@ contains
 
       call law_forces(self%system, state, f)
       if (size(self%equations%rigid) == 0) return
-      call self%equations%rhs(state%time, [state%q, state%v], dydt)
+      call self%equations%rhs(state%time - self%base, [state%q, state%v], dydt)
       do i = 1, size(self%equations%rigid)
          f(self%equations%rigid(i)%coordinate) = self%equations%reaction(i)
       end do

@@ -1,8 +1,9 @@
-!> The equations of motion between two events, and the events: each law stays on the smooth branch that was last chosen.
+!> The equations of motion between two events, and the events: each law stays on the smooth branch that was last chosen. Time
+!> counts from where the loads were told to begin.
 !>
 !> Events are: a switch of a law changes its sign; a slider begins or ends to slip; a rigid wall is met or left; rigid friction
-!> begins to slip or stops. A slider that slips is on its bound, one that sticks keeps its place, so that neither needs an equation of
-!> its own. Rigid contact and stop are held by the reactions that keep the accelerations of their coordinates zero.
+!> begins to slip or stops. A slider that slips is on its bound, one that sticks keeps its place, so that neither needs an
+!> equation of its own. Rigid contact and stop are held by the reactions that keep the accelerations of their coordinates zero.
 !> Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd edition, Springer 1993, section
 !> II.6 (discontinuous equations); F. Pfeiffer and C. Glocker, Multibody Dynamics with Unilateral Contacts, Wiley 1996.
 module hb_march_equations
@@ -104,7 +105,7 @@ contains
 
       n = self%system%n_dofs
       associate (system => self%system, a => self%a, f => self%system%laws%f)
-         call system%accelerations%at(t, a)
+         call system%accelerations%after(t, a)
          call system%stiffness%subtract_product(y(:n), a)
          call system%damping%subtract_product(y(n + 1:), a)
          call self%gather(y)

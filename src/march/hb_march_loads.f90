@@ -16,6 +16,7 @@ module hb_march_loads
       integer(int64) :: n_steps = 0                                   !! since `origin`
    contains
       procedure :: at => loads_at
+      procedure :: after => loads_after
       procedure :: begin => loads_begin
       procedure :: go_on => loads_go_on
       procedure :: here => loads_here
@@ -54,6 +55,21 @@ contains
          values = values + cos(phase)*self%cosine(:, k) + sin(phase)*self%sine(:, k)
       end do
    end subroutine loads_at
+
+   !> Value some time after the one given to `begin`. Phases of long times are taken once, not at each call.
+   pure subroutine loads_after(self, elapsed, values)
+      class(march_loads_t), intent(in) :: self
+      real(wp), intent(in) :: elapsed                                 !! [s]
+      real(wp), intent(out) :: values(:)                              !! (n_dofs)
+      complex(wp) :: phasor
+      integer :: k
+
+      values = 0.0_wp
+      do k = 1, self%n_active
+         phasor = self%phasor(k)*cmplx(cos(self%frequency(k)*elapsed), sin(self%frequency(k)*elapsed), wp)
+         values = values + real(phasor, wp)*self%cosine(:, k) + aimag(phasor)*self%sine(:, k)
+      end do
+   end subroutine loads_after
 
    !> Prepares equal steps from a time on.
    pure subroutine loads_begin(self, time, step)
