@@ -1,13 +1,13 @@
 !> The command line of nhbm.
 module arguments
    use hb_error, only: error_t, fail
-   use hb_text, only: closest_word, join, parse_integer, string_t
+   use hb_text, only: closest_word, join, parse_integer, split, string_t, to_text
    implicit none
    private
    public :: argument_list, arguments_t, read_arguments
 
-   character(11), parameter :: options(8) = [character(11) :: &
-      "--help", "-h", "--output", "-o", "--overwrite", "--point", "--set", "--quiet"]
+   character(11), parameter :: options(10) = [character(11) :: &
+      "--help", "-h", "--output", "-o", "--overwrite", "--periods", "--point", "--points", "--set", "--quiet"]
 
    type :: arguments_t
       character(:), allocatable :: verb
@@ -15,6 +15,8 @@ module arguments
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
       integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
+      integer, allocatable :: points(:)                               !! numbers of points of a result file, from 0
+      integer :: n_periods = 0                                        !! 0: not given
       logical :: overwrite = .false.
       logical :: is_quiet = .false.
       logical :: wants_help = .false.
@@ -41,10 +43,10 @@ contains
       type(string_t), intent(in) :: words(:)
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: closest
-      logical :: is_number
+      integer, allocatable :: numbers(:)
       integer :: i
 
-      allocate (self%overrides(0))
+      allocate (self%overrides(0), self%points(0))
       i = 1
       do while (i <= size(words))
          associate (word => words(i)%value)
@@ -55,7 +57,7 @@ contains
                self%overwrite = .true.
             case ("--quiet")
                self%is_quiet = .true.
-            case ("--output", "-o", "--point", "--set")
+            case ("--output", "-o", "--periods", "--point", "--points", "--set")
                i = i + 1
                if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
@@ -65,11 +67,16 @@ contains
                case ("--set")
                   self%overrides = [self%overrides, words(i)]
                case ("--point")
-                  call parse_integer(words(i)%value, self%point, is_number)
-                  if (.not. is_number .or. self%point < 0) then
-                     call fail(error, "--point needs a number from 0 on, not '"//words(i)%value//"'")
-                     return
-                  end if
+                  call read_numbers(word, words(i)%value, 0, numbers, error)
+                  if (allocated(error)) return
+                  self%point = numbers(1)
+               case ("--points")
+                  call read_numbers(word, words(i)%value, 0, self%points, error)
+                  if (allocated(error)) return
+               case ("--periods")
+                  call read_numbers(word, words(i)%value, 2, numbers, error)
+                  if (allocated(error)) return
+                  self%n_periods = numbers(1)
                case default
                   self%output = words(i)%value
                end select
@@ -93,6 +100,26 @@ contains
       end do
       if (allocated(self%input) .and. .not. allocated(self%output)) self%output = default_output(self%input)
    end subroutine read_arguments
+
+   !> Whole numbers separated by commas, each at least as large as given.
+   subroutine read_numbers(option, text, least, numbers, error)
+      character(*), intent(in) :: option, text
+      integer, intent(in) :: least
+      integer, allocatable, intent(out) :: numbers(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(string_t), allocatable :: parts(:)
+      logical :: is_number
+      integer :: i
+
+      call split(text, ",", parts)
+      allocate (numbers(size(parts)), source=0)
+      do i = 1, size(parts)
+         call parse_integer(parts(i)%value, numbers(i), is_number)
+         if (is_number .and. numbers(i) >= least) cycle
+         call fail(error, option//" needs numbers from "//to_text(least)//" on, not '"//text//"'")
+         return
+      end do
+   end subroutine read_numbers
 
    !> Length of word i, 0 where there is none.
    pure integer function value_length(words, i)

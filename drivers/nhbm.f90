@@ -10,11 +10,12 @@ program nhbm
    use verb_check, only: run_check
    use verb_march, only: run_march
    use verb_solve, only: run_solve
+   use verb_verify, only: run_verify
    implicit none
 
    !> Exit statuses, listed in `nhbm --help`.
    integer(c_int), parameter :: success = 0, not_all_right = 1, bad_input = 2
-   character(7), parameter :: verbs(5) = [character(7) :: "solve", "check", "march", "help", "version"]
+   character(7), parameter :: verbs(6) = [character(7) :: "solve", "check", "march", "verify", "help", "version"]
 
    interface
       !> Ends the process with a status and without a word.
@@ -66,6 +67,8 @@ contains
          call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
       else if (verb == "check") then
          call run_check(options, comm, all_right, error)
+      else if (verb == "verify") then
+         call run_verify(options, comm, all_right, error)
       else if (verb == "march") then
          call run_march(options, comm, error)
       else
@@ -83,6 +86,7 @@ contains
          "       nhbm check INPUT [options]      read the input, every point of it, say what it asks for, and compare the", &
          "                                       derivatives of its laws with differences of their forces", &
          "       nhbm march INPUT [options]      follow the motion through time as &march says, write an HDF5 record", &
+         "       nhbm verify RESULT [options]    march from the points of a result file and say whether their motions stay", &
          "       nhbm version                    version and commit", &
          "       mpirun -n 4 nhbm solve INPUT    the same, points spread over 4 ranks", &
          "", &
@@ -92,11 +96,13 @@ contains
          "  --set PATH=VALUE     change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden';", &
          "                       may be given several times", &
          "  --point N            march: the point of a sweep to be followed, from 0", &
+         "  --points N,N,...     verify: the points to start from; default: all that are solved", &
+         "  --periods N          verify: length of each march in periods of the slowest tone, 20 by default", &
          "  --quiet              no progress and no summary", &
          "  -h, --help           this text", &
          "", &
-         "exit status: 0 all points converged, 1 some did not (their status is in the file) or a derivative is wrong,", &
-         "             2 bad input or file.", &
+         "exit status: 0 all points converged, 1 some did not (their status is in the file), a derivative is wrong or", &
+         "             marching does not stay on a motion, 2 bad input or file.", &
          "Set OPENBLAS_NUM_THREADS=1 under mpirun. docs/input.md lists the keys of the input, docs/schema.md the results."
    end subroutine write_help
 end program nhbm

@@ -4,6 +4,7 @@
 !> each line is refined again with the others taken out. Source: J. Laskar, The chaotic motion of the solar system: a numerical
 !> estimate of the size of the chaotic zones, Icarus 88 (1990) 266-291, with the window of hb_birkhoff.
 module hb_frequency_analysis
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_birkhoff, only: average_at, bump_weights
    use hb_error, only: error_t, fail
    use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, planning, real_block_t
@@ -37,8 +38,7 @@ contains
       rest = x - sum(weights*x)
       time = [(start + (i - 1)*step, i=1, n)]
       width = two_pi/(n*step)
-      frequencies = 0.0_wp
-      frequencies = frequencies/frequencies
+      frequencies = ieee_value(1.0_wp, ieee_quiet_nan)
       amplitudes = (0.0_wp, 0.0_wp)
       n_found = 0
       do k = 1, size(frequencies)

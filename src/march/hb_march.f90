@@ -2,6 +2,7 @@
 !>
 !> `march_from` is the whole of it for a caller; `judge` makes coefficients of a record.
 module hb_march
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_birkhoff, only: coefficients_at
    use hb_central_differences, only: central_differences_t, new_central_differences
    use hb_error, only: error_t, fail
@@ -15,7 +16,6 @@ module hb_march
    use hb_march_system, only: march_system_t
    use hb_runge_kutta_4, only: new_runge_kutta_4, runge_kutta_4_t
    use hb_text, only: to_text
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    implicit none
    private
    public :: judge, march_from, march_judgement_t, march_record_t, march_watcher_t

@@ -27,7 +27,7 @@ module hb_march_config
       integer :: method = march_method%cvode
       real(wp) :: step = 0.0_wp                                       !! [s]; 0: from steps_per_period
       integer :: steps_per_period = 200                               !! of the fastest tone
-      real(wp) :: duration = 0.0_wp                                   !! [s] of the record, without the transient
+      real(wp) :: duration = 0.0_wp                                   !! [s] of the record, without the transient; 0: not given
       real(wp) :: transient = 0.0_wp                                  !! [s] before the record
       integer :: decimation = 1                                       !! steps from one stored sample to the next
       real(wp) :: tolerance = 1.0e-10_wp                              !! of cvode and of Newton, relative
@@ -51,12 +51,9 @@ contains
       start = trim(start_names(self%start))
       self%record = ""
       call group%get("method", method, choices=march_method_names)
-      call group%get("step", self%step, above=0.0_wp)
+      call group%get("step", self%step, minimum=0.0_wp)
       call group%get("steps_per_period", self%steps_per_period, minimum=1)
-      if (group%given("step") .and. group%given("steps_per_period")) then
-         call group%problem("step", "give either 'step' or 'steps_per_period', not both")
-      end if
-      call group%get("duration", self%duration, above=0.0_wp)
+      call group%get("duration", self%duration, minimum=0.0_wp)
       call group%get("transient", self%transient, minimum=0.0_wp)
       call group%get("decimation", self%decimation, minimum=1)
       call group%get("tolerance", self%tolerance, above=0.0_wp)

@@ -17,6 +17,7 @@ module hb_results_file
    public :: make_file
 
    integer, parameter :: schema_version = 1
+   character(8), parameter :: march_verdict_names(4) = [character(8) :: "not_done", "agrees", "unstable", "differs"]
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
       "[ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
 
@@ -217,6 +218,7 @@ contains
             if (allocated(error)) return
             if (variable%name == "status") call set_flags(variable%dataset, outcome_names, error)
             if (variable%name == "rescue") call set_flags(variable%dataset, rescue_names, error)
+            if (variable%name == "march_verdict") call set_flags(variable%dataset, march_verdict_names, error)
          end associate
          if (allocated(error)) return
       end do

@@ -115,7 +115,6 @@ def test_forced_mass_is_that_of_the_balance(tmp_path):
     ("text", "words"),
     [
         (FORCED, "&march needs 'duration'"),
-        (FORCED + "&march duration=1, step=0.1, steps_per_period=3 /", "either 'step' or 'steps_per_period'"),
         (FORCED + "&march duration=1, method='runge_kutta4' /", "did you mean 'runge_kutta_4'"),
         (FORCED + "&march duration=1, continue='none.h5' /", "none.h5"),
         (
