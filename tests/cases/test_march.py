@@ -236,3 +236,59 @@ def test_figure_7_difference_falls_with_the_order(tmp_path):
     middle = 3  # v3 among the eight degrees of freedom
     apart = read(events, "displacement")[middle] - read(record, "displacement")[middle]
     assert np.abs(apart).max() < 1e-8
+
+
+# From a point of a result
+
+
+def verified(result: Path, *options, status=0) -> dict[str, np.ndarray]:
+    done = run("verify", result, *options, cwd=result.parent)
+    assert done.status == status, done.stderr + done.stdout
+    names = ("march_verdict", "march_first_difference", "march_difference", "march_growth")
+    return dict(zip(names, read(result, *names)))
+
+
+AGREES, UNSTABLE, DIFFERS = 1, 2, 3
+CONVERGED_CUBIC = FORCED.replace("order=3", "order=15")
+
+
+def test_verify_agrees_with_a_converged_motion(tmp_path):
+    found = verified(solve(CONVERGED_CUBIC, tmp_path))
+    assert found["march_verdict"] == [AGREES]
+    assert found["march_difference"][0] < 1e-9
+
+
+def test_verify_sees_a_coefficient_that_is_wrong_by_a_thousandth(tmp_path):
+    result = solve(CONVERGED_CUBIC, tmp_path)
+    with h5py.File(result, "r+") as file:
+        file["coefficients"][0, 0, file["tuple"][:, 0].tolist().index(1), 0] *= 1.001
+    found = verified(result, status=1)
+    assert found["march_verdict"] == [DIFFERS]
+    assert 2e-4 < found["march_first_difference"][0] < 5e-3
+
+
+def test_verify_knows_an_unstable_motion_from_a_wrong_one(tmp_path):
+    """A van der Pol oscillator under a small load: the small motion is a solution, with growth near strength/2."""
+    law = "&load dof='x1', tuple=1, cos=0.05 /\n&law type='van_der_pol', dof='x1', strength=0.3 /\n"
+    text = FREE.replace("&tones frequency=1", "&tones frequency=2").replace("order=1", "order=9") + law
+    found = verified(solve(text, tmp_path), "--periods", 50, status=1)
+    assert found["march_verdict"] == [UNSTABLE]
+    assert found["march_first_difference"][0] < 1e-10 and found["march_difference"][0] > 1e-3
+    assert found["march_growth"][0] == pytest.approx(0.15, rel=0.1)
+
+
+def test_verify_takes_friction_and_chosen_points_on_two_ranks(tmp_path):
+    text = (INPUTS / "gallery" / "jenkins_two_tones.nml").read_text()
+    result = solve(text, tmp_path)
+    done = run("verify", result, "--points", "1,2", cwd=tmp_path, ranks=2)
+    assert done.status == 0, done.stderr
+    kinds, largest = read(result, "march_verdict", "march_difference")
+    assert kinds.tolist() == [0, AGREES, AGREES]
+    assert np.isnan(largest[0]) and largest[1] < 3e-2 and largest[2] < 1e-2
+
+
+def test_verify_needs_all_degrees_of_freedom(tmp_path):
+    two = "&structure type='chain', n_masses=2, mass=1, coupling_stiffness=1 /\n&tones frequency=3 /\n&harmonics order=1 /\n"
+    result = solve(two + "&load dof='x1', tuple=1, cos=1 /\n&output dofs='x1' /\n", tmp_path)
+    done = run("verify", result, cwd=tmp_path)
+    assert done.status == BAD_INPUT and "1 of 2; solve again" in done.stderr
