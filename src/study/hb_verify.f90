@@ -1,8 +1,8 @@
 !> Marching from points of a result file: does the motion that the balance found stay where it is?
 !>
-!> The march starts on the motion of a point at time zero; its difference to that motion tells two things. What shows within the first
-!> period of the slowest tone is an error of the motion. What grows from little is an instability: the motion is right, and would
-!> not be seen.
+!> The march starts on the motion of a point at time zero; its difference to that motion tells two things. What shows within
+!> the first period of the slowest tone is an error of the motion. What grows from little is an instability: the motion is
+!> right, and would not be seen.
 module hb_verify
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: annotate, error_t, fail
@@ -22,7 +22,7 @@ module hb_verify
    private
    public :: verdict, verdict_text, verdict_t, verify_points
 
-   integer, parameter :: periods_of_sliders = 20                      ! that the motion is followed so that sliders find their places
+   integer, parameter :: periods_of_sliders = 20                      ! of the motion, in which sliders find their places
    real(wp), parameter :: safety = 10.0_wp                            ! on the estimates of the certificate
    real(wp), parameter :: smallest_tolerance = 1.0e-9_wp              ! relative to the motion
    real(wp), parameter :: march_tolerance = 1.0e-12_wp                ! of the march, unless the input asks for less
