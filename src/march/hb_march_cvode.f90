@@ -302,7 +302,7 @@ contains
       associate (equations => self%equations, laws => self%system%laws, y => self%cvode%values)
          crawling = slow*maxval(equations%scale(self%system%n_dofs + 1:))
          call equations%gather(y)
-         call equations%switch_values(now)
+         call self%system%laws%switches_here(now)
          equations%is_positive = now > 0.0_wp
          do i = 1, size(equations%rigid)
             associate (rigid => equations%rigid(i), z => laws%z(equations%rigid(i)%coordinate))
@@ -320,7 +320,7 @@ contains
          call equations%hold_active()
          call look_ahead(self, t, ahead)
          call equations%gather(y)
-         call equations%switch_values(now)
+         call self%system%laws%switches_here(now)
          where (abs(now) <= 64.0_wp*epsilon(1.0_wp)*max(maxval(equations%scale), abs(ahead))) equations%is_positive = ahead > 0.0_wp
          do i = 1, size(equations%slip)
             call choose_slip(self, t, i)
@@ -364,7 +364,7 @@ contains
          later(:n) = later(:n) + 0.5_wp*h**2*dydt(n + 1:)
          call self%equations%gather(later)
          call self%equations%find_bounds()
-         call self%equations%switch_values(switches)
+         call self%system%laws%switches_here(switches)
       end associate
    end subroutine look_ahead
 

@@ -24,7 +24,6 @@ module hb_march_equations
       real(wp) :: tolerance = 0.0_wp
       real(wp), allocatable :: scale(:)                               !! largest displacements, then velocities so far, (2 n_dofs)
       ! Switches of the laws, one after the other
-      integer, allocatable :: first_switch(:)                         !! (n_laws + 1)
       logical, allocatable :: is_positive(:)
       ! Sliders, as the states of all laws
       integer, allocatable :: slip(:)                                 !! 1 pushed by its lower bound, -1 by its upper, 0 sticks
@@ -45,7 +44,6 @@ module hb_march_equations
       procedure :: weights => equations_weights
       procedure :: gather => equations_gather
       procedure :: find_bounds => equations_find_bounds
-      procedure :: switch_values => equations_switch_values
       procedure :: hold_active => equations_hold_active
    end type march_equations_t
 
@@ -61,12 +59,7 @@ contains
       self%system => system
       self%tolerance = tolerance
       associate (laws => system%laws, m => system%laws%n_states)
-         allocate (self%first_switch(size(laws%laws) + 1))
-         self%first_switch(1) = 1
-         do i = 1, size(laws%laws)
-            self%first_switch(i + 1) = self%first_switch(i) + laws%laws(i)%law%n_switches()
-         end do
-         allocate (self%is_positive(self%first_switch(size(laws%laws) + 1) - 1), source=.false.)
+         allocate (self%is_positive(laws%n_switches), source=.false.)
          allocate (self%slip(m), source=0)
          allocate (self%held(m), self%lower(m), self%upper(m), self%lower_rate(m), self%upper_rate(m), source=0.0_wp)
          call collect_rigid(laws, self%rigid)
@@ -157,7 +150,7 @@ contains
                   laws%f(at%first:at%last) = at%f(1, :)
                class default
                   call law%evaluate_held(laws%z(at%first:at%last), laws%z_rate(at%first:at%last), &
-                     self%is_positive(self%first_switch(i):self%first_switch(i + 1) - 1), laws%f(at%first:at%last))
+                     self%is_positive(at%first_switch:at%last_switch), laws%f(at%first:at%last))
                end select
             end associate
          end do
@@ -180,23 +173,6 @@ contains
          end associate
       end do
    end subroutine equations_find_bounds
-
-   !> Values of all switches at the coordinates gathered.
-   subroutine equations_switch_values(self, values)
-      class(march_equations_t), intent(in) :: self
-      real(wp), intent(out) :: values(:)
-      integer :: i
-
-      associate (laws => self%system%laws)
-         do i = 1, size(laws%laws)
-            if (self%first_switch(i + 1) == self%first_switch(i)) cycle
-            associate (at => laws%places(i))
-               call laws%laws(i)%law%switches(laws%z(at%first:at%last), laws%z_rate(at%first:at%last), &
-                  values(self%first_switch(i):self%first_switch(i + 1) - 1))
-            end associate
-         end do
-      end associate
-   end subroutine equations_switch_values
 
    !> Reactions that keep the accelerations of the active coordinates zero; `a` holds those without them.
    subroutine find_reactions(self)
@@ -246,7 +222,7 @@ contains
          call self%gather(y)
          if (size(self%slip) > 0) call self%find_bounds()
       end if
-      call self%switch_values(g(:n))
+      call self%system%laws%switches_here(g(:n))
       do i = 1, size(self%slip)
          select case (self%slip(i))
          case (0)

@@ -14,6 +14,7 @@ module hb_march_laws
    type :: place_t
       integer :: first = 0, last = 0                                  !! coordinates
       integer :: first_state = 1, last_state = 0
+      integer :: first_switch = 1, last_switch = 0
       logical :: is_held_back = .false.                               !! rigid
       real(wp), allocatable :: z(:, :), v(:, :), p(:, :), f(:, :)
       real(wp), allocatable :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
@@ -24,6 +25,7 @@ module hb_march_laws
    type :: march_laws_t
       integer :: n_coordinates = 0
       integer :: n_states = 0
+      integer :: n_switches = 0
       type(law_box_t), allocatable :: laws(:)
       type(place_t), allocatable :: places(:)                         !! as laws
       real(wp), allocatable :: shape(:, :)                            !! S, (n_dofs, n_coordinates)
@@ -37,6 +39,8 @@ module hb_march_laws
       procedure :: evaluate => laws_evaluate
       procedure :: differentiate => laws_differentiate
       procedure :: has_rigid => laws_has_rigid
+      procedure :: switch_values => laws_switch_values
+      procedure :: switches_here => laws_switches_here
       procedure :: coordinate_labels => laws_coordinate_labels
    end type march_laws_t
 
@@ -56,6 +60,9 @@ contains
             place%first = self%n_coordinates + 1
             place%last = self%n_coordinates + c
             place%is_held_back = law%is_multiplier
+            place%first_switch = self%n_switches + 1
+            self%n_switches = self%n_switches + law%n_switches()
+            place%last_switch = self%n_switches
             self%n_coordinates = place%last
             allocate (place%z(1, c), place%v(1, merge(c, 0, law%needs_velocity)), place%p(1, 0), place%f(1, c))
             allocate (place%df_dz(1, c, c), place%df_dv(1, c, size(place%v, 2)), place%df_dp(1, c, 0))
@@ -195,6 +202,32 @@ contains
       place%path(1, :, path_part%start_rate) = elapsed*self%z_rate_start(place%first:place%last)
       place%s_old(1, :) = self%s_start(place%first_state:place%last_state)
    end subroutine lay_path
+
+   !> Values of all switches for a motion.
+   pure subroutine laws_switch_values(self, q, v, values)
+      class(march_laws_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: q(:), v(:)                  !! [m], [m/s], (n_dofs)
+      real(wp), intent(out) :: values(:)                              !! (n_switches)
+
+      if (self%n_switches == 0) return
+      call self%gather(q, v)
+      call self%switches_here(values)
+   end subroutine laws_switch_values
+
+   !> Values of all switches at the coordinates gathered.
+   pure subroutine laws_switches_here(self, values)
+      class(march_laws_t), intent(in) :: self
+      real(wp), intent(out) :: values(:)                              !! (n_switches)
+      integer :: i
+
+      do i = 1, size(self%places)
+         associate (at => self%places(i))
+            if (at%last_switch < at%first_switch) cycle
+            call self%laws(i)%law%switches(self%z(at%first:at%last), self%z_rate(at%first:at%last), &
+                                           values(at%first_switch:at%last_switch))
+         end associate
+      end do
+   end subroutine laws_switches_here
 
    !> Whether there are laws that no force of their own describes.
    pure logical function laws_has_rigid(self)
