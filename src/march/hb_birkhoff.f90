@@ -9,7 +9,7 @@ module hb_birkhoff
    private
    public :: average_at, bump_weights, coefficients_at
 
-   integer, parameter :: samples_between_cosines = 256                ! rotation errors grow with the samples since
+   integer, parameter :: block_size = 512, width = 8                  ! sums side by side, for vector registers
 
 contains
 
@@ -28,28 +28,34 @@ contains
       weights = weights/sum(weights)
    end function bump_weights
 
-   !> Average of x exp(-i w t) over weighted samples at the times start + k step.
-   pure complex(wp) function average_at(x, weights, start, step, frequency) result(average)
-      real(wp), intent(in), contiguous :: x(:)                        !! (n_samples)
-      real(wp), intent(in), contiguous :: weights(:)                  !! (n_samples), of sum 1
+   !> Average of x exp(-i w t) over weighted samples at the times start + k step. Blocks share one table of cosines and sines.
+   pure complex(wp) function average_at(weighted, start, step, frequency) result(average)
+      real(wp), intent(in), contiguous :: weighted(:)                 !! x times weights of sum 1, (n_samples)
       real(wp), intent(in) :: start, step                             !! [s]
       real(wp), intent(in) :: frequency                               !! w [rad/s]
-      complex(wp) :: block, phasor, rotation
-      real(wp) :: phase
-      integer :: first, i
+      real(wp) :: cosines(block_size), sines(block_size), in_phase(width), quadrature(width), phase
+      integer :: first, i, n
 
+      do i = 1, block_size
+         phase = frequency*((i - 1)*step)
+         cosines(i) = cos(phase)
+         sines(i) = sin(phase)
+      end do
       average = (0.0_wp, 0.0_wp)
-      phase = frequency*step
-      rotation = cmplx(cos(phase), -sin(phase), wp)
-      do first = 1, size(x), samples_between_cosines
-         phase = frequency*(start + (first - 1)*step)
-         phasor = cmplx(cos(phase), -sin(phase), wp)
-         block = (0.0_wp, 0.0_wp)
-         do i = first, min(first + samples_between_cosines - 1, size(x))
-            block = block + weights(i)*x(i)*phasor
-            phasor = phasor*rotation
+      do first = 1, size(weighted), block_size
+         n = min(block_size, size(weighted) - first + 1)
+         in_phase = 0.0_wp
+         quadrature = 0.0_wp
+         do i = 1, n - width + 1, width
+            in_phase = in_phase + weighted(first + i - 1:first + i + width - 2)*cosines(i:i + width - 1)
+            quadrature = quadrature + weighted(first + i - 1:first + i + width - 2)*sines(i:i + width - 1)
          end do
-         average = average + block
+         do i = n - modulo(n, width) + 1, n
+            in_phase(1) = in_phase(1) + weighted(first + i - 1)*cosines(i)
+            quadrature(1) = quadrature(1) + weighted(first + i - 1)*sines(i)
+         end do
+         phase = frequency*(start + (first - 1)*step)
+         average = average + cmplx(sum(in_phase), -sum(quadrature), wp)*cmplx(cos(phase), -sin(phase), wp)
       end do
    end function average_at
 
@@ -59,12 +65,13 @@ contains
       real(wp), intent(in) :: start, step                             !! [s], time of the first sample, distance of two
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], of any sign
       complex(wp), intent(out) :: coefficients(:)                     !! as frequencies
-      real(wp) :: weights(size(x))
+      real(wp), allocatable :: weighted(:)
       integer :: h
 
-      weights = bump_weights(size(x))
+      weighted = bump_weights(size(x))
+      weighted = weighted*x
       do h = 1, size(frequencies)
-         coefficients(h) = average_at(x, weights, start, step, frequencies(h))
+         coefficients(h) = average_at(weighted, start, step, frequencies(h))
          if (abs(frequencies(h)) > 0.0_wp) coefficients(h) = 2.0_wp*coefficients(h)
       end do
    end subroutine coefficients_at

@@ -101,11 +101,13 @@ contains
       real(wp), intent(in) :: start, step, reach
       real(wp), intent(inout) :: frequency
       complex(wp), intent(out) :: amplitude
-      real(wp) :: high, low, middle, moments(size(x))
+      real(wp), allocatable :: moments(:), weighted(:)
+      real(wp) :: high, low, middle
       integer :: i
 
       middle = 0.5_wp*(size(x) - 1)*step
-      moments = [(((i - 1)*step - middle)*x(i), i=1, size(x))]
+      weighted = weights*x
+      moments = [(((i - 1)*step - middle)*weighted(i), i=1, size(x))]
       low = frequency - reach
       high = frequency + reach
       if (slope(low) > 0.0_wp .and. slope(high) < 0.0_wp) then
@@ -119,7 +121,7 @@ contains
             end if
          end do
       end if
-      amplitude = 2.0_wp*average_at(x, weights, start, step, frequency)
+      amplitude = 2.0_wp*average_at(weighted, start, step, frequency)
 
    contains
 
@@ -128,8 +130,8 @@ contains
          real(wp), intent(in) :: w
          complex(wp) :: average, by_w
 
-         average = average_at(x, weights, -middle, step, w)
-         by_w = cmplx(0.0_wp, -1.0_wp, wp)*average_at(moments, weights, -middle, step, w)
+         average = average_at(weighted, -middle, step, w)
+         by_w = cmplx(0.0_wp, -1.0_wp, wp)*average_at(moments, -middle, step, w)
          slope = real(conjg(average)*by_w, wp)
       end function slope
    end subroutine refine
