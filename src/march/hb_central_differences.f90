@@ -14,7 +14,7 @@ module hb_central_differences
    use hb_lapack, only: dgetrf, dgetrs
    use hb_march_state, only: march_state_t
    use hb_march_system, only: march_system_t
-   use hb_rigid_laws, only: collect_rigid, rigid_t
+   use hb_rigid_laws, only: collect_rigid, put_before_walls, rigid_t
    use hb_text, only: to_text
    implicit none
    private
@@ -81,9 +81,10 @@ contains
 
    subroutine central_differences_start(self, state, error)
       class(central_differences_t), intent(inout) :: self
-      type(march_state_t), intent(in) :: state
+      type(march_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
 
+      call put_before_walls(self%rigid, self%system%laws%shape, self%kick, state%q)
       self%origin = state%time
       self%n_steps = 0_int64
       call self%system%accelerations%begin(state%time, self%step)

@@ -81,7 +81,7 @@ contains
    !> Takes a state; its accelerations are in equilibrium with it, those of massless degrees of freedom zero.
    subroutine generalized_alpha_start(self, state, error)
       class(generalized_alpha_t), intent(inout) :: self
-      type(march_state_t), intent(in) :: state
+      type(march_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: mass(:, :)
       integer :: i, info, n

@@ -18,11 +18,11 @@ module hb_integrator
    end type integrator_t
 
    abstract interface
-      !> Takes a state as the first one.
+      !> Takes a state as the first one; what is behind a rigid wall is put onto it.
       subroutine start_march(self, state, error)
          import :: error_t, integrator_t, march_state_t
          class(integrator_t), intent(inout) :: self
-         type(march_state_t), intent(in) :: state
+         type(march_state_t), intent(inout) :: state
          type(error_t), allocatable, intent(out) :: error
       end subroutine start_march
 

@@ -13,6 +13,7 @@ module hb_march_cvode
    use hb_march_equations, only: march_equations_t, new_march_equations
    use hb_march_state, only: march_state_t
    use hb_march_system, only: march_system_t
+   use hb_rigid_laws, only: put_before_walls
    use hb_sundials, only: cvode_t, new_cvode
    use hb_text, only: to_text
    implicit none
@@ -78,7 +79,7 @@ contains
 
    subroutine march_cvode_start(self, state, error)
       class(march_cvode_t), intent(inout) :: self
-      type(march_state_t), intent(in) :: state
+      type(march_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: fastest, length
       integer :: i
@@ -86,6 +87,7 @@ contains
       associate (equations => self%equations, n => self%system%n_dofs, y => self%cvode%values)
          self%origin = state%time
          self%n_steps = 0_int64
+         call put_before_walls(equations%rigid, self%system%laws%shape, equations%kick, state%q)
          y(:n) = state%q
          y(n + 1:) = state%v
          fastest = 1.0_wp/self%step

@@ -8,7 +8,7 @@ module hb_rigid_laws
    use hb_march_laws, only: march_laws_t
    implicit none
    private
-   public :: collect_rigid, rigid_t
+   public :: collect_rigid, put_before_walls, rigid_t
 
    type :: rigid_t
       integer :: coordinate = 0                                       !! of all laws
@@ -36,4 +36,22 @@ contains
          end select
       end do
    end subroutine collect_rigid
+
+   !> Moves what is behind a wall onto it, by the shortest way in the metric of the mass.
+   pure subroutine put_before_walls(rigid, shape, kick, q)
+      type(rigid_t), intent(in) :: rigid(:)
+      real(wp), intent(in) :: shape(:, :)                             !! of the coordinates of all laws, (n_dofs, any)
+      real(wp), intent(in) :: kick(:, :)                              !! mass^-1 shape of the rigid ones, (n_dofs, n_rigid)
+      real(wp), intent(inout) :: q(:)                                 !! [m], (n_dofs)
+      real(wp) :: behind, z
+      integer :: i
+
+      do i = 1, size(rigid)
+         if (.not. rigid(i)%is_wall) cycle
+         z = dot_product(shape(:, rigid(i)%coordinate), q)
+         behind = max(z - rigid(i)%gap, 0.0_wp)
+         if (rigid(i)%two_sided) behind = behind + min(z + rigid(i)%gap, 0.0_wp)
+         q = q - kick(:, i)*(behind/dot_product(shape(:, rigid(i)%coordinate), kick(:, i)))
+      end do
+   end subroutine put_before_walls
 end module hb_rigid_laws

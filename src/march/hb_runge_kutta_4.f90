@@ -1,8 +1,9 @@
 !> The classical Runge-Kutta method of fourth order with a fixed step, on displacements and velocities.
 !>
-!> Explicit: the step must stay below 2.8 divided by the largest frequency of the structure. A step in which
-!> a switch of a law changes its sign is taken in parts, so that kinks do not cost order; where sliders begin to slip they do. Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd
-!> edition, Springer 1993, section II.1.
+!> Explicit: the step must stay below 2.8 divided by the largest frequency of the structure. A step in which a switch of a law
+!> changes its sign is taken in parts, so that kinks do not cost order; where sliders begin to slip they do.
+!> Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd edition, Springer 1993,
+!> section II.1.
 module hb_runge_kutta_4
    use hb_error, only: error_t, fail
    use hb_integrator, only: integrator_t
@@ -55,7 +56,7 @@ contains
 
    subroutine runge_kutta_4_start(self, state, error)
       class(runge_kutta_4_t), intent(inout) :: self
-      type(march_state_t), intent(in) :: state
+      type(march_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
 
       self%origin = state%time
