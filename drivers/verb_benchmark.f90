@@ -7,7 +7,7 @@ module verb_benchmark
    use hb_error, only: annotate, error_t, fail
    use hb_mpi, only: comm_t, size_of
    use hb_outcome, only: is_solved, outcome, outcome_name
-   use hb_results_file, only: check_place
+   use hb_file_place, only: check_place
    use hb_progress, only: log_level
    use hb_text, only: read_text_file, to_text
    implicit none

@@ -6,10 +6,11 @@ module hb_benchmark_file
    use hb_coefficient_set, only: coefficient_set_t
    use hb_error, only: annotate, error_t
    use hb_harmonics, only: harmonics_t, merge_tuples, new_harmonics
+   use hb_file_place, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome_names
-   use hb_results_file, only: amplitude_convention, check_place, describe, put_in_place, schema_version
+   use hb_results_file, only: amplitude_convention, describe, schema_version
    use hb_results_plan, only: identifier
    use hb_solver_types, only: rescue_names
    use hb_sweep_plan, only: parameter_units

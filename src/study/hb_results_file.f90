@@ -1,6 +1,7 @@
 !> Making a result file whole, before the first point is solved; by one process.
 module hb_results_file
-   use hb_error, only: error_t, fail
+   use hb_error, only: error_t
+   use hb_file_place, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t
    use hb_kinds, only: two_pi
    use hb_outcome, only: outcome_names
@@ -9,13 +10,14 @@ module hb_results_file
       is_real, law_axis, law_dof_axis, message_axis, parameter_name_length, parameter_names, plan_t, point_axis, &
       size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
    use hb_solver_types, only: rescue_names
-   use hb_system, only: exists, link_file, process_id, remove_file, rename_file, utc_now
+   use hb_system, only: process_id, remove_file, utc_now
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: amplitude_convention, check_place, describe, make_file, put_in_place, schema_version, set_flags
+   public :: amplitude_convention, describe, make_file, schema_version, set_flags
 
    integer, parameter :: schema_version = 1
+   character(8), parameter :: march_verdict_names(4) = [character(8) :: "not_done", "agrees", "unstable", "differs"]
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
       "[ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
 
@@ -42,48 +44,6 @@ contains
       end if
       if (allocated(error)) call remove_file(temporary)
    end subroutine make_file
-
-   !> Fails where no file can be made: no folder, a folder in its place, or a file that may not be replaced.
-   subroutine check_place(path, overwrite, error)
-      character(*), intent(in) :: path
-      logical, intent(in) :: overwrite                  !! an existing file may be replaced
-      type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: folder
-
-      folder = path(:index(path, "/", back=.true.))
-      if (folder == "") folder = "./"
-      if (.not. exists(folder//".")) then
-         call fail(error, "folder '"//folder//"' does not exist; make it or give another --output")
-      else if (exists(path//"/.")) then
-         call fail(error, "is a folder; give another --output")
-      else if (exists(path) .and. .not. overwrite) then
-         call fail(error, "exists; give --overwrite or another --output")
-      end if
-   end subroutine check_place
-
-   !> Gives a complete file its name, unless another run has made one meanwhile that may not be replaced.
-   subroutine put_in_place(temporary, path, overwrite, error)
-      character(*), intent(in) :: temporary, path
-      logical, intent(in) :: overwrite
-      type(error_t), allocatable, intent(out) :: error
-      logical :: ok
-
-      if (.not. overwrite) then
-         ! another run may have made the file meanwhile: link refuses then, and rename would not
-         call link_file(temporary, path, ok)
-         if (ok) then
-            call remove_file(temporary)
-            return
-         end if
-         if (exists(path)) then
-            call fail(error, "exists; give --overwrite or another --output")
-            return
-         end if
-         ! a file system without links: rename after all
-      end if
-      call rename_file(temporary, path, ok)
-      if (.not. ok) call fail(error, "'"//temporary//"' cannot be renamed to it; give another --output")
-   end subroutine put_in_place
 
    subroutine fill_file(path, layout, plan, error)
       character(*), intent(in) :: path
@@ -298,6 +258,7 @@ contains
             if (allocated(error)) return
             if (variable%name == "status") call set_flags(variable%dataset, outcome_names, error)
             if (variable%name == "rescue") call set_flags(variable%dataset, rescue_names, error)
+            if (variable%name == "march_verdict") call set_flags(variable%dataset, march_verdict_names, error)
          end associate
          if (allocated(error)) return
       end do

@@ -141,6 +141,11 @@ contains
          call add("combination", is_integer, [tone_axis, point_axis], "1", "integers k of combination_frequency")
          call add("is_near_commensurate", is_integer, [point_axis], "1", &
             "1 where combination_frequency is below the threshold: the tones are hard to tell from commensurate ones")
+         call add("march_verdict", is_integer, [point_axis], "1", "what marching from the point says of it")
+         call add("march_first_difference", is_real, [point_axis], "1", &
+            "largest difference to marching in the first period of the slowest tone, relative to the motion")
+         call add("march_difference", is_real, [point_axis], "1", "largest difference to marching, relative to the motion")
+         call add("march_growth", is_real, [point_axis], "1/s", "rate at which that difference grows")
          if (size(taus) == 0) return
          taus = [(n_plain_axes + i, i=1, size(taus))]
          call add("displacement_samples", is_real, [taus, law_dof_axis, point_axis], "", &

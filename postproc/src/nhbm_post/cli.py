@@ -11,6 +11,7 @@ from pathlib import Path
 from . import __version__, report
 from .benchmark import Benchmark
 from .errors import NhbmPostError, UsageError
+from .march import read_displacement
 from .reader import DAMAGES, QUANTITIES, Results
 
 # matplotlib takes a second to load, so each command that draws imports nhbm_post.draw by itself.
@@ -139,6 +140,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="[LABEL:]PATH",
         help="draw below: a second result file (.h5; the same --at, else its first converged point), or a "
         "table t,x in a text file (a column headed like the dof, else the second); may be repeated",
+    )
+    sub.add_argument(
+        "--march",
+        type=_overlay,
+        metavar="[LABEL:]PATH",
+        help="draw below: a record of nhbm march, with the difference to it in a second panel",
     )
     sub.add_argument(
         "--difference", action="store_true", help="add a panel with the difference to the first overlay"
@@ -477,7 +484,7 @@ def _rotor(arguments):
 
 def _time(arguments):
     from . import draw
-    from .draw.time_history import read_record
+    from .draw.time_history import Record, read_record
 
     at = dict(arguments.at)
     with Results(arguments.file) as results:
@@ -497,6 +504,12 @@ def _time(arguments):
         ]
         title = ", ".join(part for part in (results.title, *_common_parameters(results, points)) if part)
     references = []
+    if arguments.march:
+        label, path = arguments.march
+        if arguments.quantity == "force":
+            raise UsageError("--march compares motions: a record has forces by coordinate of a law, not by dof")
+        method, t, x = read_displacement(path, dof)
+        references.append(Record(label or f"marching, {method}", t, x))
     for label, path in arguments.overlay:
         if path.suffix.lower() in (".h5", ".hdf5", ".nc"):
             with Results(path) as other:
@@ -515,7 +528,7 @@ def _time(arguments):
         t_to=arguments.t_to,
         level=arguments.level,
         n_samples=arguments.samples,
-        has_difference=arguments.difference,
+        has_difference=arguments.difference or bool(arguments.march),
     )
     _save(fig, arguments)
 
