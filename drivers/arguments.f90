@@ -1,22 +1,29 @@
 !> The command line of nhbm.
 module arguments
    use hb_error, only: error_t, fail
-   use hb_text, only: closest_word, join, string_t
+   use hb_progress, only: log_level, log_level_names
+   use hb_text, only: closest_word, join, parse_integer, split, string_t, to_text
    implicit none
    private
-   public :: argument_list, arguments_t, read_arguments
+   public :: argument_list, arguments_t, default_output, read_arguments, read_numbers
 
-   character(11), parameter :: options(7) = [character(11) :: &
-      "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet"]
+   character(11), parameter :: options(16) = [character(11) :: &
+      "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet", "--verbose", "--log-level", &
+      "--ranks", "--points", "--cost", "--cost-from", "--machine", "--periods", "--point"]
 
    type :: arguments_t
       character(:), allocatable :: verb
       character(:), allocatable :: input                              !! path of the input file
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
+      integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
+      integer :: n_periods = 0                                        !! 0: not given
       logical :: overwrite = .false.
-      logical :: is_quiet = .false.
+      integer :: level = log_level%normal                             !! how much to tell
       logical :: wants_help = .false.
+      character(:), allocatable :: ranks, cost, cost_from             !! of plan
+      character(:), allocatable :: points                             !! of plan their number, of verify a list
+      type(string_t), allocatable :: machine(:)                       !! of plan, key=value
    end type arguments_t
 
 contains
@@ -34,15 +41,16 @@ contains
       end do
    end function argument_list
 
-   !> Sorts the words into verb, options and input file; the result file is by default named after the input.
+   !> Sorts the words into verb, options and input file.
    subroutine read_arguments(self, words, error)
       type(arguments_t), intent(out) :: self
       type(string_t), intent(in) :: words(:)
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: closest
+      integer, allocatable :: numbers(:)
       integer :: i
 
-      allocate (self%overrides(0))
+      allocate (self%overrides(0), self%machine(0))
       i = 1
       do while (i <= size(words))
          associate (word => words(i)%value)
@@ -52,18 +60,18 @@ contains
             case ("--overwrite")
                self%overwrite = .true.
             case ("--quiet")
-               self%is_quiet = .true.
-            case ("--output", "-o", "--set")
+               self%level = log_level%quiet
+            case ("--verbose")
+               self%level = log_level%verbose
+            case ("--output", "-o", "--set", "--log-level", "--ranks", "--points", "--cost", "--cost-from", "--machine", &
+                  "--periods", "--point")
                i = i + 1
                if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
                   return
                end if
-               if (word == "--set") then
-                  self%overrides = [self%overrides, words(i)]
-               else
-                  self%output = words(i)%value
-               end if
+               call take_value(self, word, words(i)%value, error)
+               if (allocated(error)) return
             case default
                if (index(word, "-") == 1) then
                   closest = closest_word(word, options)
@@ -82,8 +90,54 @@ contains
          end associate
          i = i + 1
       end do
-      if (allocated(self%input) .and. .not. allocated(self%output)) self%output = default_output(self%input)
    end subroutine read_arguments
+
+   !> Keeps the value of an option that has one.
+   subroutine take_value(self, option, value, error)
+      type(arguments_t), intent(inout) :: self
+      character(*), intent(in) :: option, value
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: numbers(:)
+
+      select case (option)
+      case ("--set"); self%overrides = [self%overrides, string_t(value)]
+      case ("--machine"); self%machine = [self%machine, string_t(value)]
+      case ("--ranks"); self%ranks = value
+      case ("--points"); self%points = value
+      case ("--point")
+         call read_numbers(option, value, 0, numbers, error)
+         if (.not. allocated(error)) self%point = numbers(1)
+      case ("--periods")
+         call read_numbers(option, value, 2, numbers, error)
+         if (.not. allocated(error)) self%n_periods = numbers(1)
+      case ("--cost"); self%cost = value
+      case ("--cost-from"); self%cost_from = value
+      case ("--log-level")
+         self%level = findloc(log_level_names == value, .true., dim=1) - 1
+         if (self%level < 0) call fail(error, "unknown log level '"//value//"'; known: "//join(log_level_names, ", "))
+      case default; self%output = value
+      end select
+   end subroutine take_value
+
+   !> Whole numbers separated by commas, each at least as large as given.
+   subroutine read_numbers(option, text, least, numbers, error)
+      character(*), intent(in) :: option, text
+      integer, intent(in) :: least
+      integer, allocatable, intent(out) :: numbers(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(string_t), allocatable :: parts(:)
+      logical :: is_number
+      integer :: i
+
+      call split(text, ",", parts)
+      allocate (numbers(size(parts)), source=0)
+      do i = 1, size(parts)
+         call parse_integer(parts(i)%value, numbers(i), is_number)
+         if (is_number .and. numbers(i) >= least) cycle
+         call fail(error, option//" needs numbers from "//to_text(least)//" on, not '"//text//"'")
+         return
+      end do
+   end subroutine read_numbers
 
    !> Length of word i, 0 where there is none.
    pure integer function value_length(words, i)

@@ -7,13 +7,27 @@ program nhbm
    use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
    use hb_text, only: closest_word, join, string_t
    use hb_version, only: git_commit, program_version
+   use verb_bench, only: run_bench
+   use verb_benchmark, only: run_benchmark_verb
    use verb_check, only: run_check
+   use verb_march, only: run_march
+   use verb_plan, only: run_plan
    use verb_solve, only: run_solve
+   use verb_verify, only: run_verify
    implicit none
 
    !> Exit statuses, listed in `nhbm --help`.
    integer(c_int), parameter :: success = 0, not_all_right = 1, bad_input = 2
-   character(7), parameter :: verbs(4) = [character(7) :: "solve", "check", "help", "version"]
+   character(9), parameter :: verbs(9) = [character(9) :: &
+      "solve", &
+      "check", &
+      "plan", &
+      "march", &
+      "verify", &
+      "bench", &
+      "benchmark", &
+      "help", &
+      "version"]
 
    interface
       !> Ends the process with a status and without a word.
@@ -65,6 +79,16 @@ contains
          call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
       else if (verb == "check") then
          call run_check(options, comm, all_right, error)
+      else if (verb == "plan") then
+         call run_plan(options, comm, error)
+      else if (verb == "bench") then
+         call run_bench(options, comm, error)
+      else if (verb == "benchmark") then
+         call run_benchmark_verb(options, comm, all_right, error)
+      else if (verb == "verify") then
+         call run_verify(options, comm, all_right, error)
+      else if (verb == "march") then
+         call run_march(options, comm, error)
       else
          call run_solve(options, comm, all_right, error)
       end if
@@ -79,6 +103,11 @@ contains
          "usage: nhbm solve INPUT [options]      solve all points of a namelist file, write an HDF5 file", &
          "       nhbm check INPUT [options]      read the input, every point of it, say what it asks for, and compare the", &
          "                                       derivatives of its laws with differences of their forces", &
+         "       nhbm plan INPUT [options]       say how large the result becomes and how the run would go on many ranks", &
+         "       nhbm benchmark INPUT [options]  solve one scene at many orders, samples and methods, measure time, memory", &
+         "                                       and error of each, write an HDF5 file; nhbm-post work-precision draws it", &
+         "       nhbm march INPUT [options]      follow the motion through time as &march says, write an HDF5 record", &
+         "       nhbm verify RESULT [options]    march from the points of a result file and say whether their motions stay", &
          "       nhbm version                    version and commit", &
          "       mpirun -n 4 nhbm solve INPUT    the same, points spread over 4 ranks", &
          "", &
@@ -87,11 +116,25 @@ contains
          "  --overwrite          replace the result file if there is one", &
          "  --set PATH=VALUE     change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden';", &
          "                       may be given several times", &
-         "  --quiet              no progress and no summary", &
+         "  --quiet              errors alone: neither progress nor summary; as --log-level quiet", &
+         "  --verbose            also where the time of each rank went; as --log-level verbose", &
+         "  --log-level LEVEL    quiet, normal (progress, summary, warnings), verbose, debug (also a line a point)", &
+         "  --point N            march: the point of a sweep to be followed, from 0", &
+         "  --points N,N,...     verify: the points to start from; default: all that are solved", &
+         "  --periods N          verify: length of each march in periods of the slowest tone, 20 by default", &
          "  -h, --help           this text", &
          "", &
-         "exit status: 0 all points converged, 1 some did not (their status is in the file) or a derivative is wrong,", &
-         "             2 bad input or file.", &
+         "options of plan (docs/cluster.md):", &
+         "  --ranks N,N,...      numbers of ranks; default: 1 to 100000 by tens", &
+         "  --points N           points, in place of those of the input", &
+         "  --cost-from FILE     seconds of the points of a result file, in their order", &
+         "  --cost MEAN,SPREAD   seconds of a point, and the standard deviation of its logarithm", &
+         "  --machine KEY=VALUE  latency, counter_rate, write_latency, write_rate, bandwidth, hold, group_size;", &
+         "                       may be given several times", &
+         "  -o, --output FILE    write the table as comma-separated values too, for nhbm-post plan", &
+         "", &
+         "exit status: 0 all points converged, 1 some did not (their status is in the file), a derivative is wrong or", &
+         "             marching does not stay on a motion, 2 bad input or file.", &
          "Set OPENBLAS_NUM_THREADS=1 under mpirun. docs/input.md lists the keys of the input, docs/schema.md the results."
    end subroutine write_help
 end program nhbm

@@ -1,12 +1,16 @@
 !> `nhbm solve`: solves all points of an input and writes the result file.
 module verb_solve
    use, intrinsic :: iso_fortran_env, only: output_unit
-   use arguments, only: arguments_t
+   use arguments, only: arguments_t, default_output
+   use hb_available_memory, only: available_memory
    use hb_error, only: error_t
-   use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, share_error, size_of
+   use hb_kinds, only: wp
+   use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use hb_outcome, only: outcome, outcome_text
+   use hb_progress, only: log_level
    use hb_sweep, only: new_study, run_study, run_summary_t, study_t
    use hb_text, only: read_text_file, to_text
+   use hb_timing, only: timing_lines
    implicit none
    private
    public :: load_study, run_solve
@@ -21,20 +25,34 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
       type(run_summary_t) :: summary
-      logical :: is_first
+      character(:), allocatable :: path
+      logical :: tells
 
       all_converged = .false.
-      is_first = rank_of(comm) == 0
+      path = default_output(options%input)
+      if (allocated(options%output)) path = options%output
+      tells = rank_of(comm) == 0 .and. options%level >= log_level%normal
       call load_study(options, comm, study, error)
       if (allocated(error)) return
-      if (is_first .and. .not. options%is_quiet) write (output_unit, "(a)") "nhbm solve "//options%input//": "// &
+      if (tells) write (output_unit, "(a)") "nhbm solve "//options%input//": "// &
          to_text(study%plan%n_points)//" points on "//to_text(size_of(comm))//" ranks, "// &
          to_text(study%scene%tones%n_tones)//" tones, "//to_text(size(study%tuples, 2))//" harmonics"
-      call run_study(study, options%output, options%overwrite, options%is_quiet, comm, summary, error)
+      call run_study(study, path, options%overwrite, options%level, comm, summary, error)
       if (allocated(error)) return
       all_converged = summary%counts(outcome%converged) == summary%n_points
-      if (is_first .and. .not. options%is_quiet) call write_summary(summary, options%output)
+      if (.not. tells) return
+      call write_summary(summary, path)
+      if (options%level >= log_level%verbose) call write_times(summary)
    end subroutine run_solve
+
+   subroutine write_times(summary)
+      type(run_summary_t), intent(in) :: summary
+      character(:), allocatable :: lines(:)
+      integer :: i
+
+      lines = timing_lines(summary%times)
+      write (output_unit, "(a)") "where the time of the ranks went:", (trim(lines(i)), i=1, size(lines))
+   end subroutine write_times
 
    subroutine write_summary(summary, path)
       type(run_summary_t), intent(in) :: summary
@@ -63,11 +81,13 @@ contains
       type(study_t), intent(out) :: study
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: text
+      real(wp) :: share
 
       if (rank_of(comm) == 0) call read_text_file(options%input, text, error)
       call share_error(comm, error)
       if (allocated(error)) return
       call broadcast_text(comm, text, 0)
-      call new_study(study, options%input, text, options%overrides, error)
+      share = -max_over(comm, -available_memory()/ranks_on_node(comm))   ! the smallest of all ranks
+      call new_study(study, options%input, text, options%overrides, error, share)
    end subroutine load_study
 end module verb_solve

@@ -32,6 +32,7 @@ module hb_balance
       type(dynamic_stiffness_t) :: stiffness
       real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
+      real(wp), allocatable :: xi(:)                                  !! artificial damping, negative, per tone [1/s], (n_tones)
       integer :: n_dofs = 0                                           !! degrees of freedom on which laws act
       type(law_set_t) :: law_set
       type(transform_t), private :: transform
@@ -61,7 +62,11 @@ module hb_balance
       procedure :: solve_linear => balance_solve_linear
       procedure :: rounding_level => balance_rounding_level
       procedure :: solve_mean_tangent => balance_solve_mean_tangent
+      procedure :: mean_slopes => balance_mean_slopes
+      procedure :: move => balance_move
+      procedure :: drives => balance_drives
       procedure :: frequency_derivative => balance_frequency_derivative
+      procedure :: damping_derivative => balance_damping_derivative
       procedure :: deform => balance_deform
       procedure :: linear_solution => balance_linear_solution
       procedure :: sample => balance_sample
@@ -134,6 +139,14 @@ module hb_balance
          type(error_t), allocatable, intent(out) :: error
       end subroutine balance_solve_mean_tangent
 
+      module subroutine balance_mean_slopes(self, u, df_dq, df_dv, error)
+         class(balance_t), intent(inout) :: self
+         real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+         real(wp), intent(out) :: df_dq(:, :)                            !! [N/m], (n_dofs, n_dofs)
+         real(wp), intent(out) :: df_dv(:, :)                            !! [N s/m], as df_dq
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine balance_mean_slopes
+
       module subroutine balance_mean_tangent(self, h, df_dq, df_dv, df_ds, block)
          class(balance_t), intent(in) :: self
          integer, intent(in) :: h
@@ -142,8 +155,20 @@ module hb_balance
       end subroutine balance_mean_tangent
    end interface
 
-   ! Derivative by a base frequency; bodies in hb_balance_frequency
+   ! Base frequencies and artificial damping; bodies in hb_balance_frequency
    interface
+      module subroutine balance_move(self, omega, xi, error)
+         class(balance_t), intent(inout) :: self
+         real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones), > 0
+         real(wp), intent(in) :: xi(:)                                   !! [1/s], (n_tones)
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine balance_move
+
+      pure module function balance_drives(self) result(drives)
+         class(balance_t), intent(in) :: self
+         real(wp) :: drives(self%harmonics%n_harmonics)
+      end function balance_drives
+
       module subroutine balance_frequency_derivative(self, u, m, derivative, error)
          class(balance_t), intent(inout) :: self
          real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
@@ -151,6 +176,14 @@ module hb_balance
          real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)   !! [N s]
          type(error_t), allocatable, intent(out) :: error
       end subroutine balance_frequency_derivative
+
+      module subroutine balance_damping_derivative(self, u, m, derivative, error)
+         class(balance_t), intent(inout) :: self
+         real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+         integer, intent(in) :: m                                        !! tone
+         real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)   !! [N s]
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine balance_damping_derivative
    end interface
 
 contains
@@ -172,6 +205,7 @@ contains
       self%effort = effort
       call forget_products(self)
       self%frequencies = harmonics%frequencies(omega)
+      self%xi = 0.0_wp*omega
       self%stiffness = stiffness
       self%n_dofs = size(stiffness%load, 1)
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
@@ -357,7 +391,7 @@ contains
    end subroutine balance_apply_tangent
 
    !> J u: u onto the torus, times the derivatives of the laws there, and back. Where the answer of a memory does not repeat it
-   !> is what the last round gives, as in the dense tangent. Source: docs/theory.md, section 6.5.
+   !> is what the last round gives, as in the dense tangent. Source: docs/theory.md, section 6.6.
    subroutine apply_tangent_to(self, u, product)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)

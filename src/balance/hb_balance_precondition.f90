@@ -1,7 +1,7 @@
 !> The preconditioner of the balance: the exact tangent between the harmonics that the laws couple most, and the tangent of
 !> each other harmonic by itself.
 !>
-!> Source: docs/theory.md, section 6.5.
+!> Source: docs/theory.md, section 6.6.
 submodule (hb_balance) hb_balance_precondition
    use hb_block_factors, only: new_block_factors
    use hb_coarse_tangent, only: factor_memory, factor_work, new_coarse_tangent
@@ -272,6 +272,20 @@ contains
          end do
       end do
    end subroutine balance_solve_mean_tangent
+
+   !> Means over the torus of the derivatives of all forces by motion and rate, at a motion. Reactions are left out.
+   module subroutine balance_mean_slopes(self, u, df_dq, df_dv, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
+      real(wp), intent(out) :: df_dq(:, :)
+      real(wp), intent(out) :: df_dv(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: df_ds(self%n_dofs, self%n_dofs)
+
+      call self%sample(u)
+      call self%law_set%differentiate(error)
+      if (.not. allocated(error)) call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
+   end subroutine balance_mean_slopes
 
    !> The tangent of harmonic h by itself, from mean slopes.
    module subroutine balance_mean_tangent(self, h, df_dq, df_dv, df_ds, block)

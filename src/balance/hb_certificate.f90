@@ -11,13 +11,15 @@ module hb_certificate
    use hb_kinds, only: wp
    use hb_law, only: defects_t, law_box_t
    use hb_law_set, only: law_dofs_of
+   use hb_phase, only: phase_problem_t
    use hb_structure, only: structure_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_tones, only: tones_t
-   use hb_torus, only: default_samples, new_torus, torus_t
+   use hb_tones, only: new_tones, tones_t
+   use hb_torus, only: new_torus, samples_for, torus_t
+   use hb_two_level, only: clear_kept, exchange, improve, residual_of
    implicit none
    private
-   public :: certificate_t, certify, near_commensurate
+   public :: certificate_t, certify, choose_wider_set, near_commensurate, wider_orders, wider_samples
 
    real(wp), parameter :: rest = 1.0e-6_wp                             ! motion relative to what the loads do to the stiffest
                                                                       ! harmonic, below which nothing moves
@@ -27,37 +29,46 @@ module hb_certificate
    type :: certificate_t
       real(wp) :: truncation = 0.0_wp                                 !! estimated error by the harmonics left out, relative
       real(wp) :: aliasing = 0.0_wp                                   !! estimated error by the finite grid, relative
+      real(wp), allocatable :: frequency_error(:)                     !! of unknown tones, by both [rad/s], (n_tones)
       type(defects_t) :: defects                                      !! of rigid walls and rigid friction, on the finer grid
       real(wp) :: power_in = 0.0_wp                                   !! mean power of the loads [W]
       real(wp) :: power_damping = 0.0_wp                              !! mean loss in the structure [W]
       real(wp), allocatable :: power_laws(:)                          !! mean loss in each law, on the finer grid [W]
       real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
       integer, allocatable :: combination(:)                          !! its k, (n_tones)
+      type(harmonics_t) :: wider                                      !! the set of the improved motion
+      real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_dofs);
+                                                                      !! not allocated where it was not asked for
    end type certificate_t
 
 contains
 
-   !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance.
-   subroutine certify(self, structure, tones, laws, loads, torus, balance, u, effort, error)
+   !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance, and with it the motion improved by some steps.
+   subroutine certify(self, structure, laws, loads, torus, balance, u, effort, n_steps, error, phase)
       type(certificate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
-      type(tones_t), intent(in) :: tones
       type(law_box_t), intent(in) :: laws(:)
       complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
       type(torus_t), intent(in) :: torus                              !! grid of the solution
-      type(balance_t), intent(inout) :: balance
+      type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: u(:, :)                                 !! [m]
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
+      integer, intent(in) :: n_steps                                  !! of the improvement; 0: none
       type(error_t), allocatable, intent(out) :: error
+      type(phase_problem_t), intent(inout), optional :: phase         !! on this balance, where it has unknown tones
       type(balance_t) :: wide
       type(harmonics_t) :: set
+      type(tones_t) :: tones
       type(torus_t) :: grid
 
+      call new_tones(tones, balance%omega, error)
+      if (allocated(error)) return
+      allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
       call choose_wider(balance%harmonics, torus, set, grid, error)
       if (allocated(error)) return
       call make_wide_balance()
-      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, error)
+      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, n_steps, error, phase)
       if (.not. allocated(error)) then
          call check_contact(self, balance, wide, u)
          call find_structure_powers(self, structure, balance, loads, u)
@@ -75,44 +86,74 @@ contains
          do h = 1, balance%harmonics%n_harmonics
             wide_loads(:, set%index_of(balance%harmonics%tuples(:, h))) = loads(:, h)
          end do
-         call new_dynamic_stiffness(stiffness, structure, law_dofs_of(laws), set%frequencies(tones%omega), wide_loads, error)
+         call new_dynamic_stiffness(stiffness, structure, law_dofs_of(laws), set%frequencies(balance%omega), wide_loads, error, &
+                                    drives=set%frequencies(balance%xi*balance%omega))
          if (allocated(error)) return
-         call new_balance(wide, set, grid, tones%omega, stiffness, balance%law_set%laws, effort, error)
+         call new_balance(wide, set, grid, balance%omega, stiffness, balance%law_set%laws, effort, error)
       end subroutine make_wide_balance
    end subroutine certify
 
-   !> A box of about twice the order around the set, and a grid with four times its samples or more.
+   !> A box of about twice the order around the set.
+   subroutine choose_wider_set(narrow, set, error)
+      type(harmonics_t), intent(in) :: narrow
+      type(harmonics_t), intent(out) :: set
+      type(error_t), allocatable, intent(out) :: error
+      integer :: orders(narrow%n_tones)
+
+      orders = wider_orders(narrow%highest)
+      call new_box(set, orders, .false., error)
+   end subroutine choose_wider_set
+
+   !> The wider set, and a grid with four times the samples of the solution or more.
    subroutine choose_wider(narrow, torus, set, grid, error)
       type(harmonics_t), intent(in) :: narrow
       type(torus_t), intent(in) :: torus
       type(harmonics_t), intent(out) :: set
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
-      integer :: orders(narrow%n_tones), samples(narrow%n_tones)
+      integer :: samples(narrow%n_tones)
 
-      orders = max(2*narrow%highest, narrow%highest + 2)
-      do while (product(2*real(orders, wp) + 1) > 2*largest_wide_set .and. any(orders > narrow%highest))
-         where (orders > narrow%highest) orders = orders - 1
-      end do
-      call new_box(set, orders, .false., error)
+      call choose_wider_set(narrow, set, error)
       if (allocated(error)) return
-      samples = max(default_samples(set, 0), 4*torus%n_samples)
-      do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(torus%n_samples, 2*orders + 2)))
-         samples = max(torus%n_samples, 2*orders + 2, samples - max(2, samples/8))
-      end do
-      call new_torus(grid, samples, set, error)
+      call new_torus(grid, wider_samples(torus%n_samples, set%highest), set, error)
    end subroutine choose_wider
+
+   !> Orders of the wider box, for the orders of the solution.
+   pure function wider_orders(highest) result(orders)
+      integer, intent(in) :: highest(:)                               !! (n_tones)
+      integer :: orders(size(highest))
+
+      orders = max(2*highest, highest + 2)
+      do while (product(2*real(orders, wp) + 1) > 2*largest_wide_set .and. any(orders > highest))
+         where (orders > highest) orders = orders - 1
+      end do
+   end function wider_orders
+
+   !> Samples of the finer grid, for those of the solution and the orders of the wider box.
+   pure function wider_samples(n_samples, orders) result(samples)
+      integer, intent(in) :: n_samples(:), orders(:)                  !! (n_tones)
+      integer :: samples(size(orders))
+
+      samples = max(samples_for(orders, 0), 4*n_samples)
+      do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(n_samples, 2*orders + 2)))
+         samples = max(n_samples, 2*orders + 2, samples - max(2, samples/8))
+      end do
+   end function wider_samples
 
    !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: the harmonics
    !> outside answer the forces that nothing balances, through their stiffness with the mean stiffness of the laws; what
-   !> this motion then changes in the kept ones comes by the exact tangent.
-   subroutine estimate_errors(self, balance, wide, u, error)
+   !> this motion then changes in the kept ones, and in unknown frequencies, comes by the exact tangent.
+   subroutine estimate_errors(self, balance, wide, u, n_steps, error, phase)
       type(certificate_t), intent(inout) :: self
-      type(balance_t), intent(inout) :: balance, wide
+      type(balance_t), intent(inout), target :: balance
+      type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)
+      integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
+      type(phase_problem_t), intent(inout), optional :: phase
       type(tangent_solver_t) :: tangent
       real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), size_of_motion
+      integer :: n
       logical :: is_singular
 
       if (all(u == 0.0_wp)) return
@@ -120,17 +161,23 @@ contains
       allocate (big(wide%harmonics%n_coefficients, wide%n_dofs), source=0.0_wp)
       allocate (defect, mold=big)
       allocate (answer, mold=big)
-      allocate (change(size(u)), alias(size(u)))
+      n = balance%n_unknowns
+      if (present(phase)) n = phase%n_unknowns
+      allocate (change(n), alias(n))
       self%truncation = huge(1.0_wp)
       self%aliasing = huge(1.0_wp)
-      call new_tangent_solver(tangent, balance, reshape(u, [size(u)]), is_singular)
+      if (present(phase)) then
+         call new_tangent_solver(tangent, phase, phase%unknowns(u), is_singular)
+      else
+         call new_tangent_solver(tangent, balance, reshape(u, [size(u)]), is_singular)
+      end if
       if (is_singular) return
       call exchange(balance%harmonics, wide%harmonics, u, big)
       call residual_of(wide, big, defect)
       alias = restricted(defect)
-      call tangent%solve(balance, alias, is_singular)
+      call solve_tangent(alias)
       if (is_singular) return
-      self%aliasing = norm2(alias)/size_of_motion
+      self%aliasing = norm2(alias(:size(u)))/size_of_motion
 
       call clear_kept(balance%harmonics, wide%harmonics, defect)
       call wide%solve_mean_tangent(big, defect, answer, error)
@@ -138,61 +185,44 @@ contains
       call clear_kept(balance%harmonics, wide%harmonics, answer)
       call residual_of(wide, big - answer, defect)
       change = restricted(defect)
-      call tangent%solve(balance, change, is_singular)
+      call solve_tangent(change)
       if (is_singular) return
-      self%truncation = sqrt(norm2(change - alias)**2 + norm2(answer)**2)/size_of_motion
+      change = change - alias
+      self%truncation = sqrt(norm2(change(:size(u)))**2 + norm2(answer)**2)/size_of_motion
+      if (present(phase)) then
+         associate (first => size(u) + 1, last => size(u) + size(phase%tones))
+            self%frequency_error(phase%tones) = hypot(change(first:last), alias(first:last))
+         end associate
+         return                                                       ! the improvement holds the frequencies
+      end if
+      if (n_steps == 0) return
+      self%wider = wide%harmonics
+      allocate (self%improved, mold=big)
+      call improve(balance, wide, tangent, u, n_steps, self%improved, error)
 
    contains
 
-      !> The kept part of wide coefficients, as a vector.
+      !> The kept part of wide coefficients, as a vector; the equations of unknown tones have nothing to add.
       function restricted(wide_coefficients) result(kept)
          real(wp), intent(in) :: wide_coefficients(:, :)
-         real(wp) :: kept(size(u))
+         real(wp) :: kept(n)
          real(wp) :: pairs(size(u, 1), size(u, 2))
 
          call exchange(wide%harmonics, balance%harmonics, wide_coefficients, pairs)
-         kept = reshape(pairs, [size(u)])
+         kept = 0.0_wp
+         kept(:size(u)) = reshape(pairs, [size(u)])
       end function restricted
+
+      subroutine solve_tangent(r)
+         real(wp), intent(inout), contiguous :: r(:)
+
+         if (present(phase)) then
+            call tangent%solve(phase, r, is_singular)
+         else
+            call tangent%solve(balance, r, is_singular)
+         end if
+      end subroutine solve_tangent
    end subroutine estimate_errors
-
-   subroutine residual_of(problem, u, r)
-      type(balance_t), intent(inout) :: problem
-      real(wp), intent(in) :: u(:, :)
-      real(wp), intent(out) :: r(:, :)
-      real(wp) :: flat(size(u))
-
-      call problem%residual(reshape(u, [size(u)]), flat)
-      r = reshape(flat, shape(r))
-   end subroutine residual_of
-
-   !> Copies coefficients of the tuples that both sets have; the others of `to` become zero.
-   subroutine exchange(from_set, to_set, from, to)
-      type(harmonics_t), intent(in) :: from_set, to_set
-      real(wp), intent(in) :: from(:, :)
-      real(wp), intent(out) :: to(:, :)
-      integer :: h, k
-
-      to = 0.0_wp
-      do h = 1, to_set%n_harmonics
-         k = from_set%index_of(to_set%tuples(:, h))
-         if (k == 0) cycle
-         to(to_set%cos_at(h), :) = from(from_set%cos_at(k), :)
-         if (to_set%sin_at(h) > 0) to(to_set%sin_at(h), :) = from(from_set%sin_at(k), :)
-      end do
-   end subroutine exchange
-
-   !> Sets wide coefficients of the kept tuples to zero.
-   subroutine clear_kept(kept, set, coefficients)
-      type(harmonics_t), intent(in) :: kept, set
-      real(wp), intent(inout) :: coefficients(:, :)
-      integer :: h, k
-
-      do h = 1, kept%n_harmonics
-         k = set%index_of(kept%tuples(:, h))
-         coefficients(set%cos_at(k), :) = 0.0_wp
-         if (set%sin_at(k) > 0) coefficients(set%sin_at(k), :) = 0.0_wp
-      end do
-   end subroutine clear_kept
 
    !> Rigid contact and friction on the finer grid, and the power that each law takes there.
    subroutine check_contact(self, balance, wide, u)
@@ -260,7 +290,7 @@ contains
       type(tones_t), intent(in) :: tones
       integer, allocatable, intent(out) :: combination(:)             !! (n_tones); of one tone 1
       real(wp), intent(out) :: frequency                              !! |k.omega| [rad/s]
-      integer, parameter :: largest_sum(4) = [1, 24, 12, 8]           ! of |k_m|, by number of tones
+      integer, parameter :: largest_sum(10) = [1, 24, 12, 8, 8, 4, 3, 2, 1, 1]   ! of |k_m|, by number of tones
       integer :: k(tones%n_tones), m, reach
 
       reach = largest_sum(min(tones%n_tones, size(largest_sum)))

@@ -8,9 +8,10 @@ module hb_harmonics
    use hb_text, only: to_text
    implicit none
    private
-   public :: canonical_sign, harmonics_t, new_box, new_diamond, new_harmonics, tuple_text
+   public :: canonical_sign, harmonics_t, merge_tuples, new_box, new_diamond, new_harmonics, tuple_text
 
-   integer(int64), parameter :: largest_set = 20000000_int64         ! tuples; beyond this even the tables do not fit
+   integer(int64), parameter :: largest_set = 20000000_int64         ! tuples of the box around a set; its table has one entry each
+   integer, parameter :: most_harmonics = 4000000                     ! tuples of a set
 
    !> A set of harmonics. Coefficients of one degree of freedom are a vector (n_coefficients): harmonic by harmonic
    !> cosine then sine, without a sine for the zero tuple.
@@ -40,7 +41,7 @@ contains
       logical, intent(in) :: odd_only
       type(error_t), allocatable, intent(out) :: error
 
-      call enumerate(self, orders, sum(orders), odd_only, error)
+      call enumerate(self, orders, huge(1), odd_only, error)
    end subroutine new_box
 
    !> Set of all tuples with sum |j_m| <= order; with `odd_only` just those whose entries sum to an odd number.
@@ -96,7 +97,8 @@ contains
          return
       end if
       if (product(2*real(orders, wp) + 1) > real(largest_set, wp)) then
-         call fail(error, "the set of harmonics would have more than "//to_text(largest_set/2)//" tuples; lower the order")
+         call fail(error, "the set of harmonics would have about "//to_text(anint(product(2*real(orders, wp) + 1)/2))// &
+                   " tuples, or lie in a box of so many, more than "//to_text(largest_set/2)//"; lower the order")
          return
       end if
       self%n_tones = size(orders)
@@ -114,6 +116,10 @@ contains
          if (pass == 1) then
             if (n_kept == 0) then
                call fail(error, "the set of harmonics is empty")
+               return
+            else if (n_kept > most_harmonics) then
+               call fail(error, "the set of harmonics would have "//to_text(n_kept)//" tuples, more than "// &
+                         to_text(most_harmonics)//"; lower the order")
                return
             end if
             allocate (self%tuples(self%n_tones, n_kept))
@@ -239,6 +245,32 @@ contains
       canonical_sign = 1
       if (first > 0) canonical_sign = sign(1, tuple(first))
    end function canonical_sign
+
+   !> Adds what the set has and the list lacks. The list grows to hold the largest set first where sets are nested.
+   subroutine merge_tuples(tuples, harmonics)
+      integer, allocatable, intent(inout) :: tuples(:, :)
+      type(harmonics_t), intent(in) :: harmonics
+      logical :: is_known(harmonics%n_harmonics)
+      integer, allocatable :: longer(:, :)
+      integer :: h, i, n_new
+
+      is_known = .false.
+      do i = 1, size(tuples, 2)
+         h = harmonics%index_of(tuples(:, i))
+         if (h > 0) is_known(h) = .true.
+      end do
+      n_new = count(.not. is_known)
+      if (n_new == 0) return
+      allocate (longer(size(tuples, 1), size(tuples, 2) + n_new))
+      longer(:, 1:size(tuples, 2)) = tuples
+      i = size(tuples, 2)
+      do h = 1, harmonics%n_harmonics
+         if (is_known(h)) cycle
+         i = i + 1
+         longer(:, i) = harmonics%tuples(:, h)
+      end do
+      call move_alloc(longer, tuples)
+   end subroutine merge_tuples
 
    !> Text such as (1,-2).
    pure function tuple_text(tuple) result(text)

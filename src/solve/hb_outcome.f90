@@ -6,7 +6,7 @@
 module hb_outcome
    implicit none
    private
-   public :: outcome, outcome_name, outcome_names, outcome_text
+   public :: is_solved, outcome, outcome_name, outcome_names, outcome_text
 
    type :: outcome_t
       integer :: pending = 0                           !! not solved yet
@@ -19,16 +19,18 @@ module hb_outcome
       integer :: truncated = 7                         !! solved, but the harmonics left out matter
       integer :: aliased = 8                           !! solved, but the samples are too few
       integer :: penetrating = 9                       !! solved, but the motion goes too far into a rigid wall
+      integer :: collapsed = 10                        !! an unknown tone died out: the motion has fewer tones
+      integer :: no_motion = 11                        !! no self-excited motion was found
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:9) = [character(13) :: &
+   character(*), parameter :: outcome_names(0:11) = [character(13) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
-      "truncated", "aliased", "penetrating"]
+      "truncated", "aliased", "penetrating", "collapsed", "no_motion"]
 
-   character(*), parameter :: texts(0:9) = [character(64) :: &
+   character(*), parameter :: texts(0:11) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
@@ -38,7 +40,9 @@ module hb_outcome
       "failed: see the message of the point", &
       "truncated: solved, but the harmonics left out matter", &
       "aliased: solved, but the samples are too few", &
-      "penetrating: solved, but too far inside a rigid wall"]
+      "penetrating: solved, but too far inside a rigid wall", &
+      "collapsed: an unknown tone died out, the motion has fewer tones", &
+      "no motion: no self-excited motion was found"]
 
 contains
 
@@ -59,6 +63,13 @@ contains
       text = "unknown status"
       if (is_status(status)) text = trim(texts(status))
    end function outcome_text
+
+   !> Says whether the balance is solved, well enough for the thresholds of the certificate or not.
+   pure logical function is_solved(status)
+      integer, intent(in) :: status
+
+      is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating])
+   end function is_solved
 
    pure logical function is_status(status)
       integer, intent(in) :: status

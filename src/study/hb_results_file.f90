@@ -1,21 +1,23 @@
 !> Making a result file whole, before the first point is solved; by one process.
 module hb_results_file
-   use hb_error, only: error_t, fail
+   use hb_error, only: error_t
+   use hb_file_place, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t
    use hb_kinds, only: two_pi
    use hb_outcome, only: outcome_names
    use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_results_plan, only: axis_t, component_axis, dof_axis, harmonic_axis, is_characters, is_integer, &
       is_real, law_axis, law_dof_axis, message_axis, parameter_name_length, parameter_names, plan_t, point_axis, &
-      size_text, tone_axis
+      size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
    use hb_solver_types, only: rescue_names
-   use hb_system, only: exists, link_file, process_id, remove_file, rename_file, utc_now
+   use hb_system, only: process_id, remove_file, utc_now
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: make_file
+   public :: amplitude_convention, describe, make_file, schema_version, set_flags
 
    integer, parameter :: schema_version = 1
+   character(8), parameter :: march_verdict_names(4) = [character(8) :: "not_done", "agrees", "unstable", "differs"]
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
       "[ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
 
@@ -28,19 +30,10 @@ contains
       type(plan_t), intent(inout) :: plan
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: folder, temporary
+      character(:), allocatable :: temporary
 
-      folder = path(:index(path, "/", back=.true.))
-      if (folder == "") folder = "./"
-      if (.not. exists(folder//".")) then
-         call fail(error, "folder '"//folder//"' does not exist; make it or give another --output")
-      else if (exists(path//"/.")) then
-         call fail(error, "is a folder; give another --output")
-      else if (exists(path) .and. .not. overwrite) then
-         call fail(error, "exists; give --overwrite or another --output")
-      end if
+      call check_place(path, overwrite, error)
       if (allocated(error)) return
-
       temporary = path//"."//to_text(process_id())//".part"
       call fill_file(temporary, layout, plan, error)
       if (allocated(error)) then
@@ -51,29 +44,6 @@ contains
       end if
       if (allocated(error)) call remove_file(temporary)
    end subroutine make_file
-
-   subroutine put_in_place(temporary, path, overwrite, error)
-      character(*), intent(in) :: temporary, path
-      logical, intent(in) :: overwrite
-      type(error_t), allocatable, intent(out) :: error
-      logical :: ok
-
-      if (.not. overwrite) then
-         ! another run may have made the file meanwhile: link refuses then, and rename would not
-         call link_file(temporary, path, ok)
-         if (ok) then
-            call remove_file(temporary)
-            return
-         end if
-         if (exists(path)) then
-            call fail(error, "exists; give --overwrite or another --output")
-            return
-         end if
-         ! a file system without links: rename after all
-      end if
-      call rename_file(temporary, path, ok)
-      if (.not. ok) call fail(error, "'"//temporary//"' cannot be renamed to it; give another --output")
-   end subroutine put_in_place
 
    subroutine fill_file(path, layout, plan, error)
       character(*), intent(in) :: path
@@ -87,7 +57,8 @@ contains
       if (.not. allocated(error)) call add_root_attributes(file, layout, error)
       if (.not. allocated(error)) call add_scales(file, layout, plan%axes, error)
       if (.not. allocated(error)) call add_inputs(file, layout, plan, error)
-      if (.not. allocated(error)) call add_point_variables(file, plan, error)
+      if (.not. allocated(error)) call add_variables(file, plan, plan%variables, error)
+      if (.not. allocated(error)) call add_variables(file, plan, plan%times, error)
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
    end subroutine fill_file
@@ -122,7 +93,7 @@ contains
       do i = 1, size(axes)
          associate (axis => axes(i))
             select case (i)
-            case (point_axis, harmonic_axis, message_axis)
+            case (point_axis, harmonic_axis, message_axis, worker_axis)
                call add_numbers(file, axis, [(k, k=0, axis%length - 1)], error)
             case (tone_axis)
                call add_numbers(file, axis, [(k, k=1, axis%length)], error)
@@ -191,6 +162,12 @@ contains
          call add_parameter(file, trim(names(i)), layout%parameters(i), plan, error)
          if (allocated(error)) return
       end do
+      do i = 1, size(layout%tuples, 1)
+         call add_tuple_entry(file, i, layout%tuples, plan, error)
+         if (allocated(error)) return
+      end do
+      call file%set_attribute("coordinates", coordinate_names(size(layout%tuples, 1), names), error)
+      if (allocated(error)) return
 
       call file%add_text("input_text", or_empty(layout%input_text), dataset, error)
       if (.not. allocated(error)) call describe(dataset, "1", "the input as given", error)
@@ -198,6 +175,39 @@ contains
       call file%add_text("input_complete", or_empty(layout%input_complete), dataset, error)
       if (.not. allocated(error)) call describe(dataset, "1", "the input after defaults", error)
    end subroutine add_inputs
+
+   !> Adds one entry of all tuples as a dataset of its own: xarray selects by an index of such, not by rows of a matrix.
+   subroutine add_tuple_entry(file, tone, tuples, plan, error)
+      type(h5_file_t), intent(in) :: file
+      integer, intent(in) :: tone
+      integer, intent(in) :: tuples(:, :)               !! (n_tones, n_harmonics)
+      type(plan_t), intent(in) :: plan
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: dataset
+      integer :: entries(size(tuples, 2))
+
+      entries = tuples(tone, :)
+      call file%add_integer(tuple_entry_name(tone), shape(entries), dataset, error)
+      if (.not. allocated(error)) call dataset%write(entries, error)
+      if (.not. allocated(error)) call attach(dataset, plan, [harmonic_axis], error)
+      if (.not. allocated(error)) call describe(dataset, "1", "entry of the tuple for tone "//to_text(tone), error)
+   end subroutine add_tuple_entry
+
+   !> Gives the names of what labels points and harmonics, with blanks between (CF convention).
+   function coordinate_names(n_tones, parameters) result(text)
+      integer, intent(in) :: n_tones
+      character(*), intent(in) :: parameters(:)
+      character(:), allocatable :: text
+      integer :: i
+
+      text = "frequency tuple"
+      do i = 1, n_tones
+         text = text//" "//tuple_entry_name(i)
+      end do
+      do i = 1, size(parameters)
+         text = text//" "//trim(parameters(i))
+      end do
+   end function coordinate_names
 
    subroutine add_parameter(file, name, parameter, plan, error)
       type(h5_file_t), intent(in) :: file
@@ -219,15 +229,16 @@ contains
       if (.not. allocated(error)) call dataset%set_attribute("parameter", parameter%path, error)
    end subroutine add_parameter
 
-   subroutine add_point_variables(file, plan, error)
+   subroutine add_variables(file, plan, variables, error)
       type(h5_file_t), intent(in) :: file
-      type(plan_t), intent(inout) :: plan
+      type(plan_t), intent(in) :: plan
+      type(variable_t), intent(inout) :: variables(:)                 !! of the plan
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: extents(:)
       integer :: i
 
-      do i = 1, size(plan%variables)
-         associate (variable => plan%variables(i))
+      do i = 1, size(variables)
+         associate (variable => variables(i))
             extents = plan%axes(variable%axes)%length
             select case (variable%kind)
             case (is_integer)
@@ -247,10 +258,11 @@ contains
             if (allocated(error)) return
             if (variable%name == "status") call set_flags(variable%dataset, outcome_names, error)
             if (variable%name == "rescue") call set_flags(variable%dataset, rescue_names, error)
+            if (variable%name == "march_verdict") call set_flags(variable%dataset, march_verdict_names, error)
          end associate
          if (allocated(error)) return
       end do
-   end subroutine add_point_variables
+   end subroutine add_variables
 
    !> Names the values 0, 1, ... of an integer dataset (CF convention).
    subroutine set_flags(dataset, names, error)
@@ -276,6 +288,7 @@ contains
       end do
    end subroutine attach
 
+   !> Gives a dataset its unit and what it means.
    subroutine describe(dataset, units, long_name, error)
       type(h5_dataset_t), intent(in) :: dataset
       character(*), intent(in) :: units, long_name

@@ -1,29 +1,36 @@
 !> Runs all points of an input over the ranks of a communicator and writes the result file.
 !>
-!> Points do not depend on each other; each rank takes the next one from a shared counter. What a point gives does not
-!> depend on who solves it or when, so the file holds the same numbers for any number of ranks (with FFTW's planning by
-!> estimate, which is the default; measured plans may differ in the last digit).
+!> Points, or chains of points that start from each other's solutions, do not depend on each other; each rank draws the
+!> next ones as hb_schedule says. What a point gives does not depend on who solves it or when, so the file holds the same
+!> numbers for any number of ranks (with FFTW's planning by estimate, which is the default; measured plans may differ in the
+!> last digit).
 module hb_sweep
+   use hb_certificate, only: choose_wider_set
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
-   use hb_harmonics, only: harmonics_t
+   use hb_harmonics, only: harmonics_t, merge_tuples
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
-   use hb_mpi, only: barrier, comm_t, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, wall_clock, &
-      work_counter_t
+   use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, &
+      wall_clock, work_counter_t
    use hb_namelist, only: document_t, new_document
-   use hb_outcome, only: outcome, outcome_names
+   use hb_neighbour, only: neighbour_t
+   use hb_outcome, only: outcome, outcome_name, outcome_names
    use hb_point, only: solve_point
    use hb_progress, only: new_progress, progress_t
    use hb_results, only: create_results, point_result_t, results_layout_t, results_t
+   use hb_results_plan, only: measure_row, new_plan, plan_t
    use hb_scene, only: group_names, read_harmonics, read_scene, read_tones, scene_t
+   use hb_schedule, only: new_schedule, schedule_t, way_t
    use hb_sweep_plan, only: parameter_units, read_sweep_plan, sweep_plan_t
+   use hb_swept_point, only: run_point
    use hb_text, only: lower, string_t, to_text
+   use hb_timing, only: rank_times_t
    use hb_tones, only: tones_t
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: new_study, run_study, run_summary_t, study_t
+   public :: apply_overrides, new_study, row_of_study, run_study, run_summary_t, study_t
 
    !> An input that was read without a problem, ready to run.
    type :: study_t
@@ -33,6 +40,7 @@ module hb_sweep
       integer, allocatable :: tuples(:, :)                            !! union of the sets of all points, (n_tones, any)
       character(:), allocatable :: input_text                         !! the input as given
       character(:), allocatable :: input_complete                     !! the input after defaults
+      real(wp) :: available_memory = huge(1.0_wp)                     !! bytes for this process
    end type study_t
 
    !> What a run came to, over all ranks.
@@ -45,40 +53,57 @@ module hb_sweep
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
       real(wp) :: aliasing = 0.0_wp
       real(wp) :: seconds = 0.0_wp
+      real(wp), allocatable :: times(:, :)                            !! of all ranks, on rank 0, for hb_timing
    end type run_summary_t
 
 contains
 
    !> Reads the text of an input file with its overrides; fails with all problems that the first point and the sweep show.
-   subroutine new_study(self, file_name, text, overrides, error)
+   subroutine new_study(self, file_name, text, overrides, error, available_memory)
       type(study_t), intent(out), target :: self
       character(*), intent(in) :: file_name                           !! for messages
       character(*), intent(in) :: text
       type(string_t), intent(in) :: overrides(:)                      !! path=value, as --set gives them
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: available_memory              !! bytes for this process, the same on all ranks
       type(document_t), target :: first
-      integer :: i
 
+      if (present(available_memory)) self%available_memory = available_memory
       self%input_text = text
       call new_document(self%document, file_name, text, error)
       if (allocated(error)) return
+      if (self%document%count("benchmark") > 0) then
+         call fail(error, file_name//": has a group &benchmark; such an input is for 'nhbm benchmark'")
+         return
+      end if
       call self%document%expect_groups([group_names, "sweep      "], error)
       if (allocated(error)) return
-      do i = 1, size(overrides)
-         call apply_override(self%document, overrides(i)%value, error)
-         if (allocated(error)) return
-      end do
+      call apply_overrides(self%document, overrides, error)
+      if (allocated(error)) return
       first = self%document
       call read_sweep_plan(self%plan, first, error)
       if (allocated(error)) return
       call self%plan%apply(1, first, error)
       if (allocated(error)) return
-      call read_scene(self%scene, first, error)
+      call read_scene(self%scene, first, error, self%available_memory)
       if (allocated(error)) return
       self%input_complete = first%complete()
       call self%document%forget_values()                             ! nobody asks for the texts of single points
       call collect_tuples(self, error)
    end subroutine new_study
+
+   !> Applies overrides in turn, each path=value.
+   subroutine apply_overrides(document, overrides, error)
+      type(document_t), intent(inout) :: document
+      type(string_t), intent(in) :: overrides(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      do i = 1, size(overrides)
+         call apply_override(document, overrides(i)%value, error)
+         if (allocated(error)) return
+      end do
+   end subroutine apply_overrides
 
    !> Applies one `path=value`.
    subroutine apply_override(document, text, error)
@@ -108,6 +133,8 @@ contains
       integer :: i, point
 
       self%tuples = self%scene%harmonics%tuples
+      call merge_wider_set(self, self%scene%harmonics, error)
+      if (allocated(error)) return
       if (.not. any([(is_harmonic_path(self%plan%parameters(i)%path), i=1, size(self%plan%parameters))])) return
       seen = ";"
       do point = 1, self%plan%n_points
@@ -131,8 +158,29 @@ contains
             return
          end if
          call merge_tuples(self%tuples, harmonics)
+         call merge_wider_set(self, harmonics, error)
+         if (allocated(error)) return
       end do
    end subroutine collect_tuples
+
+   !> Adds the tuples that an improved motion has beyond those of its set.
+   subroutine merge_wider_set(self, harmonics, error)
+      type(study_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: wider
+
+      if (.not. has_improved(self)) return
+      call choose_wider_set(harmonics, wider, error)
+      if (.not. allocated(error)) call merge_tuples(self%tuples, wider)
+   end subroutine merge_wider_set
+
+   !> Whether improved motions are stored: the first point decides for all.
+   pure logical function has_improved(self)
+      type(study_t), intent(in) :: self
+
+      has_improved = self%scene%certificate%is_on .and. self%scene%certificate%improvement_steps > 0
+   end function has_improved
 
    !> Whether a swept path is a key of `&harmonics`; names of groups stand in either case, with blanks before.
    logical function is_harmonic_path(path)
@@ -141,39 +189,13 @@ contains
       is_harmonic_path = index(lower(adjustl(path)), "harmonics") == 1
    end function is_harmonic_path
 
-   !> Adds what the set has and the list lacks. The list grows to hold the largest set first where sets are nested.
-   subroutine merge_tuples(tuples, harmonics)
-      integer, allocatable, intent(inout) :: tuples(:, :)
-      type(harmonics_t), intent(in) :: harmonics
-      logical :: is_known(harmonics%n_harmonics)
-      integer, allocatable :: longer(:, :)
-      integer :: h, i, n_new
-
-      is_known = .false.
-      do i = 1, size(tuples, 2)
-         h = harmonics%index_of(tuples(:, i))
-         if (h > 0) is_known(h) = .true.
-      end do
-      n_new = count(.not. is_known)
-      if (n_new == 0) return
-      allocate (longer(size(tuples, 1), size(tuples, 2) + n_new))
-      longer(:, 1:size(tuples, 2)) = tuples
-      i = size(tuples, 2)
-      do h = 1, harmonics%n_harmonics
-         if (is_known(h)) cycle
-         i = i + 1
-         longer(:, i) = harmonics%tuples(:, h)
-      end do
-      call move_alloc(longer, tuples)
-   end subroutine merge_tuples
-
    !> Solves all points and writes them; collective. An error is trouble with the result file; what is wrong with a single
    !> point stands in the file.
-   subroutine run_study(self, path, overwrite, is_quiet, comm, summary, error)
+   subroutine run_study(self, path, overwrite, level, comm, summary, error)
       type(study_t), intent(in) :: self
       character(*), intent(in) :: path                                !! of the result file
       logical, intent(in) :: overwrite                                !! an existing file may be replaced
-      logical, intent(in) :: is_quiet                                 !! no progress
+      integer, intent(in) :: level                                    !! how much to tell, hb_progress
       type(comm_t), intent(in) :: comm
       type(run_summary_t), intent(out) :: summary
       type(error_t), allocatable, intent(out) :: error
@@ -187,7 +209,7 @@ contains
       call describe_layout(self, size_of(comm), layout)
       call create_results(results, path, layout, overwrite, comm, error)
       if (allocated(error)) return
-      call run_points(self, layout, results, is_quiet, comm, summary, error)
+      call run_points(self, layout, results, level, comm, summary, error)
       call share_error(comm, error)
       if (allocated(error)) return
       call results%close(error)
@@ -237,6 +259,7 @@ contains
          layout%law_labels = unique_labels(scene)
          layout%law_dof_units = [character(16) :: structure%units(law_dofs)]
          layout%n_samples = scene%output%samples
+         layout%has_improved = has_improved(self)
          layout%title = scene%output%title
          layout%input_text = self%input_text
          layout%input_complete = self%input_complete
@@ -260,6 +283,19 @@ contains
       end associate
    end subroutine describe_layout
 
+   !> What one point takes in the result file, and to how many datasets it is written.
+   subroutine row_of_study(self, n_bytes, n_datasets)
+      type(study_t), intent(in) :: self
+      real(wp), intent(out) :: n_bytes
+      integer, intent(out) :: n_datasets
+      type(results_layout_t) :: layout
+      type(plan_t) :: plan
+
+      call describe_layout(self, 1, layout)
+      call new_plan(plan, layout)
+      call measure_row(plan, size(layout%parameters), n_bytes, n_datasets)
+   end subroutine row_of_study
+
    !> Labels of the laws; where two laws have the same, the number of the law is added.
    function unique_labels(scene) result(labels)
       type(scene_t), intent(in) :: scene
@@ -272,42 +308,128 @@ contains
       end do
    end function unique_labels
 
-   !> Takes points from the shared counter until there are none left. Rank 0 tells the progress of all.
-   subroutine run_points(self, layout, results, is_quiet, comm, summary, error)
+   !> How the points are handed out: chains along the fastest parameter where points start from their neighbours.
+   subroutine schedule_study(self, n_ranks, block_seconds, schedule)
+      type(study_t), intent(in) :: self
+      integer, intent(in) :: n_ranks
+      real(wp), intent(in) :: block_seconds
+      type(schedule_t), intent(out) :: schedule
+
+      call new_schedule(schedule, self%plan%n_points, self%plan%n_fastest(), &
+         merge(self%scene%chain%length, 1, self%scene%chain%is_on), n_ranks, block_seconds)
+   end subroutine schedule_study
+
+   !> Draws blocks of points until there are none left. Rank 0 tells the progress of all.
+   subroutine run_points(self, layout, results, level, comm, summary, error)
       type(study_t), intent(in) :: self
       type(results_layout_t), intent(in) :: layout
       type(results_t), intent(inout) :: results
-      logical, intent(in) :: is_quiet
+      integer, intent(in) :: level
       type(comm_t), intent(in) :: comm
       type(run_summary_t), intent(out) :: summary
       type(error_t), allocatable, intent(out) :: error
+      type(schedule_t) :: schedule
+      type(way_t) :: way
       type(work_counter_t) :: counter
       type(progress_t) :: progress
-      type(point_result_t) :: result
-      integer :: done, failed, point
+      type(rank_times_t) :: times
+      real(wp) :: started, waited
+      integer :: done, failed, first, i, last, n, number
 
-      call new_work_counter(counter, comm, error)
+      call schedule_study(self, size_of(comm), results%hold_seconds(), schedule)
+      call new_work_counter(counter, [(schedule%owner_of(i), i=1, schedule%n_counters)], comm, error)
       if (allocated(error)) return
-      call new_progress(progress, layout%n_points, is_quiet .or. rank_of(comm) > 0)
-      do
-         point = counter%next() + 1
-         if (point > layout%n_points) exit
-         call run_point(self, layout, point, rank_of(comm), result)
-         call results%write_point(point, result, error)
-         if (allocated(error)) exit
-         call count_point(summary, result)
-         call counter%add_done(result%status /= outcome%converged)
-         call counter%read_tallies(done, failed)
-         call progress%show(done, failed)
+      call new_progress(progress, layout%n_points, level, rank_of(comm) == 0)
+      way = schedule%way_of(rank_of(comm))
+      started = wall_clock()
+      do while (.not. (way%is_done .or. allocated(error)))
+         waited = wall_clock()
+         n = schedule%ask(way)
+         number = counter%next(way%counter, n)
+         times%n_draws = times%n_draws + 1
+         times%drawing = times%drawing + wall_clock() - waited
+         call schedule%take(way, number, n, first, last)
+         waited = wall_clock()
+         do i = first, last
+            call run_unit(self, layout, schedule, i, rank_of(comm), results, counter, way%counter, progress, summary, times, &
+               error)
+            if (allocated(error)) exit
+         end do
+         if (first <= last) call way%note(last - first + 1, wall_clock() - waited)
       end do
+      call report(counter, way%counter, progress, times)
+      if (.not. allocated(error)) then
+         waited = wall_clock()
+         call results%flush(error)
+         times%writing = times%writing + wall_clock() - waited
+      end if
+      waited = wall_clock()
       call barrier(comm)
+      times%idle = wall_clock() - waited
+      times%total = wall_clock() - started
       call counter%read_tallies(done, failed)
       call progress%finish(done, failed)
       call sum_up(summary, comm)
       summary%n_points = layout%n_points
+      if (.not. allocated(error)) call results%write_times(rank_of(comm), times, error)
+      call gather_rows(comm, times%as_row(), summary%times)
       call barrier(comm)
       call counter%destroy()
    end subroutine run_points
+
+   !> Solves the points of one unit in their order, each from its neighbours where the input asks for that, and writes them.
+   subroutine run_unit(self, layout, schedule, unit, rank, results, counter, group, progress, summary, times, error)
+      type(study_t), intent(in) :: self
+      type(results_layout_t), intent(in) :: layout
+      type(schedule_t), intent(in) :: schedule
+      integer, intent(in) :: unit, rank
+      type(results_t), intent(inout) :: results
+      type(work_counter_t), intent(in) :: counter
+      integer, intent(in) :: group                                    !! of the counter, for the tallies
+      type(progress_t), intent(inout) :: progress
+      type(run_summary_t), intent(inout) :: summary
+      type(rank_times_t), intent(inout) :: times
+      type(error_t), allocatable, intent(out) :: error
+      type(neighbour_t) :: neighbour
+      type(point_result_t) :: result
+      real(wp) :: started
+      integer :: first, last, point
+      logical :: is_report_due
+
+      call schedule%points_of(unit, first, last)
+      do point = first, last
+         call run_point(self%document, self%available_memory, self%plan, layout, point, rank, neighbour, times, result)
+         started = wall_clock()
+         call results%write_point(point, result, error)
+         if (allocated(error)) return
+         call count_point(summary, result)
+         times%n_points = times%n_points + 1
+         times%writing = times%writing + wall_clock() - started
+         call progress%tell_point("point "//to_text(point - 1)//" on rank "//to_text(rank)//": "// &
+            outcome_name(result%status)//", "//to_text(result%iterations)//" iterations, "//self%plan%describe(point))
+         call progress%note(result%status /= outcome%converged, is_report_due)
+         if (is_report_due) call report(counter, group, progress, times)
+      end do
+   end subroutine run_unit
+
+   !> Adds the points of this rank to the tallies, and shows those of all ranks where it is time for that.
+   subroutine report(counter, group, progress, times)
+      type(work_counter_t), intent(in) :: counter
+      integer, intent(in) :: group
+      type(progress_t), intent(inout) :: progress
+      type(rank_times_t), intent(inout) :: times
+      real(wp) :: started
+      integer :: done, failed
+
+      started = wall_clock()
+      call progress%report(done, failed)
+      if (done > 0) call counter%add_done(group, done, failed)
+      if (progress%is_due()) then
+         call counter%read_tallies(done, failed)
+         call progress%show(done, failed)
+      end if
+      times%drawing = times%drawing + wall_clock() - started
+   end subroutine report
 
    subroutine count_point(summary, result)
       type(run_summary_t), intent(inout) :: summary
@@ -336,81 +458,4 @@ contains
       summary%truncation = max_over(comm, summary%truncation)
       summary%aliasing = max_over(comm, summary%aliasing)
    end subroutine sum_up
-
-   !> Solves one point; whatever goes wrong becomes its status and message.
-   subroutine run_point(self, layout, point, rank, result)
-      type(study_t), intent(in) :: self
-      type(results_layout_t), intent(in) :: layout
-      integer, intent(in) :: point, rank
-      type(point_result_t), intent(out) :: result
-      type(document_t), target :: document
-      type(scene_t) :: scene
-      type(error_t), allocatable :: error
-      real(wp) :: started
-
-      started = wall_clock()
-      document = self%document
-      call self%plan%apply(point, document, error)
-      if (.not. allocated(error)) call read_scene(scene, document, error)
-      if (.not. allocated(error)) call check_layout(scene, layout, error)
-      if (.not. allocated(error)) call solve_point(scene, result, error)
-      if (allocated(error)) then
-         result%status = outcome%failed
-         result%message = error%message
-      else
-         call spread_harmonics(scene%harmonics, layout%tuples, result%coefficients)
-         call spread_harmonics(scene%harmonics, layout%tuples, result%force_coefficients)
-         call spread_harmonics(scene%harmonics, layout%tuples, result%corrected_coefficients)
-      end if
-      result%rank = rank
-      result%solve_seconds = wall_clock() - started
-   end subroutine run_point
-
-   !> A file holds one list of degrees of freedom: refuses a point whose structure or laws have others.
-   subroutine check_layout(scene, layout, error)
-      type(scene_t), intent(in) :: scene
-      type(results_layout_t), intent(in) :: layout
-      type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: law_dofs(:)
-      logical :: is_same
-
-      law_dofs = law_dofs_of(scene%laws)
-      is_same = size(scene%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
-                .and. size(scene%laws) == size(layout%law_labels) &
-                .and. size(scene%output%samples) == size(layout%n_samples)
-      if (is_same) then
-         is_same = all(scene%structure%labels(scene%output%dofs) == layout%dof_labels) .and. &
-                   all(scene%structure%labels(law_dofs) == layout%law_dof_labels) .and. &
-                   all(scene%output%samples == layout%n_samples)
-      end if
-      if (.not. is_same) call fail(error, "this point has other degrees of freedom or surfaces than the first point; "// &
-                                   "list the common ones in &output dofs, or run it by itself")
-   end subroutine check_layout
-
-   !> Puts coefficients of a point's own set onto the harmonics of the file; those that the point lacks become NaN.
-   subroutine spread_harmonics(harmonics, tuples, coefficients)
-      type(harmonics_t), intent(in) :: harmonics
-      integer, intent(in) :: tuples(:, :)
-      real(wp), allocatable, intent(inout) :: coefficients(:, :, :)   !! (2, n_harmonics, any)
-      real(wp), allocatable :: all_harmonics(:, :, :)
-      integer :: h, i
-
-      if (.not. allocated(coefficients)) return
-      allocate (all_harmonics(2, size(tuples, 2), size(coefficients, 3)))
-      do i = 1, size(tuples, 2)
-         h = harmonics%index_of(tuples(:, i))
-         if (h > 0) then
-            all_harmonics(:, i, :) = coefficients(:, h, :)
-         else
-            all_harmonics(:, i, :) = ieee_value_nan()
-         end if
-      end do
-      call move_alloc(all_harmonics, coefficients)
-   end subroutine spread_harmonics
-
-   pure real(wp) function ieee_value_nan()
-      use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-
-      ieee_value_nan = ieee_value(1.0_wp, ieee_quiet_nan)
-   end function ieee_value_nan
 end module hb_sweep
