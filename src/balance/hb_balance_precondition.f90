@@ -4,11 +4,10 @@
 !> Source: docs/theory.md, section 6.6.
 submodule (hb_balance) hb_balance_precondition
    use hb_block_factors, only: new_block_factors
-   use hb_coarse_tangent, only: factor_memory, factor_work, new_coarse_tangent
+   use hb_coarse_tangent, only: factor_memory, factor_work, most_memory, new_coarse_tangent
    implicit none
 
    real(wp), parameter :: unit_work = 1.0e6_wp                        ! multiplications: factors at level 1 take eight times that
-   real(wp), parameter :: most_memory = 1.0e8_wp                      ! numbers in the factors between coupled harmonics
 
 contains
 

@@ -21,7 +21,7 @@ module hb_dynamic_stiffness
    use hb_text, only: to_text
    implicit none
    private
-   public :: dynamic_stiffness_t, new_dynamic_stiffness
+   public :: condensed_reach, dynamic_stiffness_t, new_dynamic_stiffness
 
    !> Below this reciprocal condition, or n_interior*epsilon if that is more, the interior counts as singular:
    !> what rounding leaves of a singular matrix is of that size.
@@ -267,6 +267,21 @@ contains
          block(pattern%shift(k) + i, k) = block(pattern%shift(k) + i, k) - factor*values(k)
       end do
    end subroutine subtract_row
+
+   !> Largest distance, as places in `law_dofs`, between two law dofs that the condensed stiffness couples.
+   pure integer function condensed_reach(structure, law_dofs) result(reach)
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: law_dofs(:)                              !! all different, 1 to n_dofs
+      type(structure_block_t) :: ll, lr, rl, rr
+      integer, allocatable :: interior(:)
+
+      interior = all_but(law_dofs, structure%n_dofs)
+      call new_structure_block(ll, structure, law_dofs, law_dofs)
+      call new_structure_block(lr, structure, law_dofs, interior)
+      call new_structure_block(rl, structure, interior, law_dofs)
+      call new_structure_block(rr, structure, interior, interior)
+      reach = reach_of(ll, lr, rl, rr, size(interior))
+   end function condensed_reach
 
    !> Largest distance between two law dofs that S_c couples: directly, or through interior dofs that hang together.
    pure integer function reach_of(ll, lr, rl, rr, n_interior) result(reach)

@@ -2,19 +2,23 @@
 !>
 !> Counted is what lives at the same time in the worst moment, array by array as hb_balance, hb_law_set, the solvers and
 !> hb_certificate allocate it. A point first stands in its balance (linear part, samples); on top of that comes the
-!> costliest of three: the tangent of the direct attempt, the rescue, the certificate with its own wider balance.
+!> costliest of three: the tangent of the direct attempt, the rescue, the certificate with its own wider balance. A tangent
+!> from products counts as much as its strongest preconditioner takes.
 module hb_memory_estimate
+   use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_certificate, only: wider_orders, wider_samples
+   use hb_coarse_tangent, only: most_memory
+   use hb_dynamic_stiffness, only: condensed_reach
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_memory_tangent, only: width
-   use hb_solver_types, only: method, solver_config_t
+   use hb_solver_types, only: largest_affordable, largest_dense, method, solver_config_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
-   use hb_torus, only: torus_t
+   use hb_torus, only: fast_size, torus_t
    implicit none
    private
    public :: amount, check_memory, estimate_memory, gib, memory_estimate_t, memory_text, new_sizes, sizes_t
@@ -28,6 +32,8 @@ module hb_memory_estimate
    type :: sizes_t
       real(wp) :: n_dofs = 0, n_law_dofs = 0                          !! of the structure; on which laws act
       real(wp) :: n_entries = 0, bandwidth = 0                        !! of its matrices
+      real(wp) :: n_rows = 0, n_factor_rows = 0                       !! of condensed stiffness and its factors, in memory
+      real(wp) :: reach = 0, n_tangent_rows = 0                       !! of the tangent of one harmonic; rows of its factors
       real(wp) :: n_harmonics = 0
       real(wp) :: n_pairs = 0                                         !! coupled by laws
       real(wp) :: laws_per_sample = 0, derivatives_per_sample = 0     !! real numbers that laws keep for themselves
@@ -38,6 +44,7 @@ module hb_memory_estimate
       integer, allocatable :: highest(:), samples(:)                  !! (n_tones)
       integer, allocatable :: stored_samples(:)                       !! of surfaces, size 0: none
       logical :: has_certificate = .false.
+      logical :: has_unknown_tones = .false.
       type(solver_config_t) :: solver
    end type sizes_t
 
@@ -58,20 +65,21 @@ module hb_memory_estimate
 contains
 
    !> Takes the sizes from the parts of a scene; scans the matrices of the structure once.
-   subroutine new_sizes(self, structure, harmonics, torus, laws, n_law_dofs, n_stored_dofs, stored_samples, solver, has_certificate)
+   subroutine new_sizes(self, structure, harmonics, torus, laws, law_dofs, n_stored_dofs, stored_samples, solver, has_certificate, &
+                        has_unknown_tones)
       type(sizes_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus
       type(law_box_t), intent(in) :: laws(:)
-      integer, intent(in) :: n_law_dofs, n_stored_dofs
+      integer, intent(in) :: law_dofs(:), n_stored_dofs
       integer, intent(in) :: stored_samples(:)                        !! of surfaces, size 0: none
       type(solver_config_t), intent(in) :: solver
-      logical, intent(in) :: has_certificate
+      logical, intent(in) :: has_certificate, has_unknown_tones
       integer :: i
 
       self%n_dofs = structure%n_dofs
-      self%n_law_dofs = n_law_dofs
+      self%n_law_dofs = size(law_dofs)
       self%n_harmonics = harmonics%n_harmonics
       self%highest = harmonics%highest
       self%samples = torus%n_samples
@@ -79,12 +87,48 @@ contains
       self%stored_samples = stored_samples
       self%solver = solver
       self%has_certificate = has_certificate .and. size(laws) > 0
+      self%has_unknown_tones = has_unknown_tones
       call scan_structure(self, structure)
       do i = 1, size(laws)
          call add_law(self, laws, i)
       end do
       self%n_pairs = min(self%n_pairs, self%n_law_dofs**2)
+      call find_bands(self, structure, laws, law_dofs)
    end subroutine new_sizes
+
+   !> How far degrees of freedom of laws are coupled, see hb_block_pattern and hb_balance.
+   subroutine find_bands(self, structure, laws, law_dofs)
+      type(sizes_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)
+      integer, intent(in) :: law_dofs(:)
+      type(block_pattern_t) :: pattern
+      integer :: i, k, linear, n, places(structure%n_dofs), span
+
+      n = size(law_dofs)
+      if (n == 0) return
+      self%n_rows = n
+      self%n_factor_rows = n
+      self%reach = n - 1
+      self%n_tangent_rows = n
+      if (any(law_dofs < 1 .or. law_dofs > structure%n_dofs)) return  ! of a scene that is refused anyway
+      places = 0
+      places(law_dofs) = [(i, i=1, n)]
+      span = 0
+      do i = 1, size(laws)
+         associate (own => [(places(laws(i)%law%dofs(k)), k=1, size(laws(i)%law%dofs))])
+            span = max(span, maxval(own) - minval(own))
+         end associate
+      end do
+      linear = condensed_reach(structure, law_dofs)
+      call new_block_pattern(pattern, n, linear)
+      self%n_rows = pattern%n_rows
+      self%n_factor_rows = merge(3*pattern%reach + 1, n, pattern%is_banded)
+      if (self%needs_reaction) span = linear + 2*span                 ! of the law, and of a neighbour that it answers to
+      call new_block_pattern(pattern, n, min(n, max(linear, span)))
+      self%reach = pattern%reach
+      self%n_tangent_rows = merge(3*pattern%reach + 1, n, pattern%is_banded)
+   end subroutine find_bands
 
    !> Counts entries and bandwidth.
    subroutine scan_structure(self, structure)
@@ -155,7 +199,8 @@ contains
    pure function estimate_memory(s) result(bytes)
       type(sizes_t), intent(in) :: s
       type(memory_estimate_t) :: bytes
-      real(wp) :: n, n_wide
+      real(wp) :: kept, n, n_wide, tangent
+      logical :: has_products
       integer, allocatable :: orders(:), samples(:)
 
       n = unknowns(s, s%n_harmonics)
@@ -169,16 +214,29 @@ contains
       if (s%n_law_dofs <= 0) bytes%samples = 0
       if (s%n_law_dofs <= 0) return
 
-      bytes%tangent = real_bytes*(n*n + 12*n + table_size(s%highest)*2.5_wp)
-      if (s%solver%method == method%broyden) bytes%tangent = bytes%tangent + 2*real_bytes*n*s%solver%memory
-      if (s%solver%rescue) bytes%rescue = 2*real_bytes*n*n + real_bytes*(20*n + table_size(s%highest)*2.5_wp)
-      if (s%solver%rescue) bytes%rescue = max(bytes%rescue, real_bytes*(n*n + 2*n*s%solver%memory))
+      tangent = real_bytes*(n*n + 12*n + table_size(s%highest)*2.5_wp)
+      if (s%solver%method == method%broyden) tangent = tangent + 2*real_bytes*n*s%solver%memory
+      kept = 0
+      if (from_products(s)) kept = preconditioner_bytes(s)
+      has_products = from_products(s) .and. any(s%solver%method == [method%auto, method%krylov])
+      bytes%tangent = tangent
+      if (has_products) bytes%tangent = kept + gmres_bytes(s)
+      if (s%solver%rescue .and. (.not. has_products .or. n - s%n_law_dofs <= largest_affordable)) then
+         bytes%rescue = max(2*real_bytes*n*n + real_bytes*(20*n + table_size(s%highest)*2.5_wp), &
+                            real_bytes*(n*n + 2*n*s%solver%memory))
+         if (has_products) bytes%rescue = bytes%rescue + kept
+      end if
       if (.not. s%has_certificate) return
       orders = wider_orders(s%highest)
       samples = wider_samples(s%samples, orders)
       n_wide = 0.5_wp*(volume(2*orders + 1) + 1)
-      bytes%certificate = real_bytes*(n*n + 4*unknowns(s, n_wide)) + linear_bytes(s, n_wide) &
+      bytes%certificate = real_bytes*4*unknowns(s, n_wide) + linear_bytes(s, n_wide) &
                           + complex_bytes*s%n_dofs*n_wide + sample_bytes(s, n_wide, samples, .true., .false.)
+      if (from_products(s)) then
+         bytes%certificate = bytes%certificate + kept + gmres_bytes(s)
+      else
+         bytes%certificate = bytes%certificate + real_bytes*n*n
+      end if
    end function estimate_memory
 
    !> Bytes of a point whose direct attempt succeeds.
@@ -310,6 +368,39 @@ contains
       unknowns = 2*n_harmonics*s%n_law_dofs
    end function unknowns
 
+   !> Whether steps come from products with the tangent; the search for unknown tones also needs the tangent itself.
+   pure logical function from_products(s)
+      type(sizes_t), intent(in) :: s
+
+      from_products = .not. s%has_unknown_tones .and. &
+                      (s%solver%method == method%krylov .or. unknowns(s, s%n_harmonics) > largest_dense)
+   end function from_products
+
+   !> Vectors of GMRES, see hb_gmres and hb_krylov.
+   pure real(wp) function gmres_bytes(s)
+      type(sizes_t), intent(in) :: s
+
+      gmres_bytes = real_bytes*unknowns(s, s%n_harmonics)*(s%solver%krylov_vectors + 15)
+   end function gmres_bytes
+
+   !> Samples of products, factors of each harmonic by itself and those of the strongest coupling; see hb_thin_product,
+   !> hb_direction_samples, hb_balance and hb_coarse_tangent.
+   pure real(wp) function preconditioner_bytes(s)
+      type(sizes_t), intent(in) :: s
+      real(wp) :: band, kinds, n
+      integer, allocatable :: samples(:)
+
+      n = unknowns(s, s%n_harmonics)
+      band = (s%reach + 1)*2*s%n_harmonics
+      samples = s%samples
+      if (.not. s%has_memory .and. all(s%samples >= 4*real(s%highest, wp) + 1)) samples = min(s%samples, fast_size(4*s%highest + 1))
+      kinds = 1 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction)
+      preconditioner_bytes = real_bytes*(min(most_memory, min(n, 3*band)*n) + table_size(s%highest)*2.5_wp + &
+                                         volume(samples)*((kinds + 1)*s%n_law_dofs + kinds*s%n_pairs) + 5*s%n_law_dofs**2)
+      if (s%has_memory) preconditioner_bytes = preconditioner_bytes + real_bytes*3*volume(samples)*s%n_law_dofs
+      preconditioner_bytes = preconditioner_bytes + complex_bytes*s%n_harmonics*s%n_law_dofs*s%n_tangent_rows
+   end function preconditioner_bytes
+
    !> Factors of the interior at one frequency, see hb_block_solver.
    pure real(wp) function interior_bytes(s)
       type(sizes_t), intent(in) :: s
@@ -326,7 +417,8 @@ contains
       real(wp), intent(in) :: n_harmonics
 
       associate (l => s%n_law_dofs)
-         linear_bytes = complex_bytes*n_harmonics*(2*(s%n_dofs*(l + 1) + 1.5_wp*l) + l*l + 4*l) &
+         linear_bytes = complex_bytes*n_harmonics*(2*((s%n_dofs - l)*(l + 1) + l*(s%n_rows + 1) + 1.5_wp*l) + &
+                                                   l*s%n_factor_rows + 4*l) &
                         + integer_bytes*n_harmonics*(size(s%highest) + 4)
       end associate
    end function linear_bytes

@@ -165,8 +165,8 @@ contains
       end do
       torus = self%torus
       if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(self%harmonics, 1)
-      call new_sizes(sizes, self%structure, self%harmonics, torus, self%laws(:n), size(law_dofs_of(self%laws(:n))), &
-                     size(self%output%dofs), self%output%samples, self%solver, self%certificate%is_on)
+      call new_sizes(sizes, self%structure, self%harmonics, torus, self%laws(:n), law_dofs_of(self%laws(:n)), &
+                     size(self%output%dofs), self%output%samples, self%solver, self%certificate%is_on, any(self%tones%is_unknown))
    end function sizes_of
 
    !> Fails when the kind of a law is not known, and with that alone: none of the other keys of its group can be judged.
