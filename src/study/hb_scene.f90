@@ -11,7 +11,8 @@ module hb_scene
    use hb_law_set, only: law_dofs_of
    use hb_loads, only: add_harmonic
    use hb_march_config, only: march_config_t, read_march
-   use hb_memory_estimate, only: check_memory, gib, new_sizes, sizes_t
+   use hb_memory_estimate, only: check_memory, gib
+   use hb_memory_sizes, only: new_sizes, sizes_t
    use hb_namelist, only: document_t, group_t
    use hb_normal_mode, only: measure_names, normal_mode_t
    use hb_solver_types, only: method_names, solver_config_t, start_names
