@@ -9,7 +9,7 @@
 !> Glossary: u unknowns, S condensed dynamic stiffness, s reaction = F_ext - S u, q motion and v rate on the samples.
 module hb_balance
    use hb_block_factors, only: block_factors_t
-   use hb_block_pattern, only: block_pattern_t, new_block_pattern
+   use hb_block_pattern, only: block_pattern_t
    use hb_coarse_tangent, only: coarse_tangent_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t
    use hb_error, only: error_t
@@ -77,6 +77,10 @@ module hb_balance
 
    ! Linear part; bodies in hb_balance_linear
    interface
+      module subroutine choose_tangent_pattern(self)
+         type(balance_t), intent(inout) :: self
+      end subroutine choose_tangent_pattern
+
       module subroutine factorise_linear_part(self)
          type(balance_t), intent(inout) :: self
       end subroutine factorise_linear_part
@@ -232,19 +236,6 @@ contains
       end if
       call choose_scales(self)
    end subroutine new_balance
-
-   !> Where the tangent of one harmonic has entries: where S has, where a law couples two motions, and where a force that
-   !> depends on the reaction meets S.
-   subroutine choose_tangent_pattern(self)
-      type(balance_t), intent(inout) :: self
-      integer :: law, linear, reach
-
-      linear = self%stiffness%pattern%reach
-      law = max(0, maxval(abs(self%law_set%row - self%law_set%column)), self%law_set%memory_reach())
-      reach = max(linear, law)
-      if (self%law_set%needs_reaction) reach = linear + law
-      call new_block_pattern(self%tangent_pattern, self%n_dofs, min(self%n_dofs, reach))
-   end subroutine choose_tangent_pattern
 
    !> Drops what products with the tangent and their preconditioner hold.
    subroutine forget_products(self)

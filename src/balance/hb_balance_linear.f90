@@ -1,9 +1,23 @@
 !> The linear part of the balance: its factors, what laws and solvers are told by it.
 submodule (hb_balance) hb_balance_linear
    use hb_block_factors, only: new_block_factors
+   use hb_block_pattern, only: new_block_pattern
    implicit none
 
 contains
+
+   !> Where the tangent of one harmonic has entries: where S has, where a law couples two motions, and where a force that
+   !> depends on the reaction meets S.
+   module subroutine choose_tangent_pattern(self)
+      type(balance_t), intent(inout) :: self
+      integer :: law, linear, reach
+
+      linear = self%stiffness%pattern%reach
+      law = max(0, maxval(abs(self%law_set%row - self%law_set%column)), self%law_set%memory_reach())
+      reach = max(linear, law)
+      if (self%law_set%needs_reaction) reach = linear + law
+      call new_block_pattern(self%tangent_pattern, self%n_dofs, min(self%n_dofs, reach))
+   end subroutine choose_tangent_pattern
 
    !> LU of S per harmonic. Where S is singular (a structure free to move, an undamped resonance) weak supports hold it, each a
    !> tenth of the stiffness in the first harmonic that is not: for first guesses and first steps, never for a residual.
