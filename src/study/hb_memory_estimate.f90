@@ -29,7 +29,7 @@ module hb_memory_estimate
       real(wp) :: linear = 0                                          !! loads, condensed stiffness, transfer to the interior
       real(wp) :: samples = 0                                         !! on the torus: motions, forces, spectra, derivatives
       real(wp) :: tangent = 0                                         !! of the direct attempt, with the vectors of the solver
-      real(wp) :: rescue = 0                                          !! instead of the tangent, when the direct attempt fails or is hard
+      real(wp) :: rescue = 0     !! instead of the tangent, when the direct attempt fails or is hard
       real(wp) :: certificate = 0                                     !! wider balance, beside the tangent
       real(wp) :: results = 0                                         !! of a point, surfaces with their balance
    contains
