@@ -1,20 +1,24 @@
 !> The command line of nhbm.
 module arguments
    use hb_error, only: error_t, fail
-   use hb_text, only: closest_word, join, string_t
+   use hb_kinds, only: wp
+   use hb_text, only: closest_word, join, parse_real, string_t
    implicit none
    private
    public :: argument_list, arguments_t, read_arguments
 
-   character(11), parameter :: options(7) = [character(11) :: &
-      "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet"]
+   character(12), parameter :: options(10) = [character(12) :: &
+      "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet", "--resume", "--retry", "--time-limit"]
 
    type :: arguments_t
       character(:), allocatable :: verb
-      character(:), allocatable :: input                              !! path of the input file
+      character(:), allocatable :: input                              !! path of the input file, or of a result file
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
       logical :: overwrite = .false.
+      logical :: resumes = .false.                                    !! goes on with an existing result file
+      logical :: retries = .false.                                    !! points that did not converge, too
+      real(wp) :: time_limit = huge(1.0_wp)                           !! [s]
       logical :: is_quiet = .false.
       logical :: wants_help = .false.
    end type arguments_t
@@ -53,7 +57,11 @@ contains
                self%overwrite = .true.
             case ("--quiet")
                self%is_quiet = .true.
-            case ("--output", "-o", "--set")
+            case ("--resume")
+               self%resumes = .true.
+            case ("--retry")
+               self%retries = .true.
+            case ("--output", "-o", "--set", "--time-limit")
                i = i + 1
                if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
@@ -61,6 +69,9 @@ contains
                end if
                if (word == "--set") then
                   self%overrides = [self%overrides, words(i)]
+               else if (word == "--time-limit") then
+                  call read_time_limit(words(i)%value, self%time_limit, error)
+                  if (allocated(error)) return
                else
                   self%output = words(i)%value
                end if
@@ -82,8 +93,38 @@ contains
          end associate
          i = i + 1
       end do
+      call check_combination(self, error)
+      if (allocated(error)) return
       if (allocated(self%input) .and. .not. allocated(self%output)) self%output = default_output(self%input)
    end subroutine read_arguments
+
+   subroutine read_time_limit(text, seconds, error)
+      character(*), intent(in) :: text
+      real(wp), intent(out) :: seconds
+      type(error_t), allocatable, intent(out) :: error
+      logical :: ok
+
+      call parse_real(text, seconds, ok)
+      if (ok) ok = seconds >= 0.0_wp .and. seconds <= huge(seconds)
+      if (.not. ok) call fail(error, "--time-limit needs seconds, such as 3600, not '"//text//"'")
+   end subroutine read_time_limit
+
+   !> Refuses options that contradict each other.
+   subroutine check_combination(self, error)
+      type(arguments_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+      logical :: is_resume
+
+      is_resume = .false.
+      if (allocated(self%verb)) is_resume = self%verb == "resume"
+      if (is_resume .and. (allocated(self%output) .or. size(self%overrides) > 0)) then
+         call fail(error, "resume takes the input from the result file and goes on in that: no --output, no --set")
+      else if ((is_resume .or. self%resumes) .and. self%overwrite) then
+         call fail(error, "--overwrite makes a new result file, which leaves nothing to resume; give one of them")
+      else if (self%retries .and. .not. (is_resume .or. self%resumes)) then
+         call fail(error, "--retry solves points of an existing result file again; it goes with resume or --resume")
+      end if
+   end subroutine check_combination
 
    !> Length of word i, 0 where there is none.
    pure integer function value_length(words, i)

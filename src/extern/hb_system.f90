@@ -1,10 +1,10 @@
-!> What the program asks of the operating system: names of files, its own number, the time, terminals.
-!> Source of the interfaces: POSIX.1-2017.
+!> What the program asks of the operating system: names of files and locks on them, the time, terminals.
+!> Source of the interfaces: POSIX.1-2017, hb_posix.h.
 module hb_system
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_null_char, c_null_ptr, c_ptr, c_size_t
    implicit none
    private
-   public :: exists, is_terminal, link_file, process_id, remove_file, rename_file, utc_now
+   public :: exists, is_terminal, link_file, release_file, remove_file, rename_file, sync_file, take_file, utc_now
 
    interface
       integer(c_int) function c_link(old, new) bind(c, name="link")
@@ -27,9 +27,20 @@ module hb_system
          integer(c_int), value :: descriptor
       end function c_isatty
 
-      integer(c_int) function c_getpid() bind(c, name="getpid")
+      integer(c_int) function hb_take_file(path) bind(c, name="hb_take_file")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: path(*)
+      end function hb_take_file
+
+      subroutine hb_release_file(descriptor) bind(c, name="hb_release_file")
          import :: c_int
-      end function c_getpid
+         integer(c_int), value :: descriptor
+      end subroutine hb_release_file
+
+      integer(c_int) function hb_sync_file(path) bind(c, name="hb_sync_file")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: path(*)
+      end function hb_sync_file
 
       integer(c_long) function c_time(seconds) bind(c, name="time")
          import :: c_long, c_ptr
@@ -88,10 +99,32 @@ contains
       ignored = c_unlink(c_path(path))
    end subroutine remove_file
 
-   !> Gives the number by which the system knows this process.
-   integer function process_id()
-      process_id = int(c_getpid())
-   end function process_id
+   !> Makes a file unless it is there, and locks it for this process until `release_file` or the end of the process.
+   subroutine take_file(path, descriptor, is_taken, ok)
+      character(*), intent(in) :: path
+      integer, intent(out) :: descriptor               !! for `release_file`
+      logical, intent(out) :: is_taken                 !! by another process
+      logical, intent(out) :: ok                       !! false too where the file cannot be made
+
+      descriptor = int(hb_take_file(c_path(path)))
+      is_taken = descriptor == -2
+      ok = descriptor >= 0
+   end subroutine take_file
+
+   !> Ends a lock.
+   subroutine release_file(descriptor)
+      integer, intent(in) :: descriptor
+
+      call hb_release_file(int(descriptor, c_int))
+   end subroutine release_file
+
+   !> Has the system bring all data of a file to the disk.
+   subroutine sync_file(path, ok)
+      character(*), intent(in) :: path
+      logical, intent(out) :: ok
+
+      ok = hb_sync_file(c_path(path)) == 0
+   end subroutine sync_file
 
    !> Gives the time of now in UTC, ISO 8601.
    function utc_now() result(text)

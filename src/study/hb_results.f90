@@ -1,10 +1,11 @@
 !> The result file of a run: the only writer of the schema in docs/schema.md.
 !>
-!> In the order of use: fill a `results_layout_t`, `create_results`, then `write_point` by any rank for any
-!> point, then `close`. The file is made whole before the first point is solved; after that only raw data are
-!> written in place, the status of a point last, so that a killed run leaves a sound file in which a status
-!> other than 0 means complete.
+!> In the order of use: fill a `results_layout_t`, `create_results` or, to go on with a file, `open_results`, then
+!> `write_point` by any rank for any point, then `close`. The file is made whole before the first point is solved;
+!> after that only raw data are written in place, the status of a point last, so that a killed run leaves a sound
+!> file in which a status other than 0 means complete.
 module hb_results
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_certificate, only: certificate_t
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_file_t, open_file_parallel
@@ -13,11 +14,11 @@ module hb_results
    use hb_outcome, only: outcome
    use hb_results_file, only: make_file
    use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
-   use hb_results_plan, only: message_length, new_plan, plan_t
+   use hb_results_plan, only: is_characters, is_integer, is_real, message_length, new_plan, plan_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: create_results, point_result_t, results_layout_t, results_t, swept_parameter_t
+   public :: create_results, open_results, point_result_t, results_layout_t, results_t, swept_parameter_t
 
    !> The result of one point. What is not allocated stays NaN in the file.
    type :: point_result_t
@@ -42,13 +43,14 @@ module hb_results
       real(wp), allocatable :: force_samples(:, :)      !! [N], same
    end type point_result_t
 
-   !> An open result file.
+   !> A result file open for writing.
    type :: results_t
       private
       type(h5_file_t) :: file
       character(:), allocatable :: path
       type(plan_t) :: plan
       integer :: n_points = 0
+      logical :: is_resumed = .false.                   !! rows may hold what a run before has left
    contains
       procedure :: close => results_close
       procedure :: write_point => results_write_point
@@ -73,7 +75,6 @@ contains
       logical, intent(in) :: overwrite
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
-      integer :: i
 
       self%path = path
       call check_layout(layout, error)
@@ -83,21 +84,54 @@ contains
          if (rank_of(comm) == 0) call make_file(path, layout, self%plan, overwrite, error)
       end if
       call share_error(comm, error)
-      if (.not. allocated(error)) then
-         call open_file_parallel(self%file, path, comm, error)
-         call share_error(comm, error)
-      end if
-      if (.not. allocated(error)) then
-         do i = 1, size(self%plan%variables)
-            associate (variable => self%plan%variables(i))
-               call self%file%open_dataset(variable%name, variable%dataset, error)
-            end associate
-            if (allocated(error)) exit
-         end do
-         call share_error(comm, error)
-      end if
+      if (.not. allocated(error)) call open_datasets(self, comm, error)
       call annotate(error, "result file '"//path//"'")
    end subroutine create_results
+
+   !> Opens a file that a run before has made from the same layout, to write further points; collective, and an error is
+   !> the same on all ranks.
+   subroutine open_results(self, path, layout, comm, error)
+      type(results_t), intent(out) :: self
+      character(*), intent(in) :: path
+      type(results_layout_t), intent(in) :: layout
+      type(comm_t), intent(in) :: comm
+      type(error_t), allocatable, intent(out) :: error
+
+      self%path = path
+      self%is_resumed = .true.
+      call check_layout(layout, error)
+      if (.not. allocated(error)) then
+         self%n_points = layout%n_points
+         call new_plan(self%plan, layout)
+      end if
+      call share_error(comm, error)
+      if (.not. allocated(error)) call open_datasets(self, comm, error)
+      call annotate(error, "result file '"//path//"'")
+   end subroutine open_results
+
+   !> Opens the file on all ranks; refuses datasets of other extents than those of the plan.
+   subroutine open_datasets(self, comm, error)
+      type(results_t), intent(inout) :: self
+      type(comm_t), intent(in) :: comm
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
+      integer :: i
+
+      call open_file_parallel(self%file, self%path, comm, error)
+      call share_error(comm, error)
+      if (allocated(error)) return
+      do i = 1, size(self%plan%variables)
+         associate (variable => self%plan%variables(i))
+            call self%file%open_dataset(variable%name, variable%dataset, error)
+            if (allocated(error)) exit
+            if (any(variable%dataset%get_extents() /= self%plan%axes(variable%axes)%length)) &
+               call fail(error, "dataset '"//variable%name//"' has other extents than the input asks for")
+         end associate
+         if (allocated(error)) exit
+      end do
+      call share_error(comm, error)
+      if (allocated(error)) call self%file%close(error_in_close)
+   end subroutine open_datasets
 
    !> Writes the result of point `i`, from 1, the status last; any rank may write any point at any time.
    subroutine results_write_point(self, i, point, error)
@@ -111,6 +145,7 @@ contains
                    to_text(self%n_points))
          return
       end if
+      if (self%is_resumed) call blank_row(self, i, error)
       call put_message(self, i, point%message, error)
       call put(self, "iterations", i, [point%iterations], error)
       call put(self, "rescue", i, [point%rescue], error)
@@ -131,6 +166,31 @@ contains
       call put(self, "status", i, [point%status], error)
       call annotate(error, "point "//to_text(i))
    end subroutine results_write_point
+
+   !> Brings the row of a point back to what it was when the file was made, the status first: a run that is killed between
+   !> two lines leaves the point pending.
+   subroutine blank_row(self, i, error)
+      class(results_t), intent(inout) :: self
+      integer, intent(in) :: i
+      type(error_t), allocatable, intent(inout) :: error
+      integer :: k, n
+
+      call put(self, "status", i, [outcome%pending], error)
+      do k = 1, size(self%plan%variables)
+         if (allocated(error)) return
+         associate (variable => self%plan%variables(k))
+            n = product(self%plan%axes(variable%axes(:size(variable%axes) - 1))%length)
+            select case (variable%kind)
+            case (is_integer)
+               call variable%dataset%write_row(i, spread(0, 1, n), error)
+            case (is_real)
+               call variable%dataset%write_row(i, spread(ieee_value(1.0_wp, ieee_quiet_nan), 1, n), error)
+            case (is_characters)
+               call variable%dataset%write_row(i, "", error)
+            end select
+         end associate
+      end do
+   end subroutine blank_row
 
    subroutine put_certificate(self, i, point, error)
       class(results_t), intent(inout) :: self

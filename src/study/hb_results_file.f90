@@ -9,11 +9,11 @@ module hb_results_file
       is_real, law_axis, law_dof_axis, message_axis, parameter_name_length, parameter_names, plan_t, point_axis, &
       size_text, tone_axis
    use hb_solver_types, only: rescue_names
-   use hb_system, only: exists, link_file, process_id, remove_file, rename_file, utc_now
+   use hb_system, only: exists, link_file, release_file, remove_file, rename_file, sync_file, take_file, utc_now
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: make_file
+   public :: make_file, schema_version
 
    integer, parameter :: schema_version = 1
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
@@ -22,6 +22,9 @@ module hb_results_file
 contains
 
    !> Makes the whole file under another name beside `path`, then puts it in its place.
+   !>
+   !> The other name is the same for all runs. It is locked while the file is made, and a lock ends with its process: what
+   !> a killed run has left is taken over, what another run is making is not.
    subroutine make_file(path, layout, plan, overwrite, error)
       character(*), intent(in) :: path
       type(results_layout_t), intent(in) :: layout
@@ -29,6 +32,8 @@ contains
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: folder, temporary
+      integer :: descriptor
+      logical :: is_taken, ok
 
       folder = path(:index(path, "/", back=.true.))
       if (folder == "") folder = "./"
@@ -41,8 +46,20 @@ contains
       end if
       if (allocated(error)) return
 
-      temporary = path//"."//to_text(process_id())//".part"
+      temporary = path//".part"
+      call take_file(temporary, descriptor, is_taken, ok)
+      if (is_taken) then
+         call fail(error, "another run is making it at this moment; give another --output")
+         return
+      else if (.not. ok) then
+         call fail(error, "cannot be made; check the permission of folder '"//folder//"' or give another --output")
+         return
+      end if
       call fill_file(temporary, layout, plan, error)
+      if (.not. allocated(error)) then
+         call sync_file(temporary, ok)
+         if (.not. ok) call fail(error, "the system cannot bring its data to the disk")
+      end if
       if (allocated(error)) then
          error%message = "cannot be made; check permission and space ("//size_text(plan)// &
             ") or give another --output: "//error%message
@@ -50,6 +67,7 @@ contains
          call put_in_place(temporary, path, overwrite, error)
       end if
       if (allocated(error)) call remove_file(temporary)
+      call release_file(descriptor)
    end subroutine make_file
 
    subroutine put_in_place(temporary, path, overwrite, error)
@@ -194,6 +212,9 @@ contains
 
       call file%add_text("input_text", or_empty(layout%input_text), dataset, error)
       if (.not. allocated(error)) call describe(dataset, "1", "the input as given", error)
+      if (allocated(error)) return
+      call file%add_text("input_overrides", or_empty(layout%input_overrides), dataset, error)
+      if (.not. allocated(error)) call describe(dataset, "1", "path=value of each --set, a line each", error)
       if (allocated(error)) return
       call file%add_text("input_complete", or_empty(layout%input_complete), dataset, error)
       if (.not. allocated(error)) call describe(dataset, "1", "the input after defaults", error)

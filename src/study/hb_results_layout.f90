@@ -27,6 +27,7 @@ module hb_results_layout
       type(swept_parameter_t), allocatable :: parameters(:)
       character(:), allocatable :: title
       character(:), allocatable :: input_text           !! the input as given
+      character(:), allocatable :: input_overrides      !! changes of it: path=value, a line each
       character(:), allocatable :: input_complete       !! the input after defaults
       integer :: n_ranks = 1
       character(:), allocatable :: program_version

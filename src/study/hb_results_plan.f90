@@ -177,7 +177,8 @@ contains
       character(:), allocatable :: stem
       integer :: i, n
 
-      allocate (taken, source=[character(parameter_name_length) :: "tuple", "input_text", "input_complete"])
+      allocate (taken, source=[character(parameter_name_length) :: "tuple", "input_text", "input_overrides", &
+                               "input_complete"])
       do i = 1, size(plan%axes)
          taken = [character(parameter_name_length) :: taken, plan%axes(i)%name]
       end do

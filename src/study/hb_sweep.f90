@@ -4,26 +4,31 @@
 !> depend on who solves it or when, so the file holds the same numbers for any number of ranks (with FFTW's planning by
 !> estimate, which is the default; measured plans may differ in the last digit).
 module hb_sweep
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
-   use hb_mpi, only: barrier, comm_t, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, wall_clock, &
-      work_counter_t
+   use hb_interruption, only: interruption, interruption_t, new_interruption
+   use hb_mpi, only: barrier, broadcast_integers, comm_t, max_over, new_work_counter, rank_of, share_error, size_of, &
+      sum_over, wall_clock, work_counter_t
    use hb_namelist, only: document_t, new_document
+   use hb_namelist_difference, only: input_differences
    use hb_outcome, only: outcome, outcome_names
    use hb_point, only: solve_point
    use hb_progress, only: new_progress, progress_t
-   use hb_results, only: create_results, point_result_t, results_layout_t, results_t
+   use hb_results, only: create_results, open_results, point_result_t, results_layout_t, results_t
+   use hb_results_record, only: open_points, read_record, record_t
    use hb_scene, only: group_names, read_harmonics, read_scene, read_tones, scene_t
    use hb_sweep_plan, only: parameter_units, read_sweep_plan, sweep_plan_t
-   use hb_text, only: lower, string_t, to_text
+   use hb_system, only: exists
+   use hb_text, only: join, lower, string_t, to_text
    use hb_tones, only: tones_t
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: new_study, run_study, run_summary_t, study_t
+   public :: new_study, read_input, run_options_t, run_study, run_summary_t, study_t
 
    !> An input that was read without a problem, ready to run.
    type :: study_t
@@ -32,8 +37,19 @@ module hb_sweep
       type(scene_t) :: scene                                          !! of the first point
       integer, allocatable :: tuples(:, :)                            !! union of the sets of all points, (n_tones, any)
       character(:), allocatable :: input_text                         !! the input as given
+      character(:), allocatable :: input_overrides                    !! path=value, a line each
       character(:), allocatable :: input_complete                     !! the input after defaults
    end type study_t
+
+   !> How to run a study.
+   type :: run_options_t
+      character(:), allocatable :: path                               !! of the result file
+      logical :: overwrite = .false.                                  !! an existing file may be replaced
+      logical :: resumes = .false.                                    !! an existing file is gone on with
+      logical :: retries = .false.                                    !! ... and its points that did not converge are solved again
+      logical :: is_quiet = .false.                                   !! no progress
+      real(wp) :: time_limit = huge(1.0_wp)                           !! [s] of wall time
+   end type run_options_t
 
    !> What a run came to, over all ranks.
    type :: run_summary_t
@@ -45,6 +61,9 @@ module hb_sweep
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
       real(wp) :: aliasing = 0.0_wp
       real(wp) :: seconds = 0.0_wp
+      integer :: n_left = 0                                           !! points that the run should have solved and has not
+      integer :: interruption = interruption%none                     !! why
+      character(:), allocatable :: made_by                            !! version that made the file, where it is another
    end type run_summary_t
 
 contains
@@ -57,17 +76,11 @@ contains
       type(string_t), intent(in) :: overrides(:)                      !! path=value, as --set gives them
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: first
-      integer :: i
 
       self%input_text = text
-      call new_document(self%document, file_name, text, error)
+      self%input_overrides = join(overrides, new_line("a"))
+      call read_input(self%document, file_name, text, overrides, error)
       if (allocated(error)) return
-      call self%document%expect_groups([group_names, "sweep      "], error)
-      if (allocated(error)) return
-      do i = 1, size(overrides)
-         call apply_override(self%document, overrides(i)%value, error)
-         if (allocated(error)) return
-      end do
       first = self%document
       call read_sweep_plan(self%plan, first, error)
       if (allocated(error)) return
@@ -80,6 +93,23 @@ contains
       call collect_tuples(self, error)
    end subroutine new_study
 
+   !> Takes the text of an input file apart and applies its overrides.
+   subroutine read_input(document, file_name, text, overrides, error)
+      type(document_t), intent(out) :: document
+      character(*), intent(in) :: file_name                           !! for messages
+      character(*), intent(in) :: text
+      type(string_t), intent(in) :: overrides(:)                      !! path=value
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      call new_document(document, file_name, text, error)
+      if (.not. allocated(error)) call document%expect_groups([group_names, "sweep      "], error)
+      do i = 1, size(overrides)
+         if (allocated(error)) return
+         call apply_override(document, overrides(i)%value, error)
+      end do
+   end subroutine read_input
+
    !> Applies one `path=value`.
    subroutine apply_override(document, text, error)
       type(document_t), intent(inout) :: document
@@ -90,6 +120,9 @@ contains
       equals = index(text, "=")
       if (equals < 2 .or. equals == len(text)) then
          call fail(error, "--set needs path=value, such as law(1)%gap=1.5e-3, not '"//text//"'")
+         return
+      else if (index(text, new_line("a")) > 0) then
+         call fail(error, "--set needs path=value in one line")
          return
       end if
       call document%set(trim(adjustl(text(:equals - 1))), text(equals + 1:), error)
@@ -167,32 +200,125 @@ contains
       call move_alloc(longer, tuples)
    end subroutine merge_tuples
 
-   !> Solves all points and writes them; collective. An error is trouble with the result file; what is wrong with a single
-   !> point stands in the file.
-   subroutine run_study(self, path, overwrite, is_quiet, comm, summary, error)
+   !> Solves all points, or those that a run before has left, and writes them; collective. An error is trouble with the
+   !> result file; what is wrong with a single point stands in the file.
+   subroutine run_study(self, options, comm, summary, error)
       type(study_t), intent(in) :: self
-      character(*), intent(in) :: path                                !! of the result file
-      logical, intent(in) :: overwrite                                !! an existing file may be replaced
-      logical, intent(in) :: is_quiet                                 !! no progress
+      type(run_options_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
       type(run_summary_t), intent(out) :: summary
       type(error_t), allocatable, intent(out) :: error
       type(results_t) :: results
       type(results_layout_t) :: layout
+      type(interruption_t) :: ending
+      type(error_t), allocatable :: error_in_close
+      integer, allocatable :: points(:)
       real(wp) :: started
 
       started = wall_clock()
       call prepare_wisdom(self, comm, error)
       if (allocated(error)) return
       call describe_layout(self, size_of(comm), layout)
-      call create_results(results, path, layout, overwrite, comm, error)
+      call choose_points(self, options, comm, points, summary, error)
       if (allocated(error)) return
-      call run_points(self, layout, results, is_quiet, comm, summary, error)
+      if (allocated(points)) then
+         call open_results(results, options%path, layout, comm, error)
+      else
+         points = all_numbers(layout%n_points)
+         call create_results(results, options%path, layout, options%overwrite, comm, error)
+      end if
+      if (allocated(error)) return
+      call new_interruption(ending, options%time_limit - (wall_clock() - started), comm, error)
+      if (allocated(error)) return
+      call run_points(self, layout, points, results, options%is_quiet, comm, ending, summary, error)
       call share_error(comm, error)
-      if (allocated(error)) return
-      call results%close(error)
+      call results%close(error_in_close)
+      if (.not. allocated(error)) call move_alloc(error_in_close, error)
+      call ending%destroy()
       summary%seconds = wall_clock() - started
    end subroutine run_study
+
+   pure function all_numbers(n)
+      integer, intent(in) :: n
+      integer, allocatable :: all_numbers(:)
+      integer :: i
+
+      all_numbers = [(i, i=1, n)]
+   end function all_numbers
+
+   !> Gives the points that a file leaves to be solved, unallocated where a new file has to be made. The summary of rank 0
+   !> begins with the points that are kept.
+   subroutine choose_points(self, options, comm, points, summary, error)
+      type(study_t), intent(in) :: self
+      type(run_options_t), intent(in) :: options
+      type(comm_t), intent(in) :: comm
+      integer, allocatable, intent(out) :: points(:)
+      type(run_summary_t), intent(inout) :: summary
+      type(error_t), allocatable, intent(out) :: error
+      type(record_t) :: record
+      integer, allocatable :: found(:)
+
+      if (.not. options%resumes) return
+      allocate (found(0))
+      if (rank_of(comm) == 0) then
+         if (exists(options%path)) then
+            call read_record(record, options%path, error)
+            if (.not. allocated(error)) call compare_input(self, record, options%path, error)
+            if (.not. allocated(error)) then
+               found = [1, open_points(record, options%retries)]
+               call count_kept(summary, record, found(2:))
+            end if
+         end if
+      end if
+      call share_error(comm, error)
+      if (allocated(error)) return
+      call broadcast_integers(comm, found)
+      if (size(found) > 0) points = found(2:)                         ! before them a 1, or nothing without a file
+   end subroutine choose_points
+
+   !> Refuses to go on with the file of another input.
+   subroutine compare_input(self, record, path, error)
+      type(study_t), intent(in) :: self
+      type(record_t), intent(in) :: record
+      character(*), intent(in) :: path
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: differences
+      logical :: has_same_tuples
+
+      differences = input_differences(self%input_complete, record%input_complete, "the input", "the file")
+      has_same_tuples = all(shape(self%tuples) == shape(record%tuples))
+      if (has_same_tuples) has_same_tuples = all(self%tuples == record%tuples)
+      if (len(differences) > 0) then
+         call fail(error, "result file '"//path//"' was made from another input; give the same or another --output"// &
+            new_line("a")//differences)
+      else if (.not. has_same_tuples .or. self%plan%n_points /= record%n_points) then
+         call fail(error, "result file '"//path//"' has other points or harmonics than the input gives in this version "// &
+            "of the program; it was made by version "//record%program_version//", commit "//record%git_commit)
+      end if
+   end subroutine compare_input
+
+   !> Counts the points of a file that are not solved again.
+   subroutine count_kept(summary, record, points)
+      type(run_summary_t), intent(inout) :: summary
+      type(record_t), intent(in) :: record
+      integer, intent(in) :: points(:)                                !! those that are
+      logical :: is_kept(record%n_points)
+      integer :: status
+
+      is_kept = .true.
+      is_kept(points) = .false.
+      do status = lbound(summary%counts, 1), ubound(summary%counts, 1)
+         summary%counts(status) = count(is_kept .and. record%status == status)
+      end do
+      summary%n_rescued = count(is_kept .and. record%rescue > 0)
+      summary%n_near_commensurate = count(is_kept .and. record%is_near_commensurate > 0)
+      is_kept = is_kept .and. .not. ieee_is_nan(record%truncation)
+      summary%n_certified = count(is_kept)
+      summary%truncation = max(0.0_wp, maxval(record%truncation, is_kept))
+      summary%aliasing = max(0.0_wp, maxval(record%aliasing, is_kept))
+      if (record%program_version /= program_version .or. record%git_commit /= git_commit) &
+         summary%made_by = "nhbm "//record%program_version//" ("//record%git_commit//")"
+   end subroutine count_kept
 
    !> Gives all ranks the same wisdom: rank 0 reads the file or plans once and writes it, then the others read it.
    subroutine prepare_wisdom(self, comm, error)
@@ -239,6 +365,7 @@ contains
          layout%n_samples = scene%output%samples
          layout%title = scene%output%title
          layout%input_text = self%input_text
+         layout%input_overrides = self%input_overrides
          layout%input_complete = self%input_complete
          layout%n_ranks = n_ranks
          layout%program_version = program_version
@@ -273,28 +400,35 @@ contains
    end function unique_labels
 
    !> Takes points from the shared counter until there are none left. Rank 0 tells the progress of all.
-   subroutine run_points(self, layout, results, is_quiet, comm, summary, error)
+   subroutine run_points(self, layout, points, results, is_quiet, comm, ending, summary, error)
       type(study_t), intent(in) :: self
       type(results_layout_t), intent(in) :: layout
+      integer, intent(in) :: points(:)                                !! to solve, from 1; the same on all ranks
       type(results_t), intent(inout) :: results
       logical, intent(in) :: is_quiet
       type(comm_t), intent(in) :: comm
-      type(run_summary_t), intent(out) :: summary
+      type(interruption_t), intent(inout) :: ending
+      type(run_summary_t), intent(inout) :: summary
       type(error_t), allocatable, intent(out) :: error
       type(work_counter_t) :: counter
       type(progress_t) :: progress
       type(point_result_t) :: result
-      integer :: done, failed, point
+      integer :: done, failed, next
 
       call new_work_counter(counter, comm, error)
       if (allocated(error)) return
-      call new_progress(progress, layout%n_points, is_quiet .or. rank_of(comm) > 0)
+      call new_progress(progress, size(points), is_quiet .or. rank_of(comm) > 0)
       do
-         point = counter%next() + 1
-         if (point > layout%n_points) exit
-         call run_point(self, layout, point, rank_of(comm), result)
-         call results%write_point(point, result, error)
-         if (allocated(error)) exit
+         next = counter%next() + 1
+         if (next > size(points)) exit
+         if (ending%is_due()) exit
+         call run_point(self, layout, points(next), rank_of(comm), result)
+         call results%write_point(points(next), result, error)
+         if (allocated(error)) then
+            call ending%ask_all()
+            exit
+         end if
+         call ending%note_point(result%solve_seconds)
          call count_point(summary, result)
          call counter%add_done(result%status /= outcome%converged)
          call counter%read_tallies(done, failed)
@@ -305,6 +439,8 @@ contains
       call progress%finish(done, failed)
       call sum_up(summary, comm)
       summary%n_points = layout%n_points
+      summary%n_left = size(points) - done
+      summary%interruption = max_over(comm, ending%reason)
       call barrier(comm)
       call counter%destroy()
    end subroutine run_points
