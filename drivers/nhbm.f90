@@ -68,7 +68,7 @@ contains
          call run_check(options, comm, all_right, error)
          if (.not. all_right) status = not_all_right
       else if (verb == "info") then
-         call run_info(options, comm, error)
+         call run_info(options, comm, status, error)
       else if (verb == "resume") then
          call run_resume(options, comm, status, error)
       else

@@ -3,9 +3,10 @@ module verb_info
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t
+   use exit_status, only: incomplete, success
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_mpi, only: comm_t, rank_of, share_error
+   use hb_mpi, only: comm_t, max_over, rank_of, share_error
    use hb_namelist, only: document_t
    use hb_outcome, only: outcome, outcome_name, outcome_text
    use hb_results_record, only: open_points, read_record, record_t
@@ -18,15 +19,17 @@ module verb_info
 
 contains
 
-   !> Runs the verb, on rank 0.
-   subroutine run_info(options, comm, error)
+   !> Runs the verb, on rank 0; the exit status tells whether the file is complete.
+   subroutine run_info(options, comm, status, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
+      integer, intent(out) :: status
       type(error_t), allocatable, intent(out) :: error
       type(record_t) :: record
       type(document_t), target :: document
       type(sweep_plan_t) :: plan
 
+      status = success
       if (rank_of(comm) == 0) then
          call read_record(record, options%input, error)
          if (.not. allocated(error)) &
@@ -39,9 +42,11 @@ contains
             call write_worst(record, plan)
             call write_times(record, plan)
             call write_rest(record, options%input)
+            if (size(open_points(record, .false.)) > 0) status = incomplete
          end if
       end if
       call share_error(comm, error)
+      status = max_over(comm, status)
    end subroutine run_info
 
    !> The words on the left are those of `nhbm-post info`.
