@@ -33,7 +33,7 @@ contains
       if (rank_of(comm) == 0) then
          call read_record(record, options%input, error)
          if (.not. allocated(error)) &
-            call read_input(document, options%input//" (input)", record%input_text, record%overrides, error)
+            call read_input(document, record%input_name, record%input_text, record%overrides, error)
          if (.not. allocated(error)) call read_sweep_plan(plan, document, error)
          if (.not. allocated(error)) then
             call write_origin(record, options%input)

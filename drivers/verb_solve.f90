@@ -142,21 +142,23 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(record_t) :: record
       type(string_t), allocatable :: overrides(:)
-      character(:), allocatable :: text, lines
+      character(:), allocatable :: lines, name, text
 
       if (rank_of(comm) == 0) then
          call read_record(record, path, error)
          if (.not. allocated(error)) then
+            name = record%input_name
             text = record%input_text
             lines = join(record%overrides, new_line("a"))
          end if
       end if
       call share_error(comm, error)
       if (allocated(error)) return
+      call broadcast_text(comm, name, 0)
       call broadcast_text(comm, text, 0)
       call broadcast_text(comm, lines, 0)
       allocate (overrides(0))
       if (len(lines) > 0) call split(lines, new_line("a"), overrides)
-      call new_study(study, path//" (input)", text, overrides, error)
+      call new_study(study, name, text, overrides, error)
    end subroutine load_stored_study
 end module verb_solve

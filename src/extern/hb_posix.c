@@ -1,4 +1,4 @@
-#define _DEFAULT_SOURCE
+#define _GNU_SOURCE /* for fallocate, of Linux alone */
 #include "hb_posix.h"
 
 #include <errno.h>
@@ -80,6 +80,23 @@ int hb_take_file(const char *path)
       return -2;
    }
    return descriptor;
+}
+
+int hb_check_space(int descriptor, long long n_bytes)
+{
+#ifdef __linux__
+   if (fallocate(descriptor, 0, 0, (off_t)n_bytes) != 0 && (errno == ENOSPC || errno == EDQUOT || errno == EFBIG)) return -1;
+   return hb_empty_file(descriptor);
+#else
+   (void)descriptor;
+   (void)n_bytes;
+   return 0;
+#endif
+}
+
+int hb_empty_file(int descriptor)
+{
+   return ftruncate(descriptor, 0);
 }
 
 void hb_release_file(int descriptor)

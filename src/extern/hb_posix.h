@@ -18,6 +18,13 @@ const char *hb_caught_signal_name(void);
    system without locks the file counts as locked. */
 int hb_take_file(const char *path);
 
+/* Asks whether the disk, a quota and other limits leave room for a file of that many bytes, by reserving them and giving
+   them back. Returns 0 for yes and where the system cannot tell, -1 for no. */
+int hb_check_space(int descriptor, long long n_bytes);
+
+/* Cuts the file to no byte at all; returns 0, or -1 where that fails. */
+int hb_empty_file(int descriptor);
+
 /* Ends the lock; nothing happens for a negative descriptor. */
 void hb_release_file(int descriptor);
 

@@ -1,10 +1,11 @@
 !> What the program asks of the operating system: names of files and locks on them, the time, terminals.
 !> Source of the interfaces: POSIX.1-2017, hb_posix.h.
 module hb_system
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_null_char, c_null_ptr, c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_long_long, c_null_char, c_null_ptr, c_ptr, c_size_t
    implicit none
    private
-   public :: exists, is_terminal, link_file, release_file, remove_file, rename_file, sync_file, take_file, utc_now
+   public :: empty_file, exists, has_space, is_terminal, link_file, release_file, remove_file, rename_file, sync_file
+   public :: take_file, utc_now
 
    interface
       integer(c_int) function c_link(old, new) bind(c, name="link")
@@ -31,6 +32,17 @@ module hb_system
          import :: c_char, c_int
          character(c_char), intent(in) :: path(*)
       end function hb_take_file
+
+      integer(c_int) function hb_check_space(descriptor, n_bytes) bind(c, name="hb_check_space")
+         import :: c_int, c_long_long
+         integer(c_int), value :: descriptor
+         integer(c_long_long), value :: n_bytes
+      end function hb_check_space
+
+      integer(c_int) function hb_empty_file(descriptor) bind(c, name="hb_empty_file")
+         import :: c_int
+         integer(c_int), value :: descriptor
+      end function hb_empty_file
 
       subroutine hb_release_file(descriptor) bind(c, name="hb_release_file")
          import :: c_int
@@ -110,6 +122,22 @@ contains
       is_taken = descriptor == -2
       ok = descriptor >= 0
    end subroutine take_file
+
+   !> Says whether a file can grow to `n_bytes`; also true where the system cannot tell.
+   logical function has_space(descriptor, n_bytes)
+      integer, intent(in) :: descriptor                !! of `take_file`; the file is empty, before and after
+      integer(c_long_long), intent(in) :: n_bytes
+
+      has_space = hb_check_space(int(descriptor, c_int), n_bytes) == 0
+   end function has_space
+
+   !> Gives the space of a file on the disk back; the file stays, and so does its lock.
+   subroutine empty_file(descriptor)
+      integer, intent(in) :: descriptor                !! of `take_file`
+      integer(c_int) :: ignored
+
+      ignored = hb_empty_file(int(descriptor, c_int))
+   end subroutine empty_file
 
    !> Ends a lock.
    subroutine release_file(descriptor)

@@ -16,6 +16,7 @@ module hb_results_record
       character(:), allocatable :: title, program_version, git_commit, created_utc
       integer :: n_ranks = 0                            !! of the run that made the file
       integer :: n_points = 0
+      character(:), allocatable :: input_name           !! name of the input file, for messages
       character(:), allocatable :: input_text           !! the input as given
       type(string_t), allocatable :: overrides(:)       !! path=value
       character(:), allocatable :: input_complete       !! the input after defaults
@@ -89,6 +90,9 @@ contains
       call read_all(file, "input_text", texts, error)
       if (allocated(error)) return
       self%input_text = texts(1)
+      call file%open_dataset("input_text", dataset, error)
+      if (.not. allocated(error)) call dataset%get_attribute("file_name", self%input_name, error)
+      if (allocated(error)) return
       call read_all(file, "input_overrides", texts, error)
       if (allocated(error)) return
       call read_overrides(texts(1), self%overrides)

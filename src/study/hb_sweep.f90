@@ -364,6 +364,7 @@ contains
          layout%law_dof_units = [character(16) :: structure%units(law_dofs)]
          layout%n_samples = scene%output%samples
          layout%title = scene%output%title
+         layout%input_name = self%document%file_name
          layout%input_text = self%input_text
          layout%input_overrides = self%input_overrides
          layout%input_complete = self%input_complete
