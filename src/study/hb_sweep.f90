@@ -315,7 +315,7 @@ contains
       is_kept = is_kept .and. .not. ieee_is_nan(record%truncation)
       summary%n_certified = count(is_kept)
       summary%truncation = max(0.0_wp, maxval(record%truncation, is_kept))
-      summary%aliasing = max(0.0_wp, maxval(record%aliasing, is_kept))
+      summary%aliasing = max(0.0_wp, maxval(record%aliasing, is_kept .and. .not. ieee_is_nan(record%aliasing)))
       if (record%program_version /= program_version .or. record%git_commit /= git_commit) &
          summary%made_by = "nhbm "//record%program_version//" ("//record%git_commit//")"
    end subroutine count_kept

@@ -506,11 +506,12 @@ def test_info_agrees_with_the_reader(tmp_path):
     from nhbm_post import report
     from nhbm_post.reader import Results
 
-    source = write(tmp_path, QUICK + GAPS)
-    assert run("solve", source, cwd=tmp_path).status == ALL_CONVERGED
-    ours = run("info", "case.h5", cwd=tmp_path).stdout.splitlines()
-    with Results(tmp_path / "case.h5") as results:
-        theirs = report.info(results).splitlines()
-    for name in ("written by", "run on", "tones", "harmonics", "dofs"):
-        line = [text for text in ours if text.startswith(name + " ")]
-        assert line and line[0].rstrip() in [text.rstrip() for text in theirs], name
+    result = ended(tmp_path, QUICK + GAPS)
+    for names in (("written by", "run on", "tones", "harmonics", "dofs", "complete"), ("complete",)):
+        ours = run("info", result, cwd=tmp_path).stdout.splitlines()
+        with Results(result) as results:
+            theirs = report.info(results).splitlines()
+        for name in names:
+            line = [text for text in ours if text.startswith(name + " ")]
+            assert line and line[0].rstrip() in [text.rstrip() for text in theirs], name
+        run("resume", result, cwd=tmp_path)
