@@ -8,8 +8,9 @@ module verb_solve
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, share_error, size_of
    use hb_outcome, only: outcome, outcome_text
    use hb_results_record, only: read_record, record_t
+   use hb_run_summary, only: run_summary_t
    use hb_signals, only: catch_signals, signal_caught, signal_name
-   use hb_sweep, only: new_study, run_options_t, run_study, run_summary_t, study_t
+   use hb_sweep, only: new_study, run_options_t, run_study, study_t
    use hb_text, only: join, read_text_file, split, string_t, to_text
    use hb_version, only: git_commit, program_version
    implicit none

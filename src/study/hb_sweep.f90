@@ -4,31 +4,29 @@
 !> depend on who solves it or when, so the file holds the same numbers for any number of ranks (with FFTW's planning by
 !> estimate, which is the default; measured plans may differ in the last digit).
 module hb_sweep
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
-   use hb_interruption, only: interruption, interruption_t, new_interruption
-   use hb_mpi, only: barrier, broadcast_integers, comm_t, max_over, new_work_counter, rank_of, share_error, size_of, &
-      sum_over, wall_clock, work_counter_t
+   use hb_interruption, only: interruption_t, new_interruption
+   use hb_mpi, only: barrier, comm_t, max_over, new_work_counter, rank_of, share_error, size_of, wall_clock, &
+      work_counter_t
    use hb_namelist, only: document_t, new_document
-   use hb_namelist_difference, only: input_differences
-   use hb_outcome, only: outcome, outcome_names
+   use hb_outcome, only: outcome
    use hb_point, only: solve_point
    use hb_progress, only: new_progress, progress_t
    use hb_results, only: create_results, open_results, point_result_t, results_layout_t, results_t
-   use hb_results_record, only: open_points, read_record, record_t
+   use hb_resume, only: choose_points, resumed_input_t
+   use hb_run_summary, only: count_point, run_summary_t, sum_up
    use hb_scene, only: group_names, read_harmonics, read_scene, read_tones, scene_t
    use hb_sweep_plan, only: parameter_units, read_sweep_plan, sweep_plan_t
-   use hb_system, only: exists
    use hb_text, only: join, lower, string_t, to_text
    use hb_tones, only: tones_t
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: new_study, read_input, run_options_t, run_study, run_summary_t, study_t
+   public :: new_study, read_input, run_options_t, run_study, study_t
 
    !> An input that was read without a problem, ready to run.
    type :: study_t
@@ -50,21 +48,6 @@ module hb_sweep
       logical :: is_quiet = .false.                                   !! no progress
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s] of wall time
    end type run_options_t
-
-   !> What a run came to, over all ranks.
-   type :: run_summary_t
-      integer :: n_points = 0
-      integer :: counts(0:ubound(outcome_names, 1)) = 0               !! points of each status
-      integer :: n_rescued = 0                                        !! points where the direct attempt failed, but others did not
-      integer :: n_certified = 0                                      !! points with a certificate
-      integer :: n_near_commensurate = 0
-      real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
-      real(wp) :: aliasing = 0.0_wp
-      real(wp) :: seconds = 0.0_wp
-      integer :: n_left = 0                                           !! points that the run should have solved and has not
-      integer :: interruption = interruption%none                     !! why
-      character(:), allocatable :: made_by                            !! version that made the file, where it is another
-   end type run_summary_t
 
 contains
 
@@ -211,6 +194,7 @@ contains
       type(results_t) :: results
       type(results_layout_t) :: layout
       type(interruption_t) :: ending
+      type(resumed_input_t) :: input
       type(error_t), allocatable :: error_in_close
       integer, allocatable :: points(:)
       real(wp) :: started
@@ -219,8 +203,13 @@ contains
       call prepare_wisdom(self, comm, error)
       if (allocated(error)) return
       call describe_layout(self, size_of(comm), layout)
-      call choose_points(self, options, comm, points, summary, error)
-      if (allocated(error)) return
+      if (options%resumes) then
+         input%complete = self%input_complete
+         input%tuples = self%tuples
+         input%n_points = layout%n_points
+         call choose_points(options%path, input, options%retries, comm, points, summary, error)
+         if (allocated(error)) return
+      end if
       if (allocated(points)) then
          call open_results(results, options%path, layout, comm, error)
       else
@@ -245,80 +234,6 @@ contains
 
       all_numbers = [(i, i=1, n)]
    end function all_numbers
-
-   !> Gives the points that a file leaves to be solved, unallocated where a new file has to be made. The summary of rank 0
-   !> begins with the points that are kept.
-   subroutine choose_points(self, options, comm, points, summary, error)
-      type(study_t), intent(in) :: self
-      type(run_options_t), intent(in) :: options
-      type(comm_t), intent(in) :: comm
-      integer, allocatable, intent(out) :: points(:)
-      type(run_summary_t), intent(inout) :: summary
-      type(error_t), allocatable, intent(out) :: error
-      type(record_t) :: record
-      integer, allocatable :: found(:)
-
-      if (.not. options%resumes) return
-      allocate (found(0))
-      if (rank_of(comm) == 0) then
-         if (exists(options%path)) then
-            call read_record(record, options%path, error)
-            if (.not. allocated(error)) call compare_input(self, record, options%path, error)
-            if (.not. allocated(error)) then
-               found = [1, open_points(record, options%retries)]
-               call count_kept(summary, record, found(2:))
-            end if
-         end if
-      end if
-      call share_error(comm, error)
-      if (allocated(error)) return
-      call broadcast_integers(comm, found)
-      if (size(found) > 0) points = found(2:)                         ! before them a 1, or nothing without a file
-   end subroutine choose_points
-
-   !> Refuses to go on with the file of another input.
-   subroutine compare_input(self, record, path, error)
-      type(study_t), intent(in) :: self
-      type(record_t), intent(in) :: record
-      character(*), intent(in) :: path
-      type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: differences
-      logical :: has_same_tuples
-
-      differences = input_differences(self%input_complete, record%input_complete, "the input", "the file")
-      has_same_tuples = all(shape(self%tuples) == shape(record%tuples))
-      if (has_same_tuples) has_same_tuples = all(self%tuples == record%tuples)
-      if (len(differences) > 0) then
-         call fail(error, "result file '"//path//"' was made from another input; give the same or another --output"// &
-            new_line("a")//differences)
-      else if (.not. has_same_tuples .or. self%plan%n_points /= record%n_points) then
-         call fail(error, "result file '"//path//"' has other points or harmonics than the input gives in this version "// &
-            "of the program; it was made by version "//record%program_version//", commit "//record%git_commit)
-      end if
-   end subroutine compare_input
-
-   !> Counts the points of a file that are not solved again.
-   subroutine count_kept(summary, record, points)
-      type(run_summary_t), intent(inout) :: summary
-      type(record_t), intent(in) :: record
-      integer, intent(in) :: points(:)                                !! those that are
-      logical :: is_kept(record%n_points)
-      integer :: status
-
-      is_kept = .true.
-      is_kept(points) = .false.
-      do status = lbound(summary%counts, 1), ubound(summary%counts, 1)
-         summary%counts(status) = count(is_kept .and. record%status == status)
-      end do
-      summary%n_rescued = count(is_kept .and. record%rescue > 0)
-      summary%n_near_commensurate = count(is_kept .and. record%is_near_commensurate > 0)
-      is_kept = is_kept .and. .not. ieee_is_nan(record%truncation)
-      summary%n_certified = count(is_kept)
-      summary%truncation = max(0.0_wp, maxval(record%truncation, is_kept))
-      summary%aliasing = max(0.0_wp, maxval(record%aliasing, is_kept .and. .not. ieee_is_nan(record%aliasing)))
-      if (record%program_version /= program_version .or. record%git_commit /= git_commit) &
-         summary%made_by = "nhbm "//record%program_version//" ("//record%git_commit//")"
-   end subroutine count_kept
 
    !> Gives all ranks the same wisdom: rank 0 reads the file or plans once and writes it, then the others read it.
    subroutine prepare_wisdom(self, comm, error)
@@ -445,34 +360,6 @@ contains
       call barrier(comm)
       call counter%destroy()
    end subroutine run_points
-
-   subroutine count_point(summary, result)
-      type(run_summary_t), intent(inout) :: summary
-      type(point_result_t), intent(in) :: result
-
-      summary%counts(result%status) = summary%counts(result%status) + 1
-      if (result%rescue > 0) summary%n_rescued = summary%n_rescued + 1
-      if (allocated(result%certificate%combination)) summary%n_certified = summary%n_certified + 1
-      if (result%is_near_commensurate) summary%n_near_commensurate = summary%n_near_commensurate + 1
-      summary%truncation = max(summary%truncation, result%certificate%truncation)
-      summary%aliasing = max(summary%aliasing, result%certificate%aliasing)
-   end subroutine count_point
-
-   !> Turns what each rank counted into what all ranks did.
-   subroutine sum_up(summary, comm)
-      type(run_summary_t), intent(inout) :: summary
-      type(comm_t), intent(in) :: comm
-      integer :: status
-
-      do status = lbound(summary%counts, 1), ubound(summary%counts, 1)
-         summary%counts(status) = sum_over(comm, summary%counts(status))
-      end do
-      summary%n_rescued = sum_over(comm, summary%n_rescued)
-      summary%n_certified = sum_over(comm, summary%n_certified)
-      summary%n_near_commensurate = sum_over(comm, summary%n_near_commensurate)
-      summary%truncation = max_over(comm, summary%truncation)
-      summary%aliasing = max_over(comm, summary%aliasing)
-   end subroutine sum_up
 
    !> Solves one point; whatever goes wrong becomes its status and message.
    subroutine run_point(self, layout, point, rank, result)

@@ -1,5 +1,6 @@
 """Sweeps that survive: whatever ends a run, its file opens, and `resume` makes of it what an undisturbed run gives."""
 
+import contextlib
 import os
 import random
 import resource
@@ -345,23 +346,24 @@ def test_time_limit(ranks, tmp_path):
 
 def ranks_of(process):
     """Processes of a run: the children of mpirun."""
+    if process.poll() is not None:
+        return []
     return [int(word) for word in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
 
 
 def kill_one(process):
     pids = ranks_of(process)
-    if pids:
-        os.kill(random.choice(pids), signal.SIGKILL)
-    else:
-        process.kill()
+    _kill([random.choice(pids)] if pids else [process.pid])
 
 
 def kill_all(process):
-    for pid in [process.pid, *ranks_of(process)]:
-        try:
+    _kill([process.pid, *ranks_of(process)])
+
+
+def _kill(pids):
+    for pid in pids:
+        with contextlib.suppress(ProcessLookupError):  # it may have ended by itself
             os.kill(pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
 
 
 def terminate(process):
@@ -373,34 +375,49 @@ DISTURBANCES = {"kill -9 of one rank": kill_one, "kill -9 of all": kill_all, "SI
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
-    """The whole file, and how long a run on three ranks took."""
+    """The file of a run that nobody disturbs."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    began = time.monotonic()
     done = run("solve", write(folder, SWEPT), "--quiet", cwd=folder, ranks=3)
     assert done.status == ALL_CONVERGED, done.stderr
-    return folder / "case.h5", time.monotonic() - began
+    return folder / "case.h5"
 
 
-def disturb(folder, whole, seconds, disturbance, seed):
-    """Disturbs runs at random moments of their lives, goes on with what they leave, and compares; counts what was hit."""
+def n_done(result):
+    """Points of a file that have a status; the run may be about to make it."""
+    try:
+        return int((read(result, "status") != PENDING).sum())
+    except OSError:
+        return -1
+
+
+def wait_for_moment(process, result, moments, already):
+    """Waits for a random moment in the life of a run: while it starts, or while some point or other is solved."""
+    target = moments.randrange(already - 6, N_SWEPT)
+    if target <= already:
+        time.sleep(moments.uniform(0.0, 0.6))
+        return
+    while process.poll() is None and n_done(result) < target:
+        time.sleep(0.01)
+    time.sleep(moments.uniform(0.0, 0.1))
+
+
+def disturb(folder, whole, disturbance, seed):
+    """Disturbs a run at a random moment, goes on with what it leaves, once more, and compares; counts what was hit."""
     moments = random.Random(seed)
     source, result = write(folder, SWEPT), folder / "case.h5"
-    hits = {"before the file was there": 0, "between points": 0, "after the end": 0}
-    for moment in (moments.uniform(0.0, seconds), moments.uniform(0.0, 0.7 * seconds)):
+    hits = {"before the file was there": 0, "between points": 0, "after the last point": 0}
+    for _ in range(2):
         process = begin(folder, "solve", source, "--resume", "--quiet", ranks=3)
-        try:
-            process.wait(timeout=moment)
-        except subprocess.TimeoutExpired:
-            disturbance(process)
+        wait_for_moment(process, result, moments, n_done(result))
+        disturbance(process)
         finish(process)
-        for pid_file in folder.glob("*.h5"):
-            with h5py.File(pid_file, "r+") as file:  # no mark of being open keeps a writer out
-                assert set(file["status"][()]) <= {PENDING, CONVERGED}
         if not result.exists():
             hits["before the file was there"] += 1
             continue
+        with h5py.File(result, "r+") as file:  # no mark of being open keeps a writer out
+            assert set(file["status"][()]) <= {PENDING, CONVERGED}
         status, coefficients = read(result, "status", "coefficients")
-        hits["after the end" if (status != PENDING).all() else "between points"] += 1
+        hits["between points" if (status == PENDING).any() else "after the last point"] += 1
         with h5py.File(whole, "r") as file:
             is_done = status == CONVERGED
             assert coefficients[is_done].tobytes() == file["coefficients"][()][is_done].tobytes(), f"seed {seed}"
@@ -417,7 +434,7 @@ def disturb(folder, whole, seconds, disturbance, seed):
 @pytest.mark.parametrize("name", DISTURBANCES)
 def test_disturbed_runs_are_completed(name, undisturbed, tmp_path):
     seed = random.randrange(10**9)
-    hits = disturb(tmp_path, *undisturbed, DISTURBANCES[name], seed)
+    hits = disturb(tmp_path, undisturbed, DISTURBANCES[name], seed)
     assert sum(hits.values()) == 2, f"seed {seed}"
 
 
@@ -427,10 +444,10 @@ def test_disturbed_runs_are_completed(name, undisturbed, tmp_path):
 def test_disturbed_runs_are_completed_at_fifty_moments(name, undisturbed, tmp_path):
     totals = {}
     for seed in range(25):
-        for what, n in disturb(tmp_path, *undisturbed, DISTURBANCES[name], seed).items():
+        for what, n in disturb(tmp_path, undisturbed, DISTURBANCES[name], seed).items():
             totals[what] = totals.get(what, 0) + n
     print(f"{name}: {totals}")
-    assert sum(totals.values()) == 50 and totals["between points"] >= 10
+    assert sum(totals.values()) == 50 and totals["between points"] >= 30
 
 
 # Any number of ranks
