@@ -122,7 +122,8 @@ def test_comments_and_blanks_do_not_change_an_input(tmp_path):
 
 def test_retry_solves_again_what_did_not_converge(tmp_path):
     text = QUICK + (
-        "&sweep parameter = 'law(1)%gap', values = 1.5e-3, 0.2e-3, -1.0e-3, 1.0e-3 /\n&solver max_iterations = 1, rescue = .false. /\n"
+        "&sweep parameter = 'law(1)%gap', values = 1.5e-3, 0.2e-3, -1.0e-3, 1.0e-3 /\n"
+        "&solver max_iterations = 1, rescue = .false. /\n"
     )
     text = text.replace("augmentation = 100000.0", "augmentation = 1.0e5, two_sided = .true.")
     source = write(tmp_path, text)
@@ -410,7 +411,11 @@ def disturb(folder, whole, disturbance, seed):
         process = begin(folder, "solve", source, "--resume", "--quiet", ranks=3)
         wait_for_moment(process, result, moments, n_done(result))
         disturbance(process)
-        finish(process)
+        try:
+            process.communicate(timeout=60.0)
+        except subprocess.TimeoutExpired:  # mpirun may wait for ever for a rank that was killed while it started
+            kill_all(process)
+            finish(process)
         if not result.exists():
             hits["before the file was there"] += 1
             continue
@@ -459,7 +464,7 @@ def thousand():
     text = BEAM.format(order=4, samples=20, augmentation=1.0e3).replace(" /\n&certificate", ", two_sided = .true. /\n&certificate")
     return text + (
         "&solver max_iterations = 7, rescue = .false. /\n"
-        "&sweep parameter = 'load(2)%cos', from = 60.0, to = 150.0, n = 25 /\n"
+        "&sweep parameter = 'load(2)%cos', from = 60.0, to = 110.0, n = 25 /\n"
         f"&sweep parameter = 'law(1)%gap', values = {gaps} /\n"
     )
 
@@ -470,7 +475,7 @@ def test_thousand_contact_points_have_the_same_bits_on_any_number_of_ranks(tmp_p
     for ranks in (1, 2, 3, 4, 8):
         folder = tmp_path / str(ranks)
         folder.mkdir()
-        done = run("solve", write(folder, thousand()), "--quiet", cwd=folder, ranks=ranks)
+        done = run("solve", write(folder, thousand()).name, "--quiet", cwd=folder, ranks=ranks)
         assert done.status == NOT_ALL_CONVERGED, done.stderr
         if serial is None:
             serial = folder / "case.h5"
