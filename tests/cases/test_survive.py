@@ -452,7 +452,8 @@ def test_disturbed_runs_are_completed_at_fifty_moments(name, undisturbed, tmp_pa
         for what, n in disturb(tmp_path, undisturbed, DISTURBANCES[name], seed).items():
             totals[what] = totals.get(what, 0) + n
     print(f"{name}: {totals}")
-    assert sum(totals.values()) == 50 and totals["between points"] >= 30
+    # mpirun passes SIGTERM on after a second, in which a fast machine may solve all that is left
+    assert sum(totals.values()) == 50 and totals["between points"] >= (10 if name == "SIGTERM" else 30)
 
 
 # Any number of ranks
