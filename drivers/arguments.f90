@@ -2,13 +2,15 @@
 module arguments
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
+   use hb_progress, only: log_level, log_level_names
    use hb_text, only: closest_word, join, parse_real, string_t
    implicit none
    private
-   public :: argument_list, arguments_t, read_arguments
+   public :: argument_list, arguments_t, default_output, read_arguments
 
-   character(12), parameter :: options(10) = [character(12) :: &
-      "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet", "--resume", "--retry", "--time-limit"]
+   character(12), parameter :: options(17) = [character(12) :: &
+      "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet", "--verbose", "--log-level", &
+      "--resume", "--retry", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", "--machine"]
 
    type :: arguments_t
       character(:), allocatable :: verb
@@ -19,8 +21,10 @@ module arguments
       logical :: resumes = .false.                                    !! goes on with an existing result file
       logical :: retries = .false.                                    !! points that did not converge, too
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s]
-      logical :: is_quiet = .false.
+      integer :: level = log_level%normal                             !! how much to tell
       logical :: wants_help = .false.
+      character(:), allocatable :: ranks, points, cost, cost_from     !! of plan
+      type(string_t), allocatable :: machine(:)                       !! of plan, key=value
    end type arguments_t
 
 contains
@@ -38,7 +42,7 @@ contains
       end do
    end function argument_list
 
-   !> Sorts the words into verb, options and input file; the result file is by default named after the input.
+   !> Sorts the words into verb, options and input file.
    subroutine read_arguments(self, words, error)
       type(arguments_t), intent(out) :: self
       type(string_t), intent(in) :: words(:)
@@ -46,7 +50,7 @@ contains
       character(:), allocatable :: closest
       integer :: i
 
-      allocate (self%overrides(0))
+      allocate (self%overrides(0), self%machine(0))
       i = 1
       do while (i <= size(words))
          associate (word => words(i)%value)
@@ -56,25 +60,22 @@ contains
             case ("--overwrite")
                self%overwrite = .true.
             case ("--quiet")
-               self%is_quiet = .true.
+               self%level = log_level%quiet
+            case ("--verbose")
+               self%level = log_level%verbose
             case ("--resume")
                self%resumes = .true.
             case ("--retry")
                self%retries = .true.
-            case ("--output", "-o", "--set", "--time-limit")
+            case ("--output", "-o", "--set", "--log-level", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", &
+                  "--machine")
                i = i + 1
                if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
                   return
                end if
-               if (word == "--set") then
-                  self%overrides = [self%overrides, words(i)]
-               else if (word == "--time-limit") then
-                  call read_time_limit(words(i)%value, self%time_limit, error)
-                  if (allocated(error)) return
-               else
-                  self%output = words(i)%value
-               end if
+               call take_value(self, word, words(i)%value, error)
+               if (allocated(error)) return
             case default
                if (index(word, "-") == 1) then
                   closest = closest_word(word, options)
@@ -94,9 +95,28 @@ contains
          i = i + 1
       end do
       call check_combination(self, error)
-      if (allocated(error)) return
-      if (allocated(self%input) .and. .not. allocated(self%output)) self%output = default_output(self%input)
    end subroutine read_arguments
+
+   !> Keeps the value of an option that has one.
+   subroutine take_value(self, option, value, error)
+      type(arguments_t), intent(inout) :: self
+      character(*), intent(in) :: option, value
+      type(error_t), allocatable, intent(out) :: error
+
+      select case (option)
+      case ("--set"); self%overrides = [self%overrides, string_t(value)]
+      case ("--machine"); self%machine = [self%machine, string_t(value)]
+      case ("--ranks"); self%ranks = value
+      case ("--points"); self%points = value
+      case ("--cost"); self%cost = value
+      case ("--cost-from"); self%cost_from = value
+      case ("--time-limit"); call read_time_limit(value, self%time_limit, error)
+      case ("--log-level")
+         self%level = findloc(log_level_names == value, .true., dim=1) - 1
+         if (self%level < 0) call fail(error, "unknown log level '"//value//"'; known: "//join(log_level_names, ", "))
+      case default; self%output = value
+      end select
+   end subroutine take_value
 
    subroutine read_time_limit(text, seconds, error)
       character(*), intent(in) :: text
@@ -111,7 +131,7 @@ contains
 
    !> Refuses options that contradict each other.
    subroutine check_combination(self, error)
-      type(arguments_t), intent(inout) :: self
+      type(arguments_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
       logical :: is_resume
 

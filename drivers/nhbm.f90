@@ -8,12 +8,22 @@ program nhbm
    use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
    use hb_text, only: closest_word, join, string_t
    use hb_version, only: git_commit, program_version
+   use verb_bench, only: run_bench
    use verb_check, only: run_check
    use verb_info, only: run_info
+   use verb_plan, only: run_plan
    use verb_solve, only: run_resume, run_solve
    implicit none
 
-   character(7), parameter :: verbs(6) = [character(7) :: "solve", "resume", "info", "check", "help", "version"]
+   character(7), parameter :: verbs(8) = [character(7) :: &
+      "solve", &
+      "resume", &
+      "info", &
+      "check", &
+      "plan", &
+      "bench", &
+      "help", &
+      "version"]
 
    interface
       !> Ends the process with a status and without a word.
@@ -69,6 +79,10 @@ contains
          if (.not. all_right) status = not_all_right
       else if (verb == "info") then
          call run_info(options, comm, status, error)
+      else if (verb == "plan") then
+         call run_plan(options, comm, error)
+      else if (verb == "bench") then
+         call run_bench(options, comm, error)
       else if (verb == "resume") then
          call run_resume(options, comm, status, error)
       else
@@ -87,6 +101,7 @@ contains
          "       nhbm info RESULT                what a result file holds, whether it is complete", &
          "       nhbm check INPUT [options]      read the input, every point of it, say what it asks for, and compare the", &
          "                                       derivatives of its laws with differences of their forces", &
+         "       nhbm plan INPUT [options]       say how large the result becomes and how the run would go on many ranks", &
          "       nhbm version                    version and commit", &
          "       mpirun -n 4 nhbm solve INPUT    the same, points spread over 4 ranks", &
          "", &
@@ -98,8 +113,19 @@ contains
          "  --time-limit SECONDS begin no point that would end later, as long as the longest so far", &
          "  --set PATH=VALUE     change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden';", &
          "                       may be given several times", &
-         "  --quiet              no progress and no summary", &
+         "  --quiet              errors alone: neither progress nor summary; as --log-level quiet", &
+         "  --verbose            also where the time of each rank went; as --log-level verbose", &
+         "  --log-level LEVEL    quiet, normal (progress, summary, warnings), verbose, debug (also a line a point)", &
          "  -h, --help           this text", &
+         "", &
+         "options of plan (docs/cluster.md):", &
+         "  --ranks N,N,...      numbers of ranks; default: 1 to 100000 by tens", &
+         "  --points N           points, in place of those of the input", &
+         "  --cost-from FILE     seconds of the points of a result file, in their order", &
+         "  --cost MEAN,SPREAD   seconds of a point, and the standard deviation of its logarithm", &
+         "  --machine KEY=VALUE  latency, counter_rate, write_latency, write_rate, bandwidth, hold, group_size;", &
+         "                       may be given several times", &
+         "  -o, --output FILE    write the table as comma-separated values too, for nhbm-post plan", &
          "", &
          "exit status: 0 all points converged, 1 some did not (their status is in the file) or a derivative is wrong,", &
          "             2 bad input or file, 3 points are left: a signal or the time limit came first; resume solves them.", &

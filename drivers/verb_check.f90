@@ -4,13 +4,15 @@ module verb_check
    use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t
    use hb_error, only: annotate, error_t
+   use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_check, only: check_derivatives, derivative_check_t
    use hb_law_set, only: law_dofs_of
+   use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text
    use hb_mpi, only: comm_t, rank_of
    use hb_namelist, only: document_t
-   use hb_scene, only: read_scene, scene_t
-   use hb_sweep, only: study_t
+   use hb_scene, only: read_scene, scene_t, sizes_of
+   use hb_study, only: study_t
    use hb_text, only: join, to_text
    use verb_solve, only: load_study
    implicit none
@@ -50,7 +52,7 @@ contains
 
       document = study%document
       call study%plan%apply(point, document, error)
-      if (.not. allocated(error)) call read_scene(scene, document, error)
+      if (.not. allocated(error)) call read_scene(scene, document, error, study%available_memory)
       call annotate(error, "point "//to_text(point)//" ("//study%plan%describe(point)//")")
    end subroutine check_point
 
@@ -67,16 +69,44 @@ contains
          end do
          write (output_unit, "(a)") "structure   "//to_text(scene%structure%n_dofs)//" degrees of freedom"
          write (output_unit, "(a, *(a, :, ', '))") "tones       ", &
-            (to_text(scene%tones%omega(i))//" rad/s", i=1, scene%tones%n_tones)
+            (tone_text(scene, i), i=1, scene%tones%n_tones)
          write (output_unit, "(a)") "harmonics   "//to_text(scene%harmonics%n_harmonics)
          write (output_unit, "(a, *(a, :, ' x '))") "samples     ", &
             (to_text(scene%torus%n_samples(i)), i=1, scene%tones%n_tones)
          write (output_unit, "(a)") "unknowns    "//to_text(scene%harmonics%n_coefficients*size(law_dofs))
+         call describe_memory(scene)
          do i = 1, size(scene%laws)
             write (output_unit, "(a)") "law         "//scene%laws(i)%law%label
          end do
       end associate
    end subroutine describe
+
+   !> Says what the memory of a point is estimated at, and what takes most of it.
+   subroutine describe_memory(scene)
+      type(scene_t), intent(in) :: scene
+      type(memory_estimate_t) :: bytes
+      character(:), allocatable :: text
+
+      bytes = estimate_memory(sizes_of(scene))
+      text = amount(bytes%usual())
+      if (bytes%worst() > bytes%usual()) text = text//", "//amount(bytes%worst())//" if it needs a rescue"
+      if (scene%memory_limit < huge(1.0_wp)) text = text//"; "//amount(scene%memory_limit)//" are there"
+      write (output_unit, "(a)") "memory      "//text, "            "//memory_text(bytes)
+   end subroutine describe_memory
+   !> Frequency of a tone, or that it is unknown.
+   function tone_text(scene, i) result(text)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: i
+      character(:), allocatable :: text
+
+      text = to_text(scene%tones%omega(i))//" rad/s"
+      if (.not. scene%tones%is_unknown(i)) return
+      if (scene%tones%omega(i) > 0.0_wp) then
+         text = "unknown, first guess "//text
+      else
+         text = "unknown"
+      end if
+   end function tone_text
 
    !> Checks the derivatives of all laws of the first point and prints them as a table, wrong ones by name.
    subroutine check_laws(laws, all_right)

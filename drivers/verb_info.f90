@@ -10,7 +10,7 @@ module verb_info
    use hb_namelist, only: document_t
    use hb_outcome, only: outcome, outcome_name, outcome_text
    use hb_results_record, only: open_points, read_record, record_t
-   use hb_sweep, only: read_input
+   use hb_study, only: read_input
    use hb_sweep_plan, only: parameter_units, read_sweep_plan, swept_t, sweep_plan_t
    use hb_text, only: to_text
    implicit none

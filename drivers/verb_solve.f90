@@ -1,17 +1,22 @@
 !> `nhbm solve`: solves all points of an input and writes the result file. `nhbm resume`: goes on with one.
 module verb_solve
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
-   use arguments, only: arguments_t
+   use arguments, only: arguments_t, default_output
    use exit_status, only: incomplete, not_all_right, success
+   use hb_available_memory, only: available_memory
    use hb_error, only: error_t
    use hb_interruption, only: interruption
-   use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, share_error, size_of
+   use hb_kinds, only: wp
+   use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use hb_outcome, only: outcome, outcome_text
+   use hb_progress, only: log_level
    use hb_results_record, only: read_record, record_t
    use hb_run_summary, only: run_summary_t
    use hb_signals, only: catch_signals, signal_caught, signal_name
-   use hb_sweep, only: new_study, run_options_t, run_study, study_t
+   use hb_study, only: new_study, study_t
+   use hb_sweep, only: run_options_t, run_study
    use hb_text, only: join, read_text_file, split, string_t, to_text
+   use hb_timing, only: timing_lines
    use hb_version, only: git_commit, program_version
    implicit none
    private
@@ -26,11 +31,14 @@ contains
       integer, intent(out) :: status
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
+      character(:), allocatable :: path
 
       status = success
+      path = default_output(options%input)
+      if (allocated(options%output)) path = options%output
       call load_study(options, comm, study, error)
       if (allocated(error)) return
-      call run(study, options, options%output, options%resumes, comm, status, error)
+      call run(study, options, path, options%resumes, comm, status, error)
    end subroutine run_solve
 
    !> Runs the verb `resume`; an exit status without an error.
@@ -63,10 +71,10 @@ contains
       how%overwrite = options%overwrite
       how%resumes = resumes
       how%retries = options%retries
-      how%is_quiet = options%is_quiet
+      how%level = options%level
       how%time_limit = options%time_limit
       status = success
-      is_told = rank_of(comm) == 0 .and. .not. options%is_quiet
+      is_told = rank_of(comm) == 0 .and. options%level >= log_level%normal
       if (is_told) write (output_unit, "(a)") "nhbm "//options%verb//" "//options%input//": "// &
          to_text(study%plan%n_points)//" points on "//to_text(size_of(comm))//" ranks, "// &
          to_text(study%scene%tones%n_tones)//" tones, "//to_text(size(study%tuples, 2))//" harmonics"
@@ -78,6 +86,7 @@ contains
       if (summary%counts(outcome%converged) < summary%n_points) status = not_all_right
       if (summary%n_left > 0) status = incomplete
       if (is_told) call write_summary(summary, path)
+      if (is_told .and. options%level >= log_level%verbose) call write_times(summary)
       if (rank_of(comm) == 0 .and. status == incomplete) write (error_unit, "(a)") "nhbm: "//reason(summary)//": "// &
          to_text(summary%n_left)//" points are left; nhbm resume "//path//" solves them"
    end subroutine run
@@ -97,6 +106,15 @@ contains
          reason = "ended early"
       end select
    end function reason
+
+   subroutine write_times(summary)
+      type(run_summary_t), intent(in) :: summary
+      character(:), allocatable :: lines(:)
+      integer :: i
+
+      lines = timing_lines(summary%times)
+      write (output_unit, "(a)") "where the time of the ranks went:", (trim(lines(i)), i=1, size(lines))
+   end subroutine write_times
 
    subroutine write_summary(summary, path)
       type(run_summary_t), intent(in) :: summary
@@ -132,7 +150,7 @@ contains
       call share_error(comm, error)
       if (allocated(error)) return
       call broadcast_text(comm, text, 0)
-      call new_study(study, options%input, text, options%overrides, error)
+      call new_study(study, options%input, text, options%overrides, error, memory_share(comm))
    end subroutine load_study
 
    !> Makes the study of the input that stands in a result file.
@@ -160,6 +178,13 @@ contains
       call broadcast_text(comm, lines, 0)
       allocate (overrides(0))
       if (len(lines) > 0) call split(lines, new_line("a"), overrides)
-      call new_study(study, name, text, overrides, error)
+      call new_study(study, name, text, overrides, error, memory_share(comm))
    end subroutine load_stored_study
+
+   !> Memory [bytes] that each process may take: the smallest share of all ranks; collective.
+   real(wp) function memory_share(comm)
+      type(comm_t), intent(in) :: comm
+
+      memory_share = -max_over(comm, -available_memory()/ranks_on_node(comm))
+   end function memory_share
 end module verb_solve

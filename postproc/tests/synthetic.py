@@ -5,7 +5,10 @@ import itertools
 import h5py
 import numpy as np
 
-STATUS_WORDS = "pending converged stalled out_of_budget singular not_finite failed truncated aliased penetrating"
+STATUS_WORDS = (
+    "pending converged stalled out_of_budget singular not_finite failed truncated aliased penetrating "
+    "collapsed no_motion"
+)
 CONVENTION = (
     "x(t) = sum over harmonics h of [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ]; "
     "one-sided peak amplitude sqrt(cos_h**2 + sin_h**2)"
@@ -45,12 +48,14 @@ def write_results(
     message_layout="chars",
     dof_units=None,
     penetration=None,
+    input_groups="",
 ):
     """Writes a file; `coefficients` (point, dof, harmonic, 2), `parameters` {name: (path, units, values)}.
 
     `samples` etc. have the shape (point, law_dof, ..., tau_2, tau_1). `strings` chooses `variable`, or
     `fixed` padded by blanks as Fortran does; `message_layout` chooses `fixed` strings or `chars`, the
-    netCDF way. `dof_units` gives each degree of freedom its own unit.
+    netCDF way. `dof_units` gives each degree of freedom its own unit. `input_groups`
+    goes before `&output` in the stored input.
     """
     tuples = np.asarray(tuples, dtype=np.int32)
     frequency = np.asarray(frequency, dtype=float)
@@ -109,7 +114,7 @@ def write_results(
             status,
             ("point",),
             long_name="outcome",
-            flag_values=np.arange(7, dtype=np.int32),
+            flag_values=np.arange(len(STATUS_WORDS.split()), dtype=np.int32),
             flag_meanings=STATUS_WORDS,
         )
         messages = [m.encode() for m in (messages or [""] * n_points)]
@@ -150,6 +155,6 @@ def write_results(
                 if values is not None:
                     add(name, values, ("point", "law_dof", *axes), "N" if name.startswith("force") else units)
         for name in ("input_text", "input_complete"):
-            text = f"&output title='{title}' /"
+            text = f"{input_groups}&output title='{title}' /"
             file.create_dataset(name, data=np.bytes_(text) if strings == "fixed" else text)
     return path

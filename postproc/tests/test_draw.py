@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from conftest import single, walled
 from matplotlib.image import imread
+from synthetic import write_results
 
 from nhbm_post import Results, UsageError
-from nhbm_post.draw import draw_correction, draw_response, draw_spectrum, draw_time, save
+from nhbm_post.draw import draw_correction, draw_response, draw_rotor, draw_spectrum, draw_time, save
+from nhbm_post.draw.rotor import CASING, DISK, RotorStator, mean_radius
 from nhbm_post.draw.style import unit_scale
 from nhbm_post.draw.time_history import Record, read_record
 
@@ -189,3 +191,67 @@ def test_units_get_prefixes(largest, units, expected):
     factor, text = unit_scale(largest, units)
     assert text == expected
     assert largest == 0.0 or 0.4 < largest * factor < 1000.0
+
+
+ROTOR = """&structure
+   type = 'rotor_stator'
+   n_diameters = 3
+   speed = 0.9
+   frame = '{}'
+   disk_frequency = 1.0
+   casing_frequency = 1.7
+/
+&law
+   type = 'blade_contact'
+   n_blades = 22
+   gaps = 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0,
+      1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0
+/
+"""
+
+
+def rotor_file(path, frame, tone=1.2, disk=2.0, casing=1.5):
+    """Waves exp(-i tone t) of disk and casing in the rotating frame at two speeds, in one frame or in each its own."""
+    tuples, tones = np.array([[1]]), [[tone], [tone]]
+    waves = np.array([[[disk, 0.0]], [[0.0, -disk]], [[casing, 0.0]], [[0.0, -casing]]])
+    if frame == "own":  # on the casing exp(i (3 Omega - tone) t)
+        tuples, tones = np.array([[1, 0], [1, -3]]), [[tone, 0.9], [tone, 0.95]]
+        waves = np.repeat(waves, 2, axis=1)
+        waves[:2, 1] = waves[2:, 0] = 0.0
+    return write_results(
+        path,
+        tuples,
+        tones,
+        [waves, waves],
+        dofs=("q1", "q2", "r1", "r2"),
+        law_dofs=("q1", "q2", "r1", "r2"),
+        parameters={"structure_speed": ("structure%speed", "1", [0.9, 0.95])},
+        input_groups=ROTOR.format(frame),
+    )
+
+
+@pytest.mark.parametrize("frame", ["rotating", "own"])
+def test_rotor_waves_in_the_stationary_frame(tmp_path, frame):
+    """The casing's crest moves by (3 Omega - tone)/3, whatever the frame of the coordinates."""
+    with Results(rotor_file(tmp_path / "a.h5", frame)) as results:
+        rotor = RotorStator(results, 1)
+        assert rotor.critical_speed == pytest.approx(0.9) and rotor.speed == 0.95
+        assert (rotor.n_blades, rotor.gap) == (22, pytest.approx((0.5 + 21.0) / 22))
+        assert rotor.wave_speed() == pytest.approx((3 * 0.95 - 1.2) / 3, rel=1e-6)
+        theta, t = np.linspace(0.0, 6.0, 7), 2.3
+        expected = np.cos(3 * theta - (3 * 0.95 - 1.2) * t)
+        assert rotor.displacement(DISK, theta, t) == pytest.approx(2.0 * expected)
+        assert rotor.displacement(CASING, theta, t) == pytest.approx(1.5 * expected)
+        assert mean_radius(results, 1, CASING) == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("view", ["speeds", "snapshots", "wave"])
+def test_rotor_pictures(tmp_path, view):
+    with Results(rotor_file(tmp_path / "a.h5", "rotating")) as results:
+        fig = draw_rotor(results, 0, view)
+    assert_picture(fig, tmp_path / "a.png")
+
+
+def test_rotor_needs_its_structure(tmp_path):
+    with Results(single(tmp_path / "a.h5", 1)) as results, pytest.raises(UsageError, match="rotor_stator"):
+        draw_rotor(results, 0)

@@ -31,6 +31,7 @@ module hb_balance
       type(dynamic_stiffness_t) :: stiffness
       real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
+      real(wp), allocatable :: xi(:)                                  !! artificial damping, negative, per tone [1/s], (n_tones)
       integer :: n_dofs = 0                                           !! degrees of freedom on which laws act
       type(law_set_t) :: law_set
       type(transform_t), private :: transform
@@ -51,7 +52,11 @@ module hb_balance
       procedure :: solve_linear => balance_solve_linear
       procedure :: rounding_level => balance_rounding_level
       procedure :: solve_mean_tangent => balance_solve_mean_tangent
+      procedure :: move => balance_move
+      procedure :: drives => balance_drives
       procedure :: frequency_derivative => balance_frequency_derivative
+      procedure :: damping_derivative => balance_damping_derivative
+      procedure :: mean_slopes => balance_mean_slopes
       procedure :: deform => balance_deform
       procedure :: linear_solution => balance_linear_solution
       procedure :: sample => balance_sample
@@ -77,6 +82,7 @@ contains
       self%harmonics = harmonics
       self%omega = omega
       self%frequencies = harmonics%frequencies(omega)
+      self%xi = 0.0_wp*omega
       self%stiffness = stiffness
       self%n_dofs = size(stiffness%load, 1)
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
@@ -516,6 +522,95 @@ contains
       end associate
    end subroutine add_reaction
 
+   !> Changes base frequencies and artificial damping; scales, first Jacobian and what laws were told by the structure stay.
+   !>
+   !> Fails where the stiffness was made without slopes or its interior is singular at the new frequencies.
+   subroutine balance_move(self, omega, xi, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones), > 0
+      real(wp), intent(in) :: xi(:)                                   !! [1/s], (n_tones)
+      type(error_t), allocatable, intent(out) :: error
+      logical :: is_same(2)
+
+      is_same = [all(omega == self%omega), all(xi == self%xi)]
+      if (all(is_same)) return
+      self%omega = omega
+      self%xi = xi
+      self%frequencies = self%harmonics%frequencies(omega)
+      if (.not. is_same(1)) call self%law_set%move(self%transform%torus, omega)
+      call self%stiffness%move(self%frequencies, self%drives(), error)
+      if (allocated(error)) self%omega = -1.0_wp                      ! what is kept fits no frequencies
+   end subroutine balance_move
+
+   !> The drive of each harmonic, sum over the tones of xi_m j_m omega_m [rad**2/s**2]: the artificial forces
+   !> -M sum_m xi_m omega_m dx/dtau_m on the left-hand side. Source: docs/theory.md, section 6.5.
+   pure function balance_drives(self) result(drives)
+      class(balance_t), intent(in) :: self
+      real(wp) :: drives(self%harmonics%n_harmonics)
+
+      drives = self%harmonics%frequencies(self%xi*self%omega)
+   end function balance_drives
+
+   !> Derivative of the residual by the artificial damping of tone m at fixed coefficients and frequencies. Fails as
+   !> `frequency_derivative` does.
+   subroutine balance_damping_derivative(self, u, m, derivative, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      integer, intent(in) :: m                                        !! tone
+      real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)   !! [N s]
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: reaction(self%harmonics%n_coefficients, self%n_dofs)
+
+      call prepare_slopes(self, u, m, derivative, error)
+      if (allocated(error)) return
+      call find_reaction_slope(self, u, 0.0_wp*self%frequencies, self%omega(m)*self%harmonics%tuples(m, :), reaction)
+      associate (by => self%law_set%by_frequency)
+         if (self%law_set%needs_reaction) then
+            if (self%law_set%needs_velocity) by%v%values = 0.0_wp
+            call self%transform%to_samples(reaction, by%s%values)
+            call self%law_set%differentiate_without_memory()
+            call self%transform%to_coefficients(by%f%values, self%force)
+            derivative = self%law_factor*self%force
+         end if
+      end associate
+      derivative = derivative - reaction
+   end subroutine balance_damping_derivative
+
+   !> What both derivatives begin with: refuses what cannot be answered, evaluates the laws with derivatives.
+   subroutine prepare_slopes(self, u, m, derivative, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(:, :)
+      integer, intent(in) :: m
+      real(wp), intent(out) :: derivative(:, :)
+      type(error_t), allocatable, intent(out) :: error
+
+      derivative = 0.0_wp
+      if (.not. allocated(self%stiffness%condensed_slope)) then
+         call fail(error, "balance: its dynamic stiffness was made without slopes; derivatives by frequencies need them")
+      else if (m < 1 .or. m > size(self%omega)) then
+         call fail(error, "balance: no tone "//to_text(m)//" to differentiate by, there are 1 to "//to_text(size(self%omega)))
+      end if
+      if (allocated(error)) return
+      call balance_sample(self, u)
+      call self%law_set%differentiate(error)
+      if (allocated(error)) return
+      call self%law_set%make_frequency_samples(error)
+   end subroutine prepare_slopes
+
+   !> Means over the torus of the derivatives of all forces by motion and rate, at a motion. Reactions are left out.
+   subroutine balance_mean_slopes(self, u, df_dq, df_dv, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      real(wp), intent(out) :: df_dq(:, :)                            !! [N/m], (n_dofs, n_dofs)
+      real(wp), intent(out) :: df_dv(:, :)                            !! [N s/m], as df_dq
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: df_ds(self%n_dofs, self%n_dofs)
+
+      call balance_sample(self, u)
+      call self%law_set%differentiate(error)
+      if (.not. allocated(error)) call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
+   end subroutine balance_mean_slopes
+
    !> Derivative of the residual by base frequency m at fixed coefficients, exact for the discrete equations:
    !> dR/domega_m = j_m (dS/dw u - dP/dw) + the projection of df/dv dv/domega_m + df/ds ds/domega_m.
    !>
@@ -531,22 +626,11 @@ contains
       real(wp) :: reaction(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), allocatable :: weight_slope(:)
 
-      derivative = 0.0_wp
-      if (.not. allocated(self%stiffness%condensed_slope)) then
-         call fail(error, "balance: its dynamic stiffness was made without slopes; derivatives by frequencies need them")
-      else if (m < 1 .or. m > size(self%omega)) then
-         call fail(error, "balance: no tone "//to_text(m)//" to differentiate by, there are 1 to "//to_text(size(self%omega)))
-      end if
+      call prepare_slopes(self, u, m, derivative, error)
       if (allocated(error)) return
-      call balance_sample(self, u)
-      call self%law_set%differentiate(error)
-      if (allocated(error)) return
-      call self%law_set%make_frequency_samples(error)
-      if (allocated(error)) return
-
       turns = real(self%harmonics%tuples(m, :), wp)
       allocate (weight_slope(0))
-      call find_reaction_slope(self, u, turns, reaction)
+      call find_reaction_slope(self, u, turns, self%xi(m)*turns, reaction)
       associate (by => self%law_set%by_frequency)
          if (self%law_set%needs_velocity) call self%transform%to_rate_samples(u, turns, by%v%values)
          if (self%law_set%needs_reaction) call self%transform%to_samples(reaction, by%s%values)
@@ -589,22 +673,24 @@ contains
       end associate
    end subroutine sample_step_slopes
 
-   !> ds/domega_m = j_m (dP/dw - dS/dw u), per harmonic.
-   subroutine find_reaction_slope(self, u, turns, slope)
+   !> Derivative of s where the frequency of each harmonic changes by `turns` and its drive by `drive_turns`:
+   !> (dP/dw - dS/dw u) turns + (dP/ddrive - dS/ddrive u) drive_turns.
+   subroutine find_reaction_slope(self, u, turns, drive_turns, slope)
       type(balance_t), intent(in) :: self
       real(wp), intent(in) :: u(:, :)
-      real(wp), intent(in) :: turns(:)                                !! j_m, (n_harmonics)
+      real(wp), intent(in) :: turns(:), drive_turns(:)                !! (n_harmonics)
       real(wp), intent(out) :: slope(:, :)                            !! [N s], as u
       complex(wp) :: s
       integer :: h, i, k
 
       do h = 1, self%harmonics%n_harmonics
          do i = 1, self%n_dofs
-            s = self%load_factor*self%stiffness%load_slope(i, h)
+            s = self%load_factor*(turns(h)*self%stiffness%load_slope(i, h) + drive_turns(h)*self%stiffness%load_drive_slope(i, h))
             do k = 1, self%n_dofs
-               s = s - self%stiffness%condensed_slope(i, k, h)*amplitude(self, u, h, k)
+               s = s - (turns(h)*self%stiffness%condensed_slope(i, k, h) + &
+                        drive_turns(h)*self%stiffness%condensed_drive_slope(i, k, h))*amplitude(self, u, h, k)
             end do
-            call set_amplitude(self, slope, h, i, turns(h)*s)
+            call set_amplitude(self, slope, h, i, s)
          end do
       end do
    end subroutine find_reaction_slope

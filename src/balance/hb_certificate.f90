@@ -11,13 +11,14 @@ module hb_certificate
    use hb_kinds, only: wp
    use hb_law, only: defects_t, law_box_t
    use hb_law_set, only: law_dofs_of
+   use hb_phase, only: phase_problem_t
    use hb_structure, only: structure_t
    use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
-   use hb_tones, only: tones_t
-   use hb_torus, only: default_samples, new_torus, torus_t
+   use hb_tones, only: new_tones, tones_t
+   use hb_torus, only: new_torus, samples_for, torus_t
    implicit none
    private
-   public :: certificate_t, certify, near_commensurate
+   public :: certificate_t, certify, near_commensurate, wider_orders, wider_samples
 
    real(wp), parameter :: rest = 1.0e-6_wp                             ! motion relative to what the loads do to the stiffest
                                                                       ! harmonic, below which nothing moves
@@ -27,6 +28,7 @@ module hb_certificate
    type :: certificate_t
       real(wp) :: truncation = 0.0_wp                                 !! estimated error by the harmonics left out, relative
       real(wp) :: aliasing = 0.0_wp                                   !! estimated error by the finite grid, relative
+      real(wp), allocatable :: frequency_error(:)                     !! of unknown tones, by both [rad/s], (n_tones)
       type(defects_t) :: defects                                      !! of rigid walls and rigid friction, on the finer grid
       real(wp) :: power_in = 0.0_wp                                   !! mean power of the loads [W]
       real(wp) :: power_damping = 0.0_wp                              !! mean loss in the structure [W]
@@ -38,26 +40,30 @@ module hb_certificate
 contains
 
    !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance.
-   subroutine certify(self, structure, tones, laws, loads, torus, balance, u, effort, error)
+   subroutine certify(self, structure, laws, loads, torus, balance, u, effort, error, phase)
       type(certificate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
-      type(tones_t), intent(in) :: tones
       type(law_box_t), intent(in) :: laws(:)
       complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
       type(torus_t), intent(in) :: torus                              !! grid of the solution
-      type(balance_t), intent(inout) :: balance
+      type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: u(:, :)                                 !! [m]
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
+      type(phase_problem_t), intent(inout), optional :: phase         !! on this balance, where it has unknown tones
       type(balance_t) :: wide
       type(harmonics_t) :: set
+      type(tones_t) :: tones
       type(torus_t) :: grid
 
+      call new_tones(tones, balance%omega, error)
+      if (allocated(error)) return
+      allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
       call choose_wider(balance%harmonics, torus, set, grid, error)
       if (allocated(error)) return
       call make_wide_balance()
-      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, error)
+      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, error, phase)
       if (.not. allocated(error)) then
          call check_contact(self, balance, wide, u)
          call find_structure_powers(self, structure, balance, loads, u)
@@ -75,9 +81,10 @@ contains
          do h = 1, balance%harmonics%n_harmonics
             wide_loads(:, set%index_of(balance%harmonics%tuples(:, h))) = loads(:, h)
          end do
-         call new_dynamic_stiffness(stiffness, structure, law_dofs_of(laws), set%frequencies(tones%omega), wide_loads, error)
+         call new_dynamic_stiffness(stiffness, structure, law_dofs_of(laws), set%frequencies(balance%omega), wide_loads, error, &
+                                    drives=set%frequencies(balance%xi*balance%omega))
          if (allocated(error)) return
-         call new_balance(wide, set, grid, tones%omega, stiffness, balance%law_set%laws, effort, error)
+         call new_balance(wide, set, grid, balance%omega, stiffness, balance%law_set%laws, effort, error)
       end subroutine make_wide_balance
    end subroutine certify
 
@@ -88,31 +95,49 @@ contains
       type(harmonics_t), intent(out) :: set
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
-      integer :: orders(narrow%n_tones), samples(narrow%n_tones)
+      integer :: orders(narrow%n_tones)
 
-      orders = max(2*narrow%highest, narrow%highest + 2)
-      do while (product(2*real(orders, wp) + 1) > 2*largest_wide_set .and. any(orders > narrow%highest))
-         where (orders > narrow%highest) orders = orders - 1
-      end do
+      orders = wider_orders(narrow%highest)
       call new_box(set, orders, .false., error)
       if (allocated(error)) return
-      samples = max(default_samples(set, 0), 4*torus%n_samples)
-      do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(torus%n_samples, 2*orders + 2)))
-         samples = max(torus%n_samples, 2*orders + 2, samples - max(2, samples/8))
-      end do
-      call new_torus(grid, samples, set, error)
+      call new_torus(grid, wider_samples(torus%n_samples, orders), set, error)
    end subroutine choose_wider
+
+   !> Orders of the wider box, for the orders of the solution.
+   pure function wider_orders(highest) result(orders)
+      integer, intent(in) :: highest(:)                               !! (n_tones)
+      integer :: orders(size(highest))
+
+      orders = max(2*highest, highest + 2)
+      do while (product(2*real(orders, wp) + 1) > 2*largest_wide_set .and. any(orders > highest))
+         where (orders > highest) orders = orders - 1
+      end do
+   end function wider_orders
+
+   !> Samples of the finer grid, for those of the solution and the orders of the wider box.
+   pure function wider_samples(n_samples, orders) result(samples)
+      integer, intent(in) :: n_samples(:), orders(:)                  !! (n_tones)
+      integer :: samples(size(orders))
+
+      samples = max(samples_for(orders, 0), 4*n_samples)
+      do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(n_samples, 2*orders + 2)))
+         samples = max(n_samples, 2*orders + 2, samples - max(2, samples/8))
+      end do
+   end function wider_samples
 
    !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: the harmonics
    !> outside answer the forces that nothing balances, through their stiffness with the mean stiffness of the laws; what
-   !> this motion then changes in the kept ones comes by the exact tangent.
-   subroutine estimate_errors(self, balance, wide, u, error)
+   !> this motion then changes in the kept ones, and in unknown frequencies, comes by the exact tangent.
+   subroutine estimate_errors(self, balance, wide, u, error, phase)
       type(certificate_t), intent(inout) :: self
-      type(balance_t), intent(inout) :: balance, wide
+      type(balance_t), intent(inout), target :: balance
+      type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)
       type(error_t), allocatable, intent(out) :: error
+      type(phase_problem_t), intent(inout), optional :: phase
       type(tangent_factor_t) :: factor
       real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), size_of_motion
+      integer :: n
       logical :: is_singular
 
       if (all(u == 0.0_wp)) return
@@ -120,9 +145,15 @@ contains
       allocate (big(wide%harmonics%n_coefficients, wide%n_dofs), source=0.0_wp)
       allocate (defect, mold=big)
       allocate (answer, mold=big)
-      allocate (change(size(u)), alias(size(u)))
-      call new_tangent_factor(factor, balance%n_unknowns)
-      call factor%update(balance, reshape(u, [size(u)]), is_singular)
+      n = balance%n_unknowns
+      if (present(phase)) n = phase%n_unknowns
+      allocate (change(n), alias(n))
+      call new_tangent_factor(factor, n)
+      if (present(phase)) then
+         call factor%update(phase, phase%unknowns(u), is_singular)
+      else
+         call factor%update(balance, reshape(u, [size(u)]), is_singular)
+      end if
       if (is_singular) then
          self%truncation = huge(1.0_wp)
          self%aliasing = huge(1.0_wp)
@@ -131,8 +162,8 @@ contains
       call exchange(balance%harmonics, wide%harmonics, u, big)
       call residual_of(wide, big, defect)
       alias = restricted(defect)
-      call factor%solve(balance, alias)
-      self%aliasing = norm2(alias)/size_of_motion
+      call solve_tangent(alias)
+      self%aliasing = norm2(alias(:size(u)))/size_of_motion
 
       call clear_kept(balance%harmonics, wide%harmonics, defect)
       call wide%solve_mean_tangent(big, defect, answer, error)
@@ -140,20 +171,37 @@ contains
       call clear_kept(balance%harmonics, wide%harmonics, answer)
       call residual_of(wide, big - answer, defect)
       change = restricted(defect)
-      call factor%solve(balance, change)
-      self%truncation = sqrt(norm2(change - alias)**2 + norm2(answer)**2)/size_of_motion
+      call solve_tangent(change)
+      change = change - alias
+      self%truncation = sqrt(norm2(change(:size(u)))**2 + norm2(answer)**2)/size_of_motion
+      if (present(phase)) then
+         associate (first => size(u) + 1, last => size(u) + size(phase%tones))
+            self%frequency_error(phase%tones) = hypot(change(first:last), alias(first:last))
+         end associate
+      end if
 
    contains
 
-      !> The kept part of wide coefficients, as a vector.
+      !> The kept part of wide coefficients, as a vector; the equations of unknown tones have nothing to add.
       function restricted(wide_coefficients) result(kept)
          real(wp), intent(in) :: wide_coefficients(:, :)
-         real(wp) :: kept(size(u))
+         real(wp) :: kept(n)
          real(wp) :: pairs(size(u, 1), size(u, 2))
 
          call exchange(wide%harmonics, balance%harmonics, wide_coefficients, pairs)
-         kept = reshape(pairs, [size(u)])
+         kept = 0.0_wp
+         kept(:size(u)) = reshape(pairs, [size(u)])
       end function restricted
+
+      subroutine solve_tangent(r)
+         real(wp), intent(inout), contiguous :: r(:)
+
+         if (present(phase)) then
+            call factor%solve(phase, r)
+         else
+            call factor%solve(balance, r)
+         end if
+      end subroutine solve_tangent
    end subroutine estimate_errors
 
    subroutine residual_of(problem, u, r)
@@ -261,7 +309,7 @@ contains
       type(tones_t), intent(in) :: tones
       integer, allocatable, intent(out) :: combination(:)             !! (n_tones); of one tone 1
       real(wp), intent(out) :: frequency                              !! |k.omega| [rad/s]
-      integer, parameter :: largest_sum(4) = [1, 24, 12, 8]           ! of |k_m|, by number of tones
+      integer, parameter :: largest_sum(10) = [1, 24, 12, 8, 8, 4, 3, 2, 1, 1]   ! of |k_m|, by number of tones
       integer :: k(tones%n_tones), m, reach
 
       reach = largest_sum(min(tones%n_tones, size(largest_sum)))

@@ -29,6 +29,7 @@ module hb_law_memory
       type(frequency_walk_t), allocatable, private :: frequency_walk  ! from the first use on
       real(wp), allocatable, private :: f_by_frequency(:, :)          ! (n_samples, n_coordinates)
    contains
+      procedure :: forget_tones => law_memory_forget_tones
       procedure :: run => law_memory_run
       procedure :: add_frequency_slope => law_memory_add_frequency_slope
       procedure :: prepare_answers => law_memory_prepare_answers
@@ -49,6 +50,13 @@ contains
 
       call new_memory(self%walk, characteristic, size(law%shape, 2), law%n_states)
    end subroutine new_law_memory
+
+   !> Drops what was made for the base frequencies, when these change.
+   pure subroutine law_memory_forget_tones(self)
+      class(law_memory_t), intent(inout) :: self
+
+      if (allocated(self%tangent)) deallocate (self%tangent, self%answer)
+   end subroutine law_memory_forget_tones
 
    !> Finds the forces: the states that repeat on the path of the law, then the force sample by sample.
    subroutine law_memory_run(self, law, columns, characteristic, q, q_before, step_rate, step_rate_before, f)

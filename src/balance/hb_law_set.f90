@@ -42,11 +42,13 @@ module hb_law_set
       integer, allocatable, private :: pair_at(:, :)                  ! (n_dofs, n_dofs), 0: no pair
       logical, private :: has_derivatives = .false.
    contains
+      procedure :: move => law_set_move
       procedure :: columns_of => law_set_columns_of
       procedure :: evaluate => law_set_evaluate
       procedure :: differentiate => law_set_differentiate
       procedure :: make_frequency_samples => law_set_make_frequency_samples
       procedure :: differentiate_by_frequency => law_set_differentiate_by_frequency
+      procedure :: differentiate_without_memory => law_set_differentiate_without_memory
       procedure :: prepare_answers => law_set_prepare_answers
       procedure :: n_blocks => law_set_n_blocks
       procedure :: answer_block => law_set_answer_block
@@ -102,6 +104,7 @@ contains
       self%is_given_up = .false.
       if (allocated(self%complaint)) deallocate (self%complaint)
       self%laws = laws
+      call set_phases(self%laws, torus)
       dofs = law_dofs_of(laws)
       self%n_dofs = size(dofs)
       if (allocated(self%slots)) deallocate (self%slots)
@@ -132,6 +135,35 @@ contains
       if (allocated(error)) return
       call new_real_block(self%step_rate_before, n_samples, self%n_dofs, error)
    end subroutine new_law_set
+
+   !> Tells the laws that ask for it the phases of their tones on the grid.
+   pure subroutine set_phases(laws, torus)
+      type(law_box_t), intent(inout) :: laws(:)
+      type(torus_t), intent(in) :: torus
+      real(wp), allocatable :: tau(:, :)
+      integer :: i
+
+      do i = 1, size(laws)
+         if (laws(i)%law%phase_tone < 1) cycle
+         if (.not. allocated(tau)) tau = torus%phases()
+         call laws(i)%law%set_phase(tau(laws(i)%law%phase_tone, :))
+      end do
+   end subroutine set_phases
+
+   !> Changes the base frequencies; the tone that leads the steps of laws with memory stays.
+   subroutine law_set_move(self, torus, omega)
+      class(law_set_t), intent(inout) :: self
+      type(torus_t), intent(in) :: torus
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones), > 0
+      integer :: i, tone
+
+      if (.not. self%has_memory) return
+      tone = self%characteristic%tone
+      call new_characteristic(self%characteristic, torus, omega, tone)
+      do i = 1, size(self%slots)
+         if (allocated(self%slots(i)%memory)) call self%slots(i)%memory%forget_tones()
+      end do
+   end subroutine law_set_move
 
    pure logical function any_hysteretic(laws)
       type(law_box_t), intent(in) :: laws(:)
@@ -219,6 +251,24 @@ contains
             if (allocated(error)) return
          end do
          if (self%has_memory) call pass_on_to_multipliers(self%laws, self%slots, by%f)
+      end associate
+      call add_pairs_by_frequency(self)
+   end subroutine law_set_differentiate_by_frequency
+
+   !> The same where the steps along time do not change, so that laws with memory give nothing.
+   subroutine law_set_differentiate_without_memory(self)
+      class(law_set_t), intent(inout) :: self
+
+      self%by_frequency%f%values = 0.0_wp
+      call add_pairs_by_frequency(self)
+   end subroutine law_set_differentiate_without_memory
+
+   !> Adds what forces answer to `by_frequency%v` and `by_frequency%s` at the same sample.
+   subroutine add_pairs_by_frequency(self)
+      class(law_set_t), intent(inout) :: self
+      integer :: i
+
+      associate (by => self%by_frequency)
          do i = 1, self%n_pairs
             associate (row => self%row(i), column => self%column(i))
                if (self%needs_velocity) by%f%values(:, row) = by%f%values(:, row) &
@@ -228,7 +278,7 @@ contains
             end associate
          end do
       end associate
-   end subroutine law_set_differentiate_by_frequency
+   end subroutine add_pairs_by_frequency
 
    subroutine run_laws(self, with_derivatives)
       class(law_set_t), intent(inout) :: self

@@ -392,14 +392,20 @@ contains
       integer, intent(out) :: i_asked                       !! for `keep`
       character(:), allocatable :: complaint
       integer, allocatable :: order(:)
-      integer :: element(2), i_key, k
+      integer :: before, element(2), i_key, k
 
       call ask(self, key, is_required, kind, i_asked, i_key)
       if (i_key == 0) return
       call pick(self, i_key, extents, order)
       if (.not. allocated(order)) return
       call found%reserve(size(order))
+      before = 0
       do k = 1, size(order)
+         if (order(k) == before) then
+            call found%repeat(k)
+            cycle
+         end if
+         before = order(k)
          call found%take(k, self%content%word(order(k)), self%content%values(order(k))%is_quoted, complaint)
          if (complaint == "") cycle
          element = element_at(k, extents)

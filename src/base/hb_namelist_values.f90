@@ -4,7 +4,7 @@
 !> word. `texts_of` gives values as a namelist has them.
 module hb_namelist_values
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_kinds, only: wp
+   use hb_kinds, only: int64, wp
    use hb_namelist_parser, only: shown
    use hb_text, only: closest_word, join, lower, parse_integer, parse_real, quote, string_t, to_text
    implicit none
@@ -25,6 +25,7 @@ module hb_namelist_values
    contains
       procedure(reserve_values), deferred :: reserve
       procedure(take_value), deferred :: take
+      procedure(repeat_value), deferred :: repeat
    end type values_t
 
    abstract interface
@@ -44,6 +45,13 @@ module hb_namelist_values
          logical, intent(in) :: is_quoted                   !! in the file
          character(:), allocatable, intent(out) :: complaint
       end subroutine take_value
+
+      !> Makes value `k` that before it, as a repeat count asks for.
+      pure subroutine repeat_value(self, k)
+         import :: values_t
+         class(values_t), intent(inout) :: self
+         integer, intent(in) :: k
+      end subroutine repeat_value
    end interface
 
    type, extends(values_t) :: reals_t
@@ -52,6 +60,7 @@ module hb_namelist_values
    contains
       procedure :: reserve => reals_reserve
       procedure :: take => reals_take
+      procedure :: repeat => reals_repeat
    end type reals_t
 
    type, extends(values_t) :: integers_t
@@ -60,6 +69,7 @@ module hb_namelist_values
    contains
       procedure :: reserve => integers_reserve
       procedure :: take => integers_take
+      procedure :: repeat => integers_repeat
    end type integers_t
 
    type, extends(values_t) :: logicals_t
@@ -67,6 +77,7 @@ module hb_namelist_values
    contains
       procedure :: reserve => logicals_reserve
       procedure :: take => logicals_take
+      procedure :: repeat => logicals_repeat
    end type logicals_t
 
    type, extends(values_t) :: strings_t
@@ -75,6 +86,7 @@ module hb_namelist_values
    contains
       procedure :: reserve => strings_reserve
       procedure :: take => strings_take
+      procedure :: repeat => strings_repeat
    end type strings_t
 
    !> Values in namelist form; not allocated where a namelist file cannot express one.
@@ -116,13 +128,28 @@ contains
       end if
    end subroutine reals_take
 
+   pure subroutine reals_repeat(self, k)
+      class(reals_t), intent(inout) :: self
+      integer, intent(in) :: k
+
+      self%values(k) = self%values(k - 1)
+   end subroutine reals_repeat
+
    pure function texts_of_reals(values) result(texts)
       real(wp), intent(in) :: values(:)
       type(string_t) :: texts(size(values))
+      character(:), allocatable :: text
+      integer(int64) :: bits, bits_before
       integer :: i
 
+      text = to_text(0.0_wp)
+      bits_before = transfer(0.0_wp, bits_before)
       do i = 1, size(values)
-         if (ieee_is_finite(values(i))) texts(i)%value = to_text(values(i))
+         if (.not. ieee_is_finite(values(i))) cycle
+         bits = transfer(values(i), bits)                   ! zeros have signs
+         if (bits /= bits_before) text = to_text(values(i)) ! matrices have long rows of equal numbers
+         bits_before = bits
+         texts(i)%value = text
       end do
    end function texts_of_reals
 
@@ -155,6 +182,13 @@ contains
          complaint = range_complaint(self%range, real(self%values(k), wp))
       end if
    end subroutine integers_take
+
+   pure subroutine integers_repeat(self, k)
+      class(integers_t), intent(inout) :: self
+      integer, intent(in) :: k
+
+      self%values(k) = self%values(k - 1)
+   end subroutine integers_repeat
 
    pure function texts_of_integers(values) result(texts)
       integer, intent(in) :: values(:)
@@ -247,6 +281,13 @@ contains
       if (.not. ok) complaint = "must be .true. or .false."
    end subroutine logicals_take
 
+   pure subroutine logicals_repeat(self, k)
+      class(logicals_t), intent(inout) :: self
+      integer, intent(in) :: k
+
+      self%values(k) = self%values(k - 1)
+   end subroutine logicals_repeat
+
    pure function texts_of_logicals(values) result(texts)
       logical, intent(in) :: values(:)
       type(string_t) :: texts(size(values))
@@ -303,6 +344,13 @@ contains
          complaint = "is not known;"//close//" known: "//join(self%choices, ", ")
       end if
    end subroutine strings_take
+
+   pure subroutine strings_repeat(self, k)
+      class(strings_t), intent(inout) :: self
+      integer, intent(in) :: k
+
+      self%values(k) = self%values(k - 1)
+   end subroutine strings_repeat
 
    pure function texts_of_strings(values) result(texts)
       type(string_t), intent(in) :: values(:)

@@ -42,11 +42,24 @@ module hb_fftw
    type :: fft_plan_t
       type(c_ptr), private :: backward = c_null_ptr
       type(c_ptr), private :: forward = c_null_ptr
+      integer, private :: slot = 0                                    ! in the store, 0: none
    contains
       procedure :: to_samples => fft_plan_to_samples
       procedure :: to_spectrum => fft_plan_to_spectrum
       procedure :: destroy => fft_plan_destroy
    end type fft_plan_t
+
+   !> A pair of plans as it is kept from scene to scene: planning takes longer than many a solution.
+   type :: stored_plan_t
+      integer, allocatable :: key(:)                                  ! flags, n_batch, n_samples
+      type(c_ptr) :: backward = c_null_ptr
+      type(c_ptr) :: forward = c_null_ptr
+      integer :: n_users = 0
+      integer :: last_use = 0
+   end type stored_plan_t
+
+   type(stored_plan_t), save :: store(64)
+   integer, save :: n_uses = 0
 
 contains
 
@@ -104,7 +117,8 @@ contains
    !>
    !> Samples of one transform are contiguous, (product(n_samples), n_batch); its spectrum is the half that FFTW keeps,
    !> (n_samples(1)/2 + 1, n_samples(2), ...), (n_spectrum, n_batch). The arrays given are overwritten while planning;
-   !> arrays used later must come from `new_real_block` and `new_complex_block`.
+   !> arrays used later must come from `new_real_block` and `new_complex_block`. Plans outlive their users: the next of the
+   !> same shape finds them made.
    subroutine new_fft_plan(self, n_samples, n_batch, effort, any_column, samples, spectrum, error)
       type(fft_plan_t), intent(inout) :: self
       integer, intent(in) :: n_samples(:)
@@ -114,23 +128,72 @@ contains
       real(wp), intent(inout), contiguous :: samples(:, :)
       complex(wp), intent(inout), contiguous :: spectrum(:, :)
       type(error_t), allocatable, intent(out) :: error
-      integer(c_int) :: rank, shape_c(size(n_samples)), n_total, n_spectrum, flags
+      integer(c_int) :: flags
 
       call self%destroy()
+      flags = effort
+      if (any_column .and. modulo(product(n_samples), 2) /= 0) flags = ior(flags, int(FFTW_UNALIGNED, c_int))
+      self%slot = slot_of([int(flags), n_batch, n_samples])
+      if (self%slot == 0) call fill_slot(self%slot, n_samples, n_batch, flags, samples, spectrum)
+      if (self%slot == 0) then
+         call fail(error, "FFTW could not plan the transform")
+         return
+      end if
+      associate (stored => store(self%slot))
+         self%backward = stored%backward
+         self%forward = stored%forward
+         stored%n_users = stored%n_users + 1
+         n_uses = n_uses + 1
+         stored%last_use = n_uses
+      end associate
+   end subroutine new_fft_plan
+
+   !> Place of a pair of plans in the store, 0 where it is not there.
+   pure integer function slot_of(key)
+      integer, intent(in) :: key(:)
+
+      do slot_of = 1, size(store)
+         if (.not. allocated(store(slot_of)%key)) cycle
+         if (size(store(slot_of)%key) /= size(key)) cycle
+         if (all(store(slot_of)%key == key)) return
+      end do
+      slot_of = 0
+   end function slot_of
+
+   !> Plans a pair and puts it into a free place of the store, or into that of the pair not used for longest; 0 on failure.
+   subroutine fill_slot(slot, n_samples, n_batch, flags, samples, spectrum)
+      integer, intent(out) :: slot
+      integer, intent(in) :: n_samples(:), n_batch
+      integer(c_int), intent(in) :: flags
+      real(wp), intent(inout), contiguous :: samples(:, :)
+      complex(wp), intent(inout), contiguous :: spectrum(:, :)
+      integer(c_int) :: rank, shape_c(size(n_samples)), n_total, n_spectrum
+      integer :: i
+
+      slot = 0
+      do i = 1, size(store)
+         if (store(i)%n_users > 0) cycle
+         if (slot == 0) slot = i
+         if (store(i)%last_use < store(slot)%last_use) slot = i
+      end do
+      if (slot == 0) return
+      call empty_slot(slot)
       rank = size(n_samples)
       shape_c = n_samples(rank:1:-1)                                  ! C order: last axis fastest
       n_total = product(n_samples)
       n_spectrum = (n_samples(1)/2 + 1)*product(n_samples(2:))
-      flags = effort
-      if (any_column .and. modulo(n_total, 2) /= 0) flags = ior(flags, int(FFTW_UNALIGNED, c_int))
-      self%backward = fftw_plan_many_dft_c2r(rank, shape_c, n_batch, spectrum, shape_spectrum(), 1, n_spectrum, &
-         samples, shape_c, 1, n_total, flags)
-      self%forward = fftw_plan_many_dft_r2c(rank, shape_c, n_batch, samples, shape_c, 1, n_total, &
-         spectrum, shape_spectrum(), 1, n_spectrum, flags)
-      if (.not. (c_associated(self%backward) .and. c_associated(self%forward))) then
-         call self%destroy()
-         call fail(error, "FFTW could not plan the transform")
-      end if
+      associate (stored => store(slot))
+         stored%backward = fftw_plan_many_dft_c2r(rank, shape_c, n_batch, spectrum, shape_spectrum(), 1, n_spectrum, &
+            samples, shape_c, 1, n_total, flags)
+         stored%forward = fftw_plan_many_dft_r2c(rank, shape_c, n_batch, samples, shape_c, 1, n_total, &
+            spectrum, shape_spectrum(), 1, n_spectrum, flags)
+         if (c_associated(stored%backward) .and. c_associated(stored%forward)) then
+            stored%key = [int(flags), n_batch, n_samples]
+         else
+            call empty_slot(slot)
+            slot = 0
+         end if
+      end associate
 
    contains
 
@@ -140,7 +203,17 @@ contains
          n = shape_c
          n(rank) = n_samples(1)/2 + 1
       end function shape_spectrum
-   end subroutine new_fft_plan
+   end subroutine fill_slot
+
+   subroutine empty_slot(slot)
+      integer, intent(in) :: slot
+
+      associate (stored => store(slot))
+         if (c_associated(stored%backward)) call fftw_destroy_plan(stored%backward)
+         if (c_associated(stored%forward)) call fftw_destroy_plan(stored%forward)
+      end associate
+      store(slot) = stored_plan_t()
+   end subroutine empty_slot
 
    !> Transforms spectra to samples, unnormalised (sum of spectrum * exp(+i j tau)); the spectra are destroyed.
    subroutine fft_plan_to_samples(self, spectrum, samples)
@@ -160,12 +233,12 @@ contains
       call fftw_execute_dft_r2c(self%forward, samples, spectrum)
    end subroutine fft_plan_to_spectrum
 
-   !> Frees the plans; safe to call twice.
+   !> Gives the plans back to the store; safe to call twice.
    subroutine fft_plan_destroy(self)
       class(fft_plan_t), intent(inout) :: self
 
-      if (c_associated(self%backward)) call fftw_destroy_plan(self%backward)
-      if (c_associated(self%forward)) call fftw_destroy_plan(self%forward)
+      if (self%slot > 0) store(self%slot)%n_users = store(self%slot)%n_users - 1
+      self%slot = 0
       self%backward = c_null_ptr
       self%forward = c_null_ptr
    end subroutine fft_plan_destroy

@@ -182,20 +182,24 @@ module hb_hdf5
          type(error_t), allocatable, intent(out) :: error
       end subroutine dataset_write_integer
 
-      !> Writes one whole row (all indices but the slowest), counted from 1; independent of other ranks.
-      module subroutine dataset_write_real_row(self, row, values, error)
+      !> Writes one whole row (all indices but the slowest), counted from 1, or several that follow each other;
+      !> independent of other ranks.
+      module subroutine dataset_write_real_row(self, row, values, error, n_rows)
          class(h5_dataset_t), intent(in) :: self
          integer, intent(in) :: row
          real(wp), intent(in), contiguous, target :: values(..)
          type(error_t), allocatable, intent(out) :: error
+         integer, intent(in), optional :: n_rows       !! default 1
       end subroutine dataset_write_real_row
 
-      !> Writes one whole row (all indices but the slowest), counted from 1; independent of other ranks.
-      module subroutine dataset_write_integer_row(self, row, values, error)
+      !> Writes one whole row (all indices but the slowest), counted from 1, or several that follow each other;
+      !> independent of other ranks.
+      module subroutine dataset_write_integer_row(self, row, values, error, n_rows)
          class(h5_dataset_t), intent(in) :: self
          integer, intent(in) :: row
          integer, intent(in), contiguous, target :: values(..)
          type(error_t), allocatable, intent(out) :: error
+         integer, intent(in), optional :: n_rows       !! default 1
       end subroutine dataset_write_integer_row
 
       !> Writes a string into row `row`, counted from 1, of a matrix of bytes; what is too long is cut.

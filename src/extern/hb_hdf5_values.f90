@@ -22,11 +22,11 @@ contains
    end procedure dataset_write_integer
 
    module procedure dataset_write_real_row
-      call write_values_of_row(self, row, H5T_NATIVE_DOUBLE, c_loc(values), size(values), error)
+      call write_values_of_rows(self, row, H5T_NATIVE_DOUBLE, c_loc(values), size(values), error, n_rows)
    end procedure dataset_write_real_row
 
    module procedure dataset_write_integer_row
-      call write_values_of_row(self, row, H5T_NATIVE_INTEGER, c_loc(values), size(values), error)
+      call write_values_of_rows(self, row, H5T_NATIVE_INTEGER, c_loc(values), size(values), error, n_rows)
    end procedure dataset_write_integer_row
 
    module procedure dataset_write_text_row
@@ -41,7 +41,7 @@ contains
       call new_byte_type(byte_type, status)
       call check(status, "make the text type", error)
       if (allocated(error)) return
-      call write_values_of_row(self, row, byte_type, c_loc(bytes), size(bytes), error)
+      call write_values_of_rows(self, row, byte_type, c_loc(bytes), size(bytes), error)
       call h5tclose_f(byte_type, status)
    end procedure dataset_write_text_row
 
@@ -59,28 +59,31 @@ contains
       call check(status, "write", error, self%place)
    end subroutine write_all
 
-   subroutine write_values_of_row(self, row, memory_type, address, n_values, error)
+   subroutine write_values_of_rows(self, row, memory_type, address, n_values, error, n_rows)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: row, n_values
       integer(hid_t), intent(in) :: memory_type
       type(c_ptr), intent(in) :: address
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: n_rows
       integer(hsize_t) :: start(size(self%extents)), block(size(self%extents))
       integer(hid_t) :: in_file, in_memory
-      integer :: n, status
+      integer :: last, n, status
 
       n = size(self%extents)
-      call check_size(self, n_values, product(self%extents(:n - 1)), error)
+      last = row
+      if (present(n_rows)) last = row + n_rows - 1
+      call check_size(self, n_values, product(self%extents(:n - 1))*(last - row + 1), error)
       if (allocated(error)) return
-      if (row < 1 .or. row > self%extents(n)) then
-         call fail(error, self%place//": no row "//to_text(row)//", there are "//to_text(self%extents(n)))
+      if (row < 1 .or. last > self%extents(n)) then
+         call fail(error, self%place//": no row "//to_text(merge(row, last, row < 1))//", there are "//to_text(self%extents(n)))
          return
       end if
       if (n_values == 0) return
       start = 0
       start(n) = row - 1
       block = self%extents
-      block(n) = 1
+      block(n) = last - row + 1
       call new_space(in_file, self%extents, status)
       if (status >= 0) call h5sselect_hyperslab_f(in_file, H5S_SELECT_SET_F, start, block, status)
       if (status >= 0) call new_space(in_memory, [int(n_values, hsize_t)], status)
@@ -89,7 +92,7 @@ contains
       if (allocated(error)) return
       call h5sclose_f(in_memory, status)
       call h5sclose_f(in_file, status)
-   end subroutine write_values_of_row
+   end subroutine write_values_of_rows
 
    ! Reading
 

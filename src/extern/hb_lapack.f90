@@ -7,7 +7,7 @@ module hb_lapack
    implicit none
    private
    public :: ddot, dgecon, dgeev, dgels, dgemm, dgemv, dgetrf, dgetrs
-   public :: dnrm2, dpotrf, dsyev, dsygv, zgbtrf, zgbtrs, zgecon
+   public :: dggev, dnrm2, dpotrf, dsyev, dsygv, zgbtrf, zgbtrs, zgecon
    public :: zgemm, zgemv, zgetrf, zgetrs
 
    ! Linear equations, dense
@@ -144,6 +144,19 @@ module hb_lapack
          real(wp), intent(inout) :: work(*)
          integer, intent(out) :: info
       end subroutine dgeev
+
+      !> Eigenvalues (alphar + i alphai)/beta of A x = lambda B x and, if asked for, left and right eigenvectors; `a` and `b`
+      !> are overwritten, beta = 0 is an infinite one.
+      subroutine dggev(jobvl, jobvr, n, a, lda, b, ldb, alphar, alphai, beta, vl, ldvl, vr, ldvr, work, lwork, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: jobvl, jobvr
+         integer, intent(in) :: n, lda, ldb, ldvl, ldvr, lwork
+         real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+         real(wp), intent(out) :: alphar(*), alphai(*), beta(*), vl(ldvl, *), vr(ldvr, *)
+         real(wp), intent(inout) :: work(*)
+         integer, intent(out) :: info
+      end subroutine dggev
 
       !> Eigenvalues in ascending order of a symmetric matrix; `a` returns the eigenvectors if jobz = "V".
       subroutine dsyev(jobz, uplo, n, a, lda, w, work, lwork, info)

@@ -11,16 +11,17 @@ module hb_mpi
    use hb_kinds, only: wp
    use mpi_f08, only: comm_t => MPI_Comm, MPI_Abort, MPI_ADDRESS_KIND, MPI_Allreduce, MPI_Barrier, &
       MPI_Bcast, MPI_CHARACTER, MPI_DOUBLE_PRECISION, MPI_Comm_dup, MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, &
-      MPI_Comm_set_errhandler, MPI_Comm_size, MPI_COMM_WORLD, MPI_Error_string, MPI_ERRORS_ARE_FATAL, &
-      MPI_ERRORS_RETURN, MPI_Fetch_and_op, MPI_Finalize, MPI_Finalized, MPI_INFO_NULL, MPI_Init, &
+      MPI_Comm_set_errhandler, MPI_Comm_size, MPI_Comm_split_type, MPI_COMM_TYPE_SHARED, MPI_COMM_WORLD, &
+      MPI_Error_string, MPI_ERRORS_ARE_FATAL, &
+      MPI_ERRORS_RETURN, MPI_Fetch_and_op, MPI_Finalize, MPI_Finalized, MPI_Gather, MPI_INFO_NULL, MPI_Init, &
       MPI_Initialized, MPI_INTEGER, MPI_LOCK_EXCLUSIVE, MPI_MAX, MPI_MAX_ERROR_STRING, MPI_MIN, MPI_NO_OP, &
       MPI_SUCCESS, MPI_SUM, MPI_Win, MPI_Win_allocate, MPI_Win_flush, MPI_Win_free, MPI_Win_lock, &
       MPI_Win_lock_all, MPI_WIN_NULL, MPI_Win_set_errhandler, MPI_Win_unlock, MPI_Win_unlock_all, &
       operator(/=)
    implicit none
    private
-   public :: abort_run, as_comm, barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, max_over, new_work_counter, &
-      no_info_handle, rank_of, share_error, size_of, start_mpi, stop_mpi, sum_over, wall_clock, &
+   public :: abort_run, as_comm, barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, gather_rows, max_over, &
+      new_work_counter, no_info_handle, rank_of, ranks_on_node, share_error, size_of, start_mpi, stop_mpi, sum_over, wall_clock, &
       work_counter_t, world
 
    !> Makes a communicator of what a caller has: an integer handle of the old `mpi` module, or a communicator.
@@ -35,19 +36,19 @@ module hb_mpi
       module procedure max_over_real
    end interface max_over
 
-   integer, parameter :: n_slots = 3                                  ! integers in the window of rank 0
+   integer, parameter :: n_slots = 3                                  ! integers in the window of an owner
    integer(MPI_ADDRESS_KIND), parameter :: next_slot = 0, done_slot = 1, failed_slot = 2
-   integer, parameter :: owner = 0                                    ! rank that holds the window
 
-   !> A counter that all ranks share: `next` gives each number once over all ranks, without a rank that only
-   !> serves.
+   !> Counters that all ranks share: `next` gives each number of a counter once over all ranks, without a rank
+   !> that only serves.
    !>
-   !> Beside it stand two tallies, of the points done and of those among them that failed, which any rank can
-   !> read at any time. Rank 0 holds the numbers. On one node they lie in shared memory and are reached while
-   !> rank 0 computes; between nodes that needs a network with remote atomics, and without one a request waits
-   !> for the next MPI call of rank 0, for example its own `next`.
+   !> Beside each stand two tallies, of the points done and of those among them that failed, which any rank can
+   !> read at any time. A counter is held by one rank, its owner. On one node it lies in shared memory and is
+   !> reached while the owner computes; between nodes that needs a network with remote atomics, and without one
+   !> a request waits for the next MPI call of the owner, for example its own `next`.
    type :: work_counter_t
       private
+      integer, allocatable :: owners(:)                ! rank that holds each counter
       type(MPI_Win) :: window = MPI_WIN_NULL
       type(comm_t) :: comm = MPI_COMM_NULL             ! own copy, so that errors here can be returned
    contains
@@ -132,6 +133,16 @@ contains
       call MPI_Comm_size(comm, size_of)
    end function size_of
 
+   !> Number of ranks that share the memory of this rank's computer.
+   integer function ranks_on_node(comm)
+      type(comm_t), intent(in) :: comm
+      type(comm_t) :: node
+
+      call MPI_Comm_split_type(comm, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, node)
+      call MPI_Comm_size(node, ranks_on_node)
+      call MPI_Comm_free(node)
+   end function ranks_on_node
+
    !> Waits until all ranks are here; collective.
    subroutine barrier(comm)
       type(comm_t), intent(in) :: comm
@@ -199,6 +210,16 @@ contains
       call MPI_Allreduce(value, largest, 1, MPI_DOUBLE_PRECISION, MPI_MAX, comm)
    end function max_over_real
 
+   !> Gives rank 0 the values of all ranks, (n_values, n_ranks); elsewhere the table has no columns. Collective.
+   subroutine gather_rows(comm, values, table)
+      type(comm_t), intent(in) :: comm
+      real(wp), intent(in) :: values(:)                !! equally many on all ranks
+      real(wp), allocatable, intent(out) :: table(:, :)
+
+      allocate (table(size(values), merge(size_of(comm), 0, rank_of(comm) == 0)))
+      call MPI_Gather(values, size(values), MPI_DOUBLE_PRECISION, table, size(values), MPI_DOUBLE_PRECISION, 0, comm)
+   end subroutine gather_rows
+
    !> Makes an error of any rank known on all: afterwards all ranks have the error of the lowest rank that had
    !> one, or none has. Collective.
    subroutine share_error(comm, error)
@@ -224,22 +245,25 @@ contains
       wall_clock = real(ticks, wp)/real(ticks_per_second, wp)
    end function wall_clock
 
-   !> Makes a counter at 0 with empty tallies, shared by the ranks of `comm`; collective, as `destroy` is.
-   subroutine new_work_counter(self, comm, error)
+   !> Makes counters at 0 with empty tallies, shared by the ranks of `comm`; collective, as `destroy` is.
+   subroutine new_work_counter(self, owners, comm, error)
       type(work_counter_t), intent(out) :: self
+      integer, intent(in) :: owners(:)                 !! ranks, from 0, that hold a counter each; all different
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
       integer, parameter :: bytes_per_integer = storage_size(1)/8
       integer, pointer :: slots(:)
       integer(MPI_ADDRESS_KIND) :: n_bytes
       type(c_ptr) :: memory
-      integer :: status
+      integer :: rank, status
 
+      self%owners = owners
+      rank = rank_of(comm)
       call MPI_Comm_dup(comm, self%comm, status)
       if (status == MPI_SUCCESS) then
          call MPI_Comm_set_errhandler(self%comm, MPI_ERRORS_RETURN)
          n_bytes = 0
-         if (rank_of(comm) == owner) n_bytes = n_slots*bytes_per_integer
+         if (any(owners == rank)) n_bytes = n_slots*bytes_per_integer
          call MPI_Win_allocate(n_bytes, bytes_per_integer, MPI_INFO_NULL, self%comm, memory, self%window, &
                                status)
       end if
@@ -249,44 +273,54 @@ contains
 
       ! From here on a failure is one of the machine and ends the run: next() has no way to return it.
       call MPI_Win_set_errhandler(self%window, MPI_ERRORS_ARE_FATAL)
-      if (rank_of(comm) == owner) then
-         call MPI_Win_lock(MPI_LOCK_EXCLUSIVE, owner, 0, self%window)
+      if (any(owners == rank)) then
+         call MPI_Win_lock(MPI_LOCK_EXCLUSIVE, rank, 0, self%window)
          call c_f_pointer(memory, slots, [n_slots])
          slots = 0
-         call MPI_Win_unlock(owner, self%window)
+         call MPI_Win_unlock(rank, self%window)
       end if
       call MPI_Barrier(comm)
       call MPI_Win_lock_all(0, self%window)
    end subroutine new_work_counter
 
-   !> Gives the next number, from 0; every number is given once over all ranks.
-   integer function work_counter_next(self) result(number)
+   !> Gives the next `n` numbers of a counter, from 0, by the first of them; every number is given once over all ranks.
+   integer function work_counter_next(self, counter, n) result(number)
       class(work_counter_t), intent(in) :: self
+      integer, intent(in) :: counter                   !! from 1
+      integer, intent(in) :: n                         !! 1 or more
 
-      number = fetch_and_add(self, next_slot, 1)
+      number = fetch_and_add(self, self%owners(counter), next_slot, n)
    end function work_counter_next
 
-   !> Counts one point more as done, and as failed too when `failed` is true.
-   subroutine work_counter_add_done(self, failed)
+   !> Adds to the tallies of a counter.
+   subroutine work_counter_add_done(self, counter, done, failed)
       class(work_counter_t), intent(in) :: self
-      logical, intent(in) :: failed
+      integer, intent(in) :: counter                   !! from 1
+      integer, intent(in) :: done                      !! points
+      integer, intent(in) :: failed                    !! points among them
       integer :: before
 
-      before = fetch_and_add(self, done_slot, 1)       ! before failed: nobody sees failed > done
-      if (failed) before = fetch_and_add(self, failed_slot, 1)
+      before = fetch_and_add(self, self%owners(counter), done_slot, done) ! first: nobody sees failed > done
+      if (failed > 0) before = fetch_and_add(self, self%owners(counter), failed_slot, failed)
    end subroutine work_counter_add_done
 
    !> Reads how many points are done over all ranks, and how many of these failed; any rank, at any time.
    subroutine work_counter_read_tallies(self, done, failed)
       class(work_counter_t), intent(in) :: self
       integer, intent(out) :: done, failed
+      integer :: i
 
-      failed = fetch(self, failed_slot)                ! before done, so that failed <= done
-      done = fetch(self, done_slot)
+      done = 0
+      failed = 0
+      do i = 1, size(self%owners)
+         failed = failed + fetch(self, self%owners(i), failed_slot)       ! before done, so that failed <= done
+         done = done + fetch(self, self%owners(i), done_slot)
+      end do
    end subroutine work_counter_read_tallies
 
-   integer function fetch_and_add(self, slot, increment) result(before)
+   integer function fetch_and_add(self, owner, slot, increment) result(before)
       class(work_counter_t), intent(in) :: self
+      integer, intent(in) :: owner
       integer(MPI_ADDRESS_KIND), intent(in) :: slot
       integer, intent(in) :: increment
       integer, asynchronous :: addend, found           ! MPI may touch both until the flush
@@ -297,8 +331,9 @@ contains
       before = found
    end function fetch_and_add
 
-   integer function fetch(self, slot) result(value)
+   integer function fetch(self, owner, slot) result(value)
       class(work_counter_t), intent(in) :: self
+      integer, intent(in) :: owner
       integer(MPI_ADDRESS_KIND), intent(in) :: slot
       integer, asynchronous :: nothing, found
 

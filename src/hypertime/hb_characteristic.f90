@@ -33,15 +33,17 @@ contains
 
    !> The tone that leads has the longest step in which no tone moves on by more than two samples: few interpolations, yet a
    !> path between the ends of a step that they tell well.
-   subroutine new_characteristic(self, torus, omega)
+   subroutine new_characteristic(self, torus, omega, tone)
       type(characteristic_t), intent(out) :: self
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0
+      integer, intent(in), optional :: tone                           !! that leads, instead
       integer :: i, inner, outer, p
 
       associate (speed => omega*torus%n_samples)
          self%tone = minloc(speed, mask=speed*longest_way >= maxval(speed), dim=1)
       end associate
+      if (present(tone)) self%tone = tone
       self%n_steps = torus%n_samples(self%tone)
       self%n_slice = torus%n_total/self%n_steps
       self%step = two_pi/(omega(self%tone)*self%n_steps)

@@ -10,7 +10,8 @@ module hb_harmonics
    private
    public :: canonical_sign, harmonics_t, new_box, new_diamond, new_harmonics, tuple_text
 
-   integer(int64), parameter :: largest_set = 20000000_int64         ! tuples; beyond this even the tables do not fit
+   integer(int64), parameter :: largest_set = 20000000_int64         ! tuples of the box around a set; its table has one entry each
+   integer, parameter :: most_harmonics = 4000000                     ! tuples of a set
 
    !> A set of harmonics. Coefficients of one degree of freedom are a vector (n_coefficients): harmonic by harmonic
    !> cosine then sine, without a sine for the zero tuple.
@@ -38,7 +39,7 @@ contains
       logical, intent(in) :: odd_only
       type(error_t), allocatable, intent(out) :: error
 
-      call enumerate(self, orders, sum(orders), odd_only, error)
+      call enumerate(self, orders, huge(1), odd_only, error)
    end subroutine new_box
 
    !> Set of all tuples with sum |j_m| <= order; with `odd_only` just those whose entries sum to an odd number.
@@ -94,7 +95,8 @@ contains
          return
       end if
       if (product(2*real(orders, wp) + 1) > real(largest_set, wp)) then
-         call fail(error, "the set of harmonics would have more than "//to_text(largest_set/2)//" tuples; lower the order")
+         call fail(error, "the set of harmonics would have about "//to_text(anint(product(2*real(orders, wp) + 1)/2))// &
+                   " tuples, or lie in a box of so many, more than "//to_text(largest_set/2)//"; lower the order")
          return
       end if
       self%n_tones = size(orders)
@@ -112,6 +114,10 @@ contains
          if (pass == 1) then
             if (n_kept == 0) then
                call fail(error, "the set of harmonics is empty")
+               return
+            else if (n_kept > most_harmonics) then
+               call fail(error, "the set of harmonics would have "//to_text(n_kept)//" tuples, more than "// &
+                         to_text(most_harmonics)//"; lower the order")
                return
             end if
             allocate (self%tuples(self%n_tones, n_kept))

@@ -8,26 +8,37 @@ module hb_tones
    private
    public :: new_tones, tones_t
 
-   !> tau_m = omega_m t.
+   integer, parameter :: max_tones = 10                               ! grids of more would not fit anywhere
+
+   !> tau_m = omega_m t. The frequency of an unknown tone is a first guess, 0 where there is none.
    type :: tones_t
       integer :: n_tones = 0
-      real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones), > 0
+      real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones), > 0 of given tones
+      logical, allocatable :: is_unknown(:)                           !! (n_tones)
    end type tones_t
 
 contains
 
-   !> Tones of the given angular frequencies; fails unless there is at least one and each is finite and positive.
-   pure subroutine new_tones(self, omega, error)
+   !> Tones of the given angular frequencies; fails unless there is at least one and each is finite and positive, or zero
+   !> where it is unknown.
+   pure subroutine new_tones(self, omega, error, is_unknown)
       type(tones_t), intent(out) :: self
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: is_unknown(:)                  !! (n_tones), else none is
       integer :: m
 
       if (size(omega) < 1) then
          call fail(error, "there must be at least one tone")
          return
+      else if (size(omega) > max_tones) then
+         call fail(error, "there are "//to_text(size(omega))//" tones; at most "//to_text(max_tones)//" can be treated")
+         return
       end if
+      self%is_unknown = spread(.false., 1, size(omega))
+      if (present(is_unknown)) self%is_unknown = is_unknown
       do m = 1, size(omega)
+         if (self%is_unknown(m) .and. omega(m) == 0.0_wp) cycle
          if (ieee_is_finite(omega(m)) .and. omega(m) > 0.0_wp) cycle
          call fail(error, "the frequency of tone "//to_text(m)//" must be a positive number")
          return

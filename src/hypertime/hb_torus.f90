@@ -6,7 +6,7 @@ module hb_torus
    use hb_text, only: to_text
    implicit none
    private
-   public :: default_samples, fast_size, new_torus, torus_t
+   public :: default_samples, fast_size, new_torus, samples_for, torus_t
 
    real(wp), parameter :: non_smooth_oversampling = 3.0_wp            ! times the 2N + 1 samples that N harmonics need
    integer, parameter :: smallest_grid = 8                            ! samples of a tone with few harmonics
@@ -58,17 +58,26 @@ contains
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: degree
       integer :: n_samples(harmonics%n_tones)
+
+      n_samples = samples_for(harmonics%highest, degree)
+   end function default_samples
+
+   !> The same for the largest entries N_m of the tuples.
+   pure function samples_for(highest, degree) result(n_samples)
+      integer, intent(in) :: highest(:)                               !! (n_tones)
+      integer, intent(in) :: degree
+      integer :: n_samples(size(highest))
       integer :: m, needed
 
-      do m = 1, harmonics%n_tones
+      do m = 1, size(highest)
          if (degree > 0) then
-            needed = (degree + 1)*harmonics%highest(m) + 1
+            needed = (degree + 1)*highest(m) + 1
          else
-            needed = ceiling(non_smooth_oversampling*(2*harmonics%highest(m) + 1))
+            needed = ceiling(non_smooth_oversampling*(2*highest(m) + 1))
          end if
          n_samples(m) = fast_size(max(needed, smallest_grid))
       end do
-   end function default_samples
+   end function samples_for
 
    !> Smallest even number >= n whose prime factors are 2, 3, 5 and 7, which FFTW transforms fast.
    pure integer function fast_size(n)

@@ -28,11 +28,13 @@ module hb_law
       integer :: degree = 0                                           !! of a polynomial law; 0: not smooth
       logical :: needs_velocity = .false.
       logical :: is_multiplier = .false.                              !! wants the reaction p; one coordinate
+      integer :: phase_tone = 0                                       !! tone whose phase the law wants by `set_phase`; 0: none
    contains
       procedure(read_law), deferred :: read
       procedure(evaluate_law), deferred :: evaluate
       procedure :: prepare => law_prepare
       procedure :: prepare_rate => law_prepare_rate
+      procedure :: set_phase => law_set_phase
       procedure :: correct => law_correct
       procedure :: defects => law_defects
       procedure :: length_scale => law_length_scale
@@ -81,6 +83,13 @@ contains
       class(law_t), intent(inout) :: self
       real(wp), intent(in) :: impedance                               !! > 0
    end subroutine law_prepare_rate
+
+   !> Tells a law with a `phase_tone` the phase of this tone at each sample that `evaluate` will get next, omega t along time;
+   !> it holds until told anew. The phases of samples do not depend on any frequency.
+   pure subroutine law_set_phase(self, phase)
+      class(law_t), intent(inout) :: self
+      real(wp), intent(in) :: phase(:)                                !! [rad], (n_samples)
+   end subroutine law_set_phase
 
    !> Coordinates as the law allows them: the motion corrected to a wall. Other laws leave it as it is.
    pure subroutine law_correct(self, z, corrected)

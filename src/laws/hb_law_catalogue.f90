@@ -2,9 +2,11 @@
 module hb_law_catalogue
    use hb_law, only: law_box_t
    use hb_law_annular_clearance, only: annular_clearance_t
+   use hb_law_blade_contact, only: blade_contact_t
    use hb_law_contact_table, only: contact_table_t
    use hb_law_coulomb_rigid, only: coulomb_rigid_t
    use hb_law_coulomb_tanh, only: coulomb_tanh_t
+   use hb_law_cubic_damping, only: cubic_damping_t
    use hb_law_cubic_spring, only: cubic_spring_t
    use hb_law_elastic_stop, only: elastic_stop_t
    use hb_law_iwan, only: iwan_t
@@ -25,10 +27,10 @@ module hb_law_catalogue
    private
    public :: allocate_law, law_names, read_law
 
-   character(24), parameter :: law_names(17) = [character(24) :: &
-      "annular_clearance", "contact_table", "coulomb_rigid", "coulomb_tanh", "cubic_spring", "elastic_stop", "iwan", &
-      "jenkins", "jenkins_2d", "piecewise_linear", "polynomial", "polynomial_coupled", "quadratic_damping", "rigid_wall", &
-      "tabulated", "user", "van_der_pol"]
+   character(24), parameter :: law_names(19) = [character(24) :: &
+      "annular_clearance", "blade_contact", "contact_table", "coulomb_rigid", "coulomb_tanh", "cubic_damping", &
+      "cubic_spring", "elastic_stop", "iwan", "jenkins", "jenkins_2d", "piecewise_linear", "polynomial", &
+      "polynomial_coupled", "quadratic_damping", "rigid_wall", "tabulated", "user", "van_der_pol"]
 
 contains
 
@@ -39,9 +41,11 @@ contains
 
       select case (name)
       case ("annular_clearance"); allocate (annular_clearance_t :: box%law)
+      case ("blade_contact"); allocate (blade_contact_t :: box%law)
       case ("contact_table"); allocate (contact_table_t :: box%law)
       case ("coulomb_rigid"); allocate (coulomb_rigid_t :: box%law)
       case ("coulomb_tanh"); allocate (coulomb_tanh_t :: box%law)
+      case ("cubic_damping"); allocate (cubic_damping_t :: box%law)
       case ("cubic_spring"); allocate (cubic_spring_t :: box%law)
       case ("elastic_stop"); allocate (elastic_stop_t :: box%law)
       case ("iwan"); allocate (iwan_t :: box%law)

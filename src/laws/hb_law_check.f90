@@ -26,10 +26,11 @@ module hb_law_check
       type(string_t), allocatable :: wrong(:)                         !! derivatives that are wrong, such as df/dz
    end type derivative_check_t
 
-   !> Samples z, rates v and reactions p, and their magnitudes.
+   !> Samples z, rates v and reactions p, their magnitudes, and the phase of the law's tone.
    type :: samples_t
       real(wp), allocatable :: motion(:, :, :)                        ! (n_samples, n_coordinates, z v p)
       real(wp), allocatable :: magnitude(:, :)                        ! (n_samples, z v p)
+      real(wp), allocatable :: phase(:)                               ! [rad], (n_samples)
    end type samples_t
 
    character(1), parameter :: letters(3) = ["z", "v", "p"]
@@ -51,6 +52,7 @@ contains
       call law%prepare_rate(1.0_wp)
       n = size(law%shape, 2)
       call choose_samples(law, samples)
+      if (law%phase_tone > 0) call law%set_phase(samples%phase)
       allocate (check%wrong(0), f(n_samples, n))
       allocate (slopes(n_samples, n, n, 3))
       call evaluate(law, samples, f, slopes)
@@ -92,6 +94,7 @@ contains
       allocate (samples%motion(n_samples, size(law%shape, 2), 3), samples%magnitude(n_samples, 3))
       call random_number(samples%motion)
       call random_number(samples%magnitude)
+      samples%phase = 100.0_wp*[(real(i, wp), i=1, n_samples)]        ! all around the circle
       call random_seed(put=seed_before)
       length = law%length_scale()
       if (length <= 0.0_wp) length = 1.0_wp
@@ -166,7 +169,8 @@ contains
       if (n > 1) name = "df("//to_text(a)//")/d"//letter//"("//to_text(b)//")"
    end function name_of
 
-   !> (f(x + h) - f(x - h))/(2 h) with h relative to the magnitude of each sample, and what rounding may do to it.
+   !> (f(x + h) - f(x - h))/(2 h) with h relative to the magnitude of each sample, and what rounding may do to it: units in the
+   !> last place of the largest force of the sample, because terms that all forces share may cancel in one of them.
    subroutine central_difference(law, samples, kind_of_motion, b, relative_step, quotient, noise)
       class(law_t), intent(in) :: law
       type(samples_t), intent(in) :: samples
@@ -186,7 +190,7 @@ contains
       call evaluate(law, moved, lower)
       do a = 1, size(quotient, 2)
          quotient(:, a) = (higher(:, a) - lower(:, a))/(2.0_wp*h)
-         noise(:, a) = units*epsilon(1.0_wp)*(abs(higher(:, a)) + abs(lower(:, a)))/h
+         noise(:, a) = units*epsilon(1.0_wp)*(maxval(abs(higher), dim=2) + maxval(abs(lower), dim=2))/h
       end do
    end subroutine central_difference
 
@@ -198,6 +202,7 @@ contains
       real(wp), intent(out), contiguous :: f(:, :)                    !! (n_samples, n_coordinates)
       real(wp), intent(out), contiguous, optional :: slopes(:, :, :, :)
          !! (n_samples, n_coordinates, n_coordinates, z v p)
+      class(law_t), allocatable :: alone
       real(wp) :: f_one(1, size(f, 2)), slopes_one(1, size(f, 2), size(f, 2), 3)
       integer :: i
 
@@ -207,12 +212,14 @@ contains
          call evaluate_block(law, samples%motion, f)
       end if
       if (all(ieee_is_finite(f))) return
+      allocate (alone, source=law)
       do i = 1, size(f, 1)
+         if (law%phase_tone > 0) call alone%set_phase(samples%phase(i:i))
          if (present(slopes)) then
-            call evaluate_block(law, samples%motion(i:i, :, :), f_one, slopes_one)
+            call evaluate_block(alone, samples%motion(i:i, :, :), f_one, slopes_one)
             slopes(i, :, :, :) = slopes_one(1, :, :, :)
          else
-            call evaluate_block(law, samples%motion(i:i, :, :), f_one)
+            call evaluate_block(alone, samples%motion(i:i, :, :), f_one)
          end if
          f(i, :) = f_one(1, :)
       end do

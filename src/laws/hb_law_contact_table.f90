@@ -3,8 +3,14 @@
 !> The structure feels l_i a_i, which opens the gap, and mu_i l_i b_i with b_i the row of `friction_shapes`; the law is
 !> minus that: f = - sum over i of l_i (a_i + mu_i b_i). Blade i of a disk against a casing is one row: a_i holds minus the
 !> disk's and plus the casing's radial shape at the blade, b_i minus the disk's and plus the casing's tangential one.
-!> Friction keeps its direction. Source: docs/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
+!> Friction keeps its direction.
+!>
+!> Coordinates that come in pairs may belong to a frame that turns relative to the contacts: at the phase tau of a tone the
+!> entries of a pair in all a_i and b_i are turned by the angle n tau. Blades that run along a casing are such contacts: for a
+!> mode of n diameters, cos n(phi_i + tau) and sin n(phi_i + tau) are the turned cos n phi_i and sin n phi_i.
+!> Source: docs/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_contact_table
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
    use hb_namelist, only: group_t
@@ -12,7 +18,7 @@ module hb_law_contact_table
    use hb_text, only: to_text
    implicit none
    private
-   public :: contact_table_t, new_contact_table
+   public :: contact_table_t, new_contact_table, one_for_each, set_turns
 
    integer, parameter :: block_size = 256                             ! samples that stay in the cache over all contacts
 
@@ -21,8 +27,11 @@ module hb_law_contact_table
       real(wp), allocatable :: pushes(:, :)                           !! a_i + mu_i b_i, (n_contacts, n_dofs)
       real(wp), allocatable :: gaps(:)                                !! g0_i [m], (n_contacts); negative: pressed on at rest
       real(wp), allocatable :: stiffness(:)                           !! k_i [N/m], (n_contacts)
+      integer, allocatable :: turns(:)                                !! n of each pair of coordinates; not allocated: none turns
+      real(wp), allocatable, private :: cosine(:, :), sine(:, :)      ! of n tau, (n_samples, n_pairs)
    contains
       procedure :: read => contact_table_read
+      procedure :: set_phase => contact_table_set_phase
       procedure :: evaluate => contact_table_evaluate
       procedure :: length_scale => contact_table_length_scale
    end type contact_table_t
@@ -44,21 +53,49 @@ contains
       self%pushes = shapes + spread(friction, 2, size(shapes, 2))*friction_shapes
    end subroutine new_contact_table
 
+   !> Lets pairs of coordinates (1 and 2, 3 and 4, ...) turn with the phase of a tone.
+   pure subroutine set_turns(self, tone, turns)
+      class(contact_table_t), intent(inout) :: self
+      integer, intent(in) :: tone
+      integer, intent(in) :: turns(:)                                 !! n of each pair, 0 for one that does not turn
+
+      self%phase_tone = tone
+      self%turns = turns
+   end subroutine set_turns
+
+   !> Takes the phase of the tone that turns the contacts.
+   pure subroutine contact_table_set_phase(self, phase)
+      class(contact_table_t), intent(inout) :: self
+      real(wp), intent(in) :: phase(:)
+      integer :: k
+
+      if (allocated(self%cosine)) deallocate (self%cosine, self%sine)
+      allocate (self%cosine(size(phase), size(self%turns)), self%sine(size(phase), size(self%turns)))
+      do k = 1, size(self%turns)
+         self%cosine(:, k) = cos(self%turns(k)*phase)
+         self%sine(:, k) = sin(self%turns(k)*phase)
+      end do
+   end subroutine contact_table_set_phase
+
    !> Reads a `&law type = 'contact_table'` group.
    subroutine contact_table_read(self, group, structure)
       class(contact_table_t), intent(inout) :: self
       type(group_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: friction(:), friction_shapes(:, :), gaps(:), shapes(:, :), stiffness(:)
-      integer :: i, n
+      integer, allocatable :: turns(:)
+      integer :: i, n, tone
 
       n = 0
+      tone = 0
       friction = [0.0_wp]
       call read_dofs(self, group, structure)
       call group%require("n_contacts", n, minimum=1, maximum=100000)
       call group%require("gaps", gaps)
       call group%require("stiffness", stiffness, minimum=0.0_wp)
       call group%get("friction_coefficient", friction, minimum=0.0_wp)
+      call group%get("tone", tone, minimum=0)
+      if (tone > 0) call group%require("turns", turns)
       if (n < 1 .or. .not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness))) return
       call group%require("shapes", shapes, n=n, m=size(self%dofs))
       if (any(friction > 0.0_wp)) then
@@ -76,6 +113,12 @@ contains
       end do
       if (size(gaps) == n .and. size(stiffness) == n .and. size(friction) == n) then
          call new_contact_table(self, shapes, gaps, stiffness, friction, friction_shapes)
+      end if
+      if (.not. allocated(turns)) return
+      if (2*size(turns) == size(self%dofs)) then
+         call set_turns(self, tone, turns)
+      else
+         call group%problem("turns", "give one number for each pair of 'dofs', that is half as many")
       end if
    end subroutine contact_table_read
 
@@ -95,6 +138,58 @@ contains
       real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+      real(wp), allocatable :: turned(:, :)
+      integer :: k
+      logical :: is_told
+
+      if (.not. allocated(self%turns)) then
+         call press(self, z, f, df_dz)
+         return
+      end if
+      is_told = allocated(self%cosine)
+      if (is_told) is_told = size(self%cosine, 1) == size(z, 1)
+      if (.not. is_told) then                                         ! without phases of these samples: no force is known
+         f = ieee_value(1.0_wp, ieee_quiet_nan)
+         if (present(df_dz)) df_dz = f(1, 1)
+         return
+      end if
+      turned = z                                                      ! (R a).z = a.(R^T z)
+      call turn(self, turned, -1.0_wp)
+      call press(self, turned, f, df_dz)
+      call turn(self, f, 1.0_wp)
+      if (.not. present(df_dz)) return
+      do k = 1, size(z, 2)                                            ! R (df/dz) R^T
+         call turn(self, df_dz(:, :, k), 1.0_wp)
+      end do
+      do k = 1, size(z, 2)
+         call turn(self, df_dz(:, k, :), 1.0_wp)
+      end do
+   end subroutine contact_table_evaluate
+
+   !> Turns each pair of columns by the angle n tau of its sample, forwards (`sense` 1) or backwards (-1).
+   pure subroutine turn(self, columns, sense)
+      class(contact_table_t), intent(in) :: self
+      real(wp), intent(inout) :: columns(:, :)                        !! (n_samples, n_coordinates)
+      real(wp), intent(in) :: sense
+      real(wp) :: first(size(columns, 1))
+      integer :: k
+
+      do k = 1, size(self%turns)
+         if (self%turns(k) == 0) cycle
+         associate (x => columns(:, 2*k - 1), y => columns(:, 2*k), c => self%cosine(:, k), s => sense*self%sine(:, k))
+            first = c*x - s*y
+            y = s*x + c*y
+            x = first
+         end associate
+      end do
+   end subroutine turn
+
+   !> Forces of the table as it stands.
+   subroutine press(self, z, f, df_dz)
+      class(contact_table_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :)
       real(wp) :: gap(block_size), load(block_size)
       integer :: a, b, first, i, last, n
 
@@ -122,7 +217,7 @@ contains
             end do
          end do
       end do
-   end subroutine contact_table_evaluate
+   end subroutine press
 
    pure real(wp) function contact_table_length_scale(self)
       class(contact_table_t), intent(in) :: self

@@ -19,16 +19,18 @@ module hb_outcome
       integer :: truncated = 7                         !! solved, but the harmonics left out matter
       integer :: aliased = 8                           !! solved, but the samples are too few
       integer :: penetrating = 9                       !! solved, but the motion goes too far into a rigid wall
+      integer :: collapsed = 10                        !! an unknown tone died out: the motion has fewer tones
+      integer :: no_motion = 11                        !! no self-excited motion was found
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:9) = [character(13) :: &
+   character(*), parameter :: outcome_names(0:11) = [character(13) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
-      "truncated", "aliased", "penetrating"]
+      "truncated", "aliased", "penetrating", "collapsed", "no_motion"]
 
-   character(*), parameter :: texts(0:9) = [character(64) :: &
+   character(*), parameter :: texts(0:11) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
@@ -38,7 +40,9 @@ module hb_outcome
       "failed: see the message of the point", &
       "truncated: solved, but the harmonics left out matter", &
       "aliased: solved, but the samples are too few", &
-      "penetrating: solved, but too far inside a rigid wall"]
+      "penetrating: solved, but too far inside a rigid wall", &
+      "collapsed: an unknown tone died out, the motion has fewer tones", &
+      "no motion: no self-excited motion was found"]
 
 contains
 

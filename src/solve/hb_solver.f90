@@ -11,11 +11,14 @@ module hb_solver
    private
    public :: solve
 
+   real(wp), parameter :: shares(8) = [0.5_wp, 0.2_wp, 0.1_wp, 0.05_wp, 0.02_wp, -0.5_wp, 1.5_wp, -0.1_wp] ! of the linear solution
+
 contains
 
    !> Solves r(x) = 0 from the given x. When the direct attempt fails and rescue is on: another first guess, the other
-   !> method, both, homotopy in the nonlinearity from the linear solution, homotopy in the load from zero. The report adds
-   !> up all attempts and says which one succeeded; if none did, x and the status are those of the direct attempt.
+   !> method, both, homotopy in the nonlinearity from the linear solution, homotopy in the load from zero, several guesses.
+   !> The report adds up all attempts and says which one succeeded; if none did, x and the status are those of the direct
+   !> attempt.
    subroutine solve(problem, config, linear_solution, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -32,7 +35,7 @@ contains
       other_method = merge(method%broyden, method%newton, config%method == method%newton)
       call solve_directly(problem, config, config%method, x, report)
       if (report%status == outcome%converged .or. .not. config%rescue) return
-      do way = rescue%other_guess, rescue%load
+      do way = rescue%other_guess, rescue%several_guesses
          select case (way)
          case (rescue%other_guess)
             trial = other_guess
@@ -46,13 +49,13 @@ contains
          case (rescue%nonlinearity)
             trial = linear_solution
             call solve_by_homotopy(problem, config, deformation%nonlinearity, trial, attempt)
-         case default
+         case (rescue%load)
             trial = 0.0_wp*linear_solution
             call solve_by_homotopy(problem, config, deformation%load, trial, attempt)
+         case default
+            call solve_from_shares(problem, config, linear_solution, trial, attempt)
          end select
-         report%iterations = report%iterations + attempt%iterations
-         report%evaluations = report%evaluations + attempt%evaluations
-         report%factorizations = report%factorizations + attempt%factorizations
+         call add_effort(report, attempt)
          if (attempt%status == outcome%converged) then
             x = trial
             report%status = attempt%status
@@ -62,6 +65,36 @@ contains
          end if
       end do
    end subroutine solve
+
+   !> Attempts from several shares of the linear solution, until one succeeds: what limits a motion often leaves its shape.
+   subroutine solve_from_shares(problem, config, linear_solution, x, report)
+      class(problem_t), intent(inout) :: problem
+      type(solver_config_t), intent(in) :: config
+      real(wp), intent(in) :: linear_solution(:)
+      real(wp), intent(inout), contiguous :: x(:)
+      type(report_t), intent(out) :: report
+      type(report_t) :: attempt
+      integer :: i
+
+      do i = 1, size(shares)
+         x = shares(i)*linear_solution
+         call solve_directly(problem, config, config%method, x, attempt)
+         call add_effort(report, attempt)
+         report%status = attempt%status
+         report%residual = attempt%residual
+         if (report%status == outcome%converged) return
+      end do
+   end subroutine solve_from_shares
+
+   !> Adds the work of an attempt to that of all.
+   pure subroutine add_effort(report, attempt)
+      type(report_t), intent(inout) :: report
+      type(report_t), intent(in) :: attempt
+
+      report%iterations = report%iterations + attempt%iterations
+      report%evaluations = report%evaluations + attempt%evaluations
+      report%factorizations = report%factorizations + attempt%factorizations
+   end subroutine add_effort
 
    subroutine solve_directly(problem, config, chosen, x, report)
       class(problem_t), intent(inout) :: problem

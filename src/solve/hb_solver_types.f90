@@ -22,10 +22,12 @@ module hb_solver_types
       integer :: both_other = 3
       integer :: nonlinearity = 4                                     !! homotopy in the strength of the laws
       integer :: load = 5                                             !! homotopy in the loads
+      integer :: several_guesses = 6                                  !! from shares of the linear motion
    end type rescue_t
    type(rescue_t), parameter :: rescue = rescue_t()
-   character(*), parameter :: rescue_names(0:5) = [character(22) :: &
-      "none", "other_guess", "other_method", "other_guess_and_method", "nonlinearity_homotopy", "load_homotopy"]
+   character(*), parameter :: rescue_names(0:6) = [character(22) :: &
+      "none", "other_guess", "other_method", "other_guess_and_method", "nonlinearity_homotopy", "load_homotopy", &
+      "several_guesses"]
 
    !> Settings of a solver; the component initialisers are the defaults of the input group `&solver`.
    type :: solver_config_t

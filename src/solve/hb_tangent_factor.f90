@@ -14,6 +14,7 @@ module hb_tangent_factor
    contains
       procedure :: update => tangent_factor_update
       procedure :: solve => tangent_factor_solve
+      procedure :: determinant_sign => tangent_factor_determinant_sign
    end type tangent_factor_t
 
 contains
@@ -44,6 +45,18 @@ contains
       call dgetrf(n, n, self%jacobian, n, self%pivots, info)
       is_singular = info /= 0
    end subroutine tangent_factor_update
+
+   !> Sign of the determinant of the tangent, 1 or -1, after an `update` that was not singular.
+   pure real(wp) function tangent_factor_determinant_sign(self)
+      class(tangent_factor_t), intent(in) :: self
+      integer :: i
+
+      tangent_factor_determinant_sign = 1.0_wp
+      do i = 1, size(self%pivots)
+         if (self%jacobian(i, i) < 0.0_wp .neqv. self%pivots(i) /= i) &
+            tangent_factor_determinant_sign = -tangent_factor_determinant_sign
+      end do
+   end function tangent_factor_determinant_sign
 
    !> Overwrites r with the solution s of tangent s = r.
    subroutine tangent_factor_solve(self, problem, r)

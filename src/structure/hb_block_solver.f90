@@ -69,22 +69,23 @@ contains
       allocate (self%matrix(n_rows, n), self%rhs(n, n_rhs + 1), self%pivots(n), self%row_sum(n))
    end subroutine new_block_solver
 
-   !> Solves S(frequency) X = rhs(:, 1:n_rhs) in place, and tells how close S is to a singular matrix.
+   !> Solves S(frequency, drive) X = rhs(:, 1:n_rhs) in place, and tells how close S is to a singular matrix.
    !>
    !> The last column of `rhs` is a probe, a vector of no particular direction. Where it grows much, one round
    !> of power iteration with the inverse of S**H S follows, which near a singularity settles at once.
    !> (LAPACK's estimator takes longer than factors and solution together, and misses the resonances of long
    !> chains by a factor of 100 and more.)
-   subroutine block_solver_solve(self, frequency, reciprocal_condition)
+   subroutine block_solver_solve(self, frequency, drive, reciprocal_condition)
       class(block_solver_t), intent(inout) :: self
       real(wp), intent(in) :: frequency                      !! [rad/s]
+      real(wp), intent(in) :: drive                          !! [rad**2/s**2]
       real(wp), intent(out) :: reciprocal_condition          !! from 0, singular (rhs is undefined then), to 1
       real(wp) :: growth, norm
       integer :: i, info
 
       reciprocal_condition = 1.0_wp
       if (self%n == 0) return
-      call self%assemble(frequency, norm)
+      call self%assemble(frequency, drive, norm)
       reciprocal_condition = 0.0_wp
       if (self%is_banded) then
          call zgbtrf(self%n, self%n, self%n_lower, self%n_upper, self%matrix, size(self%matrix, 1), &
@@ -156,13 +157,13 @@ contains
    end function length_of
 
    !> Fills the matrix; `norm` is the largest row sum of the terms of S before they cancel each other.
-   subroutine block_solver_assemble(self, frequency, norm)
+   subroutine block_solver_assemble(self, frequency, drive, norm)
       class(block_solver_t), intent(inout) :: self
-      real(wp), intent(in) :: frequency
+      real(wp), intent(in) :: frequency, drive
       real(wp), intent(out) :: norm
       integer :: e, shift
 
-      call self%entries%evaluate(frequency, self%s)
+      call self%entries%evaluate(frequency, drive, self%s)
       call self%entries%magnitude(frequency, self%magnitude)
       self%matrix = (0.0_wp, 0.0_wp)
       self%row_sum = 0.0_wp

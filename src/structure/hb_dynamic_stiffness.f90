@@ -1,4 +1,4 @@
-!> Dynamic stiffness S(w) = K - w**2 M + i w D of each harmonic, condensed exactly to where the laws act.
+!> Dynamic stiffness S(w) = K - (w**2 + i drive) M + i w D of each harmonic, condensed exactly to where the laws act.
 !>
 !> Convention: x(t) = Re(c exp(i w t)), c = a - i b for x = a cos(w t) + b sin(w t), forces likewise. With the
 !> degrees of freedom of the laws (l) and the interior, that is all others (r), S x = P becomes
@@ -7,7 +7,8 @@
 !>     x_r = y - T x_l.
 !>
 !> This is block elimination, no model reduction: nothing is lost at any frequency. When asked for, the derivatives of S_c
-!> and P_c by the frequency come with it; docs/theory.md, eq. (17).
+!> and P_c by the frequency and by the drive come with it, and `move` finds all of them anew at other frequencies;
+!> docs/theory.md, eq. (17). The drive is zero but for the artificial damping of docs/theory.md, section 6.5.
 module hb_dynamic_stiffness
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_block_solver, only: block_solver_t, new_block_solver
@@ -25,17 +26,29 @@ module hb_dynamic_stiffness
    !> what rounding leaves of a singular matrix is of that size.
    real(wp), parameter :: lowest_condition = 1.0e-14_wp
 
+   !> What does not change with the frequencies.
+   type :: parts_t
+      type(structure_block_t) :: ll, lr, rl, rr
+      type(block_solver_t) :: solver                         ! of rr
+      complex(wp), allocatable :: loads(:, :)                ! [N], (n_dofs, n_harmonics)
+      complex(wp), allocatable :: load_slopes(:, :)          ! dP/dw [N s], as loads
+   end type parts_t
+
    type :: dynamic_stiffness_t
       integer :: n_dofs = 0, n_law = 0, n_harmonics = 0
       complex(wp), allocatable :: condensed(:, :, :)         !! S_c [N/m], (n_law, n_law, n_harmonics)
       complex(wp), allocatable :: load(:, :)                 !! P_c [N], (n_law, n_harmonics)
       complex(wp), allocatable :: condensed_slope(:, :, :)   !! dS_c/dw [N s/m], as `condensed`, or not allocated
       complex(wp), allocatable :: load_slope(:, :)           !! dP_c/dw [N s], as `load`, or not allocated
+      complex(wp), allocatable :: condensed_drive_slope(:, :, :) !! dS_c/ddrive [kg], or not allocated
+      complex(wp), allocatable :: load_drive_slope(:, :)     !! dP_c/ddrive [N s**2], or not allocated
       integer, allocatable, private :: law_dofs(:), interior(:)
       complex(wp), allocatable, private :: transfer(:, :, :) !! T, (n_interior, n_law, n_harmonics)
       complex(wp), allocatable, private :: held_motion(:, :) !! y, motion with the law dofs held still
       real(wp), allocatable, private :: magnitude(:, :)      !! diagonal of S_ll before anything cancels
+      type(parts_t), allocatable, private :: parts           !! kept with slopes
    contains
+      procedure :: move => dynamic_stiffness_move
       procedure :: linear_amplitudes => dynamic_stiffness_linear_amplitudes
       procedure :: recover => dynamic_stiffness_recover
    end type dynamic_stiffness_t
@@ -47,20 +60,19 @@ contains
    !> Fails for law dofs that do not exist or occur twice, for sizes that disagree, and where the interior is
    !> singular to working precision: at w = 0 a rigid-body motion, else an undamped resonance, that the law
    !> dofs do not hold.
-   subroutine new_dynamic_stiffness(self, structure, law_dofs, frequencies, loads, error, with_slopes)
+   subroutine new_dynamic_stiffness(self, structure, law_dofs, frequencies, loads, error, with_slopes, drives, load_slopes)
       type(dynamic_stiffness_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: law_dofs(:)                              !! (n_law)
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), of any sign
       complex(wp), intent(in) :: loads(:, :)                          !! [N], (n_dofs, n_harmonics)
       type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: with_slopes                    !! also `condensed_slope` and `load_slope`
-      type(structure_block_t) :: ll, lr, rl, rr
-      type(block_solver_t) :: solver
-      complex(wp), allocatable :: s_ll(:), s_lr(:), s_rl(:)
-      real(wp), allocatable :: magnitude(:)
-      real(wp) :: reciprocal_condition
-      integer :: e, h, n_interior, n_law
+      logical, intent(in), optional :: with_slopes                    !! also the slopes, and room for `move`
+      real(wp), intent(in), optional :: drives(:)                     !! [rad**2/s**2], (n_harmonics), else zero
+      complex(wp), intent(in), optional :: load_slopes(:, :)          !! dP/dw [N s] of loads that grow with the frequency, as
+                                                                      !! loads, else zero; `move` leaves the loads as they are
+      type(parts_t), allocatable :: parts
+      integer :: n_interior, n_law
 
       call check_input(structure, law_dofs, frequencies, loads, error)
       if (allocated(error)) return
@@ -75,104 +87,169 @@ contains
       allocate (self%transfer(n_interior, n_law, self%n_harmonics), self%magnitude(n_law, self%n_harmonics))
       allocate (self%held_motion(n_interior, self%n_harmonics))
 
+      allocate (parts)
+      parts%loads = loads
+      parts%load_slopes = (0.0_wp, 0.0_wp)*loads
+      if (present(load_slopes)) parts%load_slopes = load_slopes
+      call new_structure_block(parts%ll, structure, law_dofs, law_dofs)
+      call new_structure_block(parts%lr, structure, law_dofs, self%interior)
+      call new_structure_block(parts%rl, structure, self%interior, law_dofs)
+      call new_structure_block(parts%rr, structure, self%interior, self%interior)
+      call new_block_solver(parts%solver, parts%rr, n_interior, n_law + 1, maxval([0.0_wp, abs(frequencies)]))
       if (present(with_slopes)) then
-         if (with_slopes) allocate (self%condensed_slope(n_law, n_law, self%n_harmonics), &
-                                    self%load_slope(n_law, self%n_harmonics))
-      end if
-
-      call new_structure_block(ll, structure, law_dofs, law_dofs)
-      call new_structure_block(lr, structure, law_dofs, self%interior)
-      call new_structure_block(rl, structure, self%interior, law_dofs)
-      call new_structure_block(rr, structure, self%interior, self%interior)
-      call new_block_solver(solver, rr, n_interior, n_law + 1, maxval([0.0_wp, abs(frequencies)]))
-      allocate (s_ll(ll%n_entries), s_lr(lr%n_entries), s_rl(rl%n_entries), magnitude(ll%n_entries))
-
-      do h = 1, self%n_harmonics
-         call rl%evaluate(frequencies(h), s_rl)
-         solver%rhs(:, :n_law) = (0.0_wp, 0.0_wp)
-         do e = 1, rl%n_entries
-            solver%rhs(rl%row(e), rl%column(e)) = s_rl(e)
-         end do
-         solver%rhs(:, n_law + 1) = loads(self%interior, h)
-         call solver%solve(frequencies(h), reciprocal_condition)
-         if (reciprocal_condition < max(lowest_condition, real(n_interior, wp)*epsilon(1.0_wp))) then
-            call fail(error, singular_text(h, frequencies(h), n_law > 0))
-            return
+         if (with_slopes) then
+            allocate (self%condensed_slope, self%condensed_drive_slope, mold=self%condensed)
+            allocate (self%load_slope, self%load_drive_slope, mold=self%load)
          end if
-
-         associate (transfer => self%transfer(:, :, h), held_motion => self%held_motion(:, h), &
-                    condensed => self%condensed(:, :, h), load => self%load(:, h))
-            transfer = solver%rhs(:, :n_law)
-            held_motion = solver%rhs(:, n_law + 1)
-
-            call ll%evaluate(frequencies(h), s_ll)
-            call ll%magnitude(frequencies(h), magnitude)
-            condensed = (0.0_wp, 0.0_wp)
-            self%magnitude(:, h) = 0.0_wp
-            do e = 1, ll%n_entries
-               condensed(ll%row(e), ll%column(e)) = s_ll(e)
-               if (ll%row(e) == ll%column(e)) self%magnitude(ll%row(e), h) = magnitude(e)
-            end do
-            load = loads(law_dofs, h)
-            call lr%evaluate(frequencies(h), s_lr)
-            do e = 1, lr%n_entries
-               condensed(lr%row(e), :) = condensed(lr%row(e), :) - s_lr(e)*transfer(lr%column(e), :)
-               load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*held_motion(lr%column(e))
-            end do
-         end associate
-         if (allocated(self%condensed_slope)) call find_slopes(self, h, frequencies(h), ll, lr, rl, rr, solver)
-      end do
+      end if
+      if (present(drives)) then
+         call condense(self, parts, frequencies, drives, error)
+      else
+         call condense(self, parts, frequencies, 0.0_wp*frequencies, error)
+      end if
+      if (allocated(self%condensed_slope)) call move_alloc(parts, self%parts)
    end subroutine new_dynamic_stiffness
 
-   !> dS_c/dw and dP_c/dw of harmonic h from its T and y, with the factors that gave these.
-   subroutine find_slopes(self, h, frequency, ll, lr, rl, rr, solver)
-      type(dynamic_stiffness_t), intent(inout) :: self
+   !> Condenses anew at other frequencies, with what was found once for all; only for a stiffness with slopes. Fails as
+   !> `new_dynamic_stiffness` does.
+   subroutine dynamic_stiffness_move(self, frequencies, drives, error)
+      class(dynamic_stiffness_t), intent(inout) :: self
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), of any sign
+      real(wp), intent(in) :: drives(:)                               !! [rad**2/s**2], (n_harmonics)
+      type(error_t), allocatable, intent(out) :: error
+      type(parts_t), allocatable :: parts
+
+      if (.not. allocated(self%parts)) then
+         call fail(error, "dynamic stiffness: made without slopes, it cannot move to other frequencies")
+         return
+      end if
+      call move_alloc(self%parts, parts)
+      call condense(self, parts, frequencies, drives, error)
+      call move_alloc(parts, self%parts)
+   end subroutine dynamic_stiffness_move
+
+   !> Condenses each harmonic, with slopes if there is room for them.
+   subroutine condense(self, parts, frequencies, drives, error)
+      class(dynamic_stiffness_t), intent(inout) :: self
+      type(parts_t), intent(inout) :: parts
+      real(wp), intent(in) :: frequencies(:), drives(:)
+      type(error_t), allocatable, intent(out) :: error
+      complex(wp), allocatable :: s_ll(:), s_lr(:), s_rl(:)
+      real(wp), allocatable :: magnitude(:)
+      real(wp) :: reciprocal_condition
+      integer :: e, h, n_interior, n_law
+
+      n_law = self%n_law
+      n_interior = size(self%interior)
+      associate (ll => parts%ll, lr => parts%lr, rl => parts%rl, solver => parts%solver)
+         allocate (s_ll(ll%n_entries), s_lr(lr%n_entries), s_rl(rl%n_entries), magnitude(ll%n_entries))
+         do h = 1, self%n_harmonics
+            call rl%evaluate(frequencies(h), drives(h), s_rl)
+            solver%rhs(:, :n_law) = (0.0_wp, 0.0_wp)
+            do e = 1, rl%n_entries
+               solver%rhs(rl%row(e), rl%column(e)) = s_rl(e)
+            end do
+            solver%rhs(:, n_law + 1) = parts%loads(self%interior, h)
+            call solver%solve(frequencies(h), drives(h), reciprocal_condition)
+            if (reciprocal_condition < max(lowest_condition, real(n_interior, wp)*epsilon(1.0_wp))) then
+               call fail(error, singular_text(h, frequencies(h), n_law > 0))
+               return
+            end if
+
+            associate (transfer => self%transfer(:, :, h), held_motion => self%held_motion(:, h), &
+                       condensed => self%condensed(:, :, h), load => self%load(:, h))
+               transfer = solver%rhs(:, :n_law)
+               held_motion = solver%rhs(:, n_law + 1)
+
+               call ll%evaluate(frequencies(h), drives(h), s_ll)
+               call ll%magnitude(frequencies(h), magnitude)
+               condensed = (0.0_wp, 0.0_wp)
+               self%magnitude(:, h) = 0.0_wp
+               do e = 1, ll%n_entries
+                  condensed(ll%row(e), ll%column(e)) = s_ll(e)
+                  if (ll%row(e) == ll%column(e)) self%magnitude(ll%row(e), h) = magnitude(e)
+               end do
+               load = parts%loads(self%law_dofs, h)
+               call lr%evaluate(frequencies(h), drives(h), s_lr)
+               do e = 1, lr%n_entries
+                  condensed(lr%row(e), :) = condensed(lr%row(e), :) - s_lr(e)*transfer(lr%column(e), :)
+                  load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*held_motion(lr%column(e))
+               end do
+            end associate
+            if (allocated(self%condensed_slope)) then
+               call find_slopes(self, h, frequencies(h), drives(h), parts, .false., self%condensed_slope(:, :, h), &
+                                self%load_slope(:, h))
+               call find_slopes(self, h, frequencies(h), drives(h), parts, .true., self%condensed_drive_slope(:, :, h), &
+                                self%load_drive_slope(:, h))
+            end if
+         end do
+      end associate
+   end subroutine condense
+
+   !> Derivatives of S_c and P_c of harmonic h by the frequency or by the drive, from its T and y and with the factors that
+   !> gave these.
+   subroutine find_slopes(self, h, frequency, drive, parts, by_drive, condensed, load)
+      class(dynamic_stiffness_t), intent(in) :: self
       integer, intent(in) :: h
       real(wp), intent(in) :: frequency                               !! [rad/s]
-      type(structure_block_t), intent(in) :: ll, lr, rl, rr
-      type(block_solver_t), intent(inout) :: solver                   !! after `solve` at this frequency
-      complex(wp), allocatable :: s_lr(:), slope(:)
+      real(wp), intent(in) :: drive                                   !! [rad**2/s**2]
+      type(parts_t), intent(inout) :: parts                           !! after `solve` of harmonic h
+      logical, intent(in) :: by_drive
+      complex(wp), intent(out) :: condensed(:, :), load(:)
+      complex(wp) :: s_lr(parts%lr%n_entries)
       integer :: e, n
 
       n = self%n_law
-      associate (transfer => self%transfer(:, :, h), held_motion => self%held_motion(:, h), &
-                 condensed => self%condensed_slope(:, :, h), load => self%load_slope(:, h))
-         ! dT = S_rr^-1 (dS_rl - dS_rr T), dy = -S_rr^-1 dS_rr y
+      associate (transfer => self%transfer(:, :, h), held_motion => self%held_motion(:, h), lr => parts%lr, &
+                 solver => parts%solver)
+         ! dT = S_rr^-1 (dS_rl - dS_rr T), dy = S_rr^-1 (dP_r - dS_rr y)
          solver%rhs = (0.0_wp, 0.0_wp)
-         allocate (slope(rl%n_entries))
-         call rl%slope(frequency, slope)
-         do e = 1, rl%n_entries
-            solver%rhs(rl%row(e), rl%column(e)) = slope(e)
-         end do
-         deallocate (slope)
-         allocate (slope(rr%n_entries))
-         call rr%slope(frequency, slope)
-         do e = 1, rr%n_entries
-            solver%rhs(rr%row(e), :n) = solver%rhs(rr%row(e), :n) - slope(e)*transfer(rr%column(e), :)
-            solver%rhs(rr%row(e), n + 1) = solver%rhs(rr%row(e), n + 1) - slope(e)*held_motion(rr%column(e))
-         end do
-         deallocate (slope)
+         if (.not. by_drive) solver%rhs(:, n + 1) = parts%load_slopes(self%interior, h)
+         associate (rl => parts%rl, slope => slope_of(parts%rl))
+            do e = 1, rl%n_entries
+               solver%rhs(rl%row(e), rl%column(e)) = slope(e)
+            end do
+         end associate
+         associate (rr => parts%rr, slope => slope_of(parts%rr))
+            do e = 1, rr%n_entries
+               solver%rhs(rr%row(e), :n) = solver%rhs(rr%row(e), :n) - slope(e)*transfer(rr%column(e), :)
+               solver%rhs(rr%row(e), n + 1) = solver%rhs(rr%row(e), n + 1) - slope(e)*held_motion(rr%column(e))
+            end do
+         end associate
          call solver%solve_again()
 
-         ! dS_c = dS_ll - dS_lr T - S_lr dT, dP_c = -(dS_lr y + S_lr dy)
+         ! dS_c = dS_ll - dS_lr T - S_lr dT, dP_c = dP_l - dS_lr y - S_lr dy
          condensed = (0.0_wp, 0.0_wp)
          load = (0.0_wp, 0.0_wp)
-         allocate (slope(ll%n_entries))
-         call ll%slope(frequency, slope)
-         do e = 1, ll%n_entries
-            condensed(ll%row(e), ll%column(e)) = slope(e)
-         end do
-         deallocate (slope)
-         allocate (slope(lr%n_entries), s_lr(lr%n_entries))
-         call lr%slope(frequency, slope)
-         call lr%evaluate(frequency, s_lr)
-         do e = 1, lr%n_entries
-            condensed(lr%row(e), :) = condensed(lr%row(e), :) - slope(e)*transfer(lr%column(e), :) &
-                                      - s_lr(e)*solver%rhs(lr%column(e), :n)
-            load(lr%row(e)) = load(lr%row(e)) - slope(e)*held_motion(lr%column(e)) &
-                              - s_lr(e)*solver%rhs(lr%column(e), n + 1)
-         end do
+         if (.not. by_drive) load = parts%load_slopes(self%law_dofs, h)
+         associate (ll => parts%ll, slope => slope_of(parts%ll))
+            do e = 1, ll%n_entries
+               condensed(ll%row(e), ll%column(e)) = slope(e)
+            end do
+         end associate
+         call lr%evaluate(frequency, drive, s_lr)
+         associate (slope => slope_of(lr))
+            do e = 1, lr%n_entries
+               condensed(lr%row(e), :) = condensed(lr%row(e), :) - slope(e)*transfer(lr%column(e), :) &
+                                         - s_lr(e)*solver%rhs(lr%column(e), :n)
+               load(lr%row(e)) = load(lr%row(e)) - slope(e)*held_motion(lr%column(e)) &
+                                 - s_lr(e)*solver%rhs(lr%column(e), n + 1)
+            end do
+         end associate
       end associate
+
+   contains
+
+      pure function slope_of(block) result(slope)
+         type(structure_block_t), intent(in) :: block
+         complex(wp) :: slope(block%n_entries)
+
+         if (by_drive) then
+            call block%drive_slope(slope)
+         else
+            call block%slope(frequency, slope)
+         end if
+      end function slope_of
    end subroutine find_slopes
 
    !> Gives all degrees of freedom from those of the laws, x_r = y - T x_l.

@@ -9,7 +9,7 @@ module hb_structure
    use hb_text, only: closest_word, join, parse_integer, to_text
    implicit none
    private
-   public :: label_length, max_dofs, new_structure, structure_t, unit_length
+   public :: label_length, max_dofs, new_structure, structure_bytes, structure_t, unit_length
 
    integer, parameter :: label_length = 16                   !! longest name of a degree of freedom
    integer, parameter :: unit_length = 8
@@ -28,6 +28,14 @@ module hb_structure
    end type structure_t
 
 contains
+
+   !> Bytes that reading a structure takes at its worst moment: matrices of the builder, copies here, factors of the mass.
+   pure real(wp) function structure_bytes(n_dofs)
+      integer, intent(in) :: n_dofs
+      real(wp), parameter :: copies = 7.0_wp                          ! of a matrix
+
+      structure_bytes = copies*8.0_wp*real(n_dofs, wp)**2
+   end function structure_bytes
 
    !> Makes a structure from its matrices.
    !>

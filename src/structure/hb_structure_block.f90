@@ -1,4 +1,4 @@
-!> A block of the dynamic stiffness S(w) = K - w**2 M + i w D between some rows and some columns, by its
+!> A block of the dynamic stiffness S(w) = K - (w**2 + i drive) M + i w D between some rows and some columns, by its
 !> nonzero entries.
 !>
 !> The pattern is found once; at each frequency only the entries are touched, so narrow structures cost
@@ -17,6 +17,7 @@ module hb_structure_block
    contains
       procedure :: evaluate => structure_block_evaluate
       procedure :: slope => structure_block_slope
+      procedure :: drive_slope => structure_block_drive_slope
       procedure :: magnitude => structure_block_magnitude
    end type structure_block_t
 
@@ -52,13 +53,14 @@ contains
       end do
    end subroutine new_structure_block
 
-   !> Values of the entries, s = k - w**2 m + i w d.
-   pure subroutine structure_block_evaluate(self, frequency, s)
+   !> Values of the entries, s = k - (w**2 + i drive) m + i w d.
+   pure subroutine structure_block_evaluate(self, frequency, drive, s)
       class(structure_block_t), intent(in) :: self
       real(wp), intent(in) :: frequency                               !! [rad/s], of any sign
+      real(wp), intent(in) :: drive                                   !! [rad**2/s**2], of any sign
       complex(wp), intent(out) :: s(:)                                !! (n_entries)
 
-      s = cmplx(self%stiffness - frequency**2*self%mass, frequency*self%damping, wp)
+      s = cmplx(self%stiffness - frequency**2*self%mass, frequency*self%damping - drive*self%mass, wp)
    end subroutine structure_block_evaluate
 
    !> Derivatives of the entries by the frequency, ds/dw = -2 w m + i d.
@@ -69,6 +71,14 @@ contains
 
       ds_dw = cmplx(-2.0_wp*frequency*self%mass, self%damping, wp)
    end subroutine structure_block_slope
+
+   !> Derivatives of the entries by the drive, -i m.
+   pure subroutine structure_block_drive_slope(self, ds_ddrive)
+      class(structure_block_t), intent(in) :: self
+      complex(wp), intent(out) :: ds_ddrive(:)                        !! (n_entries)
+
+      ds_ddrive = cmplx(0.0_wp, -self%mass, wp)
+   end subroutine structure_block_drive_slope
 
    !> Sizes of the entries before anything cancels, |k| + w**2 |m| + |w d|: rounding in S is relative to
    !> these.

@@ -4,7 +4,7 @@
 module hb_interruption
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_mpi, only: comm_t, wall_clock
+   use hb_mpi, only: comm_t, size_of, wall_clock
    use hb_shared_flag, only: new_shared_flag, shared_flag_t
    use hb_signals, only: signal_caught
    implicit none
@@ -21,12 +21,18 @@ module hb_interruption
 
    type(reason_t), parameter :: interruption = reason_t()
 
+   ! The flag stands in the memory of one rank; all others together look at it so often at most, and each no more often than
+   ! people notice.
+   real(wp), parameter :: looks_per_second = 1.0e5_wp, shortest_interval = 0.01_wp
+
    type :: interruption_t
       integer :: reason = interruption%none
       real(wp), private :: started = 0.0_wp
       real(wp), private :: time_limit = huge(1.0_wp)                  !! [s] from the start
       real(wp), private :: longest = 0.0_wp                           !! [s] of the points of this rank so far
       type(shared_flag_t), private :: flag                            !! up when all ranks have to stop
+      real(wp), private :: looked = -huge(1.0_wp)                     !! [s] when this rank looked at it last
+      real(wp), private :: interval = shortest_interval               !! [s] between two looks
    contains
       procedure :: ask_all => interruption_ask_all
       procedure :: destroy => interruption_destroy
@@ -46,6 +52,7 @@ contains
       call new_shared_flag(self%flag, comm, error)
       self%started = wall_clock()
       self%time_limit = time_limit
+      self%interval = max(shortest_interval, size_of(comm)/looks_per_second)
    end subroutine new_interruption
 
    !> Takes note of what a point took.
@@ -61,14 +68,17 @@ contains
    !> differ.
    logical function interruption_is_due(self) result(is_due)
       class(interruption_t), intent(inout) :: self
+      real(wp) :: now
 
+      now = wall_clock()
       if (signal_caught()) then
          call self%flag%raise()
          self%reason = interruption%signal
-      else if (wall_clock() - self%started + self%longest >= self%time_limit) then
+      else if (now - self%started + self%longest >= self%time_limit) then
          self%reason = interruption%time_limit
-      else if (self%flag%is_raised()) then
-         self%reason = interruption%other_rank
+      else if (now - self%looked >= self%interval) then
+         self%looked = now
+         if (self%flag%is_raised()) self%reason = interruption%other_rank
       end if
       is_due = self%reason /= interruption%none
    end function interruption_is_due

@@ -1,6 +1,7 @@
 !> One point of a study: from a scene to its solution and what is kept of it.
 module hb_point
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
+   use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
    use hb_certificate, only: certify
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
@@ -12,6 +13,7 @@ module hb_point
    use hb_outcome, only: outcome
    use hb_results, only: point_result_t
    use hb_scene, only: scene_t
+   use hb_search, only: search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
    use hb_torus, only: new_torus, torus_t
@@ -23,27 +25,39 @@ contains
 
    !> Solves the scene. An `error` is trouble that belongs to this point alone, such as a singular interior; a solver that
    !> does not converge is told by the status of the result.
-   subroutine solve_point(scene, result, error)
+   subroutine solve_point(scene, result, error, guess, unknowns)
       type(scene_t), intent(in) :: scene
       type(point_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable, intent(in), optional :: guess(:)         !! in place of that of the scene: coefficients at the degrees
+                                                                      !! of freedom of the laws, then all base frequencies
+      real(wp), allocatable, intent(out), optional :: unknowns(:)     !! of a converged solution, as `guess`; none without laws
       type(dynamic_stiffness_t) :: stiffness
-      type(balance_t) :: balance
+      type(balance_t), target :: balance
+      type(autonomous_start_t) :: start
       integer, allocatable :: law_dofs(:)
-      real(wp), allocatable :: frequencies(:)
+      logical :: is_autonomous
 
       law_dofs = law_dofs_of(scene%laws)
-      frequencies = scene%harmonics%frequencies(scene%tones%omega)
-      result%frequency = scene%tones%omega
+      is_autonomous = any(scene%tones%is_unknown)
+      start%omega = scene%tones%omega
+      if (is_autonomous) call find_start(start, scene, error)
+      if (is_autonomous .and. has_values(guess)) then
+         start%omega = guess(size(guess) - size(start%omega) + 1:)
+         start%has_motion = .true.
+      end if
+      if (allocated(error)) return
+      result%frequency = start%omega
       result%n_harmonics = scene%harmonics%n_harmonics
-      call new_dynamic_stiffness(stiffness, scene%structure, law_dofs, frequencies, scene%loads, error)
+      call new_dynamic_stiffness(stiffness, scene%structure, law_dofs, scene%harmonics%frequencies(start%omega), scene%loads, &
+                                 error, with_slopes=is_autonomous, load_slopes=scene%load_slopes)
       if (allocated(error)) return
       if (size(law_dofs) == 0) then
          call solve_linear_scene(scene, stiffness, result)
          return
       end if
-      call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, scene%laws, scene%planning, error)
-      if (.not. allocated(error)) call solve_balance(scene, law_dofs, balance, result, error)
+      call new_balance(balance, scene%harmonics, scene%torus, start%omega, stiffness, scene%laws, scene%planning, error)
+      if (.not. allocated(error)) call solve_balance(scene, start, law_dofs, balance, result, error, guess, unknowns)
       call balance%destroy()
    end subroutine solve_point
 
@@ -63,20 +77,35 @@ contains
       result%status = outcome%converged
    end subroutine solve_linear_scene
 
-   subroutine solve_balance(scene, law_dofs, balance, result, error)
+   subroutine solve_balance(scene, start, law_dofs, balance, result, error, guess, unknowns)
       type(scene_t), intent(in) :: scene
+      type(autonomous_start_t), intent(in) :: start
       integer, intent(in) :: law_dofs(:)
-      type(balance_t), intent(inout) :: balance
+      type(balance_t), intent(inout), target :: balance
       type(point_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable, intent(in), optional :: guess(:)
+      real(wp), allocatable, intent(out), optional :: unknowns(:)
       type(report_t) :: report
+      type(search_t) :: search
       complex(wp), allocatable :: c(:, :)
       real(wp), allocatable :: u(:, :)
 
       allocate (u(scene%harmonics%n_coefficients, size(law_dofs)), source=0.0_wp)
-      if (scene%start_from_linear) call balance%linear_solution(u)
-      call add_start(scene, law_dofs, u)
-      call solve_unknowns(scene, balance, u, report)
+      if (any(scene%tones%is_unknown)) then
+         call add_start(scene, law_dofs, u)
+         if (has_values(guess)) u = reshape(guess(:size(u)), shape(u)) - start%rest%u
+         call find_motion(scene, start, law_dofs, balance, u, search)
+         report = search%report
+         call keep_tones(scene, balance, report, result)
+         if (allocated(search%message)) result%message = search%message
+      else
+         if (scene%start_from_linear) call balance%linear_solution(u)
+         call add_start(scene, law_dofs, u)
+         if (has_values(guess)) u = reshape(guess(:size(u)), shape(u))
+         call solve_unknowns(scene, balance, u, report)
+      end if
+      if (present(unknowns) .and. report%status == outcome%converged) unknowns = [u, balance%omega]
       result%status = report%status
       result%iterations = report%iterations
       result%evaluations = report%evaluations
@@ -95,11 +124,33 @@ contains
       call keep_forces(scene%harmonics, balance, u, result, error)
       if (allocated(error)) return
       if (scene%certificate%is_on .and. result%status == outcome%converged) then
-         call keep_certificate(scene, balance, u, result, error)
+         call keep_certificate(scene, balance, search, u, result, error)
          if (allocated(error)) return
       end if
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)
    end subroutine solve_balance
+
+   !> Whether a guess is there.
+   pure logical function has_values(guess)
+      real(wp), allocatable, intent(in), optional :: guess(:)
+
+      has_values = .false.
+      if (present(guess)) has_values = allocated(guess)
+   end function has_values
+
+   !> The tones found; unknown ones that the motion does not have are no numbers.
+   subroutine keep_tones(scene, balance, report, result)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(in) :: balance
+      type(report_t), intent(in) :: report
+      type(point_result_t), intent(inout) :: result
+
+      result%frequency = balance%omega
+      if (scene%normal_mode%is_asked) result%artificial_damping = balance%xi
+      if (any(report%status == [outcome%collapsed, outcome%no_motion])) then
+         where (scene%tones%is_unknown) result%frequency = ieee_value(1.0_wp, ieee_quiet_nan)
+      end if
+   end subroutine keep_tones
 
    !> The solver sees the coefficients as one vector.
    subroutine solve_unknowns(scene, balance, u, report)
@@ -177,22 +228,27 @@ contains
    end subroutine keep_forces
 
    !> Makes the certificate of a solved point; one that misses a threshold gets the status that says so.
-   subroutine keep_certificate(scene, balance, u, result, error)
+   subroutine keep_certificate(scene, balance, search, u, result, error)
       type(scene_t), intent(in) :: scene
       type(balance_t), intent(inout) :: balance
+      type(search_t), intent(inout) :: search                         !! of a scene with unknown tones
       real(wp), intent(in) :: u(:, :)
       type(point_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
 
-      call certify(result%certificate, scene%structure, scene%tones, scene%laws, scene%loads, scene%torus, balance, u, &
-         scene%planning, error)
+      if (any(scene%tones%is_unknown)) then
+         call certify(result%certificate, scene%structure, scene%laws, scene%loads, scene%torus, balance, u, scene%planning, &
+                      error, search%phase)
+      else
+         call certify(result%certificate, scene%structure, scene%laws, scene%loads, scene%torus, balance, u, scene%planning, error)
+      end if
       if (allocated(error)) return
       associate (found => result%certificate, limit => scene%certificate)
          if (found%defects%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
          result%is_near_commensurate = scene%tones%n_tones > 1 .and. &
-            found%combination_frequency < limit%commensurability*maxval(scene%tones%omega)
+            found%combination_frequency < limit%commensurability*maxval(balance%omega)
       end associate
    end subroutine keep_certificate
 

@@ -1,4 +1,5 @@
-!> Progress of a run: one line that is rewritten on a terminal, a plain line now and then in a log.
+!> What a run tells while it goes on: one line that is rewritten on a terminal, a plain line now and then in a log, and how
+!> much of it is wanted.
 module hb_progress
    use, intrinsic :: iso_fortran_env, only: error_unit
    use hb_kinds, only: wp
@@ -7,56 +8,114 @@ module hb_progress
    use hb_text, only: to_text
    implicit none
    private
-   public :: new_progress, progress_t
+   public :: log_level, log_level_names, new_progress, progress_t
+
+   !> How much a run tells, each level all of those before it.
+   type :: log_level_t
+      integer :: quiet = 0                                            !! errors alone
+      integer :: normal = 1                                           !! progress, summary, warnings
+      integer :: verbose = 2                                          !! where the time of each rank went
+      integer :: debug = 3                                            !! a line for each point, from the rank that solved it
+   end type log_level_t
+   type(log_level_t), parameter :: log_level = log_level_t()
+   character(7), parameter :: log_level_names(0:3) = [character(7) :: "quiet", "normal", "verbose", "debug"]
 
    integer, parameter :: bar_width = 30
    real(wp), parameter :: terminal_interval = 0.2_wp                  ! [s] between two lines
-   real(wp), parameter :: log_interval = 10.0_wp                      ! [s]
+   real(wp), parameter :: log_interval = 10.0_wp                      ! [s], of the first; then longer and longer
+   real(wp), parameter :: log_growth = 1.5_wp, longest_log_interval = 600.0_wp
+   real(wp), parameter :: tally_interval = 0.2_wp                     ! [s] between two messages of a rank to the others
 
    type :: progress_t
-      logical, private :: is_quiet = .false.
+      logical, private :: is_shown = .false., is_debug = .false.
       logical, private :: on_terminal = .false.
       integer, private :: n_points = 0
-      real(wp), private :: started = 0.0_wp, shown = 0.0_wp
+      real(wp), private :: started = 0.0_wp, shown = 0.0_wp, interval = log_interval
+      integer, private :: done = 0, failed = 0                        ! points of this rank that it has not reported yet
+      real(wp), private :: reported = 0.0_wp
    contains
+      procedure :: note => progress_note
+      procedure :: report => progress_report
+      procedure :: is_due => progress_is_due
+      procedure :: tell_point => progress_tell_point
       procedure :: show => progress_show
       procedure :: finish => progress_finish
    end type progress_t
 
 contains
 
-   !> Progress over `n_points`, written to standard error; nothing is written when `is_quiet`.
-   subroutine new_progress(self, n_points, is_quiet)
+   !> Progress over `n_points`, written to standard error by one rank of a run.
+   subroutine new_progress(self, n_points, level, is_first)
       type(progress_t), intent(out) :: self
       integer, intent(in) :: n_points
-      logical, intent(in) :: is_quiet
+      integer, intent(in) :: level                                    !! one of log_level
+      logical, intent(in) :: is_first                                 !! this rank writes the line
 
       self%n_points = n_points
-      self%is_quiet = is_quiet
+      self%is_shown = is_first .and. level >= log_level%normal
+      self%is_debug = level >= log_level%debug
       self%on_terminal = is_terminal()
       self%started = wall_clock()
       self%shown = self%started
+      if (self%on_terminal) self%interval = terminal_interval
    end subroutine new_progress
 
-   !> Says how far the run is, if the last line is old enough.
+   !> Counts a point that this rank has solved; `is_report_due` tells whether the others should hear of it.
+   subroutine progress_note(self, has_failed, is_report_due)
+      class(progress_t), intent(inout) :: self
+      logical, intent(in) :: has_failed
+      logical, intent(out) :: is_report_due
+
+      self%done = self%done + 1
+      if (has_failed) self%failed = self%failed + 1
+      is_report_due = wall_clock() - self%reported >= tally_interval
+   end subroutine progress_note
+
+   !> Gives the points noted since the last call.
+   subroutine progress_report(self, done, failed)
+      class(progress_t), intent(inout) :: self
+      integer, intent(out) :: done, failed
+
+      done = self%done
+      failed = self%failed
+      self%done = 0
+      self%failed = 0
+      self%reported = wall_clock()
+   end subroutine progress_report
+
+   !> Whether the last line is old enough for the next one.
+   logical function progress_is_due(self)
+      class(progress_t), intent(in) :: self
+
+      progress_is_due = .false.
+      if (self%is_shown) progress_is_due = wall_clock() - self%shown >= self%interval
+   end function progress_is_due
+
+   !> Says how far the run is.
    subroutine progress_show(self, done, failed)
       class(progress_t), intent(inout) :: self
       integer, intent(in) :: done, failed                             !! points, over all ranks
-      real(wp) :: now
 
-      if (self%is_quiet) return
-      now = wall_clock()
-      if (now - self%shown < merge(terminal_interval, log_interval, self%on_terminal)) return
-      self%shown = now
-      call write_line(self, done, failed, now)
+      if (.not. self%is_shown) return
+      self%shown = wall_clock()
+      if (.not. self%on_terminal) self%interval = min(log_growth*self%interval, longest_log_interval)
+      call write_line(self, done, failed, self%shown)
    end subroutine progress_show
+
+   !> Says how one point ended, at level debug, whichever rank solved it.
+   subroutine progress_tell_point(self, text)
+      class(progress_t), intent(in) :: self
+      character(*), intent(in) :: text
+
+      if (self%is_debug) write (error_unit, "(a)") text
+   end subroutine progress_tell_point
 
    !> Says the final state, and ends the line on a terminal.
    subroutine progress_finish(self, done, failed)
       class(progress_t), intent(inout) :: self
       integer, intent(in) :: done, failed
 
-      if (self%is_quiet) return
+      if (.not. self%is_shown) return
       call write_line(self, done, failed, wall_clock())
       if (self%on_terminal) write (error_unit, "()")
    end subroutine progress_finish

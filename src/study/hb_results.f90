@@ -5,17 +5,18 @@
 !> after that only raw data are written in place, the status of a point last, so that a killed run leaves a sound
 !> file in which a status other than 0 means complete.
 module hb_results
-   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_certificate, only: certificate_t
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_file_t, open_file_parallel
+   use hb_held_rows, only: held_rows_t, hold_seconds, new_held_rows, room_for
    use hb_kinds, only: wp
-   use hb_mpi, only: comm_t, rank_of, share_error
+   use hb_mpi, only: comm_t, rank_of, share_error, size_of, wall_clock
    use hb_outcome, only: outcome
    use hb_results_file, only: make_file
    use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
-   use hb_results_plan, only: is_characters, is_integer, is_real, message_length, new_plan, plan_t
+   use hb_results_plan, only: is_integer, measure_row, message_length, new_plan, plan_t
    use hb_text, only: to_text
+   use hb_timing, only: n_times, rank_times_t
    implicit none
    private
    public :: create_results, open_results, point_result_t, results_layout_t, results_t, swept_parameter_t
@@ -32,6 +33,7 @@ module hb_results
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
+      real(wp), allocatable :: artificial_damping(:)    !! [1/s], (n_tones), of a normal mode
       real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
       real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
@@ -51,12 +53,19 @@ module hb_results
       type(plan_t) :: plan
       integer :: n_points = 0
       logical :: is_resumed = .false.                   !! rows may hold what a run before has left
+      type(held_rows_t), allocatable :: held(:)         ! for each variable of the plan
+      integer :: room = 1, first_held = 1, n_held = 0   ! points that are held back
+      real(wp) :: hold = 0.0_wp, flushed = 0.0_wp       ! [s] how long, and when the last was written
    contains
       procedure :: close => results_close
+      procedure :: flush => results_flush
+      procedure :: hold_seconds => results_hold_seconds
       procedure :: write_point => results_write_point
+      procedure :: write_times => results_write_times
    end type results_t
 
-   !> Writes the row of one point; does nothing once there is an error, so that a point reads as a plain list.
+   !> Puts values into the row of the point that is taken; does nothing once there is an error, so that a point reads as
+   !> a plain list.
    interface put
       module procedure put_integer
       module procedure put_real
@@ -84,7 +93,7 @@ contains
          if (rank_of(comm) == 0) call make_file(path, layout, self%plan, overwrite, error)
       end if
       call share_error(comm, error)
-      if (.not. allocated(error)) call open_datasets(self, comm, error)
+      if (.not. allocated(error)) call open_datasets(self, layout, comm, error)
       call annotate(error, "result file '"//path//"'")
    end subroutine create_results
 
@@ -105,13 +114,15 @@ contains
          call new_plan(self%plan, layout)
       end if
       call share_error(comm, error)
-      if (.not. allocated(error)) call open_datasets(self, comm, error)
+      if (.not. allocated(error)) call open_datasets(self, layout, comm, error)
       call annotate(error, "result file '"//path//"'")
    end subroutine open_results
 
-   !> Opens the file on all ranks; refuses datasets of other extents than those of the plan.
-   subroutine open_datasets(self, comm, error)
+   !> Opens the file on all ranks, and makes room for the rows that are held back; refuses datasets of other extents than
+   !> those of the plan.
+   subroutine open_datasets(self, layout, comm, error)
       type(results_t), intent(inout) :: self
+      type(results_layout_t), intent(in) :: layout
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
@@ -129,115 +140,190 @@ contains
          end associate
          if (allocated(error)) exit
       end do
+      if (.not. (allocated(error) .or. self%is_resumed)) then
+         do i = 1, size(self%plan%times)
+            call self%file%open_dataset(self%plan%times(i)%name, self%plan%times(i)%dataset, error)
+            if (allocated(error)) exit
+         end do
+      end if
       call share_error(comm, error)
-      if (allocated(error)) call self%file%close(error_in_close)
+      if (allocated(error)) then
+         call self%file%close(error_in_close)
+      else
+         call make_room(self, size(layout%parameters), size_of(comm))
+      end if
    end subroutine open_datasets
 
-   !> Writes the result of point `i`, from 1, the status last; any rank may write any point at any time.
+   !> Makes room for the rows that are held back.
+   subroutine make_room(self, n_parameters, n_ranks)
+      type(results_t), intent(inout) :: self
+      integer, intent(in) :: n_parameters, n_ranks
+      real(wp) :: n_bytes
+      integer :: i, n_datasets
+
+      call measure_row(self%plan, n_parameters, n_bytes, n_datasets)
+      self%room = room_for(n_bytes)
+      self%hold = hold_seconds(n_ranks, n_datasets)
+      self%flushed = wall_clock()
+      allocate (self%held(size(self%plan%variables)))
+      do i = 1, size(self%held)
+         associate (axes => self%plan%variables(i)%axes)
+            call new_held_rows(self%held(i), self%plan%variables(i), product(self%plan%axes(axes(:size(axes) - 1))%length), &
+               self%room)
+         end associate
+      end do
+   end subroutine make_room
+
+   !> Takes the result of point `i`, from 1; any rank may give any point at any time. Points that follow each other are
+   !> held back for a while and written together, see hb_held_rows and `flush`.
    subroutine results_write_point(self, i, point, error)
       class(results_t), intent(inout) :: self
       integer, intent(in) :: i
       type(point_result_t), intent(in) :: point
       type(error_t), allocatable, intent(out) :: error
+      integer :: k
 
       if (i < 1 .or. i > self%n_points) then
          call fail(error, "result file '"//self%path//"': no point "//to_text(i)//", there are "// &
                    to_text(self%n_points))
          return
       end if
-      if (self%is_resumed) call blank_row(self, i, error)
-      call put_message(self, i, point%message, error)
-      call put(self, "iterations", i, [point%iterations], error)
-      call put(self, "rescue", i, [point%rescue], error)
-      call put(self, "evaluations", i, [point%evaluations], error)
-      call put(self, "residual", i, [point%residual], error)
-      call put(self, "solve_seconds", i, [point%solve_seconds], error)
-      call put(self, "rank", i, [point%rank], error)
-      call put(self, "n_harmonics", i, [point%n_harmonics], error)
-      call put(self, "n_full_stick", i, [point%n_full_stick], error)
-      if (allocated(point%frequency)) call put(self, "frequency", i, point%frequency, error)
-      if (allocated(point%coefficients)) call put(self, "coefficients", i, point%coefficients, error)
-      if (allocated(point%force_coefficients)) call put(self, "force_coefficients", i, point%force_coefficients, error)
-      if (allocated(point%corrected_coefficients)) call put(self, "corrected_coefficients", i, point%corrected_coefficients, error)
-      if (allocated(point%certificate%combination)) call put_certificate(self, i, point, error)
-      if (allocated(point%displacement_samples)) call put(self, "displacement_samples", i, point%displacement_samples, error)
-      if (allocated(point%corrected_samples)) call put(self, "corrected_samples", i, point%corrected_samples, error)
-      if (allocated(point%force_samples)) call put(self, "force_samples", i, point%force_samples, error)
-      call put(self, "status", i, [point%status], error)
+      if (self%n_held > 0 .and. i /= self%first_held + self%n_held) call self%flush(error)
+      if (allocated(error)) return
+      if (self%n_held == 0) self%first_held = i
+      self%n_held = self%n_held + 1
+      do k = 1, size(self%held)
+         call self%held(k)%blank(self%n_held)
+      end do
+      call put_message(self, point%message, error)
+      call put(self, "iterations", [point%iterations], error)
+      call put(self, "rescue", [point%rescue], error)
+      call put(self, "evaluations", [point%evaluations], error)
+      call put(self, "residual", [point%residual], error)
+      call put(self, "solve_seconds", [point%solve_seconds], error)
+      call put(self, "rank", [point%rank], error)
+      call put(self, "n_harmonics", [point%n_harmonics], error)
+      call put(self, "n_full_stick", [point%n_full_stick], error)
+      if (allocated(point%frequency)) call put(self, "frequency", point%frequency, error)
+      if (allocated(point%artificial_damping)) call put(self, "artificial_damping", point%artificial_damping, error)
+      if (allocated(point%coefficients)) call put(self, "coefficients", point%coefficients, error)
+      if (allocated(point%force_coefficients)) call put(self, "force_coefficients", point%force_coefficients, error)
+      if (allocated(point%corrected_coefficients)) call put(self, "corrected_coefficients", point%corrected_coefficients, error)
+      if (allocated(point%certificate%combination)) call put_certificate(self, point, error)
+      if (allocated(point%displacement_samples)) call put(self, "displacement_samples", point%displacement_samples, error)
+      if (allocated(point%corrected_samples)) call put(self, "corrected_samples", point%corrected_samples, error)
+      if (allocated(point%force_samples)) call put(self, "force_samples", point%force_samples, error)
+      call put(self, "status", [point%status], error)
       call annotate(error, "point "//to_text(i))
+      if (allocated(error)) then
+         self%n_held = self%n_held - 1                  ! what could not be taken whole is not written in part
+         return
+      end if
+      if (self%n_held == self%room .or. wall_clock() - self%flushed >= self%hold) call self%flush(error)
    end subroutine results_write_point
 
-   !> Brings the row of a point back to what it was when the file was made, the status first: a run that is killed between
-   !> two lines leaves the point pending.
-   subroutine blank_row(self, i, error)
-      class(results_t), intent(inout) :: self
-      integer, intent(in) :: i
-      type(error_t), allocatable, intent(inout) :: error
-      integer :: k, n
+   !> Gives the time [s] for which a rank holds results back.
+   pure real(wp) function results_hold_seconds(self)
+      class(results_t), intent(in) :: self
 
-      call put(self, "status", i, [outcome%pending], error)
-      do k = 1, size(self%plan%variables)
-         if (allocated(error)) return
-         associate (variable => self%plan%variables(k))
-            n = product(self%plan%axes(variable%axes(:size(variable%axes) - 1))%length)
-            select case (variable%kind)
-            case (is_integer)
-               call variable%dataset%write_row(i, spread(0, 1, n), error)
-            case (is_real)
-               call variable%dataset%write_row(i, spread(ieee_value(1.0_wp, ieee_quiet_nan), 1, n), error)
-            case (is_characters)
-               call variable%dataset%write_row(i, "", error)
-            end select
+      results_hold_seconds = self%hold
+   end function results_hold_seconds
+
+   !> Writes what is held back, the statuses last; independent of other ranks. Rows that a run before may have filled are
+   !> pending while they are written over, and written whole.
+   subroutine results_flush(self, error)
+      class(results_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i, i_status, n
+
+      n = self%n_held
+      self%n_held = 0
+      self%flushed = wall_clock()
+      if (n == 0) return
+      i_status = index_of(self, "status")
+      associate (status => self%plan%variables(i_status)%dataset)
+         if (self%is_resumed) call status%write_row(self%first_held, spread([outcome%pending], 2, n), error, n)
+         do i = 1, size(self%held)
+            if (allocated(error)) exit
+            if (i /= i_status) call self%held(i)%flush(self%first_held, n, self%is_resumed, self%plan%variables(i)%dataset, error)
+         end do
+         if (.not. allocated(error)) call self%held(i_status)%flush(self%first_held, n, self%is_resumed, status, error)
+      end associate
+      call annotate(error, "result file '"//self%path//"': point "//to_text(self%first_held - 1)//" or after")
+   end subroutine results_flush
+
+   !> Writes where the time of a rank, from 0, went; nothing in the file of a run before, whose ranks the rows are of.
+   subroutine results_write_times(self, rank, times, error)
+      class(results_t), intent(inout) :: self
+      integer, intent(in) :: rank
+      type(rank_times_t), intent(in) :: times
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: row(n_times + 1)
+      integer :: i
+
+      if (self%is_resumed) return
+      row = [times%as_row(), times%overhead_per_point()]
+      do i = 1, size(self%plan%times)
+         associate (variable => self%plan%times(i))
+            if (rank >= product(variable%dataset%get_extents())) return
+            if (variable%kind == is_integer) then
+               call variable%dataset%write_row(rank + 1, [nint(row(i))], error)
+            else
+               call variable%dataset%write_row(rank + 1, row(i:i), error)
+            end if
          end associate
+         if (allocated(error)) exit
       end do
-   end subroutine blank_row
+      call annotate(error, "times of rank "//to_text(rank))
+   end subroutine results_write_times
 
-   subroutine put_certificate(self, i, point, error)
+   subroutine put_certificate(self, point, error)
       class(results_t), intent(inout) :: self
-      integer, intent(in) :: i
       type(point_result_t), intent(in) :: point
       type(error_t), allocatable, intent(inout) :: error
 
       associate (found => point%certificate)
-         call put(self, "truncation_estimate", i, [found%truncation], error)
-         call put(self, "aliasing_estimate", i, [found%aliasing], error)
-         call put(self, "penetration", i, [found%defects%penetration], error)
-         call put(self, "tension", i, [found%defects%tension], error)
-         call put(self, "complementarity", i, [found%defects%complementarity], error)
-         call put(self, "slip_defect", i, [found%defects%slip], error)
-         call put(self, "power_in", i, [found%power_in], error)
-         call put(self, "power_damping", i, [found%power_damping], error)
-         call put(self, "power_laws", i, found%power_laws, error)
-         call put(self, "combination_frequency", i, [found%combination_frequency], error)
-         call put(self, "combination", i, found%combination, error)
-         call put(self, "is_near_commensurate", i, [merge(1, 0, point%is_near_commensurate)], error)
+         call put(self, "truncation_estimate", [found%truncation], error)
+         call put(self, "aliasing_estimate", [found%aliasing], error)
+         call put(self, "penetration", [found%defects%penetration], error)
+         call put(self, "tension", [found%defects%tension], error)
+         call put(self, "complementarity", [found%defects%complementarity], error)
+         call put(self, "slip_defect", [found%defects%slip], error)
+         call put(self, "power_in", [found%power_in], error)
+         call put(self, "power_damping", [found%power_damping], error)
+         call put(self, "power_laws", found%power_laws, error)
+         call put(self, "combination_frequency", [found%combination_frequency], error)
+         call put(self, "combination", found%combination, error)
+         call put(self, "is_near_commensurate", [merge(1, 0, point%is_near_commensurate)], error)
       end associate
    end subroutine put_certificate
 
-   !> Closes the file; collective, safe to call twice.
+   !> Writes what is held back and closes the file; collective, safe to call twice.
    subroutine results_close(self, error)
       class(results_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
 
-      call self%file%close(error)
-      call annotate(error, "result file '"//self%path//"'")
+      call self%flush(error)
+      call self%file%close(error_in_close)
+      call annotate(error_in_close, "result file '"//self%path//"'")
+      if (.not. allocated(error)) call move_alloc(error_in_close, error)
    end subroutine results_close
 
-   subroutine put_integer(self, name, i, values, error)
+   subroutine put_integer(self, name, values, error)
       class(results_t), intent(inout) :: self
       character(*), intent(in) :: name
-      integer, intent(in) :: i
       integer, intent(in), contiguous :: values(:)
       type(error_t), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
-      call self%plan%variables(index_of(self, name))%dataset%write_row(i, values, error)
+      call self%held(index_of(self, name))%put(self%n_held, values, error)
+      call annotate(error, "'"//name//"'")
    end subroutine put_integer
 
-   subroutine put_real(self, name, i, values, error)
+   subroutine put_real(self, name, values, error)
       class(results_t), intent(inout) :: self
       character(*), intent(in) :: name
-      integer, intent(in) :: i
       real(wp), intent(in), contiguous :: values(..)
       type(error_t), allocatable, intent(inout) :: error
       integer :: j
@@ -248,12 +334,12 @@ contains
          call fail(error, "'"//name//"' given, but the layout has no grid for surfaces")
          return
       end if
-      call self%plan%variables(j)%dataset%write_row(i, values, error)
+      call self%held(j)%put(self%n_held, values, error)
+      call annotate(error, "'"//name//"'")
    end subroutine put_real
 
-   subroutine put_message(self, i, message, error)
+   subroutine put_message(self, message, error)
       class(results_t), intent(inout) :: self
-      integer, intent(in) :: i
       character(*), intent(in), optional :: message    !! empty where it is not there
       type(error_t), allocatable, intent(inout) :: error
       character(:), allocatable :: text
@@ -261,7 +347,7 @@ contains
       if (allocated(error)) return
       text = ""
       if (present(message)) text = message(:whole_length(message, message_length))
-      call self%plan%variables(index_of(self, "message"))%dataset%write_row(i, text, error)
+      call self%held(index_of(self, "message"))%put(self%n_held, text, error)
    end subroutine put_message
 
    !> Gives the index of the variable called `name`, 0 when the file has none.

@@ -7,7 +7,7 @@ module hb_results_file
    use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_results_plan, only: axis_t, component_axis, dof_axis, harmonic_axis, is_characters, is_integer, &
       is_real, law_axis, law_dof_axis, message_axis, n_bytes_of, parameter_name_length, parameter_names, plan_t, point_axis, &
-      size_text, tone_axis
+      size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
    use hb_solver_types, only: rescue_names
    use hb_system, only: empty_file, exists, has_space, link_file, release_file, remove_file, rename_file, sync_file, &
       take_file, utc_now
@@ -115,7 +115,8 @@ contains
       if (.not. allocated(error)) call add_root_attributes(file, layout, error)
       if (.not. allocated(error)) call add_scales(file, layout, plan%axes, error)
       if (.not. allocated(error)) call add_inputs(file, layout, plan, error)
-      if (.not. allocated(error)) call add_point_variables(file, plan, error)
+      if (.not. allocated(error)) call add_variables(file, plan, plan%variables, error)
+      if (.not. allocated(error)) call add_variables(file, plan, plan%times, error)
       if (allocated(error)) call empty_file(descriptor)
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
@@ -151,7 +152,7 @@ contains
       do i = 1, size(axes)
          associate (axis => axes(i))
             select case (i)
-            case (point_axis, harmonic_axis, message_axis)
+            case (point_axis, harmonic_axis, message_axis, worker_axis)
                call add_numbers(file, axis, [(k, k=0, axis%length - 1)], error)
             case (tone_axis)
                call add_numbers(file, axis, [(k, k=1, axis%length)], error)
@@ -220,6 +221,12 @@ contains
          call add_parameter(file, trim(names(i)), layout%parameters(i), plan, error)
          if (allocated(error)) return
       end do
+      do i = 1, size(layout%tuples, 1)
+         call add_tuple_entry(file, i, layout%tuples, plan, error)
+         if (allocated(error)) return
+      end do
+      call file%set_attribute("coordinates", coordinate_names(size(layout%tuples, 1), names), error)
+      if (allocated(error)) return
 
       call file%add_text("input_text", or_empty(layout%input_text), dataset, error)
       if (.not. allocated(error)) call describe(dataset, "1", "the input as given", error)
@@ -231,6 +238,39 @@ contains
       call file%add_text("input_complete", or_empty(layout%input_complete), dataset, error)
       if (.not. allocated(error)) call describe(dataset, "1", "the input after defaults", error)
    end subroutine add_inputs
+
+   !> Adds one entry of all tuples as a dataset of its own: xarray selects by an index of such, not by rows of a matrix.
+   subroutine add_tuple_entry(file, tone, tuples, plan, error)
+      type(h5_file_t), intent(in) :: file
+      integer, intent(in) :: tone
+      integer, intent(in) :: tuples(:, :)               !! (n_tones, n_harmonics)
+      type(plan_t), intent(in) :: plan
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: dataset
+      integer :: entries(size(tuples, 2))
+
+      entries = tuples(tone, :)
+      call file%add_integer(tuple_entry_name(tone), shape(entries), dataset, error)
+      if (.not. allocated(error)) call dataset%write(entries, error)
+      if (.not. allocated(error)) call attach(dataset, plan, [harmonic_axis], error)
+      if (.not. allocated(error)) call describe(dataset, "1", "entry of the tuple for tone "//to_text(tone), error)
+   end subroutine add_tuple_entry
+
+   !> Gives the names of what labels points and harmonics, with blanks between (CF convention).
+   function coordinate_names(n_tones, parameters) result(text)
+      integer, intent(in) :: n_tones
+      character(*), intent(in) :: parameters(:)
+      character(:), allocatable :: text
+      integer :: i
+
+      text = "frequency tuple"
+      do i = 1, n_tones
+         text = text//" "//tuple_entry_name(i)
+      end do
+      do i = 1, size(parameters)
+         text = text//" "//trim(parameters(i))
+      end do
+   end function coordinate_names
 
    subroutine add_parameter(file, name, parameter, plan, error)
       type(h5_file_t), intent(in) :: file
@@ -252,15 +292,16 @@ contains
       if (.not. allocated(error)) call dataset%set_attribute("parameter", parameter%path, error)
    end subroutine add_parameter
 
-   subroutine add_point_variables(file, plan, error)
+   subroutine add_variables(file, plan, variables, error)
       type(h5_file_t), intent(in) :: file
-      type(plan_t), intent(inout) :: plan
+      type(plan_t), intent(in) :: plan
+      type(variable_t), intent(inout) :: variables(:)                 !! of the plan
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: extents(:)
       integer :: i
 
-      do i = 1, size(plan%variables)
-         associate (variable => plan%variables(i))
+      do i = 1, size(variables)
+         associate (variable => variables(i))
             extents = plan%axes(variable%axes)%length
             select case (variable%kind)
             case (is_integer)
@@ -283,7 +324,7 @@ contains
          end associate
          if (allocated(error)) return
       end do
-   end subroutine add_point_variables
+   end subroutine add_variables
 
    !> Names the values 0, 1, ... of an integer dataset (CF convention).
    subroutine set_flags(dataset, names, error)

@@ -6,10 +6,11 @@ module hb_results_plan
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: axis_t, n_bytes_of, new_plan, parameter_name_length, parameter_names, plan_t, size_text, variable_t
+   public :: axis_t, measure_row, n_bytes_of, new_plan, parameter_name_length, parameter_names, plan_t, size_text, &
+      tuple_entry_name, variable_t
    public :: message_length
    public :: is_characters, is_integer, is_real
-   public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, point_axis, tone_axis
+   public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, point_axis, tone_axis, worker_axis
 
    integer, parameter :: message_length = 200          ! bytes
    integer, parameter :: parameter_name_length = 256   ! more than any path of an input has
@@ -18,7 +19,7 @@ module hb_results_plan
    integer, parameter :: bytes_of_kind(3) = [4, 8, 1]
    ! Indices of the axes; the hypertime axes follow.
    integer, parameter :: point_axis = 1, tone_axis = 2, harmonic_axis = 3, dof_axis = 4, law_dof_axis = 5, &
-      component_axis = 6, message_axis = 7, law_axis = 8, n_plain_axes = 8
+      component_axis = 6, message_axis = 7, law_axis = 8, worker_axis = 9, n_plain_axes = 9
 
    !> A dimension of the file.
    type :: axis_t
@@ -27,7 +28,7 @@ module hb_results_plan
       type(h5_dataset_t) :: scale
    end type axis_t
 
-   !> A dataset of the file that has one row per point.
+   !> A dataset of the file that has one row per point, or per rank.
    type :: variable_t
       character(:), allocatable :: name, long_name, units
       integer :: kind = 0                               ! one of the three above
@@ -40,6 +41,7 @@ module hb_results_plan
    type :: plan_t
       type(axis_t), allocatable :: axes(:)
       type(variable_t), allocatable :: variables(:)
+      type(variable_t), allocatable :: times(:)         ! one row per rank, as list_times says
    end type plan_t
 
 contains
@@ -51,7 +53,36 @@ contains
 
       call list_axes(layout, self%axes)
       call list_variables(layout, self%variables)
+      call list_times(self%times)
    end subroutine new_plan
+
+   !> Lists the datasets that tell where the time of each rank went, in the order of hb_timing%rank_times_t, the overhead
+   !> last.
+   subroutine list_times(list)
+      type(variable_t), allocatable, intent(out) :: list(:)
+
+      allocate (list(9))
+      call set(1, "points", is_integer, "1", "points that the rank solved")
+      call set(2, "draws", is_integer, "1", "numbers that the rank drew from shared counters")
+      call set(3, "reading_seconds", is_real, "s", "time of making scenes of the input")
+      call set(4, "solving_seconds", is_real, "s", "time of solving")
+      call set(5, "writing_seconds", is_real, "s", "time of writing results")
+      call set(6, "drawing_seconds", is_real, "s", "time at shared counters")
+      call set(7, "idle_seconds", is_real, "s", "time of waiting for the other ranks at the end")
+      call set(8, "total_seconds", is_real, "s", "time from the first draw to the end of the slowest rank")
+      call set(9, "overhead_per_point", is_real, "s", "time per point that was neither solving nor waiting")
+   contains
+      subroutine set(i, name, kind, units, long_name)
+         integer, intent(in) :: i, kind
+         character(*), intent(in) :: name, units, long_name
+
+         list(i)%name = "worker_"//name
+         list(i)%kind = kind
+         list(i)%axes = [worker_axis]
+         list(i)%units = units
+         list(i)%long_name = long_name
+      end subroutine set
+   end subroutine list_times
 
    !> Lists all datasets that have one row per point and are written when it is solved.
    subroutine list_variables(layout, list)
@@ -81,12 +112,16 @@ contains
          call add("n_full_stick", is_integer, [point_axis], "1", &
             "friction laws that slip nowhere: the solution from rest, one of many")
          call add("frequency", is_real, [tone_axis, point_axis], "rad/s", "base frequencies")
+         call add("artificial_damping", is_real, [tone_axis, point_axis], "1/s", &
+            "xi of a normal mode: the forces -xi M dx/dt that keep up its amplitude")
          call add("coefficients", is_real, [component_axis, harmonic_axis, dof_axis, point_axis], "", &
             "coefficients of the motion", layout%dof_units)
          call add("force_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], "", &
             "coefficients of the force of the laws, on the left-hand side", force_units(layout%law_dof_units))
          call add("corrected_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], &
             "", "coefficients of the displacement corrected to the wall", layout%law_dof_units)
+         call add("frequency_estimate", is_real, [tone_axis, point_axis], "rad/s", &
+            "estimated error of the frequencies, 0 where given")
          call add("truncation_estimate", is_real, [point_axis], "1", &
             "estimated error by the harmonics left out, relative to the motion")
          call add("aliasing_estimate", is_real, [point_axis], "1", &
@@ -150,6 +185,7 @@ contains
       call set(law_dof_axis, "law_dof", size(layout%law_dof_labels), "1", &
          "degree of freedom on which laws act")
       call set(component_axis, "component", 2, "1", "part of a coefficient")
+      call set(worker_axis, "worker", layout%n_ranks, "1", "MPI rank of the run, from 0")
       call set(message_axis, "message_byte", message_length, "1", "byte of a message")
       do i = 1, size(layout%n_samples)
          call set(n_plain_axes + i, "tau_"//to_text(i), layout%n_samples(i), "rad", &
@@ -185,6 +221,12 @@ contains
       do i = 1, size(plan%variables)
          taken = [character(parameter_name_length) :: taken, plan%variables(i)%name]
       end do
+      do i = 1, size(layout%tuples, 1)
+         taken = [character(parameter_name_length) :: taken, tuple_entry_name(i)]
+      end do
+      do i = 1, size(plan%times)
+         taken = [character(parameter_name_length) :: taken, plan%times(i)%name]
+      end do
       do i = 1, size(names)
          stem = identifier(layout%parameters(i)%path)
          if (stem == "") stem = "parameter"
@@ -197,6 +239,14 @@ contains
          taken = [character(parameter_name_length) :: taken, names(i)]
       end do
    end function parameter_names
+
+   !> Gives the name of the dataset with the entries of all tuples for one tone, from 1.
+   pure function tuple_entry_name(tone) result(name)
+      integer, intent(in) :: tone
+      character(:), allocatable :: name
+
+      name = "tuple_"//to_text(tone)
+   end function tuple_entry_name
 
    !> Gives a path in lower case with one underscore for every run of other characters, none at the ends.
    pure function identifier(path) result(name)
@@ -257,6 +307,24 @@ contains
       end if
    end function common_units
 
+   !> Gives what one point takes in the file, swept parameters included, and how many datasets it is written to when solved.
+   pure subroutine measure_row(plan, n_parameters, n_bytes, n_datasets)
+      type(plan_t), intent(in) :: plan
+      integer, intent(in) :: n_parameters
+      real(wp), intent(out) :: n_bytes
+      integer, intent(out) :: n_datasets
+      integer :: i
+
+      n_bytes = bytes_of_kind(is_integer) + real(bytes_of_kind(is_real), wp)*n_parameters
+      n_datasets = size(plan%variables)
+      do i = 1, size(plan%variables)
+         associate (variable => plan%variables(i))
+            n_bytes = n_bytes + bytes_of_kind(variable%kind)* &
+               product(real(plan%axes(variable%axes(:size(variable%axes) - 1))%length, wp))
+         end associate
+      end do
+   end subroutine measure_row
+
    !> Gives the number of bytes that a file takes on the disk, rather a few too many.
    pure function n_bytes_of(plan, layout) result(n_bytes)
       type(plan_t), intent(in) :: plan
@@ -265,14 +333,18 @@ contains
       integer(int64), parameter :: of_one_dataset = 4000, of_a_text = 100 ! what describes a dataset; a label or text value
       integer :: i
 
-      n_bytes = of_one_dataset*(size(plan%variables) + size(plan%axes) + size(layout%parameters) + 8)
+      n_bytes = of_one_dataset*(size(plan%variables) + size(plan%times) + size(plan%axes) + &
+         size(layout%parameters) + size(layout%tuples, 1) + 8)
       do i = 1, size(plan%variables)
          associate (variable => plan%variables(i))
             n_bytes = n_bytes + &
                bytes_of_kind(variable%kind)*product(int(plan%axes(variable%axes)%length, int64))
          end associate
       end do
-      n_bytes = n_bytes + 8*sum(int(plan%axes%length, int64)) + 4*size(layout%tuples, kind=int64) + &
+      do i = 1, size(plan%times)
+         n_bytes = n_bytes + bytes_of_kind(plan%times(i)%kind)*int(layout%n_ranks, int64)
+      end do
+      n_bytes = n_bytes + 8*sum(int(plan%axes%length, int64)) + 8*size(layout%tuples, kind=int64) + &
          of_a_text*(size(layout%dof_labels) + size(layout%law_dof_labels) + size(layout%law_labels))
       do i = 1, size(layout%parameters)
          n_bytes = n_bytes + layout%n_points*merge(of_a_text, 8_int64, layout%parameters(i)%is_text)

@@ -22,6 +22,7 @@ module hb_run_summary
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
       real(wp) :: aliasing = 0.0_wp
       real(wp) :: seconds = 0.0_wp
+      real(wp), allocatable :: times(:, :)                            !! of all ranks, on rank 0, for hb_timing
       integer :: n_left = 0                                           !! points that the run should have solved and has not
       integer :: interruption = interruption%none                     !! why
       character(:), allocatable :: made_by                            !! version that made the file, where it is another

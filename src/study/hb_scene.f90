@@ -4,12 +4,15 @@
 module hb_scene
    use hb_error, only: annotate, error_t
    use hb_fftw, only: planning, planning_names
-   use hb_harmonics, only: harmonics_t, new_box, new_diamond, new_harmonics
+   use hb_harmonics, only: harmonics_t, new_box, new_diamond, new_harmonics, tuple_text
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_law_catalogue, only: read_law
+   use hb_law_set, only: law_dofs_of
    use hb_loads, only: add_harmonic
+   use hb_memory_estimate, only: check_memory, gib, new_sizes, sizes_t
    use hb_namelist, only: document_t, group_t
+   use hb_normal_mode, only: measure_names, normal_mode_t
    use hb_solver_types, only: method_names, solver_config_t, start_names
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
@@ -18,13 +21,16 @@ module hb_scene
    use hb_torus, only: default_samples, new_torus, torus_t
    implicit none
    private
-   public :: group_names, output_config_t, read_harmonics, read_scene, read_tones, scene_t
+   public :: group_names, output_config_t, read_harmonics, read_scene, read_tones, scene_t, sizes_of
 
    !> Every group that an input file may have.
-   character(11), parameter :: group_names(10) = [character(11) :: &
-      "structure", "tones", "harmonics", "sampling", "load", "law", "start", "solver", "certificate", "output"]
+   character(11), parameter :: group_names(12) = [character(11) :: &
+      "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", &
+      "certificate", "output"]
 
-   character(7), parameter :: first_guess_names(2) = [character(7) :: "linear", "zero"]
+   character(8), parameter :: phase_names(2) = [character(8) :: "integral", "sine"]
+
+   character(9), parameter :: first_guess_names(3) = [character(9) :: "linear", "zero", "neighbour"]
 
    !> What is kept of a result.
    type :: output_config_t
@@ -42,30 +48,46 @@ module hb_scene
       real(wp) :: commensurability = 1.0e-3_wp                        !! smallest |k.omega| relative to the largest tone
    end type certificate_config_t
 
+   !> First guesses from neighbouring points of a sweep.
+   type :: chain_config_t
+      logical :: is_on = .false.
+      integer :: length = 16                                          !! points along the fastest parameter
+      logical :: secant = .true.                                      !! extrapolate through the last two solutions
+   end type chain_config_t
+
    type :: scene_t
       type(structure_t) :: structure
       type(tones_t) :: tones
+      integer, allocatable :: phase_dofs(:)                           !! of the sines that vanish, by unknown tone; size 0:
+                                                                      !! integral phase conditions
+      type(normal_mode_t) :: normal_mode
       type(harmonics_t) :: harmonics
       type(torus_t) :: torus
       type(law_box_t), allocatable :: laws(:)
       complex(wp), allocatable :: loads(:, :)                         !! cos - i sin [N], (n_dofs, n_harmonics)
+      complex(wp), allocatable :: load_slopes(:, :)                   !! their derivatives by j.omega [N s], as loads
       complex(wp), allocatable :: start(:, :)                         !! added to the first guess [m], as loads
       type(solver_config_t) :: solver
       logical :: start_from_linear = .true.                           !! first guess: the motion without laws, else zero
+      type(chain_config_t) :: chain
       integer :: planning = planning%estimate                         !! effort of FFTW
       character(:), allocatable :: wisdom                             !! file with FFTW's wisdom
       type(certificate_config_t) :: certificate
       type(output_config_t) :: output
+      real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may take
    end type scene_t
 
 contains
 
-   !> Reads a scene. All problems of the input are collected in one message, a line each.
-   subroutine read_scene(self, document, error)
+   !> Reads a scene. All problems of the input are collected in one message, a line each. Fails as well where the scene would
+   !> need more memory than its key `memory_limit` or, without this key, `available` says.
+   subroutine read_scene(self, document, error, available)
       type(scene_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: available                     !! bytes for this process
 
+      if (present(available)) self%memory_limit = available
       call read_parts(self, document, error)
       if (.not. allocated(error)) call document%finish(error)
    end subroutine read_scene
@@ -78,9 +100,10 @@ contains
       type(group_t), pointer :: group
       integer :: i
 
+      call read_solver(self, document%optional_group("solver"))
       call document%required_group("structure", group, error)
       if (allocated(error)) return
-      call read_structure(group, self%structure, error)
+      call read_structure(group, self%structure, error, self%memory_limit)
       if (allocated(error)) return
       call read_tones(self%tones, document, error)
       if (allocated(error)) return
@@ -94,20 +117,49 @@ contains
          call check_kind(self%laws(i), group, error)
          if (allocated(error)) return
          call check_rigid_laws(self%laws(:i), group)
+         if (self%laws(i)%law%phase_tone > self%tones%n_tones) then
+            call group%problem("tone", "there are only "//to_text(self%tones%n_tones)//" tones")
+         end if
       end do
+      call read_certificate(self%certificate, document%optional_group("certificate"))
+      call read_output(self, document%optional_group("output"))
+      call read_sampling(self, document%optional_group("sampling"))
+      call check_memory(sizes_of(self), self%memory_limit, error)
+      if (allocated(error)) then
+         call annotate(error, document%file_name)
+         return
+      end if
       allocate (self%loads(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
+      allocate (self%load_slopes, source=self%loads)
       allocate (self%start(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
       do i = 1, document%count("load")
-         call read_amplitude(self, document%group("load", i), self%loads)
+         call read_load(self, document%group("load", i))
       end do
       do i = 1, document%count("start")
          call read_amplitude(self, document%group("start", i), self%start)
       end do
-      call read_solver(self, document%optional_group("solver"))
-      call read_certificate(self%certificate, document%optional_group("certificate"))
-      call read_output(self, document%optional_group("output"))
-      call read_sampling(self, document%optional_group("sampling"))
+      if (any(self%tones%is_unknown)) then
+         call check_fundamentals(self, document%optional_group("harmonics"))
+         call read_phase(self, document%optional_group("phase"))
+      end if
+      if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
    end subroutine read_parts
+
+   !> What the memory of a scene depends on; laws from the first that has a problem on, and a grid with one, do
+   !> not count.
+   type(sizes_t) function sizes_of(self) result(sizes)
+      type(scene_t), intent(in) :: self
+      type(torus_t) :: torus
+      integer :: n
+
+      do n = 0, size(self%laws) - 1
+         if (.not. (allocated(self%laws(n + 1)%law%dofs) .and. allocated(self%laws(n + 1)%law%shape))) exit
+      end do
+      torus = self%torus
+      if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(self%harmonics, 1)
+      call new_sizes(sizes, self%structure, self%harmonics, torus, self%laws(:n), size(law_dofs_of(self%laws(:n))), &
+                     size(self%output%dofs), self%output%samples, self%solver, self%certificate%is_on)
+   end function sizes_of
 
    !> Fails when the kind of a law is not known, and with that alone: none of the other keys of its group can be judged.
    subroutine check_kind(box, group, error)
@@ -144,13 +196,14 @@ contains
       is_placed_and_rigid = box%law%is_multiplier .and. allocated(box%law%dofs)   ! without a place: a problem by now
    end function is_placed_and_rigid
 
-   !> Reads `&tones`: `frequency` [rad/s] or `hertz`.
+   !> Reads `&tones`: `frequency` [rad/s] or `hertz`, and which of them are `unknown`.
    subroutine read_tones(self, document, error)
       type(tones_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       type(group_t), pointer :: group
       real(wp), allocatable :: omega(:)
+      logical, allocatable :: is_unknown(:)
 
       call document%required_group("tones", group, error)
       if (allocated(error)) return
@@ -159,16 +212,122 @@ contains
             call group%problem("hertz", "give either 'frequency' [rad/s] or 'hertz', not both")
             call group%get("frequency", omega, above=0.0_wp)
          end if
-         call group%get("hertz", omega, above=0.0_wp)
+         if (group%given("unknown")) then
+            call group%get("hertz", omega, minimum=0.0_wp)
+         else
+            call group%get("hertz", omega, above=0.0_wp)
+         end if
          if (allocated(omega)) omega = two_pi*omega
-      else
+      else if (.not. group%given("unknown")) then
          call group%require("frequency", omega, above=0.0_wp)
+      else if (group%given("frequency")) then
+         call group%get("frequency", omega, minimum=0.0_wp)
+      else
+         call group%get("unknown", is_unknown)
+         if (allocated(is_unknown)) then
+            omega = spread(0.0_wp, 1, size(is_unknown))
+            if (all(is_unknown)) then
+               call group%get("frequency", omega)
+            else
+               call group%require("frequency", omega)
+            end if
+         end if
+      end if
+      if (allocated(omega)) then
+         is_unknown = spread(.false., 1, size(omega))
+         call group%get("unknown", is_unknown)
+         if (size(is_unknown) /= size(omega)) then
+            call group%problem("unknown", "give one value for each of the "//to_text(size(omega))//" tones")
+         else if (any(omega <= 0.0_wp .and. .not. is_unknown)) then
+            call group%problem(trim(merge("hertz    ", "frequency", group%given("hertz"))), &
+                               "must be greater than 0; only for an unknown tone 0 says that there is no first guess")
+         end if
       end if
       call group%finish(error)
       if (allocated(error)) return
-      call new_tones(self, omega, error)
+      call new_tones(self, omega, error, is_unknown)
       call annotate(error, group%place())
    end subroutine read_tones
+
+   !> Reads `&phase`: the conditions that fix the phases of unknown tones.
+   subroutine read_phase(self, group)
+      type(scene_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      character(:), allocatable :: condition
+      type(string_t), allocatable :: names(:)
+      integer :: i
+
+      condition = trim(phase_names(1))
+      allocate (self%phase_dofs(0))
+      call group%get("condition", condition, choices=phase_names)
+      if (condition == phase_names(1)) return
+      call group%require("dofs", names, n=count(self%tones%is_unknown))
+      if (.not. allocated(names)) return
+      self%phase_dofs = spread(0, 1, size(names))
+      do i = 1, size(names)
+         call find_law_dof(self, group, "dofs", names(i)%value, self%phase_dofs(i))
+      end do
+   end subroutine read_phase
+
+   !> Finds a degree of freedom on which a law acts: only these are unknowns.
+   subroutine find_law_dof(self, group, key, name, dof)
+      type(scene_t), intent(in) :: self
+      type(group_t), intent(inout) :: group
+      character(*), intent(in) :: key, name
+      integer, intent(out) :: dof
+      type(error_t), allocatable :: error
+      integer :: i
+
+      call self%structure%find_dof(name, dof, error)
+      if (allocated(error)) then
+         call group%problem(key, error%message)
+      else if (.not. all([(allocated(self%laws(i)%law%dofs), i=1, size(self%laws))])) then
+         return                                                       ! a problem by now
+      else if (all(law_dofs_of(self%laws) /= dof)) then
+         call group%problem(key, "no law acts on '"//name//"', so that its motion is not among the unknowns")
+      end if
+   end subroutine find_law_dof
+
+   !> Reads `&normal_mode`: which amplitude the motion has, and the linear mode from which it starts.
+   subroutine read_normal_mode(self, group)
+      type(scene_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      character(:), allocatable :: dof, measure
+
+      measure = trim(measure_names(merge(1, 2, self%normal_mode%is_peak)))
+      associate (mode => self%normal_mode)
+         mode%is_asked = .true.
+         call group%require("amplitude", mode%amplitude)
+         call group%require("dof", dof)
+         call group%get("measure", measure, choices=measure_names)
+         call group%get("mode", mode%mode, minimum=0)
+         mode%is_peak = measure == measure_names(1)
+         if (allocated(dof)) call find_law_dof(self, group, "dof", dof, mode%dof)
+         if (group%given("amplitude") .and. mode%amplitude == 0.0_wp) call group%problem("amplitude", "must not be 0")
+      end associate
+      if (count(self%tones%is_unknown) /= 1) then
+         call group%problem_as_is(group%place()//": a normal mode needs one unknown tone: give 'unknown' in &tones")
+      else if (self%normal_mode%is_peak .and. self%tones%n_tones > 1) then
+         call group%problem("measure", "with several tones there is no common peak; use 'harmonic'")
+      end if
+   end subroutine read_normal_mode
+
+   !> Refuses a scene without laws, and a set of harmonics that lacks the fundamental of an unknown tone.
+   subroutine check_fundamentals(self, group)
+      type(scene_t), intent(in) :: self
+      type(group_t), intent(inout) :: group
+      integer :: i, m
+
+      if (size(self%laws) == 0) call group%problem_as_is(group%place()//": unknown tones need a law, without one nothing "// &
+                                                         "fixes an amplitude")
+      do m = 1, self%tones%n_tones
+         associate (tuple => [(merge(1, 0, i == m), i=1, self%tones%n_tones)])
+            if (self%tones%is_unknown(m) .and. self%harmonics%index_of(tuple) == 0) &
+               call group%problem_as_is(group%place()//": the set of harmonics needs "//tuple_text(tuple)// &
+                                        ", the fundamental of an unknown tone")
+         end associate
+      end do
+   end subroutine check_fundamentals
 
    !> Reads `&harmonics`: `set` = box, diamond or list, with `order`, `odd_only`, `tuples`.
    subroutine read_harmonics(self, document, n_tones, error)
@@ -214,6 +373,29 @@ contains
       end select
       call annotate(error, group%place())
    end subroutine read_harmonics
+
+   !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it.
+   subroutine read_load(self, group)
+      type(scene_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      complex(wp), allocatable :: amplitudes(:, :)
+      real(wp), allocatable :: w(:)
+      integer :: h, power
+
+      power = 0
+      call group%get("frequency_power", power, minimum=0, maximum=4)
+      if (power > 0 .and. any(self%tones%is_unknown)) then
+         call group%problem("frequency_power", "loads cannot grow with frequencies where some of these are unknown")
+      end if
+      allocate (amplitudes(size(self%loads, 1), size(self%loads, 2)), source=(0.0_wp, 0.0_wp))
+      call read_amplitude(self, group, amplitudes)
+      w = self%harmonics%frequencies(self%tones%omega)
+      do h = 1, size(w)
+         self%loads(:, h) = self%loads(:, h) + abs(w(h))**power*amplitudes(:, h)
+         if (power < 1) cycle
+         self%load_slopes(:, h) = self%load_slopes(:, h) + power*abs(w(h))**(power - 1)*sign(1.0_wp, w(h))*amplitudes(:, h)
+      end do
+   end subroutine read_load
 
    !> Reads `&load` and `&start`: `dof`, `tuple`, `cos`, `sin`, added to the amplitudes.
    subroutine read_amplitude(self, group, amplitudes)
@@ -284,6 +466,7 @@ contains
       type(scene_t), intent(inout) :: self
       type(group_t), intent(inout) :: group
       character(:), allocatable :: first_guess, first_jacobian, name
+      real(wp) :: limit
 
       associate (solver => self%solver)
          name = trim(method_names(solver%method))
@@ -298,9 +481,15 @@ contains
          call group%get("memory", solver%memory, minimum=1, maximum=10000)
          call group%get("first_jacobian", first_jacobian, choices=start_names)
          call group%get("first_guess", first_guess, choices=first_guess_names)
+         call group%get("chain_length", self%chain%length, minimum=1, maximum=1000000)
+         call group%get("secant", self%chain%secant)
+         limit = 0.0_wp
+         call group%get("memory_limit", limit, above=0.0_wp)
+         if (group%given("memory_limit")) self%memory_limit = limit*gib
          solver%method = max(1, findloc(method_names == name, .true., dim=1))
          solver%start_with_tangent = first_jacobian == start_names(2)
-         self%start_from_linear = first_guess == first_guess_names(1)
+         self%chain%is_on = first_guess == first_guess_names(3)
+         self%start_from_linear = first_guess /= first_guess_names(2)
       end associate
    end subroutine read_solver
 

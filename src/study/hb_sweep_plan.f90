@@ -31,6 +31,8 @@ module hb_sweep_plan
       procedure :: index_on => sweep_plan_index_on
       procedure :: apply => sweep_plan_apply
       procedure :: describe => sweep_plan_describe
+      procedure :: fastest_value => sweep_plan_fastest_value
+      procedure :: n_fastest => sweep_plan_n_fastest
    end type sweep_plan_t
 
 contains
@@ -212,6 +214,31 @@ contains
       end do
       sweep_plan_index_on = 1 + modulo(rest, self%length(self%parameters(i)%axis))
    end function sweep_plan_index_on
+
+   !> Number of points along the axis that runs fastest: consecutive points of the sweep.
+   pure integer function sweep_plan_n_fastest(self)
+      class(sweep_plan_t), intent(in) :: self
+
+      sweep_plan_n_fastest = 1
+      if (size(self%length) > 0) sweep_plan_n_fastest = self%length(size(self%length))
+   end function sweep_plan_n_fastest
+
+   !> Where a point stands on the axis that runs fastest: the value of its first parameter that is a number and not the
+   !> same everywhere, else the place of the point.
+   pure real(wp) function sweep_plan_fastest_value(self, point)
+      class(sweep_plan_t), intent(in) :: self
+      integer, intent(in) :: point                                    !! 1 to n_points
+      integer :: i
+
+      do i = 1, size(self%parameters)
+         if (self%parameters(i)%axis < size(self%length) .or. self%parameters(i)%is_text) cycle
+         if (minval(self%parameters(i)%values) < maxval(self%parameters(i)%values)) then
+            sweep_plan_fastest_value = self%parameters(i)%values(self%index_on(i, point))
+            return
+         end if
+      end do
+      sweep_plan_fastest_value = real(modulo(point - 1, self%n_fastest()), wp)
+   end function sweep_plan_fastest_value
 
    !> Sets the values of a point in a document.
    subroutine sweep_plan_apply(self, point, document, error)

@@ -5,7 +5,8 @@
     ! expect: [PARAMETER=VALUE ...] status = NAME [or NAME ...]
     ! expect: [PARAMETER=VALUE ...] solved > NUMBER
 
-SUBJECT is a coefficient, `DOF (j1,j2,...) cos|sin|amplitude`, or one of penetration, residual, iterations, n_harmonics.
+SUBJECT is a coefficient, `DOF (j1,j2,...) cos|sin|amplitude`, the frequency of a tone, `tone M frequency`, or one of
+penetration, residual, iterations, n_harmonics.
 TOLERANCE is relative; `<` compares the magnitude. Parameters are named as in the result file (law_1_gap) and select
 points; without any, the line is about every point. It must hold at each selected point, and there must be one. `solved`
 counts the points whose equations are solved, well enough for the certificate or not, and lets the others end as they do.
@@ -32,10 +33,12 @@ STATUSES = (
     "truncated",
     "aliased",
     "penetrating",
+    "collapsed",
+    "no_motion",
 )
 
 _FORMS = (
-    "[PARAMETER=VALUE ...] then DOF (j1,j2) cos|sin|amplitude or "
+    "[PARAMETER=VALUE ...] then DOF (j1,j2) cos|sin|amplitude or tone M frequency or "
     + "|".join(QUANTITIES)
     + ", then '= NUMBER to TOLERANCE' or '< NUMBER'; or status = NAME [or NAME ...]; or solved > NUMBER"
 )
@@ -45,6 +48,7 @@ _PARAMETER = re.compile(r"([A-Za-z]\w*)=(\S+)\s+")
 _STATUS = re.compile(r"status = (\w+(?: or \w+)*)")
 _SOLVED = re.compile(r"solved > (\d+)")
 _COMPARISON = re.compile(r"(?P<subject>.+?) (?:= (?P<number>\S+) to (?P<tolerance>\S+)|< (?P<bound>\S+))")
+_FREQUENCY = re.compile(r"tone (\d+) frequency")
 _COEFFICIENT = re.compile(r"(\S+) \(([^()]*)\) (\w+)")
 
 
@@ -62,6 +66,7 @@ class Expectation:
     status: str | None = None
     more_solved_than: int | None = None
     quantity: str | None = None
+    tone: int | None = None
     dof: str | None = None
     j: tuple[int, ...] = ()
     component: str | None = None
@@ -76,6 +81,10 @@ class Expectation:
         """What the file holds in place of `number`."""
         if self.quantity:
             return float(results.per_point(self.quantity)[point])
+        if self.tone:
+            if self.tone > results.n_tones:
+                raise ReaderError(f"there is no tone {self.tone}, the file has {results.n_tones}")
+            return float(results.frequency(point)[self.tone - 1])
         if self.component == "amplitude":
             return results.amplitude(point, self.dof, self.j)
         cosine, sine = results.coefficients(point, self.dof, self.j)
@@ -190,6 +199,9 @@ def _parse(line: str, number: int) -> Expectation:
     subject = comparison["subject"]
     if subject in QUANTITIES:
         return Expectation(quantity=subject, **common)
+    frequency = _FREQUENCY.fullmatch(subject)
+    if frequency and int(frequency[1]) > 0:
+        return Expectation(tone=int(frequency[1]), **common)
     coefficient = _COEFFICIENT.fullmatch(subject)
     if not coefficient or coefficient[3] not in COMPONENTS:
         raise _malformed(number, line, f"'{subject}' is no subject; the form is {_FORMS}")

@@ -208,6 +208,115 @@ def test_points_with_common_degrees_of_freedom_share_a_file(tmp_path):
     assert np.isfinite(coefficients).all() and not np.array_equal(coefficients[0], coefficients[1])
 
 
+# Points that start from their neighbours
+
+DUFFING = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,
+   damping_mass = 0.02 /
+&tones frequency = 0.5 /
+&harmonics order = 7 /
+&sampling samples = 64 /
+&load dof = 'x1', tuple = 1, cos = 0.1 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 1.0 /
+&sweep parameter = 'tones%frequency', from = 0.5, to = 2.5, n = 200 /
+"""
+FROM_NEIGHBOUR = "&solver first_guess = 'neighbour', chain_length = 16 /\n"
+
+
+@pytest.fixture(scope="module")
+def chained(tmp_path_factory):
+    return solve(DUFFING + FROM_NEIGHBOUR, tmp_path_factory.mktemp("chained"))
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 4])
+def test_chains_give_the_same_bits_on_any_ranks(ranks, chained, tmp_path):
+    assert_same_bits(chained, solve(DUFFING + FROM_NEIGHBOUR, tmp_path, ranks=ranks), (*SOLUTION, "evaluations", "rescue"))
+
+
+def test_neighbours_save_iterations(chained, tmp_path):
+    """Less than a third of the iterations; where the alone and the neighbour's guess lead to one branch, to one motion."""
+    alone = solve(DUFFING, tmp_path)
+    a, b = read(alone, "coefficients"), read(chained, "coefficients")
+    assert 3 * read(chained, "iterations").sum() < read(alone, "iterations").sum()
+    is_same = np.abs(a - b).max(axis=(1, 2, 3)) < 1e-9
+    assert is_same.sum() > 150 and is_same[::16].all(), "points that begin a chain start as ever"
+
+
+def test_whole_line_as_a_chain_follows_the_upper_branch(tmp_path):
+    """The largest amplitude near its peak: 0.1/(0.02 w) at w with w**2 = 1 + 0.75 a**2 (first harmonic)."""
+    result = solve(DUFFING + "&solver first_guess = 'neighbour', chain_length = 200 /\n", tmp_path)
+    amplitude = np.hypot(*read(result, "coefficients")[:, 0, 1, :].T)
+    assert amplitude.max() > 2.2
+
+
+def test_chain_restarts_after_a_failed_point(tmp_path):
+    text = DUFFING.split("&sweep")[0] + (
+        "&sweep parameter = 'law(1)%stiffness', values = 0.1, 0.11, 0.12, 0.13, 0.14, axis = 1 /\n"
+        "&sweep parameter = 'solver%max_iterations', values = 100, 100, 0, 100, 100, axis = 1 /\n"
+        "&solver first_guess = 'neighbour', rescue = .false. /\n"
+    )
+    whole = solve(text, tmp_path, status=NOT_ALL_CONVERGED)
+    last_two = text.replace("0.1, 0.11, 0.12, 0.13, 0.14", "0.13, 0.14").replace("100, 100, 0, 100, 100", "100, 100")
+    rest = solve(last_two, tmp_path, name="rest")
+    assert read(whole, "status").tolist() == [CONVERGED, CONVERGED, OUT_OF_BUDGET, CONVERGED, CONVERGED]
+    assert read(whole, "coefficients")[3:].tobytes() == read(rest, "coefficients").tobytes()
+
+
+def test_chains_run_along_the_last_axis_only(tmp_path):
+    """Each line of a grid is a sweep of its own, and chains of other harmonics start anew."""
+    line = "&sweep parameter = 'tones%frequency', from = 0.5, to = 0.7, n = 5 /\n"
+    text = DUFFING.split("&sweep")[0] + FROM_NEIGHBOUR
+    grid = solve(text + "&sweep parameter = 'harmonics%order', values = 3, 7 /\n" + line, tmp_path, name="grid")
+    alone = solve(text + line, tmp_path, name="alone")
+    assert read(grid, "coefficients")[5:].tobytes() == read(alone, "coefficients").tobytes()
+    order_last = solve(text + "&sweep parameter = 'harmonics%order', values = 3, 7 /\n", tmp_path, name="order")
+    single = solve(text, tmp_path, name="single")
+    assert read(order_last, "coefficients")[1].tobytes() == read(single, "coefficients")[0].tobytes()
+
+
+# Where the time went
+
+
+def test_times_of_all_ranks_are_stored(tmp_path):
+    result = solve(DUFFING, tmp_path, ranks=2)
+    with h5py.File(result, "r") as file:
+        times = {name.removeprefix("worker_"): file[name][()] for name in file if name.startswith("worker_")}
+        assert file["worker"][()].tolist() == [0, 1]
+        assert np.bincount(file["rank"][()], minlength=2).tolist() == times["points"].tolist()
+        solved = [file["solve_seconds"][()][file["rank"][()] == rank].sum() for rank in (0, 1)]
+    assert times["points"].sum() == 200
+    assert (times["draws"] > 0).all() and times["draws"].sum() < 150, "blocks, not single points"
+    parts = sum(times[f"{part}_seconds"] for part in ("reading", "solving", "writing", "drawing", "idle"))
+    assert (parts <= times["total_seconds"] + 1e-3).all()
+    assert np.allclose(times["reading_seconds"] + times["solving_seconds"], solved, atol=1e-3)
+    overhead = (times["total_seconds"] - times["solving_seconds"] - times["idle_seconds"]) / np.maximum(times["points"], 1)
+    assert np.allclose(overhead, times["overhead_per_point"], atol=1e-9)
+
+
+def test_log_levels(tmp_path):
+    source = tmp_path / "case.nml"
+    source.write_text(WALL)
+
+    def told(*options):
+        done = run("solve", source, "--overwrite", *options, cwd=tmp_path)
+        assert done.status == 0, done.stderr
+        return done.stdout, done.stderr
+
+    assert told("--quiet") == told("--log-level", "quiet") == ("", "")
+    normal, progress = told()
+    assert "1 of 1 points converged" in normal and "overhead" not in normal and "1/1 points" in progress
+    for options in (["--verbose"], ["--log-level", "verbose"]):
+        table, progress = told(*options)
+        assert "idle share" in table and "overhead/point [s]" in table and "point 0" not in progress
+    table, progress = told("--log-level", "debug")
+    assert "idle share" in table and "point 0 on rank 0: converged, " in progress
+
+
+def test_unknown_log_level(tmp_path):
+    done = run("solve", "case.nml", "--log-level", "loud", cwd=tmp_path)
+    assert done.status == 2 and "unknown log level 'loud'; known: quiet, normal, verbose, debug" in done.stderr
+
+
 # What stands in the file
 
 
@@ -242,6 +351,38 @@ def test_file_opens_in_xarray(engine, tmp_path):
         first = middle.values[(data["tuple"].values == [1, 0]).all(axis=1)]
         with Results(result) as results:
             assert first[0] == results.coefficients(0, "v3", (1, 0))[0]
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+def test_xarray_selects_without_our_package(engine, grid):
+    """By the values of swept parameters, by tone and by tuple."""
+    with xarray.open_dataset(grid, engine=engine) as data:
+        assert {"law_wall_gap", "load_2_cos", "tuple", "tuple_1", "tuple_2", "frequency"} <= set(data.coords)
+        assert data["frequency"].sel(tone=2).values.tolist() == [3.141592653589793] * 12
+        table = data.set_index(point=["law_wall_gap", "load_2_cos"], harmonic=["tuple_1", "tuple_2"])
+        found = table["coefficients"].sel(dof="v3", component="cos").sel(point=(1.0e-3, 140.0)).sel(harmonic=(1, 0))
+        line = data["coefficients"].sel(dof="v3", component="cos").where(data["law_wall_gap"] == 1.0e-3, drop=True)
+        with Results(grid) as results:
+            point = results.point(at={"law_wall_gap": 1.0e-3, "load_2_cos": 140.0})
+            assert float(found) == results.coefficients(point, "v3", (1, 0))[0]
+        assert line.sizes["point"] == len(LOADS)
+        assert {"units", "long_name"} <= set(data["worker_solving_seconds"].attrs)
+
+
+def test_every_dataset_tells_its_unit(tmp_path):
+    """In the words of h5dump: a unit and what it is at each dataset, and scales along each axis."""
+    result = solve(GRID + "&output samples = 12 /\n&sweep parameter = 'solver%method', texts = 'newton' /\n", tmp_path)
+    with h5py.File(result, "r") as file:
+        assert len(file) > 50
+        for name, dataset in file.items():
+            if name == "message_byte":
+                continue
+            assert {"units", "long_name"} <= set(dataset.attrs), name
+            unit, words = (np.bytes_(dataset.attrs[key]).decode() for key in ("units", "long_name"))
+            assert words, name
+            assert unit or "parameter" in dataset.attrs or dataset.dtype.kind in "OS", name
+            if not h5py.h5ds.is_scale(dataset.id):
+                assert all(len(axis) == 1 for axis in dataset.dims), name
 
 
 def kill(process, ranks):

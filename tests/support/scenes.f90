@@ -29,9 +29,12 @@ contains
 
       select case (name)
       case ("annular_clearance"); keys = "stiffness=3 clearance=0.25 friction_coefficient=0.2 spin='negative' center=0.1,-0.05"
+      case ("blade_contact"); keys = "n_diameters=3 n_blades=7 gaps=0.1,0,-0.2,0.3,0.1,0.05,0 stiffness=2 "// &
+            "friction_coefficient=0.3 friction_arms=0.3,0.4 shares=1,0.9,1,1.1,1,1,1 frame='stationary' tone=1"
       case ("contact_table"); keys = "n_contacts=3 shapes=-1,0.5, 0.3,1, 0.8,-0.6 gaps=0.1,0,-0.2 stiffness=2,1.5,3 "// &
-            "friction_coefficient=0.3 friction_shapes=0.5,1, -1,0.3, 0.6,0.8"
+            "friction_coefficient=0.3 friction_shapes=0.5,1, -1,0.3, 0.6,0.8 tone=1 turns=2"
       case ("cubic_spring"); keys = "stiffness=1.5"
+      case ("cubic_damping"); keys = "coefficient=0.6 speed=-0.7 n_diameters=2"
       case ("elastic_stop"); keys = "stiffness=3 gap=0.2 two_sided=.true."
       case ("coulomb_rigid"); keys = "limit=0.3 augmentation=1.3"
       case ("coulomb_tanh"); keys = "limit=0.7 velocity=0.4"
@@ -57,7 +60,8 @@ contains
       character(:), allocatable :: keys
 
       select case (name)
-      case ("annular_clearance", "contact_table", "polynomial_coupled", "user"); keys = "dofs='x1','x2'"
+      case ("annular_clearance", "contact_table", "cubic_damping", "polynomial_coupled", "user"); keys = "dofs='x1','x2'"
+      case ("blade_contact"); keys = "dofs='x1','x2','x3','x4'"
       case default; keys = "dof='x1'"
       end select
    end function law_place
@@ -119,7 +123,7 @@ contains
 
       associate (frequencies => scene%harmonics%frequencies(omega))
          call new_dynamic_stiffness(stiffness, scene%structure, law_dofs_of(scene%laws), frequencies, scene%loads, error, &
-                                    with_slopes=.true.)
+                                    with_slopes=.true., load_slopes=scene%load_slopes)
          if (allocated(error)) return
          call new_balance(balance, scene%harmonics, scene%torus, omega, stiffness, scene%laws, scene%planning, error)
       end associate

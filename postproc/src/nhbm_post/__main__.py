@@ -2,6 +2,6 @@
 
 import sys
 
-from .cli import main
+from .guard import guarded_main
 
-sys.exit(main())
+sys.exit(guarded_main())

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from . import __version__, report
 from .errors import NhbmPostError, UsageError
-from .reader import QUANTITIES, Results
+from .reader import DAMAGES, QUANTITIES, Results
 
 # matplotlib takes a second to load, so each command that draws imports nhbm_post.draw by itself.
 
@@ -44,6 +44,10 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     except BrokenPipeError:  # the reader of a pipe, for example head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except DAMAGES as error:
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        print(f"nhbm-post {arguments.command}: {arguments.file} cannot be read, it may be damaged ({what})", file=sys.stderr)
+        return 2
     return 0
 
 
@@ -54,10 +58,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"nhbm-post {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
 
-    def command(name, run, help_text, description):
+    def command(name, run, help_text, description, file_help="result file of nhbm (HDF5)"):
         sub = commands.add_parser(name, help=help_text, description=description)
         sub.set_defaults(run=run)
-        sub.add_argument("file", type=Path, metavar="FILE", help="result file of nhbm (HDF5)")
+        sub.add_argument("file", type=Path, metavar="FILE", help=file_help)
         return sub
 
     sub = command(
@@ -195,6 +199,28 @@ def _parser() -> argparse.ArgumentParser:
         help="peak: max|x| over hypertime (default); rms; harmonic: amplitude of --tuple",
     )
     sub.add_argument("--tuple", type=_tuple, metavar="J1,J2,...", help="harmonic to draw, for example 1,0")
+    _add_output(sub)
+
+    sub = command(
+        "plan",
+        _plan,
+        "forecast of a run over many ranks",
+        "Draws the table of `nhbm plan INPUT -o FILE`: over the number of ranks the shares of solving (the "
+        "efficiency), of shared counters, of writing and of waiting in the time of all ranks, and the wall time.",
+        file_help="table of nhbm plan (comma-separated values)",
+    )
+    _add_output(sub)
+
+    sub = command(
+        "rotor",
+        _rotor,
+        "bladed disk and casing (figure 9 of the paper)",
+        "For a structure of type rotor_stator. speeds: amplitudes and frequency of all points over the speed, with "
+        "the critical speed; snapshots: disk and casing during one round of the casing's wave, in the stationary "
+        "frame; wave: displacement of the casing over angle and time.",
+    )
+    sub.add_argument("--view", choices=("speeds", "snapshots", "wave"), default="speeds", help="default: speeds")
+    _add_point(sub)
     _add_output(sub)
     return parser
 
@@ -388,6 +414,21 @@ def _response(arguments):
             over=arguments.over,
             at=dict(arguments.at),
         )
+    _save(fig, arguments)
+
+
+def _plan(arguments):
+    from . import draw
+
+    _save(draw.draw_plan(arguments.file), arguments)
+
+
+def _rotor(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        point = 0 if arguments.view == "speeds" else results.point(arguments.point, dict(arguments.at))
+        fig = draw.draw_rotor(results, point, arguments.view)
     _save(fig, arguments)
 
 

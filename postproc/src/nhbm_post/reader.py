@@ -30,9 +30,16 @@ _STATUS_NAMES = {
     7: "truncated",
     8: "aliased",
     9: "penetrating",
+    10: "collapsed",
+    11: "no_motion",
 }
 
 _REQUIRED = ("point", "tone", "harmonic", "dof", "tuple", "status", "frequency", "coefficients")
+
+# What h5py and numpy raise in the middle of a file that is damaged.
+DAMAGES = (
+    AttributeError, IndexError, KeyError, MemoryError, OSError, OverflowError, RuntimeError, TypeError, ValueError,
+)  # fmt: skip
 
 # A parameter value given by hand fits a stored one within this relative difference.
 _PARAMETER_TOLERANCE = 1e-6
@@ -288,6 +295,12 @@ class Results:
     def frequency(self, point: int) -> np.ndarray:
         """Base frequencies of a point [rad/s], (n_tones)."""
         return np.asarray(self._file["frequency"][point], dtype=float)
+
+    def frequency_estimate(self, point: int) -> np.ndarray:
+        """Estimated errors of the base frequencies [rad/s], (n_tones); 0 where given, NaN where not known."""
+        if "frequency_estimate" not in self._file:
+            return np.full(self.n_tones, np.nan)
+        return np.asarray(self._file["frequency_estimate"][point], dtype=float)
 
     def series(
         self, point: int, dof: str | None = None, quantity: str = "motion", allow_unconverged: bool = False

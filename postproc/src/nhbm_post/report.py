@@ -64,23 +64,37 @@ def value(
 def _point_rows(results: Results, dof: str, shown: int) -> list[list[str]]:
     parameters = list(results.parameters.values())
     units = results.units("motion", dof)
+    unknown = np.flatnonzero(np.any([results.frequency_estimate(i) > 0.0 for i in range(shown)], axis=0))
     heading = ["point", *(p.name for p in parameters), "status", "iterations", "residual", "seconds"]
+    heading += [f"tone {m + 1} [rad/s]" for m in unknown]
     rows = [[*heading, f"largest amplitudes of {dof}" + (f" [{units}]" if units not in ("", "1") else "")]]
     columns = [results.per_point(name) for name in ("iterations", "residual", "solve_seconds")]
     for point in range(shown):
         row = [str(point), *(number_text(p.values[point]) for p in parameters), results.status_name(point)]
         if results.status[point] == PENDING:
-            row += ["-", "-", "-"]
+            row += ["-", "-", "-", *("-" for _ in unknown)]
         else:
             iterations, residual, seconds = (column[point] for column in columns)
             row += [str(int(iterations)), f"{residual:.2e}", f"{seconds:.3g}"]
+            row += [_frequency_text(results, point, m) for m in unknown]
         rows.append([*row, _last_column(results, point, dof)])
     return rows
 
 
+def _frequency_text(results: Results, point: int, tone: int) -> str:
+    """Frequency with the digits that its estimated error leaves."""
+    frequency, error = results.frequency(point)[tone], results.frequency_estimate(point)[tone]
+    if not np.isfinite(frequency):
+        return "-"
+    if not np.isfinite(error):
+        return f"{frequency:.6g}"
+    error = max(error, np.spacing(frequency))
+    return f"{frequency:.{min(15, max(0, int(np.ceil(-np.log10(error)))))}f}"
+
+
 def _last_column(results: Results, point: int, dof: str) -> str:
     """Largest amplitudes of a solved point, why a failed one failed."""
-    if results.status[point] in (PENDING, FAILED):
+    if results.status[point] in (PENDING, FAILED) or results.status_name(point) in ("collapsed", "no_motion"):
         return results.message(point) or "-"
     try:
         series = results.series(point, dof, allow_unconverged=True)

@@ -1,0 +1,369 @@
+!> A search for self-excited motion: what it starts from and finds, and the two problems that it solves.
+!>
+!> With the amplitudes of the unknown tones prescribed and artificial damping xi_m of each in their place, there is a solution
+!> near each mode of the rest, where xi_m = -2 (growth of the mode). Where xi_m < 0 the motion is driven and would grow. Near
+!> xi_m = 0 the problem without artificial damping is solved. Source: docs/theory.md, section 6.5; Krack, Computers and
+!> Structures 154 (2015) 59-71, for the artificial damping.
+module hb_search
+   use hb_balance, only: balance_t
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: wp
+   use hb_newton, only: solve_newton
+   use hb_outcome, only: outcome
+   use hb_phase, only: amplitude_form, coefficient_form, new_phase_problem, phase_problem_t, shift_form, turn
+   use hb_rest, only: rest_t
+   use hb_solver, only: solve
+   use hb_solver_types, only: report_t, solver_config_t
+   implicit none
+   private
+   public :: climb_orders, first_amplitude, fundamental, last_amplitude, neutral, new_search, search_t, way_point_t
+
+   real(wp), parameter :: first_amplitude = 1.0e-3_wp                 !! of a search, relative to the length of the scene
+   real(wp), parameter :: last_amplitude = 1.0e3_wp                   !! likewise
+   real(wp), parameter :: neutral = 1.0e-9_wp                         !! |xi|/omega of a motion neither driven nor damped
+   real(wp), parameter :: dead = 1.0e-3_wp                            ! amplitude of a tone relative to that before
+   real(wp), parameter :: path_tolerance = 1.0e-8_wp
+   integer, parameter :: path_iterations = 15
+
+   !> A motion with prescribed amplitudes of the unknown tones.
+   type :: way_point_t
+      real(wp), allocatable :: u(:, :)                                !! [m], (n_coefficients, n_dofs)
+      real(wp), allocatable :: omega(:), xi(:)                        !! [rad/s], [1/s], (unknown tones)
+      real(wp), allocatable :: amplitude(:)                           !! [m], (unknown tones)
+   end type way_point_t
+
+   !> A search and what it found. `phase` is the problem solved last, on the balance of `new_search`.
+   type :: search_t
+      type(balance_t), pointer :: balance => null()
+      type(rest_t) :: rest
+      type(phase_problem_t) :: phase
+      type(report_t) :: report
+      character(:), allocatable :: message                            !! why nothing was found, or what is to be known of it
+      real(wp) :: length = 1.0_wp                                     !! typical motion [m]
+      real(wp) :: reached = 0.0_wp                                    !! largest amplitude of the search, 0: none [m]
+      logical :: is_neutral = .true.                                  !! nothing drove or damped the motion
+      logical :: is_left = .false.                                    !! motion near the one found leaves it, as it seems
+      integer, allocatable :: tones(:)                                !! unknown ones
+      integer, allocatable :: modes(:)                                !! of the rest, where each of them starts
+      integer, allocatable :: phase_dofs(:)                           !! sine that is zero, by unknown tone; size 0: integral
+      type(solver_config_t) :: config
+      real(wp), allocatable, private :: sense(:)                      ! 1 where negative xi drives, else -1, (unknown tones)
+      real(wp), allocatable, private :: reference(:, :, :)            ! shapes, (n_coefficients, n_dofs, unknown tones)
+   contains
+      procedure :: from_start => search_from_start
+      procedure :: begin => search_begin
+      procedure :: damping => search_damping
+      procedure :: solve_with_amplitudes => search_solve_with_amplitudes
+      procedure :: try_motion => search_try_motion
+      procedure :: move_balance => search_move_balance
+      procedure :: path_config => search_path_config
+      procedure :: set_scales => search_set_scales
+      procedure :: add_effort => search_add_effort
+   end type search_t
+
+contains
+
+   !> Search on a balance with slopes. Rescues and Broyden's linear Jacobian are switched off: they know nothing of a rest
+   !> that must not be found.
+   subroutine new_search(self, balance, rest, tones, modes, phase_dofs, length, config)
+      type(search_t), intent(out) :: self
+      type(balance_t), intent(in), target :: balance
+      type(rest_t), intent(in) :: rest
+      integer, intent(in) :: tones(:)                                 !! unknown ones
+      integer, intent(in) :: modes(:)                                 !! of the rest, one for each, or fewer
+      integer, intent(in) :: phase_dofs(:)                            !! among those of the laws, one for each, or none
+      real(wp), intent(in) :: length                                  !! [m], > 0
+      type(solver_config_t), intent(in) :: config
+
+      self%balance => balance
+      self%rest = rest
+      self%tones = tones
+      self%modes = modes
+      self%phase_dofs = phase_dofs
+      self%length = length
+      self%config = config
+      self%config%rescue = .false.
+      self%config%start_with_tangent = .true.
+   end subroutine new_search
+
+   !> Tries a first guess u, with the balance at its frequencies. Afterwards u is the motion if one was found.
+   subroutine search_from_start(self, u, is_found)
+      class(search_t), intent(inout) :: self
+      real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs)
+      logical, intent(out) :: is_found
+      type(way_point_t) :: point
+
+      point%u = u
+      point%omega = self%balance%omega(self%tones)
+      point%xi = 0.0_wp*point%omega
+      call self%set_scales(maxval(norm2(u, dim=1)))
+      call self%try_motion(point, is_found)
+      if (is_found) u = point%u
+   end subroutine search_from_start
+
+   !> First point on the way, at the amplitude asked for; where an unstable rest is left but nothing drives the motion there
+   !> any more, at a hundredth, and so on.
+   subroutine search_begin(self, amplitude, point, is_solved)
+      class(search_t), intent(inout) :: self
+      real(wp), intent(in) :: amplitude                               !! [m]
+      type(way_point_t), intent(out) :: point
+      logical, intent(out) :: is_solved
+      integer, parameter :: most_tries = 4
+      integer :: try
+
+      do try = 0, most_tries - 1
+         call shape_references(self)
+         point%amplitude = spread(amplitude*0.01_wp**try, 1, size(self%tones))
+         point%u = self%rest%u + point%amplitude(1)*sum(self%reference, dim=3)
+         associate (modes => self%rest%modes)
+            point%omega = modes%frequency(self%modes)
+            self%sense = sign(1.0_wp, modes%response(self%modes))
+            point%xi = -modes%growth(self%modes)/modes%response(self%modes)
+            call self%solve_with_amplitudes(point, .true., is_solved)
+            if (.not. is_solved .or. all(modes%growth(self%modes) <= neutral*modes%frequency(self%modes))) return
+            if (any(self%damping(point) < -neutral)) return
+         end associate
+      end do
+   end subroutine search_begin
+
+   !> How much the motion of each unknown tone is damped without the artificial damping, |xi|/omega, negative where it is
+   !> driven. In a rotating frame a mode that runs against the rotation may be damped by forces that drive others: the sign
+   !> is that of the mode where the search begins.
+   pure function search_damping(self, point) result(damping)
+      class(search_t), intent(in) :: self
+      type(way_point_t), intent(in) :: point
+      real(wp) :: damping(size(self%tones))
+
+      damping = self%sense*point%xi/point%omega
+   end function search_damping
+
+   !> Shapes of the modes in the fundamental of their tones, real and 1 where they are largest.
+   subroutine shape_references(self)
+      type(search_t), intent(inout) :: self
+      complex(wp) :: form(self%balance%n_dofs)
+      integer :: h, m
+
+      associate (set => self%balance%harmonics)
+         if (allocated(self%reference)) deallocate (self%reference)
+         allocate (self%reference(set%n_coefficients, self%balance%n_dofs, size(self%tones)), source=0.0_wp)
+         do m = 1, size(self%tones)
+            h = fundamental(set, self%tones(m))
+            form = self%rest%modes%shapes(:, self%modes(m))
+            form = form/form(maxloc(abs(form), dim=1))
+            self%reference(set%cos_at(h), :, m) = real(form)
+            self%reference(set%sin_at(h), :, m) = -aimag(form)
+         end do
+      end associate
+   end subroutine shape_references
+
+   !> Number of the harmonic that is the tone itself.
+   pure integer function fundamental(set, tone)
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: tone
+      integer :: m
+
+      fundamental = set%index_of([(merge(1, 0, m == tone), m=1, set%n_tones)])
+   end function fundamental
+
+   !> Newton's method with prescribed amplitudes and free artificial damping. The shapes then become those of the motion found.
+   subroutine search_solve_with_amplitudes(self, point, is_first, is_solved)
+      class(search_t), intent(inout) :: self
+      type(way_point_t), intent(inout) :: point
+      logical, intent(in) :: is_first                                 !! nothing better to start from: try smaller sets too
+      logical, intent(out) :: is_solved
+      type(phase_problem_t) :: problem
+      type(report_t) :: report
+      type(solver_config_t) :: config
+      real(wp), allocatable :: forms(:, :), scale(:, :), x(:)
+      integer :: h, m, n
+
+      n = size(self%tones)
+      call self%move_balance(point, is_solved)
+      if (.not. is_solved) return
+      call self%set_scales(maxval(point%amplitude))
+      scale = reshape(self%balance%x_scale, shape(point%u))
+      allocate (forms(size(point%u), 2*n))
+      do m = 1, n
+         h = fundamental(self%balance%harmonics, self%tones(m))
+         forms(:, m) = shift_form(self%balance%harmonics, self%tones(m), self%reference(:, :, m), scale)
+         forms(:, n + m) = amplitude_form(self%balance%harmonics, h, self%reference(:, :, m), scale)
+      end do
+      call new_phase_problem(problem, self%balance, self%tones, .true., forms, [0.0_wp*point%amplitude, point%amplitude])
+      config = self%path_config()
+      x = problem%unknowns(point%u)
+      call solve_newton(problem, config, x, report)
+      call self%add_effort(report)
+      if (report%status /= outcome%converged .and. is_first) then
+         x = problem%unknowns(point%u)
+         call climb_orders(problem, config, x, report)
+         call self%add_effort(report)
+      end if
+      is_solved = report%status == outcome%converged
+      if (.not. is_solved) return
+      point%u = reshape(x(:size(point%u)), shape(point%u))
+      point%omega = x(size(point%u) + 1:size(point%u) + n)
+      point%xi = x(size(point%u) + n + 1:)
+      self%reference = 0.0_wp
+      do m = 1, n
+         h = fundamental(self%balance%harmonics, self%tones(m))
+         associate (a => self%balance%harmonics%cos_at(h), b => self%balance%harmonics%sin_at(h))
+            self%reference([a, b], :, m) = point%u([a, b], :)/point%amplitude(m)
+         end associate
+      end do
+   end subroutine search_solve_with_amplitudes
+
+   !> Settings of the solver on the way.
+   pure function search_path_config(self) result(config)
+      class(search_t), intent(in) :: self
+      type(solver_config_t) :: config
+
+      config = self%config
+      config%tolerance = max(path_tolerance, config%tolerance)
+      config%max_iterations = path_iterations
+   end function search_path_config
+
+   !> Newton's method with the harmonics up to order 1, 2, 4, ... only, each from the one before, then with all. Order 1 is
+   !> close to the linear mode with the stiffness that the laws have on average.
+   subroutine climb_orders(problem, config, x, report)
+      type(phase_problem_t), intent(inout) :: problem
+      type(solver_config_t), intent(in) :: config
+      real(wp), intent(inout), contiguous :: x(:)
+      type(report_t), intent(out) :: report
+      type(report_t) :: attempt
+      integer :: order
+
+      order = 1
+      do
+         call problem%hold_above(order)
+         if (allocated(problem%is_held)) then
+            where (problem%is_held) x(:size(problem%is_held)) = 0.0_wp
+         end if
+         call solve_newton(problem, config, x, attempt)
+         report%iterations = report%iterations + attempt%iterations
+         report%evaluations = report%evaluations + attempt%evaluations
+         report%factorizations = report%factorizations + attempt%factorizations
+         report%status = attempt%status
+         report%residual = attempt%residual
+         if (report%status /= outcome%converged .or. .not. allocated(problem%is_held)) exit
+         order = 2*order
+      end do
+      call problem%hold_above(huge(order))
+   end subroutine climb_orders
+
+   !> Solves without artificial damping from a point nearby; found is a motion in which every unknown tone lives.
+   subroutine search_try_motion(self, point, is_found)
+      class(search_t), intent(inout) :: self
+      type(way_point_t), intent(inout) :: point
+      logical, intent(out) :: is_found
+      real(wp), allocatable :: forms(:, :), scale(:, :), x(:), u(:, :)
+      real(wp) :: before(size(self%tones))
+      type(report_t) :: report
+      integer :: m
+
+      point%xi = 0.0_wp
+      call self%move_balance(point, is_found)
+      if (.not. is_found) return
+      u = point%u
+      scale = reshape(self%balance%x_scale, shape(u))
+      allocate (forms(size(u), size(self%tones)))
+      do m = 1, size(self%tones)
+         before(m) = norm2(fundamental_part(u, m))
+         if (size(self%phase_dofs) == 0) then
+            forms(:, m) = shift_form(self%balance%harmonics, self%tones(m), u, scale)
+         else
+            call make_sine_form(m, forms(:, m))
+         end if
+      end do
+      is_found = all(before > 0.0_wp)
+      if (.not. is_found) return
+      call new_phase_problem(self%phase, self%balance, self%tones, .false., forms, 0.0_wp*point%omega)
+      x = self%phase%unknowns(u)
+      call solve(self%phase, self%config, x, x, report)
+      call self%add_effort(report)
+      is_found = report%status == outcome%converged
+      if (.not. is_found) return
+      u = reshape(x(:size(u)), shape(u))
+      is_found = all([(norm2(fundamental_part(u, m)) > dead*before(m), m=1, size(before))])
+      if (.not. is_found) return
+      point%u = u
+      point%omega = x(size(u) + 1:)
+      call self%phase%move_to(x, is_found)
+      self%report%status = report%status
+      self%report%residual = report%residual
+
+   contains
+
+      !> The condition that the sine of tone m vanishes at its degree of freedom; the motion is turned that way first.
+      subroutine make_sine_form(m, form)
+         integer, intent(in) :: m
+         real(wp), intent(out) :: form(:)
+         integer :: h
+
+         associate (set => self%balance%harmonics, dof => self%phase_dofs(m))
+            h = fundamental(set, self%tones(m))
+            call turn(set, self%tones(m), atan2(u(set%sin_at(h), dof), u(set%cos_at(h), dof)), u)
+            form = coefficient_form(set, size(u, 2), set%sin_at(h), dof)
+         end associate
+      end subroutine make_sine_form
+
+      !> Coefficients of the unknown tone m itself.
+      function fundamental_part(motion, m) result(part)
+         real(wp), intent(in) :: motion(:, :)
+         integer, intent(in) :: m
+         real(wp) :: part(2, size(motion, 2))
+
+         associate (set => self%balance%harmonics)
+            part = motion([set%cos_at(fundamental(set, self%tones(m))), set%sin_at(fundamental(set, self%tones(m)))], :)
+         end associate
+      end function fundamental_part
+   end subroutine search_try_motion
+
+   !> Puts the balance at the frequencies and the artificial damping of a point.
+   subroutine search_move_balance(self, point, is_possible)
+      class(search_t), intent(inout) :: self
+      type(way_point_t), intent(in) :: point
+      logical, intent(out) :: is_possible
+      real(wp), dimension(size(self%balance%omega)) :: omega, xi
+      type(error_t), allocatable :: error
+
+      omega = self%balance%omega
+      xi = 0.0_wp
+      omega(self%tones) = point%omega
+      xi(self%tones) = point%xi
+      call self%balance%move(omega, xi, error)
+      is_possible = .not. allocated(error)
+   end subroutine search_move_balance
+
+   !> Scales for a motion of the given magnitude: forces are those of inertia and stiffness in the unknown tones.
+   subroutine search_set_scales(self, magnitude)
+      class(search_t), intent(inout) :: self
+      real(wp), intent(in) :: magnitude                               !! [m], > 0
+      real(wp) :: force(self%balance%n_dofs), motion
+      integer :: h, i, m
+
+      motion = max(magnitude, maxval(norm2(self%rest%u, dim=1)))
+      force = 0.0_wp
+      associate (b => self%balance, n => self%balance%harmonics%n_coefficients)
+         do m = 1, size(self%tones)
+            h = fundamental(b%harmonics, self%tones(m))
+            do i = 1, b%n_dofs
+               force(i) = max(force(i), motion*abs(b%stiffness%condensed(i, i, h)), &
+                              motion*abs(b%frequencies(h)*b%stiffness%condensed_slope(i, i, h)))
+            end do
+         end do
+         where (force <= epsilon(1.0_wp)*maxval(force)) force = maxval(force)
+         b%x_scale = motion
+         b%r_scale = [(spread(force(i), 1, n), i=1, b%n_dofs)]
+      end associate
+   end subroutine search_set_scales
+
+   pure subroutine search_add_effort(self, report)
+      class(search_t), intent(inout) :: self
+      type(report_t), intent(in) :: report
+
+      self%report%iterations = self%report%iterations + report%iterations
+      self%report%evaluations = self%report%evaluations + report%evaluations
+      self%report%factorizations = self%report%factorizations + report%factorizations
+   end subroutine search_add_effort
+end module hb_search

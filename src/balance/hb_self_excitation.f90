@@ -1,0 +1,53 @@
+!> Self-excited motion: limit cycles and tori with unknown base frequencies, from the modes of the rest, never the rest itself.
+!> Source: docs/theory.md, section 6.5.
+module hb_self_excitation
+   use hb_amplitude_curve, only: follow_curve
+   use hb_amplitude_flow, only: follow_flow
+   use hb_kinds, only: wp
+   use hb_outcome, only: outcome
+   use hb_search, only: first_amplitude, search_t, way_point_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: search_from_modes
+
+contains
+
+   !> Searches from the modes of the search. When nothing is found, u is the motion at rest, and status and message tell what
+   !> is known.
+   subroutine search_from_modes(self, u, is_found)
+      type(search_t), intent(inout) :: self
+      real(wp), intent(out) :: u(:, :)                                !! [m], (n_coefficients, n_dofs)
+      logical, intent(out) :: is_found
+      type(way_point_t) :: point
+
+      self%is_neutral = .true.
+      self%is_left = .false.
+      self%reached = 0.0_wp
+      self%report%status = outcome%pending
+      if (allocated(self%message)) deallocate (self%message)
+      if (size(self%tones) == 1) then
+         call follow_curve(self, point, is_found)
+      else
+         call follow_flow(self, point, is_found)
+      end if
+      u = self%rest%u
+      if (is_found) then
+         u = point%u
+         return
+      end if
+      self%report%residual = self%rest%report%residual
+      if (allocated(self%message) .and. self%report%status == outcome%stalled) return
+      self%report%status = outcome%no_motion
+      if (self%rest%is_forced .or. size(self%tones) > 1) self%report%status = outcome%collapsed
+      if (allocated(self%message)) return
+      if (self%reached <= 0.0_wp) then
+         self%report%status = outcome%stalled
+         self%message = "no motion with a small amplitude of the unknown tones was found to start from"
+      else if (self%is_neutral) then
+         self%message = "nothing drives or damps the unknown tone: give its amplitude in &normal_mode"
+      else
+         self%message = "damped at the amplitudes tried, "//to_text(self%length*first_amplitude)//" to "//to_text(self%reached)
+      end if
+   end subroutine search_from_modes
+end module hb_self_excitation

@@ -1,0 +1,123 @@
+!> Jeffcott rotor in the stationary frame: a disk on a massless round shaft, if wanted with the tilt of the disk and its
+!> gyroscopic moment, damping that rotates with the shaft, and an elastically held ring around the disk.
+!>
+!> With z = x + i y, the tilt t = tilt_x + i tilt_y (slopes dx/ds and dy/ds of the shaft at the disk) and the speed Omega:
+!>
+!>     m z'' + d z' + d_i (z' - i Omega z) + k z + k_c t = forces
+!>     I_d t'' - i Omega I_p t' + d_t t' + k_c z + k_t t = moments
+!>     m_r z_r'' + d_r z_r' + k_r z_r = forces on the ring
+!>
+!> Source: G. Genta, Dynamics of Rotating Systems, Springer 2005, chapters 2 to 4. Unbalance is a load, see `frequency_power`.
+module hb_jeffcott
+   use hb_error, only: annotate, error_t, fail
+   use hb_kinds, only: wp
+   use hb_namelist, only: group_t
+   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
+   use hb_structure, only: label_length, new_structure, structure_t, unit_length
+   use hb_turning_frame, only: add_turned_pair, quarter_turn
+   implicit none
+   private
+   public :: jeffcott_t, new_jeffcott, read_jeffcott
+
+   !> What the rotor is made of. Without a diametral inertia it has no tilt, without a ring mass no ring.
+   type :: jeffcott_t
+      real(wp) :: mass = 0.0_wp                              !! m [kg]
+      real(wp) :: stiffness = 0.0_wp                         !! k [N/m]
+      real(wp) :: damping = 0.0_wp                           !! d [N s/m], to the ground
+      real(wp) :: rotating_damping = 0.0_wp                  !! d_i [N s/m], in the shaft
+      real(wp) :: speed = 0.0_wp                             !! Omega [rad/s], from x towards y
+      real(wp) :: diametral_inertia = 0.0_wp                 !! I_d [kg m**2]
+      real(wp) :: polar_inertia = 0.0_wp                     !! I_p [kg m**2]
+      real(wp) :: tilt_stiffness = 0.0_wp                    !! k_t [N m/rad]
+      real(wp) :: tilt_damping = 0.0_wp                      !! d_t [N m s/rad]
+      real(wp) :: coupling_stiffness = 0.0_wp                !! k_c [N/rad]
+      real(wp) :: ring_mass = 0.0_wp                         !! m_r [kg]
+      real(wp) :: ring_stiffness = 0.0_wp                    !! k_r [N/m]
+      real(wp) :: ring_damping = 0.0_wp                      !! d_r [N s/m]
+   end type jeffcott_t
+
+contains
+
+   !> Reads the rotor from the keys of its group `&structure`.
+   subroutine read_jeffcott(group, structure, error)
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(out) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      type(proportional_damping_t) :: damping
+      type(jeffcott_t) :: rotor
+
+      call group%require("mass", rotor%mass, above=0.0_wp)
+      call group%require("stiffness", rotor%stiffness, minimum=0.0_wp)
+      call group%get("damping", rotor%damping, minimum=0.0_wp)
+      call group%get("rotating_damping", rotor%rotating_damping, minimum=0.0_wp)
+      call group%get("diametral_inertia", rotor%diametral_inertia, minimum=0.0_wp)
+      if (rotor%diametral_inertia > 0.0_wp) then
+         call group%require("tilt_stiffness", rotor%tilt_stiffness, minimum=0.0_wp)
+         call group%get("polar_inertia", rotor%polar_inertia, minimum=0.0_wp)
+         call group%get("tilt_damping", rotor%tilt_damping, minimum=0.0_wp)
+         call group%get("coupling_stiffness", rotor%coupling_stiffness)
+      end if
+      if (rotor%rotating_damping > 0.0_wp .or. rotor%polar_inertia > 0.0_wp) then
+         call group%require("speed", rotor%speed)
+      else
+         call group%get("speed", rotor%speed)
+      end if
+      call group%get("ring_mass", rotor%ring_mass, minimum=0.0_wp)
+      if (rotor%ring_mass > 0.0_wp) then
+         call group%require("ring_stiffness", rotor%ring_stiffness, minimum=0.0_wp)
+         call group%get("ring_damping", rotor%ring_damping, minimum=0.0_wp)
+      end if
+      call read_proportional_damping(group, damping)
+      call group%finish(error)
+      if (allocated(error)) return
+      call new_jeffcott(structure, rotor, damping, error)
+      call annotate(error, group%place())
+   end subroutine read_jeffcott
+
+   !> Makes the rotor: `x`, `y`, then `tilt_x`, `tilt_y`, then `ring_x`, `ring_y` as far as it has them. Fails where the
+   !> coupling of deflection and tilt makes the shaft unstable.
+   subroutine new_jeffcott(structure, rotor, damping, error)
+      type(structure_t), intent(out) :: structure
+      type(jeffcott_t), intent(in) :: rotor
+      type(proportional_damping_t), intent(in) :: damping    !! made from mass and elastic stiffness, in the stationary frame
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: damping_matrix(:, :), mass(:, :), stiffness(:, :)
+      character(label_length), allocatable :: labels(:)
+      character(unit_length), allocatable :: units(:)
+      integer :: i, n
+
+      labels = [character(label_length) :: "x", "y"]
+      units = [character(unit_length) :: "m", "m"]
+      if (rotor%diametral_inertia > 0.0_wp) then
+         if (rotor%coupling_stiffness**2 > rotor%stiffness*rotor%tilt_stiffness) then
+            call fail(error, "jeffcott: coupling_stiffness**2 must not exceed stiffness times tilt_stiffness")
+            return
+         end if
+         labels = [character(label_length) :: labels, "tilt_x", "tilt_y"]
+         units = [character(unit_length) :: units, "rad", "rad"]
+      end if
+      if (rotor%ring_mass > 0.0_wp) then
+         labels = [character(label_length) :: labels, "ring_x", "ring_y"]
+         units = [character(unit_length) :: units, "m", "m"]
+      end if
+      n = size(labels)
+      allocate (mass(n, n), damping_matrix(n, n), stiffness(n, n), source=0.0_wp)
+
+      call add_turned_pair(mass, damping_matrix, stiffness, 1, rotor%mass, rotor%damping + rotor%rotating_damping, &
+                           rotor%stiffness, 0.0_wp)
+      if (rotor%diametral_inertia > 0.0_wp) then
+         call add_turned_pair(mass, damping_matrix, stiffness, 3, rotor%diametral_inertia, rotor%tilt_damping, &
+                              rotor%tilt_stiffness, 0.0_wp)
+         do i = 1, 2
+            stiffness(i, i + 2) = rotor%coupling_stiffness
+            stiffness(i + 2, i) = rotor%coupling_stiffness
+         end do
+         damping_matrix(3:4, 3:4) = damping_matrix(3:4, 3:4) - rotor%speed*rotor%polar_inertia*quarter_turn
+      end if
+      if (rotor%ring_mass > 0.0_wp) call add_turned_pair(mass, damping_matrix, stiffness, n - 1, rotor%ring_mass, &
+                                                         rotor%ring_damping, rotor%ring_stiffness, 0.0_wp)
+      damping_matrix = damping_matrix + damping%matrix(mass, stiffness)
+      stiffness(1:2, 1:2) = stiffness(1:2, 1:2) - rotor%rotating_damping*rotor%speed*quarter_turn
+      call new_structure(structure, mass, damping_matrix, stiffness, labels, units, error)
+   end subroutine new_jeffcott
+end module hb_jeffcott

@@ -1,0 +1,102 @@
+!> Free vibration of a linear structure: growth rates, frequencies and shapes of its oscillatory modes.
+!>
+!> q(t) = Re(shape exp((growth + i frequency) t)) solves M q'' + D q' + K q = 0. The quadratic eigenvalue problem is solved
+!> in its first companion form with time scaled by sqrt(max |K|/max |M|), by the QZ algorithm, which takes masses of zero.
+!> Source: Tisseur and Meerbergen, SIAM Review 43 (2001) 235-286, sections 3.4 and 5.
+module hb_modes
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   use hb_lapack, only: dggev
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: modes_t, new_modes
+
+   integer, parameter :: largest_structure = 500                      ! degrees of freedom: all modes are found, none by itself
+
+   type :: modes_t
+      integer :: n_modes = 0
+      real(wp), allocatable :: growth(:)                              !! [1/s], (n_modes), positive: unstable
+      real(wp), allocatable :: frequency(:)                           !! [rad/s], (n_modes), > 0, ascending
+      real(wp), allocatable :: response(:)                            !! d growth/d xi for forces -xi M q', (n_modes): 1/2
+                                                                      !! without gyroscopic terms, else of either sign
+      complex(wp), allocatable :: shapes(:, :)                        !! (n_dofs, n_modes), of any magnitude
+   end type modes_t
+
+contains
+
+   !> Finds all oscillatory modes. Fails for a structure that is too large and where LAPACK does not converge.
+   subroutine new_modes(self, mass, damping, stiffness, error)
+      type(modes_t), intent(out) :: self
+      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: a(:, :), b(:, :), alpha_r(:), alpha_i(:), beta(:), shapes(:, :), work(:)
+      real(wp) :: left(1, 1), rate, scale
+      integer, allocatable :: found(:)
+      integer :: i, info, k, n
+
+      n = size(mass, 1)
+      if (n > largest_structure) then
+         call fail(error, "modes: "//to_text(n)//" degrees of freedom are more than the "//to_text(largest_structure)// &
+                   " of which all modes are found")
+         return
+      end if
+      scale = maxval(abs(stiffness))
+      if (scale <= 0.0_wp) scale = 1.0_wp
+      rate = sqrt(scale/maxval(abs(mass)))
+      allocate (a(2*n, 2*n), b(2*n, 2*n), source=0.0_wp)
+      allocate (alpha_r(2*n), alpha_i(2*n), beta(2*n), shapes(2*n, 2*n), work(16*n))
+      do i = 1, n
+         a(i, n + i) = 1.0_wp
+         b(i, i) = 1.0_wp
+      end do
+      a(n + 1:, :n) = -stiffness/scale
+      a(n + 1:, n + 1:) = -damping*(rate/scale)
+      b(n + 1:, n + 1:) = mass*(rate**2/scale)
+      call dggev("N", "V", 2*n, a, 2*n, b, 2*n, alpha_r, alpha_i, beta, left, 1, shapes, 2*n, work, size(work), info)
+      if (info /= 0) then
+         call fail(error, "modes: the eigenvalues of the linear structure were not found (dggev: "//to_text(info)//")")
+         return
+      end if
+      found = pack([(i, i=1, 2*n)], alpha_i > 0.0_wp .and. beta > epsilon(1.0_wp)*(abs(alpha_r) + abs(alpha_i)))
+      self%n_modes = size(found)
+      self%growth = rate*alpha_r(found)/beta(found)
+      self%frequency = rate*alpha_i(found)/beta(found)
+      allocate (self%shapes(n, size(found)))
+      allocate (self%response(size(found)))
+      do i = 1, size(found)
+         self%shapes(:, i) = cmplx(shapes(:n, found(i)), shapes(:n, found(i) + 1), wp)
+         self%response(i) = response_of(self%shapes(:, i), cmplx(self%growth(i), self%frequency(i), wp), mass, damping)
+      end do
+      do i = 2, size(found)                                            ! by insertion: there are few
+         k = i
+         do while (k > 1)
+            if (self%frequency(k - 1) <= self%frequency(k)) exit
+            call exchange(self, k - 1, k)
+            k = k - 1
+         end do
+      end do
+   end subroutine new_modes
+
+   !> Real part of d lambda/d xi = lambda m/(2 lambda m + d), m and d the products of the shape with mass and damping: exact
+   !> to first order in what is neither symmetric nor gyroscopic.
+   pure real(wp) function response_of(shape, lambda, mass, damping)
+      complex(wp), intent(in) :: shape(:), lambda
+      real(wp), intent(in) :: mass(:, :), damping(:, :)
+      complex(wp) :: d, m
+
+      m = dot_product(shape, matmul(mass, shape))
+      d = dot_product(shape, matmul(damping, shape))
+      response_of = real(lambda*m/(2.0_wp*lambda*m + d))
+   end function response_of
+
+   pure subroutine exchange(self, i, k)
+      type(modes_t), intent(inout) :: self
+      integer, intent(in) :: i, k
+
+      self%growth([i, k]) = self%growth([k, i])
+      self%frequency([i, k]) = self%frequency([k, i])
+      self%response([i, k]) = self%response([k, i])
+      self%shapes(:, [i, k]) = self%shapes(:, [k, i])
+   end subroutine exchange
+end module hb_modes

@@ -1,0 +1,106 @@
+!> Bladed disk and casing by two modes of n nodal diameters each, not coupled: contact between them is a law.
+!>
+!> Disk u_d = q1 cos(n phi) + q2 sin(n phi), casing u_c = r1 cos(n phi) + r2 sin(n phi), with the angle phi of the frame. The
+!> disk turns at the speed Omega towards growing angles, the casing stands still. A travelling wave of the disk against the
+!> rotation and one of the casing along it meet at the speed (w_c + w_d)/n. Source: the paper (docs/theory.md),
+!> section 4 and eq. (14).
+module hb_rotor_stator
+   use hb_error, only: annotate, error_t, fail
+   use hb_kinds, only: wp
+   use hb_namelist, only: group_t
+   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
+   use hb_structure, only: new_structure, structure_t
+   use hb_text, only: join
+   use hb_turning_frame, only: add_turned_pair
+   implicit none
+   private
+   public :: body_t, new_rotor_stator, read_rotor_stator
+
+   character(10), parameter :: known_frames(3) = [character(10) :: "rotating", "stationary", "own"]
+
+   !> One of the two bodies, as it is in its own frame.
+   type :: body_t
+      real(wp) :: mass = 1.0_wp                              !! modal mass [kg]
+      real(wp) :: frequency = 0.0_wp                         !! [rad/s], undamped
+      real(wp) :: damping_ratio = 0.0_wp
+   end type body_t
+
+contains
+
+   !> Reads disk and casing from the keys of their group `&structure`.
+   subroutine read_rotor_stator(group, structure, error)
+      type(group_t), intent(inout) :: group
+      type(structure_t), intent(out) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      type(proportional_damping_t) :: damping
+      type(body_t) :: casing, disk
+      character(:), allocatable :: frame
+      integer :: n_diameters
+      real(wp) :: speed
+
+      frame = trim(known_frames(1))
+      n_diameters = 1
+      speed = 0.0_wp
+      call group%require("n_diameters", n_diameters, minimum=1)
+      call group%require("speed", speed)
+      call group%get("frame", frame, choices=known_frames)
+      call group%require("disk_frequency", disk%frequency, minimum=0.0_wp)
+      call group%require("casing_frequency", casing%frequency, minimum=0.0_wp)
+      call group%get("disk_mass", disk%mass, above=0.0_wp)
+      call group%get("casing_mass", casing%mass, above=0.0_wp)
+      call group%get("disk_damping_ratio", disk%damping_ratio, minimum=0.0_wp)
+      call group%get("casing_damping_ratio", casing%damping_ratio, minimum=0.0_wp)
+      call read_proportional_damping(group, damping)
+      call group%finish(error)
+      if (allocated(error)) return
+      call new_rotor_stator(structure, n_diameters, speed, frame, disk, casing, damping, error)
+      call annotate(error, group%place())
+   end subroutine read_rotor_stator
+
+   !> Makes disk and casing; fails for a frame that is not known.
+   subroutine new_rotor_stator(structure, n_diameters, speed, frame, disk, casing, damping, error)
+      type(structure_t), intent(out) :: structure
+      integer, intent(in) :: n_diameters
+      real(wp), intent(in) :: speed                          !! Omega [rad/s]
+      character(*), intent(in) :: frame                      !! `rotating` and `stationary`: both bodies in this one frame;
+                                                             !! `own`: the disk in the rotating, the casing in the stationary
+      type(body_t), intent(in) :: disk, casing
+      type(proportional_damping_t), intent(in) :: damping    !! of either body in its own frame
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), dimension(4, 4) :: damping_matrix, mass, stiffness
+      real(wp) :: casing_rate, disk_rate
+
+      disk_rate = 0.0_wp
+      casing_rate = 0.0_wp
+      select case (frame)
+      case ("rotating")
+         casing_rate = n_diameters*speed
+      case ("stationary")
+         disk_rate = -n_diameters*speed
+      case ("own")
+      case default
+         call fail(error, "rotor_stator: unknown frame '"//trim(frame)//"'; known: "//join(known_frames, ", "))
+         return
+      end select
+      mass = 0.0_wp
+      damping_matrix = 0.0_wp
+      stiffness = 0.0_wp
+      call add_body(disk, 1, disk_rate)
+      call add_body(casing, 3, casing_rate)
+      call new_structure(structure, mass, damping_matrix, stiffness, ["q1", "q2", "r1", "r2"], spread("m", 1, 4), error)
+
+   contains
+
+      subroutine add_body(body, first, rate)
+         type(body_t), intent(in) :: body
+         integer, intent(in) :: first
+         real(wp), intent(in) :: rate
+         real(wp) :: proportional(1, 1)
+
+         associate (m => body%mass, k => body%mass*body%frequency**2, d => 2.0_wp*body%damping_ratio*body%mass*body%frequency)
+            proportional = damping%matrix(reshape([m], [1, 1]), reshape([k], [1, 1]))
+            call add_turned_pair(mass, damping_matrix, stiffness, first, m, d + proportional(1, 1), k, rate)
+         end associate
+      end subroutine add_body
+   end subroutine new_rotor_stator
+end module hb_rotor_stator

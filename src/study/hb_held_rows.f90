@@ -1,0 +1,152 @@
+!> Results that are held back until several rows of a dataset can be written at once.
+!>
+!> A point writes a few bytes to some thirty datasets. A parallel file system takes only so many writes a second from all
+!> ranks together, so each rank holds its results for a time that grows with the number of ranks. On few ranks that is less
+!> than a point takes, and every point is written when it is solved.
+module hb_held_rows
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_error, only: error_t, fail
+   use hb_hdf5, only: h5_dataset_t
+   use hb_kinds, only: wp
+   use hb_results_plan, only: is_characters, is_integer, is_real, message_length, variable_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: held_rows_t, hold_seconds, new_held_rows, room_for
+
+   real(wp), parameter :: writes_per_second = 5.0e4_wp                ! of all ranks, half of what a large file system takes
+   real(wp), parameter :: shortest = 0.01_wp                          ! [s], for points that take less than that
+   real(wp), parameter :: most_bytes = 6.4e7_wp                       ! [B] held by a rank
+   integer, parameter :: most_rows = 32                               ! as points in the largest block of hb_schedule
+
+   !> Rows of one dataset, for consecutive points.
+   type :: held_rows_t
+      private
+      integer :: kind = is_real
+      integer :: row_size = 0
+      logical :: is_used = .false.                                    ! something that a new file does not hold anyway
+      integer, allocatable :: integers(:, :)                          ! (row_size, room)
+      real(wp), allocatable :: reals(:, :)                            ! (row_size, room)
+      character(message_length), allocatable :: texts(:)              ! (room)
+   contains
+      procedure :: blank => held_rows_blank
+      procedure :: flush => held_rows_flush
+      generic :: put => put_integers, put_reals, put_text
+      procedure, private :: put_integers => held_rows_put_integers
+      procedure, private :: put_reals => held_rows_put_reals
+      procedure, private :: put_text => held_rows_put_text
+   end type held_rows_t
+
+contains
+
+   !> Time [s] for which a rank holds results back.
+   pure real(wp) function hold_seconds(n_ranks, n_datasets)
+      integer, intent(in) :: n_ranks
+      integer, intent(in) :: n_datasets                               !! that a point is written to
+
+      hold_seconds = max(shortest, real(n_ranks, wp)*n_datasets/writes_per_second)
+   end function hold_seconds
+
+   !> Number of points that a rank holds at most, one or more.
+   pure integer function room_for(bytes_per_point)
+      real(wp), intent(in) :: bytes_per_point
+
+      room_for = max(1, int(min(real(most_rows, wp), most_bytes/max(bytes_per_point, 1.0_wp))))
+   end function room_for
+
+   !> Makes room for `room` rows of a dataset.
+   pure subroutine new_held_rows(self, variable, row_size, room)
+      type(held_rows_t), intent(out) :: self
+      type(variable_t), intent(in) :: variable
+      integer, intent(in) :: row_size, room
+
+      self%kind = variable%kind
+      self%row_size = row_size
+      select case (variable%kind)
+      case (is_integer); allocate (self%integers(row_size, room))
+      case (is_real); allocate (self%reals(row_size, room))
+      case (is_characters); allocate (self%texts(room))
+      end select
+   end subroutine new_held_rows
+
+   !> Fills row `k` with what a new file has there.
+   pure subroutine held_rows_blank(self, k)
+      class(held_rows_t), intent(inout) :: self
+      integer, intent(in) :: k
+
+      if (allocated(self%integers)) self%integers(:, k) = 0
+      if (allocated(self%reals)) self%reals(:, k) = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (allocated(self%texts)) self%texts(k) = ""
+   end subroutine held_rows_blank
+
+   subroutine held_rows_put_integers(self, k, values, error)
+      class(held_rows_t), intent(inout) :: self
+      integer, intent(in) :: k
+      integer, intent(in) :: values(:)
+      type(error_t), allocatable, intent(out) :: error
+
+      call check_size(self, size(values), error)
+      if (allocated(error)) return
+      self%integers(:, k) = values
+      self%is_used = self%is_used .or. any(values /= 0)
+   end subroutine held_rows_put_integers
+
+   subroutine held_rows_put_reals(self, k, values, error)
+      class(held_rows_t), intent(inout) :: self
+      integer, intent(in) :: k
+      real(wp), intent(in) :: values(..)                              !! of one to three dimensions
+      type(error_t), allocatable, intent(out) :: error
+
+      call check_size(self, size(values), error)
+      if (allocated(error)) return
+      select rank (values)
+      rank (1); self%reals(:, k) = values
+      rank (2); self%reals(:, k) = reshape(values, [size(values)])
+      rank (3); self%reals(:, k) = reshape(values, [size(values)])
+      rank default
+         call fail(error, "values of more than three dimensions")
+         return
+      end select
+      self%is_used = .true.
+   end subroutine held_rows_put_reals
+
+   subroutine held_rows_put_text(self, k, text, error)
+      class(held_rows_t), intent(inout) :: self
+      integer, intent(in) :: k
+      character(*), intent(in) :: text
+      type(error_t), allocatable, intent(out) :: error
+
+      self%texts(k) = text
+      self%is_used = self%is_used .or. len_trim(text) > 0
+   end subroutine held_rows_put_text
+
+   subroutine check_size(self, n_values, error)
+      type(held_rows_t), intent(in) :: self
+      integer, intent(in) :: n_values
+      type(error_t), allocatable, intent(out) :: error
+
+      if (n_values /= self%row_size) call fail(error, to_text(n_values)//" values, expected "//to_text(self%row_size))
+   end subroutine check_size
+
+   !> Writes the first `n` rows to rows `first` and following of the dataset, unless these are blank and those, too.
+   subroutine held_rows_flush(self, first, n, is_filled, dataset, error)
+      class(held_rows_t), intent(inout) :: self
+      integer, intent(in) :: first, n
+      logical, intent(in) :: is_filled                                !! the rows may hold other than what a new file does
+      type(h5_dataset_t), intent(in) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      if (.not. (self%is_used .or. is_filled)) return
+      self%is_used = .false.
+      select case (self%kind)
+      case (is_integer); call dataset%write_row(first, self%integers(:, :n), error, n)
+      case (is_real); call dataset%write_row(first, self%reals(:, :n), error, n)
+      case (is_characters)
+         do k = 1, n
+            call dataset%write_row(first + k - 1, trim(self%texts(k)), error)
+            if (allocated(error)) return
+         end do
+      end select
+   end subroutine held_rows_flush
+end module hb_held_rows

@@ -1,0 +1,341 @@
+!> Times of the kernels of one scene, each beside a physical yardstick measured in the same process.
+!>
+!> A repetition runs a kernel and its yardstick one after the other, so that what else the machine does hits both alike; the
+!> ratio is the median over repetitions. Yardsticks: the bare FFTW pair (spectrum to samples and back) of the same grid, batch
+!> and planning, and LAPACK's LU factorisation of a full matrix of the same size.
+module hb_kernel_times
+   use hb_balance, only: balance_t, new_balance
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+   use hb_error, only: error_t, fail
+   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, real_block_t
+   use hb_kinds, only: wp
+   use hb_lapack, only: dgetrf
+   use hb_law_set, only: law_dofs_of
+   use hb_mpi, only: wall_clock
+   use hb_namelist, only: document_t
+   use hb_outcome, only: outcome
+   use hb_point, only: solve_point
+   use hb_results, only: point_result_t
+   use hb_scene, only: read_scene, scene_t
+   use hb_solver, only: solve
+   use hb_solver_types, only: report_t
+   use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
+   implicit none
+   private
+   public :: kernel, kernel_names, kernel_times_t, measure_kernels, memory_bandwidth
+
+   !> What is measured; numbers as in the file.
+   type :: kernel_t
+      integer :: residual = 1                                         !! one residual, beside the FFT pair
+      integer :: tangent = 2                                          !! assembly of the tangent, beside its LU
+      integer :: newton_step = 3                                      !! tangent, LU, step and residual, beside the LU
+      integer :: solution = 4                                         !! set-up and solution of the equations, beside the LU
+      integer :: point = 5                                            !! the same with input, recovery and certificate
+   end type kernel_t
+   type(kernel_t), parameter :: kernel = kernel_t()
+   character(*), parameter :: kernel_names(5) = [character(11) :: "residual", "tangent", "newton_step", "solution", "point"]
+
+   integer, parameter :: fewest = 5, most = 1001                       ! repetitions
+   integer, parameter :: largest_matrix = 8000                        ! unknowns; beyond, nothing with a full matrix is timed
+   real(wp), parameter :: shortest = 2.0e-4_wp                        ! seconds that one timing lasts at least
+
+   !> Times in seconds; NaN where something was not measured.
+   type :: kernel_times_t
+      integer :: n_unknowns = 0
+      integer :: n_samples = 0                                        !! of the whole grid
+      integer :: n_channels = 0                                       !! degrees of freedom of the laws
+      integer :: status = outcome%pending                             !! of the solution
+      integer :: iterations = 0
+      integer :: evaluations = 0
+      real(wp) :: residual = 0.0_wp                                   !! norm that the solution reached
+      real(wp) :: seconds(size(kernel_names)) = 0.0_wp                !! median
+      real(wp) :: fastest(size(kernel_names)) = 0.0_wp
+      real(wp) :: slowest(size(kernel_names)) = 0.0_wp
+      real(wp) :: yardstick(size(kernel_names)) = 0.0_wp              !! median
+      real(wp) :: ratio(size(kernel_names)) = 0.0_wp                  !! median of the ratios of each repetition
+   end type kernel_times_t
+
+   !> Everything that the timed pieces work on.
+   type :: workshop_t
+      type(document_t) :: document
+      type(scene_t) :: scene
+      type(balance_t) :: balance
+      type(fft_plan_t) :: plan
+      type(real_block_t) :: samples
+      type(complex_block_t) :: spectrum
+      type(tangent_factor_t) :: factor
+      real(wp), allocatable :: u(:), r(:), step(:)                    ! at the solution
+      real(wp), allocatable :: jacobian(:, :), matrix(:, :)
+      integer, allocatable :: pivots(:)
+      type(report_t) :: report
+   end type workshop_t
+
+contains
+
+   !> Measures all kernels of the scene in `document`, for about `budget` seconds each.
+   subroutine measure_kernels(self, document, budget, error)
+      type(kernel_times_t), intent(out) :: self
+      type(document_t), intent(in) :: document
+      real(wp), intent(in) :: budget
+      type(error_t), allocatable, intent(out) :: error
+      type(workshop_t) :: shop
+      integer :: i
+
+      call set_up(shop, document, error)
+      if (.not. allocated(error)) then
+         self%n_unknowns = shop%balance%n_unknowns
+         self%n_samples = shop%scene%torus%n_total
+         self%n_channels = shop%balance%n_dofs
+         self%status = shop%report%status
+         self%iterations = shop%report%iterations
+         self%evaluations = shop%report%evaluations
+         self%residual = shop%report%residual
+         do i = 1, size(kernel_names)
+            call measure(self, shop, i, budget, error)
+            if (allocated(error)) exit
+         end do
+      end if
+      call shop%balance%destroy()
+      call shop%plan%destroy()
+      call shop%samples%destroy()
+      call shop%spectrum%destroy()
+   end subroutine measure_kernels
+
+   !> Solves the scene once, so that kernels are timed where they matter, and plans the yardsticks.
+   subroutine set_up(shop, document, error)
+      type(workshop_t), intent(inout) :: shop
+      type(document_t), intent(in) :: document
+      type(error_t), allocatable, intent(out) :: error
+      integer :: n
+
+      shop%document = document
+      call read_fresh(shop%scene, shop%document, error)
+      if (allocated(error)) return
+      if (size(shop%scene%laws) == 0) then
+         call fail(error, "a scene without laws has no kernels to time; add a &law")
+         return
+      end if
+      call make_balance(shop%scene, shop%balance, error)
+      if (allocated(error)) return
+      n = shop%balance%n_unknowns
+      allocate (shop%u(n), shop%r(n), shop%step(n))
+      call solve_balance(shop%scene, shop%balance, shop%u, shop%report)
+      associate (grid => shop%scene%torus, channels => shop%balance%n_dofs)
+         call new_real_block(shop%samples, grid%n_total, channels, error)
+         if (allocated(error)) return
+         call new_complex_block(shop%spectrum, (grid%n_samples(1)/2 + 1)*product(grid%n_samples(2:)), channels, error)
+         if (allocated(error)) return
+         call new_fft_plan(shop%plan, grid%n_samples, channels, shop%scene%planning, .false., shop%samples%values, &
+            shop%spectrum%values, error)
+         if (allocated(error)) return
+      end associate
+      if (n > largest_matrix) return
+      allocate (shop%jacobian(n, n), shop%matrix(n, n), shop%pivots(n))
+      call new_tangent_factor(shop%factor, n)
+      call shop%balance%tangent(shop%u, shop%jacobian)
+   end subroutine set_up
+
+   subroutine read_fresh(scene, document, error)
+      type(scene_t), intent(out) :: scene
+      type(document_t), intent(in) :: document
+      type(error_t), allocatable, intent(out) :: error
+      type(document_t), target :: copy
+
+      copy = document
+      call read_scene(scene, copy, error)
+   end subroutine read_fresh
+
+   subroutine make_balance(scene, balance, error)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(inout) :: balance
+      type(error_t), allocatable, intent(out) :: error
+      type(dynamic_stiffness_t) :: stiffness
+
+      call new_dynamic_stiffness(stiffness, scene%structure, law_dofs_of(scene%laws), &
+         scene%harmonics%frequencies(scene%tones%omega), scene%loads, error)
+      if (allocated(error)) return
+      call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, scene%laws, scene%planning, error)
+   end subroutine make_balance
+
+   !> Solves from the first guess of the scene.
+   subroutine solve_balance(scene, balance, x, report)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(inout), contiguous :: x(:)
+      type(report_t), intent(out) :: report
+      real(wp) :: linear(size(x))
+
+      call balance%linear_solution(linear)
+      x = merge(1.0_wp, 0.0_wp, scene%start_from_linear)*linear
+      call solve(balance, scene%solver, linear, x, report)
+   end subroutine solve_balance
+
+   !> Times kernel i and its yardstick until the budget is used.
+   subroutine measure(self, shop, i, budget, error)
+      type(kernel_times_t), intent(inout) :: self
+      type(workshop_t), intent(inout) :: shop
+      integer, intent(in) :: i
+      real(wp), intent(in) :: budget
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: seconds(most), yardstick(most), started
+      integer :: n, n_kernel, n_yardstick
+
+      if (i /= kernel%residual .and. .not. allocated(shop%matrix)) then
+         if (i == kernel%tangent .or. i == kernel%newton_step) return
+      end if
+      n_kernel = 1
+      n_yardstick = 1
+      n = 0
+      started = wall_clock()
+      do while (n < most)
+         call time_yardstick(shop, i, n_yardstick, yardstick(n + 1))
+         call time_kernel(shop, i, n_kernel, seconds(n + 1), error)
+         if (allocated(error)) return
+         if (n == 0 .and. enough(seconds(1), n_kernel) .and. enough(yardstick(1), n_yardstick)) then
+            n = 1
+         else if (n == 0) then
+            if (.not. enough(seconds(1), n_kernel)) n_kernel = 2*n_kernel
+            if (.not. enough(yardstick(1), n_yardstick)) n_yardstick = 2*n_yardstick
+         else
+            n = n + 1
+         end if
+         if (n >= fewest .and. wall_clock() - started > budget) exit
+      end do
+      n = min(n, most)
+      self%seconds(i) = median(seconds(:n))
+      self%fastest(i) = minval(seconds(:n))
+      self%slowest(i) = maxval(seconds(:n))
+      self%yardstick(i) = median(yardstick(:n))
+      if (self%yardstick(i) > 0.0_wp) self%ratio(i) = median(seconds(:n)/yardstick(:n))
+   end subroutine measure
+
+   !> Whether `times` runs of so many seconds each last long enough for the clock; a yardstick that does not exist does.
+   pure logical function enough(seconds, times)
+      real(wp), intent(in) :: seconds
+      integer, intent(in) :: times
+
+      enough = seconds*times >= shortest .or. seconds <= 0.0_wp
+   end function enough
+
+   !> Seconds of one run of kernel i, over `times` runs.
+   subroutine time_kernel(shop, i, times, seconds, error)
+      type(workshop_t), intent(inout) :: shop
+      integer, intent(in) :: i, times
+      real(wp), intent(out) :: seconds
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: started
+      integer :: k
+
+      started = wall_clock()
+      do k = 1, times
+         select case (i)
+         case (kernel%residual)
+            call shop%balance%residual(shop%u, shop%r)
+         case (kernel%tangent)
+            call shop%balance%tangent(shop%u, shop%jacobian)
+         case (kernel%newton_step)
+            call run_newton_step(shop)
+         case (kernel%solution)
+            call run_solution(shop, error)
+         case default
+            call run_point(shop, error)
+         end select
+         if (allocated(error)) return
+      end do
+      seconds = (wall_clock() - started)/times
+   end subroutine time_kernel
+
+   subroutine run_newton_step(shop)
+      type(workshop_t), intent(inout) :: shop
+      logical :: is_singular
+
+      call shop%factor%update(shop%balance, shop%u, is_singular)
+      shop%step = shop%r
+      call shop%factor%solve(shop%balance, shop%step)
+      call shop%balance%residual(shop%u, shop%r)
+   end subroutine run_newton_step
+
+   !> From the scene to the coefficients of its laws, with nothing made beforehand.
+   subroutine run_solution(shop, error)
+      type(workshop_t), intent(inout) :: shop
+      type(error_t), allocatable, intent(out) :: error
+      type(balance_t) :: balance
+      type(report_t) :: report
+
+      call make_balance(shop%scene, balance, error)
+      if (.not. allocated(error)) call solve_balance(shop%scene, balance, shop%step, report)
+      call balance%destroy()
+   end subroutine run_solution
+
+   !> A whole point, as a sweep solves it.
+   subroutine run_point(shop, error)
+      type(workshop_t), intent(inout) :: shop
+      type(error_t), allocatable, intent(out) :: error
+      type(scene_t) :: scene
+      type(point_result_t) :: result
+
+      call read_fresh(scene, shop%document, error)
+      if (.not. allocated(error)) call solve_point(scene, result, error)
+   end subroutine run_point
+
+   !> Seconds of the yardstick of kernel i, over `times` runs; 0 where it has none.
+   subroutine time_yardstick(shop, i, times, seconds)
+      type(workshop_t), intent(inout) :: shop
+      integer, intent(in) :: i, times
+      real(wp), intent(out) :: seconds
+      real(wp) :: started
+      integer :: info, k
+
+      seconds = 0.0_wp
+      if (i == kernel%residual) then
+         shop%spectrum%values = (0.0_wp, 0.0_wp)
+         started = wall_clock()
+         do k = 1, times
+            call shop%plan%to_samples(shop%spectrum%values, shop%samples%values)
+            call shop%plan%to_spectrum(shop%samples%values, shop%spectrum%values)
+         end do
+         seconds = (wall_clock() - started)/times
+      else if (allocated(shop%matrix)) then
+         do k = 1, times
+            shop%matrix = shop%jacobian
+            started = wall_clock()
+            call dgetrf(size(shop%pivots), size(shop%pivots), shop%matrix, size(shop%pivots), shop%pivots, info)
+            seconds = seconds + (wall_clock() - started)/times
+         end do
+      end if
+   end subroutine time_yardstick
+
+   !> Bandwidth of the memory [B/s] by a triad a = b + s c over arrays far larger than the caches; median of several.
+   real(wp) function memory_bandwidth()
+      integer, parameter :: n = 8*1024*1024, times = 7
+      real(wp), allocatable :: a(:), b(:), c(:)
+      real(wp) :: bandwidth(times), started
+      integer :: k
+
+      allocate (a(n), b(n), c(n), source=1.0_wp)
+      do k = 1, times
+         started = wall_clock()
+         a = b + real(k, wp)*c
+         bandwidth(k) = 3*8*real(n, wp)/(wall_clock() - started)
+         b(k) = a(k)
+      end do
+      memory_bandwidth = median(bandwidth)
+   end function memory_bandwidth
+
+   pure real(wp) function median(values)
+      real(wp), intent(in) :: values(:)
+      real(wp) :: sorted(size(values)), held
+      integer :: i, k
+
+      sorted = values
+      do i = 2, size(sorted)                                          ! insertion sort
+         held = sorted(i)
+         do k = i - 1, 1, -1
+            if (sorted(k) <= held) exit
+            sorted(k + 1) = sorted(k)
+         end do
+         sorted(k + 1) = held
+      end do
+      median = sorted((size(sorted) + 1)/2)
+   end function median
+end module hb_kernel_times

@@ -1,0 +1,236 @@
+!> Which points a rank solves next: pure arithmetic on numbers drawn from shared counters, the same for a run over ranks
+!> and for its simulation.
+!>
+!> Points that must be solved one after the other by one rank form a *unit*: a chain along the fastest swept parameter
+!> (hb_neighbour), or a single point. What a unit holds depends on the input alone. A counter says which unit is the next
+!> one; a rank draws a *block* of units from it by one atomic operation that adds the length of the block. The rank decides
+!> on that length: so that a block takes a given time, by what its last block took, and no more than a small part of a fair
+!> share of what it last saw to remain. Slow points are thus drawn one by one, and a rank that comes upon slow points after
+!> fast ones has only a few of them. Source: C. D. Polychronopoulos, D. J. Kuck, Guided self-scheduling, IEEE Transactions
+!> on Computers C-36 (1987), with the rest as last seen and the limit in time added.
+!>
+!> One counter serves a few hundred ranks. More ranks have several, each with its own share of the units. A rank draws
+!> from the counter of its group; when that is empty it goes on to the others, each once, since a counter that is empty
+!> stays so.
+module hb_schedule
+   use hb_kinds, only: int64, wp
+   implicit none
+   private
+   public :: new_schedule, ranks_per_counter, schedule_t, way_t
+
+   integer, parameter :: ranks_per_counter = 256
+   integer, parameter :: largest_block = 32                           ! points; more would save no time and risk more
+   integer, parameter :: divisor = 8                                  ! a block is at most this part of a fair share of the rest
+
+   !> Where a rank stands among the counters, and how fast it is.
+   type :: way_t
+      integer :: counter = 1                                          !! to draw the next number from
+      logical :: is_done = .false.                                    !! all counters were found empty
+      integer, private :: n_empty = 0
+      integer, private :: seen = -1                                   ! units that the counter had given out, if known
+      real(wp), private :: seconds = -1.0_wp                          ! [s] of a unit of the last block, if known
+   contains
+      procedure :: note => way_note
+   end type way_t
+
+   type :: schedule_t
+      integer :: n_points = 0                                         !! to solve
+      integer :: n_units = 0                                          !! to solve
+      integer :: n_counters = 1
+      integer, private :: n_ranks = 1, group_size = 1, stride = 1, largest = 1
+      integer, private :: line = 1, chain = 1, units_per_line = 1, n_all_units = 0
+      integer, allocatable, private :: kept(:)                        ! units, where not all are to be solved
+      real(wp) :: block_seconds = 0.0_wp                              !! [s] that a block should take
+   contains
+      procedure :: all_points => schedule_all_points
+      procedure :: ask => schedule_ask
+      procedure :: keep => schedule_keep
+      procedure :: owner_of => schedule_owner_of
+      procedure :: points_of => schedule_points_of
+      procedure :: take => schedule_take
+      procedure :: unit_of => schedule_unit_of
+      procedure :: way_of => schedule_way_of
+   end type schedule_t
+
+contains
+
+   !> Schedule of `n_points` points, of which each run of `line` is a line of the grid along its fastest parameter, cut into
+   !> chains of `chain` points; the last of a line may be shorter.
+   pure subroutine new_schedule(self, n_points, line, chain, n_ranks, block_seconds, group_size)
+      type(schedule_t), intent(out) :: self
+      integer, intent(in) :: n_points                                 !! a multiple of line
+      integer, intent(in) :: line, chain                              !! 1 or greater
+      integer, intent(in) :: n_ranks
+      real(wp), intent(in) :: block_seconds                           !! [s] that a block should take
+      integer, intent(in), optional :: group_size                     !! ranks that share a counter, default ranks_per_counter
+
+      self%n_points = n_points
+      self%line = line
+      self%chain = min(chain, line)
+      self%units_per_line = (line + self%chain - 1)/self%chain
+      self%n_all_units = (n_points/line)*self%units_per_line
+      self%n_units = self%n_all_units
+      self%n_ranks = n_ranks
+      self%block_seconds = block_seconds
+      self%group_size = ranks_per_counter
+      if (present(group_size)) self%group_size = group_size
+      self%group_size = min(self%group_size, n_ranks)
+      self%n_counters = (n_ranks + self%group_size - 1)/self%group_size
+      self%largest = max(1, largest_block/self%chain)
+      self%stride = max(1, nint(0.618*self%n_counters))               ! visits far groups early
+      do while (common_divisor(self%stride, self%n_counters) > 1)
+         self%stride = self%stride + 1
+      end do
+   end subroutine new_schedule
+
+   pure integer function common_divisor(a, b)
+      integer, intent(in) :: a, b
+      integer :: rest, other
+
+      common_divisor = a
+      rest = b
+      do while (rest > 0)
+         other = modulo(common_divisor, rest)
+         common_divisor = rest
+         rest = other
+      end do
+   end function common_divisor
+
+   !> Unit that holds a point, both from 1, among all units. A point may only be solved again together with its whole unit.
+   pure integer function schedule_unit_of(self, point)
+      class(schedule_t), intent(in) :: self
+      integer, intent(in) :: point
+
+      schedule_unit_of = ((point - 1)/self%line)*self%units_per_line + modulo(point - 1, self%line)/self%chain + 1
+   end function schedule_unit_of
+
+   !> Leaves only the units that hold one of the points: a chain of which one point is missing is solved again from its
+   !> beginning, for its points start from each other.
+   pure subroutine schedule_keep(self, points)
+      class(schedule_t), intent(inout) :: self
+      integer, intent(in) :: points(:)                                !! from 1
+      logical :: is_kept(self%n_all_units)
+      integer :: first, i, last
+
+      is_kept = .false.
+      do i = 1, size(points)
+         is_kept(self%unit_of(points(i))) = .true.
+      end do
+      self%kept = pack([(i, i=1, self%n_all_units)], is_kept)
+      self%n_units = size(self%kept)
+      self%n_points = 0
+      do i = 1, self%n_units
+         call self%points_of(i, first, last)
+         self%n_points = self%n_points + last - first + 1
+      end do
+   end subroutine schedule_keep
+
+   !> First and last point of a unit to solve, all from 1.
+   pure subroutine schedule_points_of(self, unit, first, last)
+      class(schedule_t), intent(in) :: self
+      integer, intent(in) :: unit
+      integer, intent(out) :: first, last
+      integer :: number, place, start_of_line
+
+      number = unit
+      if (allocated(self%kept)) number = self%kept(unit)
+      start_of_line = ((number - 1)/self%units_per_line)*self%line
+      place = modulo(number - 1, self%units_per_line)*self%chain
+      first = start_of_line + place + 1
+      last = start_of_line + min(place + self%chain, self%line)
+   end subroutine schedule_points_of
+
+   !> All points to solve, in the order of the sweep: after `keep` these are more than the points given where chains are
+   !> solved again from their beginning.
+   pure function schedule_all_points(self) result(points)
+      class(schedule_t), intent(in) :: self
+      integer :: points(self%n_points)
+      integer :: first, i, k, last, n
+
+      n = 0
+      do i = 1, self%n_units
+         call self%points_of(i, first, last)
+         points(n + 1:n + last - first + 1) = [(k, k=first, last)]
+         n = n + last - first + 1
+      end do
+   end function schedule_all_points
+
+   !> Rank, from 0, that holds a counter, from 1: the first of its group.
+   pure integer function schedule_owner_of(self, counter)
+      class(schedule_t), intent(in) :: self
+      integer, intent(in) :: counter
+
+      schedule_owner_of = (counter - 1)*self%group_size
+   end function schedule_owner_of
+
+   !> Where a rank, from 0, begins.
+   pure type(way_t) function schedule_way_of(self, rank)
+      class(schedule_t), intent(in) :: self
+      integer, intent(in) :: rank
+
+      schedule_way_of%counter = rank/self%group_size + 1
+   end function schedule_way_of
+
+   !> How many units the rank should draw from `way%counter`: one where it knows nothing yet.
+   pure integer function schedule_ask(self, way) result(n)
+      class(schedule_t), intent(in) :: self
+      type(way_t), intent(in) :: way
+      integer :: rest
+
+      n = 1
+      if (way%seen < 0 .or. way%seconds < 0.0_wp) return
+      rest = share_start(self, way%counter + 1) - share_start(self, way%counter) - way%seen
+      n = min(self%largest, rest/(divisor*ranks_of(self, way%counter)))
+      if (n*way%seconds > self%block_seconds) n = int(self%block_seconds/way%seconds)
+      n = max(1, n)
+   end function schedule_ask
+
+   !> Turns the number drawn from `way%counter` with `n` into a block of units, and sends the rank on to the next counter
+   !> where there is none left: then first > last.
+   pure subroutine schedule_take(self, way, number, n, first, last)
+      class(schedule_t), intent(in) :: self
+      type(way_t), intent(inout) :: way
+      integer, intent(in) :: number                                   !! sum of all that was drawn before
+      integer, intent(in) :: n                                        !! what `ask` said
+      integer, intent(out) :: first, last                             !! units, from 1
+      integer :: end_of_share, start
+
+      start = share_start(self, way%counter)
+      end_of_share = share_start(self, way%counter + 1)
+      first = start + number + 1
+      last = min(start + number + n, end_of_share)
+      way%seen = number + n
+      if (first <= end_of_share) return
+      last = first - 1
+      way%seen = -1
+      way%n_empty = way%n_empty + 1
+      way%is_done = way%n_empty == self%n_counters
+      way%counter = modulo(way%counter - 1 + self%stride, self%n_counters) + 1
+   end subroutine schedule_take
+
+   !> Notes how long the last block took.
+   pure subroutine way_note(self, n_units, seconds)
+      class(way_t), intent(inout) :: self
+      integer, intent(in) :: n_units                                  !! of the block, above 0
+      real(wp), intent(in) :: seconds                                 !! [s]
+
+      self%seconds = seconds/n_units
+   end subroutine way_note
+
+   !> Number of units in the shares before that of a counter; shares follow the number of ranks.
+   pure integer function share_start(self, counter)
+      class(schedule_t), intent(in) :: self
+      integer, intent(in) :: counter
+      integer(int64) :: ranks_before
+
+      ranks_before = min(int(counter - 1, int64)*self%group_size, int(self%n_ranks, int64))
+      share_start = int(ranks_before*self%n_units/self%n_ranks)
+   end function share_start
+
+   pure integer function ranks_of(self, counter)
+      class(schedule_t), intent(in) :: self
+      integer, intent(in) :: counter
+
+      ranks_of = min(self%group_size, self%n_ranks - (counter - 1)*self%group_size)
+   end function ranks_of
+end module hb_schedule

@@ -1,0 +1,111 @@
+!> One point of a sweep: its values set in the input, its scene read and solved, its result brought into the form of the
+!> file that it shares with the others.
+module hb_swept_point
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_error, only: error_t, fail
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: wp
+   use hb_law_set, only: law_dofs_of
+   use hb_mpi, only: wall_clock
+   use hb_namelist, only: document_t
+   use hb_neighbour, only: neighbour_t
+   use hb_outcome, only: outcome
+   use hb_point, only: solve_point
+   use hb_results, only: point_result_t, results_layout_t
+   use hb_scene, only: read_scene, scene_t
+   use hb_sweep_plan, only: sweep_plan_t
+   use hb_timing, only: rank_times_t
+   implicit none
+   private
+   public :: run_point
+
+contains
+
+   !> Solves one point; whatever goes wrong becomes its status and message.
+   subroutine run_point(input, available_memory, plan, layout, point, rank, neighbour, times, result)
+      type(document_t), intent(in) :: input                           !! before values of the sweep are set
+      real(wp), intent(in) :: available_memory                        !! bytes
+      type(sweep_plan_t), intent(in) :: plan
+      type(results_layout_t), intent(in) :: layout
+      integer, intent(in) :: point, rank
+      type(neighbour_t), intent(inout) :: neighbour                   !! solutions of the points before it in its chain
+      type(rank_times_t), intent(inout) :: times
+      type(point_result_t), intent(out) :: result
+      type(document_t), target :: document
+      type(scene_t) :: scene
+      type(error_t), allocatable :: error
+      real(wp), allocatable :: start(:), unknowns(:)
+      real(wp) :: read, started
+
+      started = wall_clock()
+      document = input
+      call plan%apply(point, document, error)
+      if (.not. allocated(error)) call read_scene(scene, document, error, available_memory)
+      if (.not. allocated(error)) call check_layout(scene, layout, error)
+      read = wall_clock()
+      if (.not. allocated(error)) then
+         if (scene%chain%is_on) call neighbour%predict(plan%fastest_value(point), scene%harmonics%tuples, &
+            scene%chain%secant, start)
+         call solve_point(scene, result, error, start, unknowns)
+      end if
+      if (allocated(error)) then
+         result%status = outcome%failed
+         result%message = error%message
+      else
+         call spread_harmonics(scene%harmonics, layout%tuples, result%coefficients)
+         call spread_harmonics(scene%harmonics, layout%tuples, result%force_coefficients)
+         call spread_harmonics(scene%harmonics, layout%tuples, result%corrected_coefficients)
+      end if
+      if (.not. allocated(error) .and. allocated(unknowns)) then
+         call neighbour%keep(plan%fastest_value(point), scene%harmonics%tuples, unknowns)
+      else
+         call neighbour%forget()
+      end if
+      result%rank = rank
+      result%solve_seconds = wall_clock() - started
+      times%reading = times%reading + read - started
+      times%solving = times%solving + wall_clock() - read
+   end subroutine run_point
+
+   !> A file holds one list of degrees of freedom: refuses a point whose structure or laws have others.
+   subroutine check_layout(scene, layout, error)
+      type(scene_t), intent(in) :: scene
+      type(results_layout_t), intent(in) :: layout
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: law_dofs(:)
+      logical :: is_same
+
+      law_dofs = law_dofs_of(scene%laws)
+      is_same = size(scene%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
+                .and. size(scene%laws) == size(layout%law_labels) &
+                .and. size(scene%output%samples) == size(layout%n_samples)
+      if (is_same) then
+         is_same = all(scene%structure%labels(scene%output%dofs) == layout%dof_labels) .and. &
+                   all(scene%structure%labels(law_dofs) == layout%law_dof_labels) .and. &
+                   all(scene%output%samples == layout%n_samples)
+      end if
+      if (.not. is_same) call fail(error, "this point has other degrees of freedom or surfaces than the first point; "// &
+                                   "list the common ones in &output dofs, or run it by itself")
+   end subroutine check_layout
+
+   !> Puts coefficients of a point's own set onto the harmonics of the file; those that the point lacks become NaN.
+   subroutine spread_harmonics(harmonics, tuples, coefficients)
+      type(harmonics_t), intent(in) :: harmonics
+      integer, intent(in) :: tuples(:, :)
+      real(wp), allocatable, intent(inout) :: coefficients(:, :, :)   !! (2, n_harmonics, any)
+      real(wp), allocatable :: all_harmonics(:, :, :)
+      integer :: h, i
+
+      if (.not. allocated(coefficients)) return
+      allocate (all_harmonics(2, size(tuples, 2), size(coefficients, 3)))
+      do i = 1, size(tuples, 2)
+         h = harmonics%index_of(tuples(:, i))
+         if (h > 0) then
+            all_harmonics(:, i, :) = coefficients(:, h, :)
+         else
+            all_harmonics(:, i, :) = ieee_value(1.0_wp, ieee_quiet_nan)
+         end if
+      end do
+      call move_alloc(all_harmonics, coefficients)
+   end subroutine spread_harmonics
+end module hb_swept_point

@@ -1,0 +1,56 @@
+"""The memory estimate: what `check` says is what a run takes, and what cannot fit is refused with a message."""
+
+import os
+import re
+import subprocess
+
+from program import BAD_INPUT, command, environment, run
+
+# Two tones, order 28, three degrees of freedom: the tangent takes nearly all.
+LARGE = """&structure
+   type = 'chain', n_masses = 3, mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.1 /
+&tones frequency = 1.0, 1.4142 /
+&harmonics order = 28 /
+&load dof = 'x1', tuple = 1, 0, cos = 0.1 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /
+&law type = 'cubic_spring', dof = 'x2', stiffness = 0.1 /
+&solver max_iterations = 1, rescue = .false. /
+&certificate is_on = .false. /
+"""
+MIB = 2**20
+
+
+def test_estimate_is_what_a_run_takes(tmp_path):
+    source = tmp_path / "large.nml"
+    source.write_text(LARGE)
+    estimate = re.search(r"^memory +(\d+) MiB", run("check", source, cwd=tmp_path).stdout, re.MULTILINE)
+    assert estimate, "nhbm check says no memory"
+    estimated = int(estimate.group(1)) * MIB
+    assert estimated > 300 * MIB
+    words = command("solve", source, "-o", tmp_path / "large.h5", "--quiet")
+    process = subprocess.Popen(words, cwd=tmp_path, env=environment(), stderr=subprocess.DEVNULL)
+    _, _, usage = os.wait4(process.pid, 0)
+    measured = usage.ru_maxrss * 1024
+    assert estimated / 2 < measured < 2 * estimated
+
+
+def test_limit_refuses_with_what_would_fit(tmp_path):
+    source = tmp_path / "large.nml"
+    source.write_text(LARGE)
+    done = run("solve", source, "--set", "solver%memory_limit=0.1", cwd=tmp_path)
+    assert done.status == BAD_INPUT
+    assert len(done.messages) == 1
+    assert "102 MiB are there for each process" in done.stderr
+    assert re.search(r"tangent \d+ MiB.*What would fit: order \d+ instead of 28", done.stderr)
+    order = re.search(r"order (\d+) instead", done.stderr).group(1)
+    assert run(
+        "check", source, "--set", "solver%memory_limit=0.1", "--set", f"harmonics%order={order}", cwd=tmp_path
+    ).status == 0
+
+
+def test_more_than_the_computer_has_is_refused(tmp_path):
+    source = tmp_path / "large.nml"
+    source.write_text(LARGE.replace("order = 28", "order = 1000"))
+    done = run("check", source, cwd=tmp_path)
+    assert done.status == BAD_INPUT
+    assert "of memory" in done.stderr and "What would fit" in done.stderr

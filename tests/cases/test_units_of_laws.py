@@ -1,0 +1,113 @@
+"""Every law in other units: lengths times 1e-9 and forces times 1e6 change no iteration and no digit beyond rounding.
+
+By powers of two near these nothing is rounded, and not a bit may change. Time keeps its unit, so a key in N s/m is multiplied
+like one in N/m.
+"""
+
+import re
+
+import numpy as np
+import pytest
+
+from program import read, solve
+
+LENGTH, FORCE = 1e-9, 1e6
+EXACT_LENGTH, EXACT_FORCE = 2.0**-30, 2.0**20
+SAME = 1e-12
+
+# Keys of two-degree-of-freedom scenes as (value, power of force, power of length).
+F, L = (1, 0), (0, 1)
+STIFFNESS = (1, -1)
+LAWS = {
+    "annular_clearance": {"dofs": "'x1', 'x2'", "stiffness": (2.0, *STIFFNESS), "clearance": (0.5, *L), "friction_coefficient": 0.1},
+    "contact_table": {
+        "dofs": "'x1', 'x2'",
+        "n_contacts": 2,
+        "shapes": "1.0, -1.0, -1.0, 0.5",
+        "gaps": ((0.2, 0.3), *L),
+        "stiffness": (5.0, *STIFFNESS),
+    },
+    "coulomb_rigid": {"dof": "'x1'", "limit": (0.1, *F)},
+    "coulomb_tanh": {"dof": "'x1'", "limit": (0.1, *F), "velocity": (0.2, *L)},
+    "cubic_spring": {"dof": "'x1'", "stiffness": (1.0, 1, -3)},
+    "elastic_stop": {"dof": "'x1'", "stiffness": (5.0, *STIFFNESS), "gap": (0.3, *L)},
+    "iwan": {"dof": "'x1'", "stiffness": ((0.5, 0.5), *STIFFNESS), "limit": ((0.1, 0.2), *F)},
+    "jenkins": {"dof": "'x1'", "stiffness": (1.0, *STIFFNESS), "limit": (0.2, *F)},
+    "jenkins_2d": {"dof": "'x1'", "second_dofs": "'x2'", "stiffness": (1.0, *STIFFNESS), "limit": (0.2, *F)},
+    "piecewise_linear": {
+        "dof": "'x1'",
+        "breakpoints": ((-0.2, 0.3), *L),
+        "slopes": ((2.0, 0.5, 3.0), *STIFFNESS),
+    },
+    "polynomial": {"dof": "'x1'", "stiffness": "{k1}, {k2}", "damping": "{d1}, {d2}"},
+    "polynomial_coupled": {
+        "dofs": "'x1', 'x2'",
+        "coefficients": ((0.5, 0.5), 1, -3),
+        "acts_on": "'x1', 'x2'",
+        "displacement_exponents": "1, 2, 2, 1",
+    },
+    "quadratic_damping": {"dof": "'x1'", "coefficient": (0.5, 1, -2)},
+    "rigid_wall": {"dof": "'x1'", "gap": (0.3, *L)},
+    "tabulated": {"dof": "'x1'", "displacements": ((-1.0, 0.0, 1.0), *L), "forces": ((-2.0, 0.0, 0.5), *F)},
+    "van_der_pol": {"dof": "'x1'", "strength": (0.1, *STIFFNESS), "threshold": (0.5, *L)},
+}
+# Laws of a power of each coefficient of their own.
+POWERS = {"k1": (0.5, 1, -1), "k2": (0.3, 1, -2), "d1": (0.1, 1, -1), "d2": (0.1, 1, -2)}
+WITHOUT_UNITS = {"user"}  # only its author knows the units of its parameters
+
+
+def number(value, force_power, length_power, force, length):
+    return repr(value * force**force_power * length**length_power)
+
+
+def text_of(value, force, length):
+    """A key's value; tuples carry powers of force and length, texts may name entries of POWERS."""
+    if isinstance(value, str):
+        names = {name: number(*entry, force, length) for name, entry in POWERS.items()}
+        return value.format(**names) if "{" in value else value
+    if not isinstance(value, tuple):
+        return repr(value)
+    values = value[0] if isinstance(value[0], tuple) else (value[0],)
+    return ", ".join(number(one, *value[1:], force, length) for one in values)
+
+
+def scene(law, method, force=1.0, length=1.0):
+    keys = ", ".join(f"{key} = {text_of(value, force, length)}" for key, value in LAWS[law].items())
+    scale = force / length
+    one_to_one = [repr(entry * scale) for entry in (2.0, -0.7, -0.7, 1.5)]
+    return f"""
+&structure type = 'matrices', n_dofs = 2, mass = {scale!r}, {0.8 * scale!r}, stiffness = {", ".join(one_to_one)},
+   damping_mass = 0.3 /
+&tones frequency = 0.7, 1.1313708498984762 /
+&harmonics order = 3 /
+&load dof = 'x1', tuple = 1, 0, cos = {0.6 * force!r} /
+&load dof = 'x2', tuple = 0, 1, cos = {0.4 * force!r}, sin = {0.2 * force!r} /
+&law type = '{law}', {keys} /
+&solver method = '{method}' /
+&certificate is_on = .false. /
+"""
+
+
+NAMES = ("coefficients", "force_coefficients", "iterations", "evaluations", "rescue")
+
+
+@pytest.mark.parametrize("method", ["newton", "broyden"])
+@pytest.mark.parametrize("law", LAWS)
+def test_other_units_change_nothing(law, method, tmp_path):
+    plain = read(solve(scene(law, method), tmp_path, name="plain"), *NAMES)
+    scaled = read(solve(scene(law, method, FORCE, LENGTH), tmp_path, name="scaled"), *NAMES)
+    for unit, own, other in zip((LENGTH, FORCE), plain, scaled):
+        assert np.any(own)
+        assert np.max(np.abs(other / unit - own)) <= SAME * np.max(np.abs(own))
+    assert [int(value[0]) for value in scaled[2:]] == [int(value[0]) for value in plain[2:]]
+    exact = read(solve(scene(law, method, EXACT_FORCE, EXACT_LENGTH), tmp_path, name="exact"), *NAMES)
+    assert (exact[0] == EXACT_LENGTH * plain[0]).all() and (exact[1] == EXACT_FORCE * plain[1]).all()
+    assert [int(value[0]) for value in exact[2:]] == [int(value[0]) for value in plain[2:]]
+
+
+def test_no_law_is_forgotten():
+    from pathlib import Path
+
+    source = (Path(__file__).resolve().parents[2] / "src" / "laws" / "hb_law_catalogue.f90").read_text()
+    listed = re.search(r"law_names\(.*?\[character\(\d+\) ::(.*?)\]", source, re.S).group(1)
+    assert set(re.findall(r'"(\w+)"', listed)) == set(LAWS) | WITHOUT_UNITS
