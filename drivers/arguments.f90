@@ -3,27 +3,30 @@ module arguments
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_progress, only: log_level, log_level_names
-   use hb_text, only: closest_word, join, parse_real, string_t
+   use hb_text, only: closest_word, join, parse_integer, parse_real, split, string_t, to_text
    implicit none
    private
-   public :: argument_list, arguments_t, default_output, read_arguments
+   public :: argument_list, arguments_t, default_output, read_arguments, read_numbers
 
-   character(12), parameter :: options(17) = [character(12) :: &
+   character(12), parameter :: options(19) = [character(12) :: &
       "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet", "--verbose", "--log-level", &
-      "--resume", "--retry", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", "--machine"]
+      "--resume", "--retry", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", "--machine", "--periods", "--point"]
 
    type :: arguments_t
       character(:), allocatable :: verb
       character(:), allocatable :: input                              !! path of the input file, or of a result file
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
+      integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
+      integer :: n_periods = 0                                        !! 0: not given
       logical :: overwrite = .false.
       logical :: resumes = .false.                                    !! goes on with an existing result file
       logical :: retries = .false.                                    !! points that did not converge, too
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s]
       integer :: level = log_level%normal                             !! how much to tell
       logical :: wants_help = .false.
-      character(:), allocatable :: ranks, points, cost, cost_from     !! of plan
+      character(:), allocatable :: ranks, cost, cost_from             !! of plan
+      character(:), allocatable :: points                             !! of plan their number, of verify a list
       type(string_t), allocatable :: machine(:)                       !! of plan, key=value
    end type arguments_t
 
@@ -68,7 +71,7 @@ contains
             case ("--retry")
                self%retries = .true.
             case ("--output", "-o", "--set", "--log-level", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", &
-                  "--machine")
+                  "--machine", "--periods", "--point")
                i = i + 1
                if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
@@ -102,12 +105,19 @@ contains
       type(arguments_t), intent(inout) :: self
       character(*), intent(in) :: option, value
       type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: numbers(:)
 
       select case (option)
       case ("--set"); self%overrides = [self%overrides, string_t(value)]
       case ("--machine"); self%machine = [self%machine, string_t(value)]
       case ("--ranks"); self%ranks = value
       case ("--points"); self%points = value
+      case ("--point")
+         call read_numbers(option, value, 0, numbers, error)
+         if (.not. allocated(error)) self%point = numbers(1)
+      case ("--periods")
+         call read_numbers(option, value, 2, numbers, error)
+         if (.not. allocated(error)) self%n_periods = numbers(1)
       case ("--cost"); self%cost = value
       case ("--cost-from"); self%cost_from = value
       case ("--time-limit"); call read_time_limit(value, self%time_limit, error)
@@ -117,6 +127,26 @@ contains
       case default; self%output = value
       end select
    end subroutine take_value
+
+   !> Whole numbers separated by commas, each at least as large as given.
+   subroutine read_numbers(option, text, least, numbers, error)
+      character(*), intent(in) :: option, text
+      integer, intent(in) :: least
+      integer, allocatable, intent(out) :: numbers(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(string_t), allocatable :: parts(:)
+      logical :: is_number
+      integer :: i
+
+      call split(text, ",", parts)
+      allocate (numbers(size(parts)), source=0)
+      do i = 1, size(parts)
+         call parse_integer(parts(i)%value, numbers(i), is_number)
+         if (is_number .and. numbers(i) >= least) cycle
+         call fail(error, option//" needs numbers from "//to_text(least)//" on, not '"//text//"'")
+         return
+      end do
+   end subroutine read_numbers
 
    subroutine read_time_limit(text, seconds, error)
       character(*), intent(in) :: text

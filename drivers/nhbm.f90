@@ -9,19 +9,25 @@ program nhbm
    use hb_text, only: closest_word, join, string_t
    use hb_version, only: git_commit, program_version
    use verb_bench, only: run_bench
+   use verb_benchmark, only: run_benchmark_verb
    use verb_check, only: run_check
    use verb_info, only: run_info
+   use verb_march, only: run_march
    use verb_plan, only: run_plan
    use verb_solve, only: run_resume, run_solve
+   use verb_verify, only: run_verify
    implicit none
 
-   character(7), parameter :: verbs(8) = [character(7) :: &
+   character(9), parameter :: verbs(11) = [character(9) :: &
       "solve", &
       "resume", &
       "info", &
       "check", &
       "plan", &
+      "march", &
+      "verify", &
       "bench", &
+      "benchmark", &
       "help", &
       "version"]
 
@@ -85,6 +91,14 @@ contains
          call run_bench(options, comm, error)
       else if (verb == "resume") then
          call run_resume(options, comm, status, error)
+      else if (verb == "benchmark") then
+         call run_benchmark_verb(options, comm, all_right, error)
+         if (.not. all_right) status = not_all_right
+      else if (verb == "verify") then
+         call run_verify(options, comm, all_right, error)
+         if (.not. all_right) status = not_all_right
+      else if (verb == "march") then
+         call run_march(options, comm, error)
       else
          call run_solve(options, comm, status, error)
       end if
@@ -102,6 +116,10 @@ contains
          "       nhbm check INPUT [options]      read the input, every point of it, say what it asks for, and compare the", &
          "                                       derivatives of its laws with differences of their forces", &
          "       nhbm plan INPUT [options]       say how large the result becomes and how the run would go on many ranks", &
+         "       nhbm benchmark INPUT [options]  solve one scene at many orders, samples and methods, measure time, memory", &
+         "                                       and error of each, write an HDF5 file; nhbm-post work-precision draws it", &
+         "       nhbm march INPUT [options]      follow the motion through time as &march says, write an HDF5 record", &
+         "       nhbm verify RESULT [options]    march from the points of a result file and say whether their motions stay", &
          "       nhbm version                    version and commit", &
          "       mpirun -n 4 nhbm solve INPUT    the same, points spread over 4 ranks", &
          "", &
@@ -116,6 +134,9 @@ contains
          "  --quiet              errors alone: neither progress nor summary; as --log-level quiet", &
          "  --verbose            also where the time of each rank went; as --log-level verbose", &
          "  --log-level LEVEL    quiet, normal (progress, summary, warnings), verbose, debug (also a line a point)", &
+         "  --point N            march: the point of a sweep to be followed, from 0", &
+         "  --points N,N,...     verify: the points to start from; default: all that are solved", &
+         "  --periods N          verify: length of each march in periods of the slowest tone, 20 by default", &
          "  -h, --help           this text", &
          "", &
          "options of plan (docs/cluster.md):", &
@@ -127,8 +148,9 @@ contains
          "                       may be given several times", &
          "  -o, --output FILE    write the table as comma-separated values too, for nhbm-post plan", &
          "", &
-         "exit status: 0 all points converged, 1 some did not (their status is in the file) or a derivative is wrong,", &
-         "             2 bad input or file, 3 points are left: a signal or the time limit came first; resume solves them.", &
+         "exit status: 0 all points converged, 1 some did not (their status is in the file), a derivative is wrong or", &
+         "             marching does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
+         "             limit came first; resume solves them.", &
          "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run once the points in flight are solved, a second one at once.", &
          "Set OPENBLAS_NUM_THREADS=1 under mpirun. docs/input.md lists the keys of the input, docs/schema.md the results."
    end subroutine write_help

@@ -5,6 +5,7 @@
 hb_packages=(
    gcc gfortran cmake make
    libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libfftw3-dev libopenblas-dev
+   libsundials-dev
    python3 python3-venv python3-setuptools python3-wheel
    python3-numpy python3-h5py python3-matplotlib python3-xarray python3-h5netcdf python3-netcdf4 python3-pytest
 )

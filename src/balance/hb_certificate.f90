@@ -16,9 +16,10 @@ module hb_certificate
    use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: new_torus, samples_for, torus_t
+   use hb_two_level, only: clear_kept, exchange, improve, residual_of
    implicit none
    private
-   public :: certificate_t, certify, near_commensurate, wider_orders, wider_samples
+   public :: certificate_t, certify, choose_wider_set, near_commensurate, wider_orders, wider_samples
 
    real(wp), parameter :: rest = 1.0e-6_wp                             ! motion relative to what the loads do to the stiffest
                                                                       ! harmonic, below which nothing moves
@@ -35,12 +36,15 @@ module hb_certificate
       real(wp), allocatable :: power_laws(:)                          !! mean loss in each law, on the finer grid [W]
       real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
       integer, allocatable :: combination(:)                          !! its k, (n_tones)
+      type(harmonics_t) :: wider                                      !! the set of the improved motion
+      real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_dofs);
+                                                                      !! not allocated where it was not asked for
    end type certificate_t
 
 contains
 
-   !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance.
-   subroutine certify(self, structure, laws, loads, torus, balance, u, effort, error, phase)
+   !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance, and with it the motion improved by some steps.
+   subroutine certify(self, structure, laws, loads, torus, balance, u, effort, n_steps, error, phase)
       type(certificate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
@@ -49,6 +53,7 @@ contains
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: u(:, :)                                 !! [m]
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
+      integer, intent(in) :: n_steps                                  !! of the improvement; 0: none
       type(error_t), allocatable, intent(out) :: error
       type(phase_problem_t), intent(inout), optional :: phase         !! on this balance, where it has unknown tones
       type(balance_t) :: wide
@@ -63,7 +68,7 @@ contains
       call choose_wider(balance%harmonics, torus, set, grid, error)
       if (allocated(error)) return
       call make_wide_balance()
-      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, error, phase)
+      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, n_steps, error, phase)
       if (.not. allocated(error)) then
          call check_contact(self, balance, wide, u)
          call find_structure_powers(self, structure, balance, loads, u)
@@ -88,19 +93,29 @@ contains
       end subroutine make_wide_balance
    end subroutine certify
 
-   !> A box of about twice the order around the set, and a grid with four times its samples or more.
+   !> A box of about twice the order around the set.
+   subroutine choose_wider_set(narrow, set, error)
+      type(harmonics_t), intent(in) :: narrow
+      type(harmonics_t), intent(out) :: set
+      type(error_t), allocatable, intent(out) :: error
+      integer :: orders(narrow%n_tones)
+
+      orders = wider_orders(narrow%highest)
+      call new_box(set, orders, .false., error)
+   end subroutine choose_wider_set
+
+   !> The wider set, and a grid with four times the samples of the solution or more.
    subroutine choose_wider(narrow, torus, set, grid, error)
       type(harmonics_t), intent(in) :: narrow
       type(torus_t), intent(in) :: torus
       type(harmonics_t), intent(out) :: set
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
-      integer :: orders(narrow%n_tones)
+      integer :: samples(narrow%n_tones)
 
-      orders = wider_orders(narrow%highest)
-      call new_box(set, orders, .false., error)
+      call choose_wider_set(narrow, set, error)
       if (allocated(error)) return
-      call new_torus(grid, wider_samples(torus%n_samples, orders), set, error)
+      call new_torus(grid, wider_samples(torus%n_samples, set%highest), set, error)
    end subroutine choose_wider
 
    !> Orders of the wider box, for the orders of the solution.
@@ -128,11 +143,12 @@ contains
    !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: the harmonics
    !> outside answer the forces that nothing balances, through their stiffness with the mean stiffness of the laws; what
    !> this motion then changes in the kept ones, and in unknown frequencies, comes by the exact tangent.
-   subroutine estimate_errors(self, balance, wide, u, error, phase)
+   subroutine estimate_errors(self, balance, wide, u, n_steps, error, phase)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(inout), target :: balance
       type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)
+      integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
       type(phase_problem_t), intent(inout), optional :: phase
       type(tangent_factor_t) :: factor
@@ -178,7 +194,12 @@ contains
          associate (first => size(u) + 1, last => size(u) + size(phase%tones))
             self%frequency_error(phase%tones) = hypot(change(first:last), alias(first:last))
          end associate
+         return                                                       ! the improvement holds the frequencies
       end if
+      if (n_steps == 0) return
+      self%wider = wide%harmonics
+      allocate (self%improved, mold=big)
+      call improve(balance, wide, factor, u, n_steps, self%improved, error)
 
    contains
 
@@ -203,45 +224,6 @@ contains
          end if
       end subroutine solve_tangent
    end subroutine estimate_errors
-
-   subroutine residual_of(problem, u, r)
-      type(balance_t), intent(inout) :: problem
-      real(wp), intent(in) :: u(:, :)
-      real(wp), intent(out) :: r(:, :)
-      real(wp) :: flat(size(u))
-
-      call problem%residual(reshape(u, [size(u)]), flat)
-      r = reshape(flat, shape(r))
-   end subroutine residual_of
-
-   !> Copies coefficients of the tuples that both sets have; the others of `to` become zero.
-   subroutine exchange(from_set, to_set, from, to)
-      type(harmonics_t), intent(in) :: from_set, to_set
-      real(wp), intent(in) :: from(:, :)
-      real(wp), intent(out) :: to(:, :)
-      integer :: h, k
-
-      to = 0.0_wp
-      do h = 1, to_set%n_harmonics
-         k = from_set%index_of(to_set%tuples(:, h))
-         if (k == 0) cycle
-         to(to_set%cos_at(h), :) = from(from_set%cos_at(k), :)
-         if (to_set%sin_at(h) > 0) to(to_set%sin_at(h), :) = from(from_set%sin_at(k), :)
-      end do
-   end subroutine exchange
-
-   !> Sets wide coefficients of the kept tuples to zero.
-   subroutine clear_kept(kept, set, coefficients)
-      type(harmonics_t), intent(in) :: kept, set
-      real(wp), intent(inout) :: coefficients(:, :)
-      integer :: h, k
-
-      do h = 1, kept%n_harmonics
-         k = set%index_of(kept%tuples(:, h))
-         coefficients(set%cos_at(k), :) = 0.0_wp
-         if (set%sin_at(k) > 0) coefficients(set%sin_at(k), :) = 0.0_wp
-      end do
-   end subroutine clear_kept
 
    !> Rigid contact and friction on the finer grid, and the power that each law takes there.
    subroutine check_contact(self, balance, wide, u)

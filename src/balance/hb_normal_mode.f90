@@ -5,14 +5,11 @@
 !> takes up the equation that a conservative scene has too many. Source: docs/theory.md, section 6.5; Krack, Computers and
 !> Structures 154 (2015) 59-71.
 module hb_normal_mode
-   use hb_balance, only: balance_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
-   use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, phase_problem_t
-   use hb_rest, only: rest_t
-   use hb_search, only: climb_orders, search_t
+   use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form
+   use hb_search, only: climb_orders, fundamental, search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
@@ -25,9 +22,8 @@ module hb_normal_mode
    real(wp), parameter :: longest_growth = 2.5_wp                     ! of log(amplitude) in one step
    real(wp), parameter :: shortest_growth = 1.0e-5_wp
    integer, parameter :: most_steps = 400
+   real(wp), parameter :: dead = 1.0e-3_wp                            ! share of the fundamental in a motion
    integer, parameter :: easy_iterations = 6                          ! the next step may be longer
-   real(wp), parameter :: path_tolerance = 1.0e-8_wp
-   integer, parameter :: path_iterations = 20
 
    type :: normal_mode_t
       logical :: is_asked = .false.
@@ -50,10 +46,10 @@ contains
       logical, intent(in) :: has_start                                !! u and the balance are a first guess
       real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs)
       real(wp), allocatable :: forms(:, :)
-      integer :: h, m
+      integer :: h
 
       associate (set => search%balance%harmonics, tone => search%tones(1), n_dofs => size(u, 2))
-         h = set%index_of([(merge(1, 0, m == tone), m=1, set%n_tones)])
+         h = fundamental(set, tone)
          allocate (forms(size(u), 2))
          if (is_peak) then
             forms(:, 1) = peak_rate_form(set, n_dofs, dof, tone)
@@ -90,9 +86,7 @@ contains
       type(error_t), allocatable :: error
       real(wp) :: omega(size(search%balance%omega)), xi(size(search%balance%omega))
 
-      config = search%config
-      config%tolerance = max(config%tolerance, path_tolerance)
-      config%max_iterations = path_iterations
+      config = search%path_config()
       associate (modes => search%rest%modes, mode => search%modes(1), set => search%balance%harmonics, tone => search%tones(1))
          form = modes%shapes(:, mode)
          if (.not. abs(form(dof)) > 1.0e-8_wp*maxval(abs(form))) then
@@ -169,6 +163,9 @@ contains
          call solve_at(search, forms, share*amplitude, config, step == 1, u)
          iterations = search%report%iterations - effort_before
          now = search%phase%unknowns(u)
+         associate (set => search%balance%harmonics)                   ! the same motion counted as a higher harmonic?
+            if (norm2(u([set%cos_at(h), set%sin_at(h)], :)) < dead*norm2(u - search%rest%u)) search%report%status = outcome%stalled
+         end associate
       end subroutine step_to
 
       !> Puts balance and u at a vector of unknowns.
@@ -202,9 +199,7 @@ contains
       else
          call solve(search%phase, config, x, x, report)
       end if
-      search%report%iterations = search%report%iterations + report%iterations
-      search%report%evaluations = search%report%evaluations + report%evaluations
-      search%report%factorizations = search%report%factorizations + report%factorizations
+      call search%add_effort(report)
       search%report%status = report%status
       search%report%residual = report%residual
       u = reshape(x(:size(u)), shape(u))

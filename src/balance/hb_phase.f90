@@ -183,14 +183,35 @@ contains
       end associate
    end subroutine phase_problem_solve_linear
 
+   !> Rounding level of the balance, and what the condensation rounds anew at each frequency: units in the last place of the
+   !> stiffness before the interior is eliminated.
    real(wp) function phase_problem_rounding_level(self, x)
       class(phase_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
+      real(wp), parameter :: units = 64.0_wp                          ! elimination lets errors grow a little
+      real(wp), parameter :: largest_level = 1.0e-6_wp
+      real(wp) :: total
+      integer :: h, i
       logical :: is_possible
 
       phase_problem_rounding_level = 0.0_wp
       call self%move_to(x, is_possible)
-      if (is_possible) phase_problem_rounding_level = self%balance%rounding_level(x(:self%n_u))
+      if (.not. is_possible) return
+      phase_problem_rounding_level = self%balance%rounding_level(x(:self%n_u))
+      if (self%balance%stiffness%n_dofs == self%balance%n_dofs) return   ! no interior
+      total = 0.0_wp
+      associate (set => self%balance%harmonics, magnitude => self%balance%stiffness%magnitude)
+         do i = 1, self%balance%n_dofs
+            associate (first => (i - 1)*set%n_coefficients)
+               do h = 1, set%n_harmonics
+                  total = total + (magnitude(i, h)*x(first + set%cos_at(h))/self%r_scale(first + 1))**2
+                  if (set%sin_at(h) == 0) cycle
+                  total = total + (magnitude(i, h)*x(first + set%sin_at(h))/self%r_scale(first + 1))**2
+               end do
+            end associate
+         end do
+      end associate
+      phase_problem_rounding_level = min(largest_level, phase_problem_rounding_level + units*epsilon(1.0_wp)*sqrt(total))
    end function phase_problem_rounding_level
 
    subroutine phase_problem_deform(self, kind, amount)

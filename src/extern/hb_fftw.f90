@@ -7,8 +7,8 @@ module hb_fftw
    use hb_kinds, only: wp
    implicit none
    private
-   public :: complex_block_t, export_wisdom, fft_plan_t, import_wisdom, new_complex_block, new_fft_plan, new_real_block
-   public :: planning, planning_names, real_block_t
+   public :: complex_block_t, export_wisdom, fft_plan_t, forget_plans, import_wisdom, new_complex_block, new_fft_plan
+   public :: new_real_block, planning, planning_names, real_block_t
 
    include 'fftw3.f03'
 
@@ -242,6 +242,17 @@ contains
       self%backward = c_null_ptr
       self%forward = c_null_ptr
    end subroutine fft_plan_destroy
+
+   !> Forgets all plans that nobody uses and what was learnt while planning, so that the next plans take as long as the
+   !> first ones.
+   subroutine forget_plans()
+      integer :: slot
+
+      do slot = 1, size(store)
+         if (store(slot)%n_users == 0) call empty_slot(slot)
+      end do
+      call fftw_forget_wisdom()
+   end subroutine forget_plans
 
    !> Reads wisdom of earlier runs from a file; false when there is none that can be used.
    logical function import_wisdom(path)

@@ -7,7 +7,7 @@ module hb_lapack
    implicit none
    private
    public :: ddot, dgecon, dgeev, dgels, dgemm, dgemv, dgetrf, dgetrs
-   public :: dggev, dnrm2, dpotrf, dsyev, dsygv, zgbtrf, zgbtrs, zgecon
+   public :: dggev, dnrm2, dpotrf, dpotrs, dsyev, dsygv, zgbtrf, zgbtrs, zgecon
    public :: zgemm, zgemv, zgetrf, zgetrs
 
    ! Linear equations, dense
@@ -93,6 +93,17 @@ module hb_lapack
          real(wp), intent(inout) :: a(lda, *)
          integer, intent(out) :: info
       end subroutine dpotrf
+
+      !> Solves A X = B with the factor of `dpotrf`.
+      subroutine dpotrs(uplo, n, nrhs, a, lda, b, ldb, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: uplo
+         integer, intent(in) :: n, nrhs, lda, ldb
+         real(wp), intent(in) :: a(lda, *)
+         real(wp), intent(inout) :: b(ldb, *)
+         integer, intent(out) :: info
+      end subroutine dpotrs
 
       !> Least squares: min |b - A x| for m >= n and full rank; the first n rows of `b` return x.
       subroutine dgels(trans, m, n, nrhs, a, lda, b, ldb, work, lwork, info)

@@ -1,11 +1,12 @@
-!> What the program asks of the operating system: names of files and locks on them, the time, terminals.
+!> What the program asks of the operating system: names of files and locks on them, its own number, the time, terminals.
 !> Source of the interfaces: POSIX.1-2017, hb_posix.h.
 module hb_system
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_long_long, c_null_char, c_null_ptr, c_ptr, c_size_t
+   use hb_kinds, only: wp
    implicit none
    private
-   public :: empty_file, exists, has_space, is_terminal, link_file, release_file, remove_file, rename_file, sync_file
-   public :: take_file, utc_now
+   public :: empty_file, exists, has_space, is_terminal, link_file, memory_peak, memory_resident, process_id, release_file
+   public :: release_memory, remove_file, rename_file, reset_memory_peak, sync_file, take_file, utc_now
 
    interface
       integer(c_int) function c_link(old, new) bind(c, name="link")
@@ -54,6 +55,10 @@ module hb_system
          character(c_char), intent(in) :: path(*)
       end function hb_sync_file
 
+      integer(c_int) function c_getpid() bind(c, name="getpid")
+         import :: c_int
+      end function c_getpid
+
       integer(c_long) function c_time(seconds) bind(c, name="time")
          import :: c_long, c_ptr
          type(c_ptr), value :: seconds
@@ -71,6 +76,11 @@ module hb_system
          character(c_char), intent(in) :: format(*)
          type(c_ptr), value :: moment
       end function c_strftime
+
+      integer(c_int) function c_malloc_trim(pad) bind(c, name="malloc_trim")
+         import :: c_int, c_size_t
+         integer(c_size_t), value :: pad
+      end function c_malloc_trim
    end interface
 
 contains
@@ -154,6 +164,11 @@ contains
       ok = hb_sync_file(c_path(path)) == 0
    end subroutine sync_file
 
+   !> Gives the number by which the system knows this process.
+   integer function process_id()
+      process_id = int(c_getpid())
+   end function process_id
+
    !> Gives the time of now in UTC, ISO 8601.
    function utc_now() result(text)
       character(:), allocatable :: text
@@ -164,6 +179,60 @@ contains
                           c_gmtime(c_time(c_null_ptr)))
       text = bytes(:length)
    end function utc_now
+
+   ! Memory of this process. Source: Linux, proc(5); glibc, malloc_trim(3).
+
+   !> Gives memory that is free in this process back to the system, so that what was done before is not counted.
+   subroutine release_memory()
+      integer(c_int) :: ignored
+
+      ignored = c_malloc_trim(0_c_size_t)
+   end subroutine release_memory
+
+   !> Lets `memory_peak` begin anew; where the system has no such thing, `ok` is false.
+   subroutine reset_memory_peak(ok)
+      logical, intent(out) :: ok
+      integer :: status, unit
+
+      open (newunit=unit, file="/proc/self/clear_refs", action="write", status="old", iostat=status)
+      ok = status == 0
+      if (.not. ok) return
+      write (unit, "(a)", iostat=status) "5"
+      ok = status == 0
+      close (unit, iostat=status)
+      ok = ok .and. status == 0
+   end subroutine reset_memory_peak
+
+   !> Gives the most memory [byte] that was in use since `reset_memory_peak`; 0 where it is not known.
+   real(wp) function memory_peak()
+      memory_peak = memory_of("VmHWM:")
+   end function memory_peak
+
+   !> Gives the memory [byte] that is in use now; 0 where it is not known.
+   real(wp) function memory_resident()
+      memory_resident = memory_of("VmRSS:")
+   end function memory_resident
+
+   real(wp) function memory_of(name)
+      character(*), intent(in) :: name
+      real(wp), parameter :: unit_of_file = 1024.0_wp                 ! [byte], whatever kB says
+      character(128) :: line
+      integer :: status, unit
+
+      memory_of = 0.0_wp
+      open (newunit=unit, file="/proc/self/status", action="read", status="old", iostat=status)
+      if (status /= 0) return
+      do
+         read (unit, "(a)", iostat=status) line
+         if (status /= 0) exit
+         if (index(line, name) /= 1) cycle
+         read (line(len(name) + 1:index(line, "kB") - 1), *, iostat=status) memory_of
+         if (status /= 0) memory_of = 0.0_wp
+         exit
+      end do
+      close (unit)
+      memory_of = unit_of_file*memory_of
+   end function memory_of
 
    pure function c_path(path)
       character(*), intent(in) :: path

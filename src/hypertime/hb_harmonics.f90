@@ -8,7 +8,7 @@ module hb_harmonics
    use hb_text, only: to_text
    implicit none
    private
-   public :: canonical_sign, harmonics_t, new_box, new_diamond, new_harmonics, tuple_text
+   public :: canonical_sign, harmonics_t, merge_tuples, new_box, new_diamond, new_harmonics, tuple_text
 
    integer(int64), parameter :: largest_set = 20000000_int64         ! tuples of the box around a set; its table has one entry each
    integer, parameter :: most_harmonics = 4000000                     ! tuples of a set
@@ -217,6 +217,32 @@ contains
       canonical_sign = 1
       if (first > 0) canonical_sign = sign(1, tuple(first))
    end function canonical_sign
+
+   !> Adds what the set has and the list lacks. The list grows to hold the largest set first where sets are nested.
+   subroutine merge_tuples(tuples, harmonics)
+      integer, allocatable, intent(inout) :: tuples(:, :)
+      type(harmonics_t), intent(in) :: harmonics
+      logical :: is_known(harmonics%n_harmonics)
+      integer, allocatable :: longer(:, :)
+      integer :: h, i, n_new
+
+      is_known = .false.
+      do i = 1, size(tuples, 2)
+         h = harmonics%index_of(tuples(:, i))
+         if (h > 0) is_known(h) = .true.
+      end do
+      n_new = count(.not. is_known)
+      if (n_new == 0) return
+      allocate (longer(size(tuples, 1), size(tuples, 2) + n_new))
+      longer(:, 1:size(tuples, 2)) = tuples
+      i = size(tuples, 2)
+      do h = 1, harmonics%n_harmonics
+         if (is_known(h)) cycle
+         i = i + 1
+         longer(:, i) = harmonics%tuples(:, h)
+      end do
+      call move_alloc(longer, tuples)
+   end subroutine merge_tuples
 
    !> Text such as (1,-2).
    pure function tuple_text(tuple) result(text)

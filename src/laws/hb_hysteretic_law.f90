@@ -28,6 +28,8 @@ module hb_hysteretic_law
       procedure(advance_law), deferred :: advance
       procedure(force_of_law), deferred :: force
       procedure :: evaluate => hysteretic_law_evaluate
+      procedure :: has_bounds => hysteretic_law_has_bounds
+      procedure :: bounds => hysteretic_law_bounds
    end type hysteretic_law_t
 
    abstract interface
@@ -56,6 +58,26 @@ module hb_hysteretic_law
    end interface
 
 contains
+
+   !> Whether each state is the place of a slider between two bounds, which `bounds` knows.
+   pure logical function hysteretic_law_has_bounds(self)
+      class(hysteretic_law_t), intent(in) :: self
+
+      hysteretic_law_has_bounds = .false.
+   end function hysteretic_law_has_bounds
+
+   !> Bounds of the sliders at one moment, and their rates of change: time marching stops where a slider begins or ends to slip.
+   pure subroutine hysteretic_law_bounds(self, z, v, lower, upper, lower_rate, upper_rate)
+      class(hysteretic_law_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)                              !! [m], [m/s], (n_coordinates)
+      real(wp), intent(out) :: lower(:), upper(:)                     !! [m], (n_states)
+      real(wp), intent(out) :: lower_rate(:), upper_rate(:)           !! [m/s], (n_states)
+
+      lower = 0.0_wp
+      upper = 0.0_wp
+      lower_rate = 0.0_wp
+      upper_rate = 0.0_wp
+   end subroutine hysteretic_law_bounds
 
    !> Forces after loading from rest straight to z; this is how the walk over the torus starts.
    subroutine hysteretic_law_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

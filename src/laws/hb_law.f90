@@ -39,6 +39,9 @@ module hb_law
       procedure :: defects => law_defects
       procedure :: length_scale => law_length_scale
       procedure :: explain => law_explain
+      procedure :: n_switches => law_n_switches
+      procedure :: switches => law_switches
+      procedure :: evaluate_held => law_evaluate_held
    end type law_t
 
    !> Box for a law of any kind, so that laws of several kinds form an array.
@@ -128,6 +131,38 @@ contains
       text = ""
       is_fatal = .false.
    end subroutine law_explain
+
+   !> Number of functions of the motion at whose zeros the force has a kink, such as the distance to a stop; 0 for a smooth law.
+   pure integer function law_n_switches(self)
+      class(law_t), intent(in) :: self
+
+      law_n_switches = 0
+   end function law_n_switches
+
+   !> These functions; time marching stops where one of them changes its sign.
+   pure subroutine law_switches(self, z, v, values)
+      class(law_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)                              !! coordinates [m] and rates [m/s], (n_coordinates)
+      real(wp), intent(out) :: values(:)                              !! (n_switches)
+
+      values = 0.0_wp
+   end subroutine law_switches
+
+   !> Forces at one moment on the smooth branch that belongs to given signs of the switches, whatever their values are.
+   subroutine law_evaluate_held(self, z, v, is_positive, f)
+      class(law_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)                              !! [m], [m/s], (n_coordinates)
+      logical, intent(in) :: is_positive(:)                           !! (n_switches)
+      real(wp), intent(out) :: f(:)                                   !! [N], (n_coordinates)
+      real(wp) :: forces(1, size(z)), no_reaction(1, 0)
+
+      if (self%needs_velocity) then
+         call self%evaluate(reshape(z, [1, size(z)]), reshape(v, [1, size(v)]), no_reaction, forces)
+      else
+         call self%evaluate(reshape(z, [1, size(z)]), no_reaction, no_reaction, forces)
+      end if
+      f = forces(1, :)
+   end subroutine law_evaluate_held
 
    !> Lets the law act on one degree of freedom.
    pure subroutine place_on_dof(self, dof)

@@ -23,6 +23,9 @@ module hb_law_annular_clearance
       procedure :: read => annular_clearance_read
       procedure :: evaluate => annular_clearance_evaluate
       procedure :: length_scale => annular_clearance_length_scale
+      procedure :: n_switches => annular_clearance_n_switches
+      procedure :: switches => annular_clearance_switches
+      procedure :: evaluate_held => annular_clearance_evaluate_held
    end type annular_clearance_t
 
 contains
@@ -84,15 +87,23 @@ contains
       integer :: i
 
       do i = 1, size(z, 1)
-         call at_sample(self, z(i, 1), z(i, 2), f(i, 1), f(i, 2), slope)
+         call at_sample(self, z(i, 1), z(i, 2), is_closed(self, z(i, :)), f(i, 1), f(i, 2), slope)
          if (present(df_dz)) df_dz(i, :, :) = slope
       end do
    end subroutine annular_clearance_evaluate
 
+   pure logical function is_closed(self, z)
+      class(annular_clearance_t), intent(in) :: self
+      real(wp), intent(in) :: z(:)
+
+      is_closed = hypot(z(1) - self%center(1), z(2) - self%center(2)) >= self%clearance
+   end function is_closed
+
    !> f = secant T (x, y), T = ((1, -s mu), (s mu, 1)), secant = k (1 - clearance/r).
-   pure subroutine at_sample(self, rotor_x, rotor_y, force_x, force_y, slope)
+   pure subroutine at_sample(self, rotor_x, rotor_y, is_closed, force_x, force_y, slope)
       class(annular_clearance_t), intent(in) :: self
       real(wp), intent(in) :: rotor_x, rotor_y
+      logical, intent(in) :: is_closed                                !! the rotor touches the ring
       real(wp), intent(out) :: force_x, force_y
       real(wp), intent(out) :: slope(2, 2)                            !! last axis: the coordinate differentiated by
       real(wp) :: r, ratio, secant, turned_x, turned_y, x, y
@@ -103,7 +114,7 @@ contains
       force_x = 0.0_wp
       force_y = 0.0_wp
       slope = 0.0_wp
-      if (r < self%clearance) return
+      if (.not. is_closed) return
       r = max(r, tiny(r))                                             ! r = 0 gets here without clearance only
       ratio = self%clearance/r
       secant = self%stiffness*(1.0_wp - ratio)
@@ -123,4 +134,28 @@ contains
 
       annular_clearance_length_scale = max(self%clearance, maxval(abs(self%center)))
    end function annular_clearance_length_scale
+
+   pure integer function annular_clearance_n_switches(self)
+      class(annular_clearance_t), intent(in) :: self
+
+      annular_clearance_n_switches = merge(1, 0, self%clearance > 0.0_wp)
+   end function annular_clearance_n_switches
+
+   pure subroutine annular_clearance_switches(self, z, v, values)
+      class(annular_clearance_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      real(wp), intent(out) :: values(:)
+
+      if (size(values) > 0) values = hypot(z(1) - self%center(1), z(2) - self%center(2)) - self%clearance
+   end subroutine annular_clearance_switches
+
+   subroutine annular_clearance_evaluate_held(self, z, v, is_positive, f)
+      class(annular_clearance_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      logical, intent(in) :: is_positive(:)
+      real(wp), intent(out) :: f(:)
+      real(wp) :: slope(2, 2)
+
+      call at_sample(self, z(1), z(2), all(is_positive), f(1), f(2), slope)
+   end subroutine annular_clearance_evaluate_held
 end module hb_law_annular_clearance

@@ -34,6 +34,9 @@ module hb_law_contact_table
       procedure :: set_phase => contact_table_set_phase
       procedure :: evaluate => contact_table_evaluate
       procedure :: length_scale => contact_table_length_scale
+      procedure :: n_switches => contact_table_n_switches
+      procedure :: switches => contact_table_switches
+      procedure :: evaluate_held => contact_table_evaluate_held
    end type contact_table_t
 
 contains
@@ -224,4 +227,32 @@ contains
 
       contact_table_length_scale = maxval(abs(self%gaps))
    end function contact_table_length_scale
+
+   pure integer function contact_table_n_switches(self)
+      class(contact_table_t), intent(in) :: self
+
+      contact_table_n_switches = size(self%gaps)
+   end function contact_table_n_switches
+
+   pure subroutine contact_table_switches(self, z, v, values)
+      class(contact_table_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      real(wp), intent(out) :: values(:)
+
+      values = -self%gaps - matmul(self%shapes, z)
+   end subroutine contact_table_switches
+
+   subroutine contact_table_evaluate_held(self, z, v, is_positive, f)
+      class(contact_table_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      logical, intent(in) :: is_positive(:)
+      real(wp), intent(out) :: f(:)
+      integer :: i
+
+      f = 0.0_wp
+      do i = 1, size(self%gaps)
+         if (.not. is_positive(i)) cycle
+         f = f + self%pushes(i, :)*self%stiffness(i)*(self%gaps(i) + dot_product(self%shapes(i, :), z))
+      end do
+   end subroutine contact_table_evaluate_held
 end module hb_law_contact_table

@@ -17,6 +17,9 @@ module hb_law_elastic_stop
       procedure :: read => elastic_stop_read
       procedure :: evaluate => elastic_stop_evaluate
       procedure :: length_scale => elastic_stop_length_scale
+      procedure :: n_switches => elastic_stop_n_switches
+      procedure :: switches => elastic_stop_switches
+      procedure :: evaluate_held => elastic_stop_evaluate_held
    end type elastic_stop_t
 
 contains
@@ -69,4 +72,31 @@ contains
 
       elastic_stop_length_scale = abs(self%gap)
    end function elastic_stop_length_scale
+
+   pure integer function elastic_stop_n_switches(self)
+      class(elastic_stop_t), intent(in) :: self
+
+      elastic_stop_n_switches = merge(2, 1, self%two_sided)
+   end function elastic_stop_n_switches
+
+   pure subroutine elastic_stop_switches(self, z, v, values)
+      class(elastic_stop_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      real(wp), intent(out) :: values(:)
+
+      values(1) = z(1) - self%gap
+      if (self%two_sided) values(2) = -z(1) - self%gap
+   end subroutine elastic_stop_switches
+
+   subroutine elastic_stop_evaluate_held(self, z, v, is_positive, f)
+      class(elastic_stop_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      logical, intent(in) :: is_positive(:)
+      real(wp), intent(out) :: f(:)
+
+      f = 0.0_wp
+      if (is_positive(1)) f = self%stiffness*(z - self%gap)
+      if (.not. self%two_sided) return
+      if (is_positive(2)) f = f + self%stiffness*(z + self%gap)
+   end subroutine elastic_stop_evaluate_held
 end module hb_law_elastic_stop

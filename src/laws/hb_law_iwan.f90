@@ -21,6 +21,8 @@ module hb_law_iwan
       procedure :: advance => iwan_advance
       procedure :: force => iwan_force
       procedure :: length_scale => iwan_length_scale
+      procedure :: has_bounds => iwan_has_bounds
+      procedure :: bounds => iwan_bounds
    end type iwan_t
 
 contains
@@ -102,4 +104,21 @@ contains
 
       iwan_length_scale = minval(self%limit/self%stiffness)
    end function iwan_length_scale
+
+   pure logical function iwan_has_bounds(self)
+      class(iwan_t), intent(in) :: self
+
+      iwan_has_bounds = .true.
+   end function iwan_has_bounds
+
+   pure subroutine iwan_bounds(self, z, v, lower, upper, lower_rate, upper_rate)
+      class(iwan_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      real(wp), intent(out) :: lower(:), upper(:), lower_rate(:), upper_rate(:)
+
+      lower = z(1) - self%limit/self%stiffness
+      upper = z(1) + self%limit/self%stiffness
+      lower_rate = v(1)
+      upper_rate = v(1)
+   end subroutine iwan_bounds
 end module hb_law_iwan

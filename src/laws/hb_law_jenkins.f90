@@ -26,6 +26,10 @@ module hb_law_jenkins
       procedure :: advance => jenkins_advance
       procedure :: force => jenkins_force
       procedure :: length_scale => jenkins_length_scale
+      procedure :: has_bounds => jenkins_has_bounds
+      procedure :: bounds => jenkins_bounds
+      procedure :: n_switches => jenkins_n_switches
+      procedure :: switches => jenkins_switches
    end type jenkins_t
 
 contains
@@ -146,4 +150,42 @@ contains
 
       jenkins_length_scale = self%limit/self%stiffness
    end function jenkins_length_scale
+
+   pure logical function jenkins_has_bounds(self)
+      class(jenkins_t), intent(in) :: self
+
+      jenkins_has_bounds = .true.
+   end function jenkins_has_bounds
+
+   pure subroutine jenkins_bounds(self, z, v, lower, upper, lower_rate, upper_rate)
+      class(jenkins_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      real(wp), intent(out) :: lower(:), upper(:), lower_rate(:), upper_rate(:)
+      real(wp) :: half_width, half_width_rate
+
+      half_width = self%limit/self%stiffness
+      half_width_rate = 0.0_wp
+      if (self%normal_load_varies) then
+         half_width = self%friction_coefficient*max(self%preload + self%normal_stiffness*z(2), 0.0_wp)/self%stiffness
+         if (half_width > 0.0_wp) half_width_rate = self%friction_coefficient*self%normal_stiffness*v(2)/self%stiffness
+      end if
+      lower = z(1) - half_width
+      upper = z(1) + half_width
+      lower_rate = v(1) - half_width_rate
+      upper_rate = v(1) + half_width_rate
+   end subroutine jenkins_bounds
+
+   pure integer function jenkins_n_switches(self)
+      class(jenkins_t), intent(in) :: self
+
+      jenkins_n_switches = merge(1, 0, self%normal_load_varies)
+   end function jenkins_n_switches
+
+   pure subroutine jenkins_switches(self, z, v, values)
+      class(jenkins_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      real(wp), intent(out) :: values(:)
+
+      if (self%normal_load_varies) values = self%preload + self%normal_stiffness*z(2)
+   end subroutine jenkins_switches
 end module hb_law_jenkins

@@ -18,6 +18,9 @@ module hb_law_piecewise_linear
       procedure :: read => piecewise_linear_read
       procedure :: evaluate => piecewise_linear_evaluate
       procedure :: length_scale => piecewise_linear_length_scale
+      procedure :: n_switches => piecewise_linear_n_switches
+      procedure :: switches => piecewise_linear_switches
+      procedure :: evaluate_held => piecewise_linear_evaluate_held
    end type piecewise_linear_t
 
 contains
@@ -93,4 +96,27 @@ contains
 
       piecewise_linear_length_scale = maxval(abs(self%breakpoints))
    end function piecewise_linear_length_scale
+
+   pure integer function piecewise_linear_n_switches(self)
+      class(piecewise_linear_t), intent(in) :: self
+
+      piecewise_linear_n_switches = size(self%breakpoints)
+   end function piecewise_linear_n_switches
+
+   pure subroutine piecewise_linear_switches(self, z, v, values)
+      class(piecewise_linear_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      real(wp), intent(out) :: values(:)
+
+      values = z(1) - self%breakpoints
+   end subroutine piecewise_linear_switches
+
+   subroutine piecewise_linear_evaluate_held(self, z, v, is_positive, f)
+      class(piecewise_linear_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      logical, intent(in) :: is_positive(:)
+      real(wp), intent(out) :: f(:)
+
+      f(1) = force_at(self, count(is_positive), z(1))
+   end subroutine piecewise_linear_evaluate_held
 end module hb_law_piecewise_linear

@@ -14,6 +14,9 @@ module hb_law_quadratic_damping
    contains
       procedure :: read => quadratic_damping_read
       procedure :: evaluate => quadratic_damping_evaluate
+      procedure :: n_switches => quadratic_damping_n_switches
+      procedure :: switches => quadratic_damping_switches
+      procedure :: evaluate_held => quadratic_damping_evaluate_held
    end type quadratic_damping_t
 
 contains
@@ -50,4 +53,27 @@ contains
       if (present(df_dz)) df_dz = 0.0_wp
       if (present(df_dv)) df_dv(:, :, 1) = 2.0_wp*self%coefficient*abs(v)
    end subroutine quadratic_damping_evaluate
+
+   pure integer function quadratic_damping_n_switches(self)
+      class(quadratic_damping_t), intent(in) :: self
+
+      quadratic_damping_n_switches = 1
+   end function quadratic_damping_n_switches
+
+   pure subroutine quadratic_damping_switches(self, z, v, values)
+      class(quadratic_damping_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      real(wp), intent(out) :: values(:)
+
+      values = v
+   end subroutine quadratic_damping_switches
+
+   subroutine quadratic_damping_evaluate_held(self, z, v, is_positive, f)
+      class(quadratic_damping_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      logical, intent(in) :: is_positive(:)
+      real(wp), intent(out) :: f(:)
+
+      f = merge(self%coefficient, -self%coefficient, is_positive)*v**2
+   end subroutine quadratic_damping_evaluate_held
 end module hb_law_quadratic_damping

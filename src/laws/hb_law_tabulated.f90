@@ -24,6 +24,9 @@ module hb_law_tabulated
       procedure :: read => tabulated_read
       procedure :: evaluate => tabulated_evaluate
       procedure :: length_scale => tabulated_length_scale
+      procedure :: n_switches => tabulated_n_switches
+      procedure :: switches => tabulated_switches
+      procedure :: evaluate_held => tabulated_evaluate_held
    end type tabulated_t
 
 contains
@@ -106,21 +109,22 @@ contains
       integer :: i
 
       do i = 1, size(z, 1)
-         call at_sample(self, z(i, 1), f(i, 1), slope)
+         call on_interval(self, interval_of(self%nodes, z(i, 1)), z(i, 1), f(i, 1), slope)
          if (present(df_dz)) df_dz(i, 1, 1) = slope
       end do
    end subroutine tabulated_evaluate
 
    !> Cubic with force and slope given at both ends, in t = (z - z_i)/(z_(i+1) - z_i).
-   pure subroutine at_sample(self, z, force, slope)
+   pure subroutine on_interval(self, interval, z, force, slope)
       class(tabulated_t), intent(in) :: self
+      integer, intent(in) :: interval                                 !! as `interval_of` counts
       real(wp), intent(in) :: z
       real(wp), intent(out) :: force, slope
       real(wp) :: secant, t, width
       integer :: i, n
 
       n = size(self%nodes)
-      i = interval_of(self%nodes, z)
+      i = interval
       if (i == 0 .or. i == n) then
          i = max(i, 1)
          slope = merge(0.0_wp, self%slopes(i), self%is_constant_beyond)
@@ -134,11 +138,35 @@ contains
          force = self%forces(i) + width*t*(s_1 + t*(3.0_wp*secant - 2.0_wp*s_1 - s_2 + t*(s_1 + s_2 - 2.0_wp*secant)))
          slope = s_1 + t*(2.0_wp*(3.0_wp*secant - 2.0_wp*s_1 - s_2) + 3.0_wp*t*(s_1 + s_2 - 2.0_wp*secant))
       end associate
-   end subroutine at_sample
+   end subroutine on_interval
 
    pure real(wp) function tabulated_length_scale(self)
       class(tabulated_t), intent(in) :: self
 
       tabulated_length_scale = maxval(abs(self%nodes))
    end function tabulated_length_scale
+
+   pure integer function tabulated_n_switches(self)
+      class(tabulated_t), intent(in) :: self
+
+      tabulated_n_switches = size(self%nodes)
+   end function tabulated_n_switches
+
+   pure subroutine tabulated_switches(self, z, v, values)
+      class(tabulated_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      real(wp), intent(out) :: values(:)
+
+      values = z(1) - self%nodes
+   end subroutine tabulated_switches
+
+   subroutine tabulated_evaluate_held(self, z, v, is_positive, f)
+      class(tabulated_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      logical, intent(in) :: is_positive(:)
+      real(wp), intent(out) :: f(:)
+      real(wp) :: slope
+
+      call on_interval(self, count(is_positive), z(1), f(1), slope)
+   end subroutine tabulated_evaluate_held
 end module hb_law_tabulated

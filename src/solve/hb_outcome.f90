@@ -6,7 +6,7 @@
 module hb_outcome
    implicit none
    private
-   public :: outcome, outcome_name, outcome_names, outcome_text
+   public :: is_solved, outcome, outcome_name, outcome_names, outcome_text
 
    type :: outcome_t
       integer :: pending = 0                           !! not solved yet
@@ -63,6 +63,13 @@ contains
       text = "unknown status"
       if (is_status(status)) text = trim(texts(status))
    end function outcome_text
+
+   !> Says whether the balance is solved, well enough for the thresholds of the certificate or not.
+   elemental logical function is_solved(status)
+      integer, intent(in) :: status
+
+      is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating])
+   end function is_solved
 
    pure logical function is_status(status)
       integer, intent(in) :: status

@@ -38,6 +38,8 @@ module hb_dynamic_stiffness
       integer :: n_dofs = 0, n_law = 0, n_harmonics = 0
       complex(wp), allocatable :: condensed(:, :, :)         !! S_c [N/m], (n_law, n_law, n_harmonics)
       complex(wp), allocatable :: load(:, :)                 !! P_c [N], (n_law, n_harmonics)
+      real(wp), allocatable :: magnitude(:, :)               !! diagonal of S_ll [N/m] before anything cancels,
+                                                             !! (n_law, n_harmonics)
       complex(wp), allocatable :: condensed_slope(:, :, :)   !! dS_c/dw [N s/m], as `condensed`, or not allocated
       complex(wp), allocatable :: load_slope(:, :)           !! dP_c/dw [N s], as `load`, or not allocated
       complex(wp), allocatable :: condensed_drive_slope(:, :, :) !! dS_c/ddrive [kg], or not allocated
@@ -45,7 +47,6 @@ module hb_dynamic_stiffness
       integer, allocatable, private :: law_dofs(:), interior(:)
       complex(wp), allocatable, private :: transfer(:, :, :) !! T, (n_interior, n_law, n_harmonics)
       complex(wp), allocatable, private :: held_motion(:, :) !! y, motion with the law dofs held still
-      real(wp), allocatable, private :: magnitude(:, :)      !! diagonal of S_ll before anything cancels
       type(parts_t), allocatable, private :: parts           !! kept with slopes
    contains
       procedure :: move => dynamic_stiffness_move

@@ -6,7 +6,6 @@ module hb_autonomous
    use hb_balance, only: balance_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_modes, only: modes_t
    use hb_normal_mode, only: find_normal_mode
    use hb_outcome, only: outcome
    use hb_rest, only: find_rest, rest_t

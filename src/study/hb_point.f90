@@ -10,6 +10,7 @@ module hb_point
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
+   use hb_mpi, only: wall_clock
    use hb_outcome, only: outcome
    use hb_results, only: point_result_t
    use hb_scene, only: scene_t
@@ -37,7 +38,9 @@ contains
       type(autonomous_start_t) :: start
       integer, allocatable :: law_dofs(:)
       logical :: is_autonomous
+      real(wp) :: started
 
+      started = wall_clock()
       law_dofs = law_dofs_of(scene%laws)
       is_autonomous = any(scene%tones%is_unknown)
       start%omega = scene%tones%omega
@@ -53,11 +56,12 @@ contains
                                  error, with_slopes=is_autonomous, load_slopes=scene%load_slopes)
       if (allocated(error)) return
       if (size(law_dofs) == 0) then
+         result%setup_seconds = wall_clock() - started
          call solve_linear_scene(scene, stiffness, result)
          return
       end if
       call new_balance(balance, scene%harmonics, scene%torus, start%omega, stiffness, scene%laws, scene%planning, error)
-      if (.not. allocated(error)) call solve_balance(scene, start, law_dofs, balance, result, error, guess, unknowns)
+      if (.not. allocated(error)) call solve_balance(scene, start, law_dofs, balance, started, result, error, guess, unknowns)
       call balance%destroy()
    end subroutine solve_point
 
@@ -77,11 +81,12 @@ contains
       result%status = outcome%converged
    end subroutine solve_linear_scene
 
-   subroutine solve_balance(scene, start, law_dofs, balance, result, error, guess, unknowns)
+   subroutine solve_balance(scene, start, law_dofs, balance, started, result, error, guess, unknowns)
       type(scene_t), intent(in) :: scene
       type(autonomous_start_t), intent(in) :: start
       integer, intent(in) :: law_dofs(:)
       type(balance_t), intent(inout), target :: balance
+      real(wp), intent(in) :: started                                 !! the set-up, on the wall clock [s]
       type(point_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in), optional :: guess(:)
@@ -90,11 +95,13 @@ contains
       type(search_t) :: search
       complex(wp), allocatable :: c(:, :)
       real(wp), allocatable :: u(:, :)
+      real(wp) :: begun, cpu_begun, cpu_ended
 
       allocate (u(scene%harmonics%n_coefficients, size(law_dofs)), source=0.0_wp)
       if (any(scene%tones%is_unknown)) then
          call add_start(scene, law_dofs, u)
          if (has_values(guess)) u = reshape(guess(:size(u)), shape(u)) - start%rest%u
+         begun = wall_clock()
          call find_motion(scene, start, law_dofs, balance, u, search)
          report = search%report
          call keep_tones(scene, balance, report, result)
@@ -103,8 +110,11 @@ contains
          if (scene%start_from_linear) call balance%linear_solution(u)
          call add_start(scene, law_dofs, u)
          if (has_values(guess)) u = reshape(guess(:size(u)), shape(u))
+         begun = wall_clock()
          call solve_unknowns(scene, balance, u, report)
       end if
+      result%setup_seconds = begun - started
+      result%solver_seconds = wall_clock() - begun
       if (present(unknowns) .and. report%status == outcome%converged) unknowns = [u, balance%omega]
       result%status = report%status
       result%iterations = report%iterations
@@ -124,7 +134,12 @@ contains
       call keep_forces(scene%harmonics, balance, u, result, error)
       if (allocated(error)) return
       if (scene%certificate%is_on .and. result%status == outcome%converged) then
+         begun = wall_clock()
+         call cpu_time(cpu_begun)
          call keep_certificate(scene, balance, search, u, result, error)
+         result%certificate_seconds = wall_clock() - begun
+         call cpu_time(cpu_ended)
+         result%certificate_cpu_seconds = cpu_ended - cpu_begun
          if (allocated(error)) return
       end if
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)
@@ -238,11 +253,14 @@ contains
 
       if (any(scene%tones%is_unknown)) then
          call certify(result%certificate, scene%structure, scene%laws, scene%loads, scene%torus, balance, u, scene%planning, &
-                      error, search%phase)
+                      0, error, search%phase)
       else
-         call certify(result%certificate, scene%structure, scene%laws, scene%loads, scene%torus, balance, u, scene%planning, error)
+         call certify(result%certificate, scene%structure, scene%laws, scene%loads, scene%torus, balance, u, scene%planning, &
+                      scene%certificate%improvement_steps, error)
       end if
       if (allocated(error)) return
+      if (allocated(result%certificate%improved)) result%improved_coefficients = &
+         as_pairs(result%certificate%wider, result%certificate%improved)
       associate (found => result%certificate, limit => scene%certificate)
          if (found%defects%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated

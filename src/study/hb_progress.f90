@@ -30,6 +30,7 @@ module hb_progress
       logical, private :: is_shown = .false., is_debug = .false.
       logical, private :: on_terminal = .false.
       integer, private :: n_points = 0
+      character(:), allocatable, private :: what                      ! is counted
       real(wp), private :: started = 0.0_wp, shown = 0.0_wp, interval = log_interval
       integer, private :: done = 0, failed = 0                        ! points of this rank that it has not reported yet
       real(wp), private :: reported = 0.0_wp
@@ -45,12 +46,15 @@ module hb_progress
 contains
 
    !> Progress over `n_points`, written to standard error by one rank of a run.
-   subroutine new_progress(self, n_points, level, is_first)
+   subroutine new_progress(self, n_points, level, is_first, what)
       type(progress_t), intent(out) :: self
       integer, intent(in) :: n_points
       integer, intent(in) :: level                                    !! one of log_level
       logical, intent(in) :: is_first                                 !! this rank writes the line
+      character(*), intent(in), optional :: what                      !! is counted; default: points
 
+      self%what = "points"
+      if (present(what)) self%what = what
       self%n_points = n_points
       self%is_shown = is_first .and. level >= log_level%normal
       self%is_debug = level >= log_level%debug
@@ -129,7 +133,7 @@ contains
       integer :: filled
 
       seconds = max(now - self%started, epsilon(1.0_wp))
-      line = to_text(done)//"/"//to_text(self%n_points)//" points"
+      line = to_text(done)//"/"//to_text(self%n_points)//" "//self%what
       if (failed > 0) line = line//", "//to_text(failed)//" not converged"
       line = line//", "//rate_text(done/seconds)//" per s"
       if (done > 0 .and. done < self%n_points) then

@@ -29,7 +29,11 @@ module hb_results
       integer :: evaluations = 0                        !! of the residual
       integer :: rescue = 0                             !! what the solver needed, hb_solver_types
       real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
-      real(wp) :: solve_seconds = 0.0_wp
+      real(wp) :: solve_seconds = 0.0_wp                !! wall time of the whole point
+      real(wp) :: setup_seconds = 0.0_wp                !! of it, dynamic stiffness, plans, first guess
+      real(wp) :: solver_seconds = 0.0_wp               !! of it, the iterations
+      real(wp) :: certificate_seconds = 0.0_wp          !! of it, the certificate
+      real(wp) :: certificate_cpu_seconds = 0.0_wp      !! processor time of the certificate
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
@@ -37,6 +41,7 @@ module hb_results
       real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
       real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
+      real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of certificate%wider, n_law_dofs)
       integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
       type(certificate_t) :: certificate                !! zero and without combination where none was made
       logical :: is_near_commensurate = .false.
@@ -209,6 +214,7 @@ contains
       if (allocated(point%coefficients)) call put(self, "coefficients", point%coefficients, error)
       if (allocated(point%force_coefficients)) call put(self, "force_coefficients", point%force_coefficients, error)
       if (allocated(point%corrected_coefficients)) call put(self, "corrected_coefficients", point%corrected_coefficients, error)
+      if (allocated(point%improved_coefficients)) call put(self, "improved_coefficients", point%improved_coefficients, error)
       if (allocated(point%certificate%combination)) call put_certificate(self, point, error)
       if (allocated(point%displacement_samples)) call put(self, "displacement_samples", point%displacement_samples, error)
       if (allocated(point%corrected_samples)) call put(self, "corrected_samples", point%corrected_samples, error)
@@ -331,7 +337,7 @@ contains
       if (allocated(error)) return
       j = index_of(self, name)
       if (j == 0) then
-         call fail(error, "'"//name//"' given, but the layout has no grid for surfaces")
+         call fail(error, "'"//name//"' given, but the layout has no room for it")
          return
       end if
       call self%held(j)%put(self%n_held, values, error)

@@ -1,6 +1,7 @@
 !> Making a result file whole, before the first point is solved; by one process.
 module hb_results_file
    use hb_error, only: error_t, fail
+   use hb_file_place, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t
    use hb_kinds, only: int64, two_pi
    use hb_outcome, only: outcome_names
@@ -9,14 +10,14 @@ module hb_results_file
       is_real, law_axis, law_dof_axis, message_axis, n_bytes_of, parameter_name_length, parameter_names, plan_t, point_axis, &
       size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
    use hb_solver_types, only: rescue_names
-   use hb_system, only: empty_file, exists, has_space, link_file, release_file, remove_file, rename_file, sync_file, &
-      take_file, utc_now
+   use hb_system, only: empty_file, has_space, release_file, remove_file, sync_file, take_file, utc_now
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: make_file, schema_version
+   public :: amplitude_convention, describe, make_file, schema_version, set_flags
 
    integer, parameter :: schema_version = 1
+   character(8), parameter :: march_verdict_names(4) = [character(8) :: "not_done", "agrees", "unstable", "differs"]
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
       "[ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
 
@@ -32,29 +33,20 @@ contains
       type(plan_t), intent(inout) :: plan
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: folder, temporary
+      character(:), allocatable :: temporary
       integer(int64) :: n_bytes
       integer :: descriptor
       logical :: is_taken, ok
 
-      folder = path(:index(path, "/", back=.true.))
-      if (folder == "") folder = "./"
-      if (.not. exists(folder//".")) then
-         call fail(error, "folder '"//folder//"' does not exist; make it or give another --output")
-      else if (exists(path//"/.")) then
-         call fail(error, "is a folder; give another --output")
-      else if (exists(path) .and. .not. overwrite) then
-         call fail(error, "exists; give --overwrite or another --output")
-      end if
+      call check_place(path, overwrite, error)
       if (allocated(error)) return
-
       temporary = path//".part"
       call take_file(temporary, descriptor, is_taken, ok)
       if (is_taken) then
          call fail(error, "another run is making it at this moment; give another --output")
          return
       else if (.not. ok) then
-         call fail(error, "cannot be made; check the permission of folder '"//folder//"' or give another --output")
+         call fail(error, "cannot be made; check the permission of its folder or give another --output")
          return
       end if
       n_bytes = n_bytes_of(plan, layout)
@@ -76,29 +68,6 @@ contains
       if (allocated(error)) call remove_file(temporary)
       call release_file(descriptor)
    end subroutine make_file
-
-   subroutine put_in_place(temporary, path, overwrite, error)
-      character(*), intent(in) :: temporary, path
-      logical, intent(in) :: overwrite
-      type(error_t), allocatable, intent(out) :: error
-      logical :: ok
-
-      if (.not. overwrite) then
-         ! another run may have made the file meanwhile: link refuses then, and rename would not
-         call link_file(temporary, path, ok)
-         if (ok) then
-            call remove_file(temporary)
-            return
-         end if
-         if (exists(path)) then
-            call fail(error, "exists; give --overwrite or another --output")
-            return
-         end if
-         ! a file system without links: rename after all
-      end if
-      call rename_file(temporary, path, ok)
-      if (.not. ok) call fail(error, "'"//temporary//"' cannot be renamed to it; give another --output")
-   end subroutine put_in_place
 
    !> On a full disk HDF5 cannot write what it still holds when the file is closed, and crashes when the program ends. So
    !> the space was asked for before; and a file that is given up nevertheless gives its space back first.
@@ -321,6 +290,7 @@ contains
             if (allocated(error)) return
             if (variable%name == "status") call set_flags(variable%dataset, outcome_names, error)
             if (variable%name == "rescue") call set_flags(variable%dataset, rescue_names, error)
+            if (variable%name == "march_verdict") call set_flags(variable%dataset, march_verdict_names, error)
          end associate
          if (allocated(error)) return
       end do
@@ -350,6 +320,7 @@ contains
       end do
    end subroutine attach
 
+   !> Gives a dataset its unit and what it means.
    subroutine describe(dataset, units, long_name, error)
       type(h5_dataset_t), intent(in) :: dataset
       character(*), intent(in) :: units, long_name

@@ -6,8 +6,8 @@ module hb_results_plan
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: axis_t, measure_row, n_bytes_of, new_plan, parameter_name_length, parameter_names, plan_t, size_text, &
-      tuple_entry_name, variable_t
+   public :: axis_t, identifier, measure_row, n_bytes_of, new_plan, parameter_name_length, parameter_names, plan_t, size_text
+   public :: tuple_entry_name, variable_t
    public :: message_length
    public :: is_characters, is_integer, is_real
    public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, point_axis, tone_axis, worker_axis
@@ -122,6 +122,9 @@ contains
             "", "coefficients of the displacement corrected to the wall", layout%law_dof_units)
          call add("frequency_estimate", is_real, [tone_axis, point_axis], "rad/s", &
             "estimated error of the frequencies, 0 where given")
+         if (layout%has_improved) call add("improved_coefficients", is_real, &
+            [component_axis, harmonic_axis, law_dof_axis, point_axis], "", &
+            "coefficients of the motion improved in a wider set of harmonics", layout%law_dof_units)
          call add("truncation_estimate", is_real, [point_axis], "1", &
             "estimated error by the harmonics left out, relative to the motion")
          call add("aliasing_estimate", is_real, [point_axis], "1", &
@@ -138,6 +141,11 @@ contains
          call add("combination", is_integer, [tone_axis, point_axis], "1", "integers k of combination_frequency")
          call add("is_near_commensurate", is_integer, [point_axis], "1", &
             "1 where combination_frequency is below the threshold: the tones are hard to tell from commensurate ones")
+         call add("march_verdict", is_integer, [point_axis], "1", "what marching from the point says of it")
+         call add("march_first_difference", is_real, [point_axis], "1", &
+            "largest difference to marching in the first period of the slowest tone, relative to the motion")
+         call add("march_difference", is_real, [point_axis], "1", "largest difference to marching, relative to the motion")
+         call add("march_growth", is_real, [point_axis], "1/s", "rate at which that difference grows")
          if (size(taus) == 0) return
          taus = [(n_plain_axes + i, i=1, size(taus))]
          call add("displacement_samples", is_real, [taus, law_dof_axis, point_axis], "", &

@@ -4,13 +4,13 @@ module hb_results_record
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
-   use hb_outcome, only: outcome
+   use hb_outcome, only: is_solved, outcome
    use hb_results_file, only: schema_version
    use hb_system, only: exists
    use hb_text, only: split, string_t, to_text
    implicit none
    private
-   public :: is_solved, open_points, read_record, record_t
+   public :: open_points, read_record, record_t
 
    type :: record_t
       character(:), allocatable :: title, program_version, git_commit, created_utc
@@ -147,13 +147,6 @@ contains
       points = pack([(i, i=1, self%n_points)], self%status == outcome%pending .or. &
          (retries .and. .not. is_solved(self%status)))
    end function open_points
-
-   !> Whether a status says that the balance is met, a threshold of the certificate missed or not.
-   elemental logical function is_solved(status)
-      integer, intent(in) :: status
-
-      is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating])
-   end function is_solved
 
    subroutine read_all_integers(file, name, values, error)
       type(h5_file_t), intent(in) :: file

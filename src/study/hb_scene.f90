@@ -10,6 +10,7 @@ module hb_scene
    use hb_law_catalogue, only: read_law
    use hb_law_set, only: law_dofs_of
    use hb_loads, only: add_harmonic
+   use hb_march_config, only: march_config_t, read_march
    use hb_memory_estimate, only: check_memory, gib, new_sizes, sizes_t
    use hb_namelist, only: document_t, group_t
    use hb_normal_mode, only: measure_names, normal_mode_t
@@ -24,9 +25,9 @@ module hb_scene
    public :: group_names, output_config_t, read_harmonics, read_scene, read_tones, scene_t, sizes_of
 
    !> Every group that an input file may have.
-   character(11), parameter :: group_names(12) = [character(11) :: &
+   character(11), parameter :: group_names(13) = [character(11) :: &
       "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", &
-      "certificate", "output"]
+      "certificate", "output", "march"]
 
    character(8), parameter :: phase_names(2) = [character(8) :: "integral", "sine"]
 
@@ -45,6 +46,7 @@ module hb_scene
       real(wp) :: truncation = 0.1_wp                                 !! largest estimated error, relative to the motion
       real(wp) :: aliasing = 0.1_wp                                   !! largest estimated error, relative to the motion
       real(wp) :: penetration = 0.1_wp                                !! largest, relative to the largest harmonic
+      integer :: improvement_steps = 0                                !! steps towards the motion in a wider set
       real(wp) :: commensurability = 1.0e-3_wp                        !! smallest |k.omega| relative to the largest tone
    end type certificate_config_t
 
@@ -75,6 +77,7 @@ module hb_scene
       type(certificate_config_t) :: certificate
       type(output_config_t) :: output
       real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may take
+      type(march_config_t) :: march
    end type scene_t
 
 contains
@@ -139,10 +142,15 @@ contains
          call read_amplitude(self, document%group("start", i), self%start)
       end do
       if (any(self%tones%is_unknown)) then
+         if (self%certificate%improvement_steps > 0) then
+            group => document%optional_group("certificate")
+            call group%problem("improvement_steps", "only tones that are given allow it; leave it out")
+         end if
          call check_fundamentals(self, document%optional_group("harmonics"))
          call read_phase(self, document%optional_group("phase"))
       end if
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
+      call read_march(self%march, document%optional_group("march"))
    end subroutine read_parts
 
    !> What the memory of a scene depends on; laws from the first that has a problem on, and a grid with one, do
@@ -502,6 +510,7 @@ contains
       call group%get("truncation", self%truncation, above=0.0_wp)
       call group%get("aliasing", self%aliasing, above=0.0_wp)
       call group%get("penetration", self%penetration, above=0.0_wp)
+      call group%get("improvement_steps", self%improvement_steps, minimum=0, maximum=1000)
       call group%get("commensurability", self%commensurability, minimum=0.0_wp)
    end subroutine read_certificate
 

@@ -1,8 +1,9 @@
 !> An input that was read and is ready to run: its document, the plan of its sweep, the scene of its first point, the
 !> harmonics of all points, and the layout of its result file.
 module hb_study
+   use hb_certificate, only: choose_wider_set
    use hb_error, only: annotate, error_t, fail
-   use hb_harmonics, only: harmonics_t
+   use hb_harmonics, only: harmonics_t, merge_tuples
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
    use hb_namelist, only: document_t, new_document
@@ -15,7 +16,7 @@ module hb_study
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: describe_layout, new_study, read_input, row_of_study, study_t
+   public :: apply_overrides, describe_layout, new_study, read_input, row_of_study, study_t
 
    !> An input that was read without a problem, ready to run.
    type :: study_t
@@ -65,15 +66,29 @@ contains
       character(*), intent(in) :: text
       type(string_t), intent(in) :: overrides(:)                      !! path=value
       type(error_t), allocatable, intent(out) :: error
-      integer :: i
 
       call new_document(document, file_name, text, error)
-      if (.not. allocated(error)) call document%expect_groups([group_names, "sweep      "], error)
-      do i = 1, size(overrides)
-         if (allocated(error)) return
-         call apply_override(document, overrides(i)%value, error)
-      end do
+      if (allocated(error)) return
+      if (document%count("benchmark") > 0) then
+         call fail(error, file_name//": has a group &benchmark; such an input is for 'nhbm benchmark'")
+         return
+      end if
+      call document%expect_groups([group_names, "sweep      "], error)
+      if (.not. allocated(error)) call apply_overrides(document, overrides, error)
    end subroutine read_input
+
+   !> Applies overrides in turn, each path=value.
+   subroutine apply_overrides(document, overrides, error)
+      type(document_t), intent(inout) :: document
+      type(string_t), intent(in) :: overrides(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      do i = 1, size(overrides)
+         call apply_override(document, overrides(i)%value, error)
+         if (allocated(error)) return
+      end do
+   end subroutine apply_overrides
 
    !> Applies one `path=value`.
    subroutine apply_override(document, text, error)
@@ -106,6 +121,8 @@ contains
       integer :: i, point
 
       self%tuples = self%scene%harmonics%tuples
+      call merge_wider_set(self, self%scene%harmonics, error)
+      if (allocated(error)) return
       if (.not. any([(is_harmonic_path(self%plan%parameters(i)%path), i=1, size(self%plan%parameters))])) return
       seen = ";"
       do point = 1, self%plan%n_points
@@ -129,8 +146,29 @@ contains
             return
          end if
          call merge_tuples(self%tuples, harmonics)
+         call merge_wider_set(self, harmonics, error)
+         if (allocated(error)) return
       end do
    end subroutine collect_tuples
+
+   !> Adds the tuples that an improved motion has beyond those of its set.
+   subroutine merge_wider_set(self, harmonics, error)
+      type(study_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: wider
+
+      if (.not. has_improved(self)) return
+      call choose_wider_set(harmonics, wider, error)
+      if (.not. allocated(error)) call merge_tuples(self%tuples, wider)
+   end subroutine merge_wider_set
+
+   !> Whether improved motions are stored: the first point decides for all.
+   pure logical function has_improved(self)
+      type(study_t), intent(in) :: self
+
+      has_improved = self%scene%certificate%is_on .and. self%scene%certificate%improvement_steps > 0
+   end function has_improved
 
    !> Whether a swept path is a key of `&harmonics`; names of groups stand in either case, with blanks before.
    logical function is_harmonic_path(path)
@@ -138,32 +176,6 @@ contains
 
       is_harmonic_path = index(lower(adjustl(path)), "harmonics") == 1
    end function is_harmonic_path
-
-   !> Adds what the set has and the list lacks. The list grows to hold the largest set first where sets are nested.
-   subroutine merge_tuples(tuples, harmonics)
-      integer, allocatable, intent(inout) :: tuples(:, :)
-      type(harmonics_t), intent(in) :: harmonics
-      logical :: is_known(harmonics%n_harmonics)
-      integer, allocatable :: longer(:, :)
-      integer :: h, i, n_new
-
-      is_known = .false.
-      do i = 1, size(tuples, 2)
-         h = harmonics%index_of(tuples(:, i))
-         if (h > 0) is_known(h) = .true.
-      end do
-      n_new = count(.not. is_known)
-      if (n_new == 0) return
-      allocate (longer(size(tuples, 1), size(tuples, 2) + n_new))
-      longer(:, 1:size(tuples, 2)) = tuples
-      i = size(tuples, 2)
-      do h = 1, harmonics%n_harmonics
-         if (is_known(h)) cycle
-         i = i + 1
-         longer(:, i) = harmonics%tuples(:, h)
-      end do
-      call move_alloc(longer, tuples)
-   end subroutine merge_tuples
 
    !> Says what is known of the result file before the first point is solved.
    subroutine describe_layout(self, n_ranks, layout)
@@ -183,6 +195,7 @@ contains
          layout%law_labels = unique_labels(scene)
          layout%law_dof_units = [character(16) :: structure%units(law_dofs)]
          layout%n_samples = scene%output%samples
+         layout%has_improved = has_improved(self)
          layout%title = scene%output%title
          layout%input_name = self%document%file_name
          layout%input_text = self%input_text

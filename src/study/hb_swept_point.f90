@@ -55,6 +55,8 @@ contains
          call spread_harmonics(scene%harmonics, layout%tuples, result%coefficients)
          call spread_harmonics(scene%harmonics, layout%tuples, result%force_coefficients)
          call spread_harmonics(scene%harmonics, layout%tuples, result%corrected_coefficients)
+         if (.not. layout%has_improved .and. allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
+         call spread_harmonics(result%certificate%wider, layout%tuples, result%improved_coefficients)
       end if
       if (.not. allocated(error) .and. allocated(unknowns)) then
          call neighbour%keep(plan%fastest_value(point), scene%harmonics%tuples, unknowns)

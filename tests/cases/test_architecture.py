@@ -11,13 +11,16 @@ ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
 
 # From the ground up; a module uses its own floor and those before it.
-FLOORS = ["base", "extern", "solve", "hypertime", "structure", "laws", "balance", "study"]
+FLOORS = ["base", "extern", "solve", "hypertime", "structure", "laws", "march", "balance", "study"]
+
+# Marching judges the balance and must not share its transforms and solvers.
+MARCH_MAY_USE = {"base", "extern", "structure", "laws", "march"}
 
 INTRINSIC = {"iso_fortran_env", "ieee_arithmetic", "ieee_exceptions", "ieee_features"}
 
 # Routines of MPI, HDF5, FFTW, BLAS and LAPACK, as they would be called without a module.
 LIBRARY_CALL = re.compile(
-    r"\b((?:mpi|fftw)_\w+|h5[a-z]\w*_f)\s*\("
+    r"\b((?:mpi|fftw)_\w+|h5[a-z]\w*_f|CVode\w*|SUN\w+|N_V\w+)\s*\("
     r"|\bcall\s+([sdcz](?:ge|gb|gt|po|pb|pt|sy|he|tr)[a-z0-9]{2,4})\s*\(",
     re.IGNORECASE,
 )
@@ -116,6 +119,13 @@ def test_no_arrow_goes_up(path):
         assert FLOORS.index(floor) <= height, (
             f"{path.relative_to(ROOT)}:{number}: {floor_of(path)}/ uses {module} of {floor}/, a floor above its own"
         )
+
+
+@pytest.mark.parametrize("path", sorted((SRC / "march").glob("*.f90")), ids=name_of)
+def test_marching_is_independent_of_the_balance(path):
+    for number, module in used_modules(path):
+        floor = FLOOR_OF_MODULE.get(module, "base")
+        assert floor in MARCH_MAY_USE, f"{path.relative_to(ROOT)}:{number}: march/ uses {module} of {floor}/"
 
 
 @SOURCES

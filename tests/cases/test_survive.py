@@ -456,6 +456,51 @@ def test_disturbed_runs_are_completed_at_fifty_moments(name, undisturbed, tmp_pa
     assert sum(totals.values()) == 50 and totals["between points"] >= (10 if name == "SIGTERM" else 30)
 
 
+CHAIN = 16
+CHAINED = SWEPT + f"&solver first_guess = 'neighbour', chain_length = {CHAIN} /\n"
+
+
+def broken_chains(result):
+    """Chains of which some points are solved and others are not."""
+    try:
+        is_done = read(result, "status") != PENDING
+    except OSError:
+        return []
+    return [first for first in range(0, N_SWEPT, CHAIN) if len(set(is_done[first : first + CHAIN].tolist())) == 2]
+
+
+@pytest.fixture(scope="module")
+def undisturbed_chains(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("chains")
+    done = run("solve", write(folder, CHAINED), "--quiet", cwd=folder, ranks=3)
+    assert done.status == ALL_CONVERGED, done.stderr
+    return folder / "case.h5"
+
+
+@on_linux
+@pytest.mark.parametrize(
+    "disturbance", [kill_all, lambda process: process.send_signal(signal.SIGUSR1)], ids=["kill -9 of all", "SIGUSR1"]
+)
+def test_broken_chains_are_solved_again_from_their_beginning(disturbance, undisturbed_chains, tmp_path):
+    """Each point of a chain starts from the solution before, so the rest of a chain cannot be solved by itself."""
+    result = tmp_path / "case.h5"
+    process = begin(tmp_path, "solve", write(tmp_path, CHAINED), "--quiet", ranks=3)
+    wait_for(process, lambda: len(broken_chains(result)) >= 2)
+    disturbance(process)
+    finish(process)
+    broken = broken_chains(result)
+    assert broken
+    is_kept = read(result, "status") == CONVERGED
+    for first in broken:
+        is_kept[first : first + CHAIN] = False
+    with h5py.File(result, "r+") as file:  # a mark that shows which rows are written
+        file["rank"][...] = 99
+    done = run("resume", result, cwd=tmp_path, ranks=2)
+    assert done.status == ALL_CONVERGED and f"{N_SWEPT} of {N_SWEPT} points converged" in done.stdout, done.stderr
+    assert ((read(result, "rank") == 99) == is_kept).all()
+    assert_same(result, undisturbed_chains)
+
+
 # Any number of ranks
 
 

@@ -9,7 +9,9 @@ import sys
 from pathlib import Path
 
 from . import __version__, report
+from .benchmark import Benchmark
 from .errors import NhbmPostError, UsageError
+from .march import read_displacement
 from .reader import DAMAGES, QUANTITIES, Results
 
 # matplotlib takes a second to load, so each command that draws imports nhbm_post.draw by itself.
@@ -140,6 +142,12 @@ def _parser() -> argparse.ArgumentParser:
         "table t,x in a text file (a column headed like the dof, else the second); may be repeated",
     )
     sub.add_argument(
+        "--march",
+        type=_overlay,
+        metavar="[LABEL:]PATH",
+        help="draw below: a record of nhbm march, with the difference to it in a second panel",
+    )
+    sub.add_argument(
         "--difference", action="store_true", help="add a panel with the difference to the first overlay"
     )
     sub.add_argument(
@@ -222,6 +230,48 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--view", choices=("speeds", "snapshots", "wave"), default="speeds", help="default: speeds")
     _add_point(sub)
     _add_output(sub)
+
+    for name, run, help_text, description in (
+        (
+            "work-precision",
+            _work_precision,
+            "error over time of a benchmark",
+            "Draws the error of each rung of a file of nhbm benchmark over its wall time, one curve for each method "
+            "and formulation.",
+        ),
+        (
+            "convergence",
+            _convergence,
+            "error over order of a benchmark, with its rate",
+            "Draws the error of each rung of a file of nhbm benchmark over its order, or over its samples, and prints "
+            "the rate, exponential or algebraic, whichever fits the falling part better.",
+        ),
+        (
+            "cost",
+            _cost,
+            "time over unknowns of a benchmark, with its exponent",
+            "Draws the wall time of each rung of a file of nhbm benchmark over its number of unknowns (over its samples "
+            "where there is one order) and prints the exponent of the larger half.",
+        ),
+    ):
+        sub = command(name, run, help_text, description)
+        if name != "convergence":
+            sub.add_argument(
+                "--part",
+                choices=("total", "cpu", "setup", "solver", "certificate"),
+                default="total",
+                help="which time (default: total, the wall time of all but the certificate; cpu: its processor time, which a busy "
+                "machine hardly changes)",
+            )
+        else:
+            sub.add_argument("--over", choices=("order", "samples"), help="axis (default: order if it varies)")
+        if name != "cost":
+            sub.add_argument(
+                "--improved",
+                action="store_true",
+                help="draw also the error of the improved motion (&certificate improvement_steps)",
+            )
+        _add_output(sub)
     return parser
 
 
@@ -238,7 +288,7 @@ def _add_quantity(sub):
         dest="quantity",
         choices=tuple(QUANTITIES),
         default="motion",
-        help="motion (default), force of the laws, or motion corrected to the wall",
+        help="motion (default), force of the laws, motion corrected to the wall, or improved in a wider set",
     )
 
 
@@ -434,7 +484,7 @@ def _rotor(arguments):
 
 def _time(arguments):
     from . import draw
-    from .draw.time_history import read_record
+    from .draw.time_history import Record, read_record
 
     at = dict(arguments.at)
     with Results(arguments.file) as results:
@@ -454,6 +504,12 @@ def _time(arguments):
         ]
         title = ", ".join(part for part in (results.title, *_common_parameters(results, points)) if part)
     references = []
+    if arguments.march:
+        label, path = arguments.march
+        if arguments.quantity == "force":
+            raise UsageError("--march compares motions: a record has forces by coordinate of a law, not by dof")
+        method, t, x = read_displacement(path, dof)
+        references.append(Record(label or f"marching, {method}", t, x))
     for label, path in arguments.overlay:
         if path.suffix.lower() in (".h5", ".hdf5", ".nc"):
             with Results(path) as other:
@@ -472,8 +528,37 @@ def _time(arguments):
         t_to=arguments.t_to,
         level=arguments.level,
         n_samples=arguments.samples,
-        has_difference=arguments.difference,
+        has_difference=arguments.difference or bool(arguments.march),
     )
+    _save(fig, arguments)
+
+
+def _work_precision(arguments):
+    from . import draw
+
+    benchmark = Benchmark(arguments.file)
+    _save(draw.draw_work_precision(benchmark, part=arguments.part, has_improved=arguments.improved), arguments)
+
+
+def _convergence(arguments):
+    from . import draw
+
+    benchmark = Benchmark(arguments.file)
+    over = arguments.over or benchmark.varying()
+    fig, rates = draw.draw_convergence(benchmark, over=over, has_improved=arguments.improved)
+    for curve, rate in rates:
+        print(f"{curve.label}: " + (f"error ~ {rate.plain(over)}" if rate else "too few points for a rate"))
+    _save(fig, arguments)
+
+
+def _cost(arguments):
+    from . import draw
+
+    benchmark = Benchmark(arguments.file)
+    fig, exponents = draw.draw_cost(benchmark, part=arguments.part)
+    what = "unknowns" if benchmark.varying() == "order" else "samples"
+    for curve, rate in exponents:
+        print(f"{curve.label}: " + (f"time ~ {rate.plain(what)}" if rate else "too few points for an exponent"))
     _save(fig, arguments)
 
 

@@ -7,5 +7,17 @@ from .rotor import draw_rotor
 from .spectrum import draw_spectrum
 from .style import save
 from .time_history import draw_time
+from .work_precision import draw_convergence, draw_cost, draw_work_precision
 
-__all__ = ["draw_correction", "draw_plan", "draw_response", "draw_rotor", "draw_spectrum", "draw_time", "save"]
+__all__ = [
+    "draw_convergence",
+    "draw_correction",
+    "draw_cost",
+    "draw_plan",
+    "draw_response",
+    "draw_rotor",
+    "draw_spectrum",
+    "draw_time",
+    "draw_work_precision",
+    "save",
+]

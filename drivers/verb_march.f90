@@ -1,0 +1,149 @@
+!> `nhbm march`: follows a scene through time and writes the record.
+module verb_march
+   use, intrinsic :: iso_fortran_env, only: output_unit
+   use arguments, only: arguments_t, default_output
+   use hb_error, only: annotate, error_t, fail
+   use hb_file_place, only: check_place
+   use hb_kinds, only: wp
+   use hb_march, only: judge, march_from, march_judgement_t, march_record_t, march_watcher_t
+   use hb_march_config, only: march_method_names, march_start, step_of
+   use hb_march_file, only: march_origin_t, read_march_state, write_march_file
+   use hb_march_state, only: march_state_t, new_march_state
+   use hb_march_system, only: march_system_t, new_march_system
+   use hb_mpi, only: comm_t, rank_of, share_error, wall_clock
+   use hb_namelist, only: document_t
+   use hb_progress, only: log_level, new_progress, progress_t
+   use hb_scene, only: read_scene, scene_t
+   use hb_study, only: study_t
+   use hb_text, only: to_text
+   use verb_solve, only: load_study
+   implicit none
+   private
+   public :: run_march
+
+   type, extends(march_watcher_t) :: shown_progress_t
+      type(progress_t) :: progress
+      logical :: is_begun = .false.
+      integer :: level = log_level%normal
+      integer :: all = 0
+   contains
+      procedure :: show => shown_progress_show
+   end type shown_progress_t
+
+contains
+
+   !> Runs the verb; one rank does the work.
+   subroutine run_march(options, comm, error)
+      type(arguments_t), intent(in) :: options
+      type(comm_t), intent(in) :: comm
+      type(error_t), allocatable, intent(out) :: error
+      type(study_t) :: study
+
+      call load_study(options, comm, study, error)
+      if (allocated(error)) return
+      call choose_point(options, study, error)
+      if (allocated(error)) return
+      if (study%scene%march%duration <= 0.0_wp) then
+         call fail(error, "&march needs 'duration' [s]")
+         return
+      end if
+      if (rank_of(comm) == 0) call march_scene(options, study, error)
+      call share_error(comm, error)
+   end subroutine run_march
+
+   !> Makes the scene of the study that of the point asked for; fails where a sweep leaves the choice open.
+   subroutine choose_point(options, study, error)
+      type(arguments_t), intent(in) :: options
+      type(study_t), intent(inout) :: study
+      type(error_t), allocatable, intent(out) :: error
+      type(document_t), target :: document
+
+      if (options%point < 0 .and. study%plan%n_points == 1) return
+      if (options%point < 0 .or. options%point >= study%plan%n_points) then
+         call fail(error, "the input has the points 0 to "//to_text(study%plan%n_points - 1)// &
+                   "; march follows one of them, say which by --point")
+         return
+      end if
+      document = study%document
+      call study%plan%apply(options%point + 1, document, error)
+      if (.not. allocated(error)) call read_scene(study%scene, document, error)
+      call annotate(error, "point "//to_text(options%point))
+   end subroutine choose_point
+
+   subroutine march_scene(options, study, error)
+      type(arguments_t), intent(in) :: options
+      type(study_t), intent(in) :: study
+      type(error_t), allocatable, intent(out) :: error
+      type(march_system_t), target :: system
+      type(march_state_t) :: state
+      type(march_record_t) :: record
+      type(march_judgement_t) :: judgement
+      type(march_origin_t) :: origin
+      type(shown_progress_t) :: watcher
+      real(wp) :: seconds, step
+      real(wp), allocatable :: frequencies(:)
+      character(:), allocatable :: path
+
+      path = default_output(options%input)
+      if (allocated(options%output)) path = options%output
+      call check_place(path, options%overwrite, error)
+      call annotate(error, "march record '"//path//"'")
+      if (allocated(error)) return
+      associate (scene => study%scene)
+         frequencies = scene%harmonics%frequencies(scene%tones%omega)
+         call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies)
+         call first_state(scene, system, frequencies, state, error)
+         if (allocated(error)) return
+         step = step_of(scene%march, scene%tones%omega)
+         watcher%level = options%level
+         seconds = wall_clock()
+         call march_from(system, scene%march, step, scene%output%dofs, state, record, error, watcher)
+         if (allocated(error)) return
+         seconds = wall_clock() - seconds
+         if (watcher%is_begun) call watcher%progress%finish(watcher%all, 0)
+         call judge(record, frequencies, scene%march%n_peaks, judgement, error)
+         if (allocated(error)) return
+         origin%title = scene%output%title
+         origin%method = trim(march_method_names(scene%march%method))
+         origin%input_text = study%input_text
+         origin%input_complete = study%input_complete
+         origin%omega = scene%tones%omega
+         origin%tuples = scene%harmonics%tuples
+         origin%kept_dofs = scene%output%dofs
+         call write_march_file(path, options%overwrite, origin, scene%structure, system%laws, record, judgement, &
+                               state, error)
+      end associate
+      if (allocated(error) .or. options%level < log_level%normal) return
+      write (output_unit, "(a, f0.3, a)") "marched to t = "//to_text(state%time)//" s in ", seconds, &
+         " s of computing; record in "//path
+      write (output_unit, "(a, es7.1)") "largest difference between coefficients of both halves of the record: ", &
+         maxval(judgement%spread)
+   end subroutine march_scene
+
+   !> Rest, or the sum of the `&start` amplitudes at time zero, or the end of an earlier record.
+   subroutine first_state(scene, system, frequencies, state, error)
+      type(scene_t), intent(in) :: scene
+      type(march_system_t), intent(in) :: system
+      real(wp), intent(in) :: frequencies(:)
+      type(march_state_t), intent(out) :: state
+      type(error_t), allocatable, intent(out) :: error
+
+      call new_march_state(state, system%n_dofs, system%laws%n_states)
+      if (len(scene%march%record) > 0) then
+         call read_march_state(scene%march%record, state, error)
+      else if (scene%march%start == march_start%given) then
+         state%q = sum(real(scene%start, wp), 2)
+         state%v = matmul(-aimag(scene%start), frequencies)
+      end if
+   end subroutine first_state
+
+   subroutine shown_progress_show(self, done, all)
+      class(shown_progress_t), intent(inout) :: self
+      integer, intent(in) :: done, all
+
+      if (.not. self%is_begun) call new_progress(self%progress, all, self%level, is_first=.true., what="steps")
+      self%is_begun = .true.
+      self%all = all
+      call self%progress%show(done, 0)
+   end subroutine shown_progress_show
+end module verb_march

@@ -1,0 +1,46 @@
+!> `nhbm verify`: marches from points of a result file and says whether their motions stay where they are.
+module verb_verify
+   use, intrinsic :: iso_fortran_env, only: output_unit
+   use arguments, only: arguments_t, read_numbers
+   use hb_error, only: error_t
+   use hb_mpi, only: comm_t, max_over
+   use hb_text, only: to_text
+   use hb_progress, only: log_level
+   use hb_verify, only: verdict, verdict_t, verdict_text, verify_points
+   implicit none
+   private
+   public :: run_verify
+
+   integer, parameter :: default_periods = 20
+
+contains
+
+   !> Runs the verb; `all_right` tells whether marching agrees with every point.
+   subroutine run_verify(options, comm, all_right, error)
+      type(arguments_t), intent(in) :: options
+      type(comm_t), intent(in) :: comm
+      logical, intent(out) :: all_right
+      type(error_t), allocatable, intent(out) :: error
+      type(verdict_t), allocatable :: verdicts(:)
+      integer, allocatable :: points(:)
+      integer :: i, n_periods, n_wrong
+
+      all_right = .false.
+      n_periods = default_periods
+      if (options%n_periods > 0) n_periods = options%n_periods
+      allocate (points(0))
+      if (allocated(options%points)) call read_numbers("--points", options%points, 0, points, error)
+      if (allocated(error)) return
+      call verify_points(options%input, points, n_periods, comm, verdicts, error)
+      if (allocated(error)) return
+      n_wrong = count(verdicts%kind == verdict%unstable .or. verdicts%kind == verdict%differs)
+      all_right = max_over(comm, n_wrong) == 0
+      if (options%level < log_level%normal) return
+      do i = 1, size(verdicts)
+         if (verdicts(i)%kind == verdict%not_done) cycle
+         write (output_unit, "(a, 2(es9.1, a), es10.2, a)") "point "//to_text(i - 1)//": difference", &
+            verdicts(i)%first_difference, " in the first period,", verdicts(i)%difference, " at most, growth", verdicts(i)%growth, &
+            " 1/s; "//verdict_text(verdicts(i)%kind)
+      end do
+   end subroutine run_verify
+end module verb_verify

@@ -1,0 +1,171 @@
+!> A balance and a wider one, of more harmonics on a finer grid, in which its solution is looked at and improved.
+!>
+!> Improvement: Newton's method in the wider set would need its large tangent. In its place stands the exact tangent for the
+!> kept harmonics, factorised already, and for the others the mean tangent of each harmonic by itself. Steps with this
+!> approximation alone need not converge; Anderson's acceleration combines all of them so that their residual is least.
+!> Source: docs/theory.md, section 7; Walker and Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735.
+module hb_two_level
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_balance, only: balance_t
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: wp
+   use hb_tangent_factor, only: tangent_factor_t
+   implicit none
+   private
+   public :: clear_kept, exchange, improve, residual_of
+
+   real(wp), parameter :: smallest_pivot = 1.0e-10_wp                 ! relative; below, a step brings nothing new
+
+   !> Steps of the past in an orthogonal basis, dG = Q R.
+   type :: history_t
+      integer :: n = 0
+      real(wp), allocatable :: move_changes(:, :)                     ! of what a step leads to
+      real(wp), allocatable :: basis(:, :), triangle(:, :)            ! of the changes of the step itself, dG
+   end type history_t
+
+contains
+
+   !> Improves the motion u in the wider set by some accelerated steps; of all motions on the way the one with the least
+   !> approximate step is taken, u itself among them. Costs n_steps + 1 evaluations of the wider balance.
+   subroutine improve(narrow, wide, factor, u, n_steps, improved, error)
+      type(balance_t), intent(inout) :: narrow, wide
+      type(tangent_factor_t), intent(in) :: factor                    !! of the tangent of the narrow balance at u
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+      integer, intent(in) :: n_steps                                  !! >= 1
+      real(wp), intent(out) :: improved(:, :)                         !! [m], (n_coefficients of the wider set, n_dofs)
+      type(error_t), allocatable, intent(out) :: error
+      type(history_t) :: history
+      real(wp), allocatable :: motion(:, :), start(:, :), step(:, :), step_before(:), motion_before(:)
+      real(wp) :: least
+      integer :: i
+
+      allocate (start, motion, step, mold=improved)
+      allocate (history%move_changes(size(start), n_steps), history%basis(size(start), n_steps))
+      allocate (history%triangle(n_steps, n_steps))
+      call exchange(narrow%harmonics, wide%harmonics, u, start)
+      motion = start
+      improved = start
+      least = huge(1.0_wp)
+      do i = 0, n_steps
+         call approximate_step(narrow, wide, factor, start, motion, step, error)
+         if (allocated(error)) return
+         if (.not. all(ieee_is_finite(step))) return                  ! out of the range of a law
+         if (norm2(step) < least) then
+            least = norm2(step)
+            improved = motion
+         end if
+         if (i == n_steps .or. least <= 0.0_wp) return
+         if (i > 0) call remember(history, flat(step) - step_before, flat(motion) - motion_before)
+         step_before = flat(step)
+         motion_before = flat(motion)
+         motion = motion + step + reshape(acceleration(history, step_before), shape(motion))
+      end do
+   end subroutine improve
+
+   !> Step from a motion by the approximate tangent, - P**-1 R; the mean tangent is that at the start.
+   subroutine approximate_step(narrow, wide, factor, start, motion, step, error)
+      type(balance_t), intent(inout) :: narrow, wide
+      type(tangent_factor_t), intent(in) :: factor
+      real(wp), intent(in) :: start(:, :), motion(:, :)
+      real(wp), intent(out) :: step(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: defect(size(motion, 1), size(motion, 2)), outside(size(motion, 1), size(motion, 2))
+      real(wp) :: kept(narrow%n_unknowns), pairs(narrow%harmonics%n_coefficients, narrow%n_dofs)
+
+      call residual_of(wide, motion, defect)
+      call exchange(wide%harmonics, narrow%harmonics, defect, pairs)
+      kept = reshape(pairs, [size(pairs)])
+      call factor%solve(narrow, kept)
+      call clear_kept(narrow%harmonics, wide%harmonics, defect)
+      call wide%solve_mean_tangent(start, defect, outside, error)
+      if (allocated(error)) return
+      call clear_kept(narrow%harmonics, wide%harmonics, outside)
+      call exchange(narrow%harmonics, wide%harmonics, reshape(kept, shape(pairs)), step)
+      step = -step - outside
+   end subroutine approximate_step
+
+   !> Adds the changes of the last step to the history, orthogonal to those before; one that brings nothing new is left out.
+   subroutine remember(history, step_change, motion_change)
+      type(history_t), intent(inout) :: history
+      real(wp), intent(in) :: step_change(:), motion_change(:)
+      real(wp) :: rest(size(step_change)), column(history%n)
+      integer :: i
+
+      rest = step_change
+      do i = 1, history%n
+         column(i) = dot_product(history%basis(:, i), rest)
+         rest = rest - column(i)*history%basis(:, i)
+      end do
+      if (norm2(rest) <= smallest_pivot*norm2(step_change)) return
+      history%n = history%n + 1
+      associate (n => history%n)
+         history%move_changes(:, n) = motion_change + step_change
+         history%triangle(1:n - 1, n) = column
+         history%triangle(n, n) = norm2(rest)
+         history%basis(:, n) = rest/norm2(rest)
+      end associate
+   end subroutine remember
+
+   !> What the history adds to a step g: - dM c, with c the least squares of g - dG c.
+   function acceleration(history, step) result(added)
+      type(history_t), intent(in) :: history
+      real(wp), intent(in) :: step(:)
+      real(wp) :: added(size(step)), c(history%n)
+      integer :: i
+
+      do i = history%n, 1, -1
+         c(i) = (dot_product(history%basis(:, i), step) - dot_product(history%triangle(i, i + 1:history%n), c(i + 1:))) &
+                /history%triangle(i, i)
+      end do
+      added = -matmul(history%move_changes(:, 1:history%n), c)
+   end function acceleration
+
+   pure function flat(coefficients)
+      real(wp), intent(in) :: coefficients(:, :)
+      real(wp) :: flat(size(coefficients))
+
+      flat = reshape(coefficients, [size(coefficients)])
+   end function flat
+
+   !> Residual of coefficients by degree of freedom.
+   subroutine residual_of(problem, u, r)
+      type(balance_t), intent(inout) :: problem
+      real(wp), intent(in) :: u(:, :)
+      real(wp), intent(out) :: r(:, :)
+      real(wp) :: flat(size(u))
+
+      call problem%residual(reshape(u, [size(u)]), flat)
+      r = reshape(flat, shape(r))
+   end subroutine residual_of
+
+   !> Copies coefficients of the tuples that both sets have; the others of `to` become zero.
+   subroutine exchange(from_set, to_set, from, to)
+      type(harmonics_t), intent(in) :: from_set, to_set
+      real(wp), intent(in) :: from(:, :)
+      real(wp), intent(out) :: to(:, :)
+      integer :: h, k
+
+      to = 0.0_wp
+      do h = 1, to_set%n_harmonics
+         k = from_set%index_of(to_set%tuples(:, h))
+         if (k == 0) cycle
+         to(to_set%cos_at(h), :) = from(from_set%cos_at(k), :)
+         if (to_set%sin_at(h) > 0) to(to_set%sin_at(h), :) = from(from_set%sin_at(k), :)
+      end do
+   end subroutine exchange
+
+   !> Sets wide coefficients of the kept tuples to zero.
+   subroutine clear_kept(kept, set, coefficients)
+      type(harmonics_t), intent(in) :: kept, set
+      real(wp), intent(inout) :: coefficients(:, :)
+      integer :: h, k
+
+      do h = 1, kept%n_harmonics
+         k = set%index_of(kept%tuples(:, h))
+         coefficients(set%cos_at(k), :) = 0.0_wp
+         if (set%sin_at(k) > 0) coefficients(set%sin_at(k), :) = 0.0_wp
+      end do
+   end subroutine clear_kept
+
+end module hb_two_level

@@ -1,0 +1,66 @@
+!> What all ways of marching have in common: from a state on in steps of one size.
+module hb_integrator
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_march_state, only: march_state_t
+   use hb_march_system, only: march_system_t
+   implicit none
+   private
+   public :: integrator_t, law_forces
+
+   type, abstract :: integrator_t
+      type(march_system_t), pointer :: system => null()
+   contains
+      procedure :: forces => integrator_forces
+      procedure(start_march), deferred :: start
+      procedure(advance_march), deferred :: advance
+      procedure :: destroy => integrator_destroy
+   end type integrator_t
+
+   abstract interface
+      !> Takes a state as the first one; what is behind a rigid wall is put onto it.
+      subroutine start_march(self, state, error)
+         import :: error_t, integrator_t, march_state_t
+         class(integrator_t), intent(inout) :: self
+         type(march_state_t), intent(inout) :: state
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine start_march
+
+      !> Goes on from the state where the last call ended, which `state` must hold.
+      subroutine advance_march(self, state, n_steps, error)
+         import :: error_t, integrator_t, march_state_t
+         class(integrator_t), intent(inout) :: self
+         type(march_state_t), intent(inout) :: state
+         integer, intent(in) :: n_steps
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine advance_march
+   end interface
+
+contains
+
+   !> Forces of the laws [N] on their coordinates in a state, on the left-hand side; 0 for rigid laws unless a method knows.
+   subroutine integrator_forces(self, state, f)
+      class(integrator_t), intent(inout) :: self
+      type(march_state_t), intent(in) :: state
+      real(wp), intent(out) :: f(:)                                   !! (n_coordinates)
+
+      call law_forces(self%system, state, f)
+   end subroutine integrator_forces
+
+   !> Forces of all laws but the rigid ones in a state.
+   subroutine law_forces(system, state, f)
+      type(march_system_t), intent(inout) :: system
+      type(march_state_t), intent(in) :: state
+      real(wp), intent(out) :: f(:)                                   !! [N], (n_coordinates)
+
+      call system%laws%start_step(state%q, state%v, state%s)
+      call system%laws%gather(state%q, state%v)
+      call system%laws%evaluate(0.0_wp)
+      f = system%laws%f
+   end subroutine law_forces
+
+   !> Gives back what an outside library holds; safe to call twice.
+   subroutine integrator_destroy(self)
+      class(integrator_t), intent(inout) :: self
+   end subroutine integrator_destroy
+end module hb_integrator

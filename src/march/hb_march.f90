@@ -1,0 +1,216 @@
+!> Marching: follows a scene through time from a state on, and keeps a record of it.
+!>
+!> `march_from` is the whole of it for a caller; `judge` makes coefficients of a record.
+module hb_march
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_birkhoff, only: coefficients_at
+   use hb_central_differences, only: central_differences_t, new_central_differences
+   use hb_error, only: error_t, fail
+   use hb_frequency_analysis, only: find_frequencies
+   use hb_generalized_alpha, only: generalized_alpha_t, new_generalized_alpha
+   use hb_integrator, only: integrator_t
+   use hb_kinds, only: wp
+   use hb_march_config, only: march_config_t, march_method
+   use hb_march_cvode, only: march_cvode_t, new_march_cvode
+   use hb_march_state, only: march_state_t
+   use hb_march_system, only: march_system_t
+   use hb_runge_kutta_4, only: new_runge_kutta_4, runge_kutta_4_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: judge, march_from, march_judgement_t, march_record_t, march_watcher_t
+
+   integer, parameter :: steps_between_looks = 1000
+
+   !> What is kept of a motion: all samples of the displacements asked for, every so many of the rest.
+   type :: march_record_t
+      real(wp) :: start = 0.0_wp                                      !! time of the first sample [s]
+      real(wp) :: step = 0.0_wp                                       !! from one sample to the next [s]
+      real(wp), allocatable :: every_displacement(:, :)               !! (n_samples, n_kept_dofs)
+      real(wp), allocatable :: time(:)                                !! [s], (n_stored)
+      real(wp), allocatable :: displacement(:, :), velocity(:, :)     !! (n_stored, n_kept_dofs)
+      real(wp), allocatable :: force(:, :)                            !! of the laws [N], (n_stored, n_coordinates)
+   end type march_record_t
+
+   !> What a record says of the steady motion.
+   type :: march_judgement_t
+      complex(wp), allocatable :: coefficients(:, :)                  !! c - i s, (n_harmonics, n_kept_dofs)
+      real(wp), allocatable :: spread(:, :)                           !! |difference| of both halves of the record, likewise
+      real(wp), allocatable :: frequencies(:, :)                      !! of the largest lines [rad/s], (n_peaks, n_kept_dofs)
+      complex(wp), allocatable :: amplitudes(:, :)                    !! as frequencies
+   end type march_judgement_t
+
+   !> Who wants to know how far a march is.
+   type, abstract :: march_watcher_t
+   contains
+      procedure(watch), deferred :: show
+   end type march_watcher_t
+
+   abstract interface
+      subroutine watch(self, done, all)
+         import :: march_watcher_t
+         class(march_watcher_t), intent(inout) :: self
+         integer, intent(in) :: done, all                             !! steps
+      end subroutine watch
+   end interface
+
+contains
+
+   !> Marches from a state through the transient and the duration of `config`. `state` returns the last one.
+   subroutine march_from(system, config, step, kept_dofs, state, record, error, watcher)
+      type(march_system_t), intent(inout), target :: system
+      type(march_config_t), intent(in) :: config
+      real(wp), intent(in) :: step                                    !! [s], > 0
+      integer, intent(in) :: kept_dofs(:)
+      type(march_state_t), intent(inout) :: state
+      type(march_record_t), intent(out) :: record
+      type(error_t), allocatable, intent(out) :: error
+      class(march_watcher_t), intent(inout), optional :: watcher
+      class(integrator_t), allocatable :: integrator
+
+      call new_integrator(integrator, system, config, step, error)
+      if (.not. allocated(error)) call integrator%start(state, error)
+      if (.not. allocated(error)) call follow(integrator, system, config, step, kept_dofs, state, record, error, watcher)
+      if (allocated(integrator)) call integrator%destroy()
+   end subroutine march_from
+
+   subroutine new_integrator(self, system, config, step, error)
+      class(integrator_t), allocatable, intent(out) :: self
+      type(march_system_t), intent(inout), target :: system
+      type(march_config_t), intent(in) :: config
+      real(wp), intent(in) :: step
+      type(error_t), allocatable, intent(out) :: error
+      type(runge_kutta_4_t), allocatable :: runge_kutta_4
+      type(central_differences_t), allocatable :: central_differences
+      type(generalized_alpha_t), allocatable :: generalized_alpha
+      type(march_cvode_t), allocatable :: cvode
+
+      select case (config%method)
+      case (march_method%runge_kutta_4)
+         allocate (runge_kutta_4)
+         call new_runge_kutta_4(runge_kutta_4, system, step, error)
+         call move_alloc(runge_kutta_4, self)
+      case (march_method%central_differences)
+         allocate (central_differences)
+         call new_central_differences(central_differences, system, step, config%restitution, error)
+         call move_alloc(central_differences, self)
+      case (march_method%generalized_alpha)
+         allocate (generalized_alpha)
+         call new_generalized_alpha(generalized_alpha, system, step, config%spectral_radius, config%tolerance, error)
+         call move_alloc(generalized_alpha, self)
+      case default
+         allocate (cvode)
+         call new_march_cvode(cvode, system, step, config%tolerance, config%is_stiff, config%restitution, error)
+         call move_alloc(cvode, self)
+      end select
+   end subroutine new_integrator
+
+   !> Advances step by step and writes down.
+   subroutine follow(integrator, system, config, step, kept_dofs, state, record, error, watcher)
+      class(integrator_t), intent(inout) :: integrator
+      type(march_system_t), intent(inout) :: system
+      type(march_config_t), intent(in) :: config
+      real(wp), intent(in) :: step
+      integer, intent(in) :: kept_dofs(:)
+      type(march_state_t), intent(inout) :: state
+      type(march_record_t), intent(inout) :: record
+      type(error_t), allocatable, intent(out) :: error
+      class(march_watcher_t), intent(inout), optional :: watcher
+      integer :: done, i, n_kept, n_steps, n_stored, n_transient, stat, stride
+
+      n_transient = nint(config%transient/step)
+      n_steps = max(1, nint(config%duration/step))
+      do done = 0, n_transient - 1, steps_between_looks
+         call advance(integrator, state, min(steps_between_looks, n_transient - done), error)
+         if (allocated(error)) return
+         if (present(watcher)) call watcher%show(done, n_transient + n_steps)
+      end do
+      n_kept = size(kept_dofs)
+      stride = config%decimation
+      n_stored = n_steps/stride + 1
+      record%start = state%time
+      record%step = step
+      allocate (record%every_displacement(n_steps + 1, n_kept), stat=stat)
+      if (stat /= 0) then
+         call fail(error, "out of memory for a record of "//to_text(n_steps)//" steps")
+         return
+      end if
+      allocate (record%time(n_stored), record%displacement(n_stored, n_kept), record%velocity(n_stored, n_kept))
+      allocate (record%force(n_stored, system%laws%n_coordinates))
+      call keep(0)
+      do i = 1, n_steps
+         call integrator%advance(state, 1, error)
+         if (allocated(error)) return
+         call keep(i)
+         if (modulo(i, steps_between_looks) > 0 .and. i < n_steps) cycle
+         call check_finite(state, error)
+         if (allocated(error)) return
+         if (present(watcher)) call watcher%show(n_transient + i, n_transient + n_steps)
+      end do
+
+   contains
+
+      subroutine keep(i)
+         integer, intent(in) :: i
+         integer :: row
+
+         record%every_displacement(i + 1, :) = state%q(kept_dofs)
+         if (modulo(i, stride) > 0) return
+         row = i/stride + 1
+         record%time(row) = state%time
+         record%displacement(row, :) = state%q(kept_dofs)
+         record%velocity(row, :) = state%v(kept_dofs)
+         call integrator%forces(state, record%force(row, :))
+      end subroutine keep
+   end subroutine follow
+
+   subroutine advance(integrator, state, n_steps, error)
+      class(integrator_t), intent(inout) :: integrator
+      type(march_state_t), intent(inout) :: state
+      integer, intent(in) :: n_steps
+      type(error_t), allocatable, intent(out) :: error
+
+      call integrator%advance(state, n_steps, error)
+      if (.not. allocated(error)) call check_finite(state, error)
+   end subroutine advance
+
+   subroutine check_finite(state, error)
+      type(march_state_t), intent(in) :: state
+      type(error_t), allocatable, intent(out) :: error
+
+      if (all(ieee_is_finite(state%q)) .and. all(ieee_is_finite(state%v))) return
+      call fail(error, "the motion is not finite at t = "//to_text(state%time)//" s: an explicit method may need a smaller step")
+   end subroutine check_finite
+
+   !> Coefficients of given frequencies with the difference between both halves of the record, and the largest lines.
+   subroutine judge(record, frequencies, n_peaks, judgement, error)
+      type(march_record_t), intent(in) :: record
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      integer, intent(in) :: n_peaks
+      type(march_judgement_t), intent(out) :: judgement
+      type(error_t), allocatable, intent(out) :: error
+      complex(wp) :: first(size(frequencies)), second(size(frequencies))
+      integer :: half, k, n, n_kept
+
+      n = size(record%every_displacement, 1)
+      n_kept = size(record%every_displacement, 2)
+      half = n/2
+      allocate (judgement%coefficients(size(frequencies), n_kept), judgement%spread(size(frequencies), n_kept))
+      allocate (judgement%frequencies(n_peaks, n_kept), judgement%amplitudes(n_peaks, n_kept))
+      if (half < 3) then
+         call fail(error, "a record of "//to_text(n)//" samples is too short for coefficients")
+         return
+      end if
+      do k = 1, n_kept
+         associate (x => record%every_displacement(:, k))
+            call coefficients_at(x, record%start, record%step, frequencies, judgement%coefficients(:, k))
+            call coefficients_at(x(:half), record%start, record%step, frequencies, first)
+            call coefficients_at(x(n - half + 1:), record%start + (n - half)*record%step, record%step, frequencies, second)
+            judgement%spread(:, k) = abs(second - first)
+            if (n_peaks == 0) cycle
+            call find_frequencies(x, record%start, record%step, judgement%frequencies(:, k), judgement%amplitudes(:, k), error)
+            if (allocated(error)) return
+         end associate
+      end do
+   end subroutine judge
+end module hb_march

@@ -1,0 +1,78 @@
+!> The group `&march`: how the scene is followed through time. The component initialisers are the defaults.
+module hb_march_config
+   use hb_kinds, only: two_pi, wp
+   use hb_namelist, only: group_t
+   implicit none
+   private
+   public :: march_config_t, march_method, march_method_names, march_start, read_march, step_of
+
+   type :: march_method_t
+      integer :: cvode = 1
+      integer :: runge_kutta_4 = 2
+      integer :: central_differences = 3
+      integer :: generalized_alpha = 4
+   end type march_method_t
+   type(march_method_t), parameter :: march_method = march_method_t()
+   character(19), parameter :: march_method_names(4) = [character(19) :: &
+      "cvode", "runge_kutta_4", "central_differences", "generalized_alpha"]
+
+   type :: march_start_t
+      integer :: rest = 1
+      integer :: given = 2
+   end type march_start_t
+   type(march_start_t), parameter :: march_start = march_start_t()
+   character(5), parameter :: start_names(2) = [character(5) :: "rest", "given"]
+
+   type :: march_config_t
+      integer :: method = march_method%cvode
+      real(wp) :: step = 0.0_wp                                       !! [s]; 0: from steps_per_period
+      integer :: steps_per_period = 200                               !! of the fastest tone
+      real(wp) :: duration = 0.0_wp                                   !! [s] of the record, without the transient; 0: not given
+      real(wp) :: transient = 0.0_wp                                  !! [s] before the record
+      integer :: decimation = 1                                       !! steps from one stored sample to the next
+      real(wp) :: tolerance = 1.0e-10_wp                              !! of cvode and of Newton, relative
+      logical :: is_stiff = .false.                                   !! cvode: backward differentiation instead of Adams
+      real(wp) :: restitution = 0.0_wp                                !! of rigid walls
+      real(wp) :: spectral_radius = 0.8_wp                            !! of generalized_alpha at infinite frequency
+      integer :: start = march_start%rest
+      character(:), allocatable :: record                             !! file with the record to be continued
+      integer :: n_peaks = 0                                          !! frequencies searched for, per degree of freedom
+   end type march_config_t
+
+contains
+
+   !> Reads `&march`.
+   subroutine read_march(self, group)
+      type(march_config_t), intent(out) :: self
+      type(group_t), intent(inout) :: group
+      character(:), allocatable :: method, start
+
+      method = trim(march_method_names(self%method))
+      start = trim(start_names(self%start))
+      self%record = ""
+      call group%get("method", method, choices=march_method_names)
+      call group%get("step", self%step, minimum=0.0_wp)
+      call group%get("steps_per_period", self%steps_per_period, minimum=1)
+      call group%get("duration", self%duration, minimum=0.0_wp)
+      call group%get("transient", self%transient, minimum=0.0_wp)
+      call group%get("decimation", self%decimation, minimum=1)
+      call group%get("tolerance", self%tolerance, above=0.0_wp)
+      call group%get("is_stiff", self%is_stiff)
+      call group%get("restitution", self%restitution, minimum=0.0_wp, maximum=1.0_wp)
+      call group%get("spectral_radius", self%spectral_radius, minimum=0.0_wp, maximum=1.0_wp)
+      call group%get("start", start, choices=start_names)
+      call group%get("continue", self%record)
+      call group%get("n_peaks", self%n_peaks, minimum=0, maximum=1000)
+      self%method = max(1, findloc(march_method_names == method, .true., dim=1))
+      self%start = merge(march_start%given, march_start%rest, start == start_names(march_start%given))
+   end subroutine read_march
+
+   !> The step [s], also the distance of two samples of the record.
+   pure real(wp) function step_of(self, omega) result(step)
+      type(march_config_t), intent(in) :: self
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], > 0
+
+      step = self%step
+      if (step <= 0.0_wp) step = two_pi/(maxval(omega)*self%steps_per_period)
+   end function step_of
+end module hb_march_config

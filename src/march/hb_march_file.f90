@@ -1,0 +1,344 @@
+!> The HDF5 file of a march: record, coefficients, and the state from which it can be continued.
+!>
+!> Made whole under another name and then put in place, by one process. docs/schema.md lists what is in it.
+module hb_march_file
+   use hb_error, only: annotate, error_t, fail
+   use hb_file_place, only: check_place, put_in_place
+   use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, open_file
+   use hb_kinds, only: wp
+   use hb_march, only: march_judgement_t, march_record_t
+   use hb_march_laws, only: march_laws_t
+   use hb_march_state, only: march_state_t
+   use hb_structure, only: structure_t
+   use hb_system, only: process_id, remove_file, utc_now
+   use hb_text, only: join, to_text
+   use hb_version, only: git_commit, program_version
+   implicit none
+   private
+   public :: march_origin_t, read_march_state, write_march_file
+
+   integer, parameter :: schema_version = 1
+   character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
+      "[ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
+
+   !> What a record was made from.
+   type :: march_origin_t
+      character(:), allocatable :: title, method, input_text, input_complete
+      real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s]
+      integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics)
+      integer, allocatable :: kept_dofs(:)
+   end type march_origin_t
+
+   !> A file in the making, with the scales of its dimensions.
+   type :: writer_t
+      type(h5_file_t) :: file
+      type(h5_dataset_t) :: time, dof, coordinate, harmonic, tone, component, peak, state_dof, slider
+   end type writer_t
+
+contains
+
+   !> Writes the file; refuses an existing one unless `overwrite`.
+   subroutine write_march_file(path, overwrite, origin, structure, laws, record, judgement, state, error)
+      character(*), intent(in) :: path
+      logical, intent(in) :: overwrite
+      type(march_origin_t), intent(in) :: origin
+      type(structure_t), intent(in) :: structure
+      type(march_laws_t), intent(in) :: laws
+      type(march_record_t), intent(in) :: record
+      type(march_judgement_t), intent(in) :: judgement
+      type(march_state_t), intent(in) :: state
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
+      type(writer_t) :: writer
+      character(:), allocatable :: temporary
+
+      call check_place(path, overwrite, error)
+      temporary = path//"."//to_text(process_id())//".part"
+      if (.not. allocated(error)) then
+         call create_file(writer%file, temporary, .true., error)
+         if (.not. allocated(error)) call write_attributes(writer%file, origin, error)
+         if (.not. allocated(error)) call write_scales(writer, origin, structure, laws, record, judgement, error)
+         if (.not. allocated(error)) call write_record(writer, origin, structure, record, error)
+         if (.not. allocated(error)) call write_judgement(writer, origin, structure, judgement, error)
+         if (.not. allocated(error)) call write_state(writer, structure, state, error)
+         if (.not. allocated(error)) call write_inputs(writer, origin, error)
+         call writer%file%close(error_in_close)
+         if (.not. allocated(error)) call move_alloc(error_in_close, error)
+         if (.not. allocated(error)) call put_in_place(temporary, path, overwrite, error)
+         if (allocated(error)) call remove_file(temporary)
+      end if
+      call annotate(error, "march record '"//path//"'")
+   end subroutine write_march_file
+
+   subroutine write_attributes(file, origin, error)
+      type(h5_file_t), intent(in) :: file
+      type(march_origin_t), intent(in) :: origin
+      type(error_t), allocatable, intent(out) :: error
+
+      call file%set_attribute("schema_version", schema_version, error)
+      call set("kind", "march")
+      call set("method", origin%method)
+      call set("program_version", program_version)
+      call set("git_commit", git_commit)
+      call set("created_utc", utc_now())
+      call set("title", origin%title)
+      call set("amplitude_convention", amplitude_convention)
+   contains
+      subroutine set(name, value)
+         character(*), intent(in) :: name, value
+
+         if (.not. allocated(error)) call file%set_attribute(name, value, error)
+      end subroutine set
+   end subroutine write_attributes
+
+   subroutine write_scales(self, origin, structure, laws, record, judgement, error)
+      type(writer_t), intent(inout) :: self
+      type(march_origin_t), intent(in) :: origin
+      type(structure_t), intent(in) :: structure
+      type(march_laws_t), intent(in) :: laws
+      type(march_record_t), intent(in) :: record
+      type(march_judgement_t), intent(in) :: judgement
+      type(error_t), allocatable, intent(out) :: error
+
+      call self%file%add_real("time", [size(record%time)], self%time, error)
+      if (.not. allocated(error)) call self%time%write(record%time, error)
+      call finish_scale(self%time, "time", "s", "time", error)
+      call texts("dof", structure%labels(origin%kept_dofs), self%dof, "label of the degree of freedom")
+      if (laws%n_coordinates > 0) call texts("law_coordinate", laws%coordinate_labels(), self%coordinate, &
+                                             "coordinate of a law")
+      call numbers("harmonic", size(origin%tuples, 2), 0, self%harmonic, "number of the harmonic")
+      call numbers("tone", size(origin%omega), 1, self%tone, "number of the tone")
+      call texts("component", ["cos", "sin"], self%component, "cosine or sine")
+      if (size(judgement%frequencies, 1) > 0) then
+         call numbers("peak", size(judgement%frequencies, 1), 1, self%peak, "number of the line, the largest first")
+      end if
+      call texts("state_dof", structure%labels, self%state_dof, "label of the degree of freedom")
+      if (laws%n_states > 0) call numbers("slider", laws%n_states, 1, self%slider, "number of the state of a law with memory")
+
+   contains
+
+      subroutine texts(name, values, scale, long_name)
+         character(*), intent(in) :: name, values(:), long_name
+         type(h5_dataset_t), intent(inout) :: scale
+
+         if (allocated(error)) return
+         call self%file%add_texts(name, values, scale, error)
+         call finish_scale(scale, name, "1", long_name, error)
+      end subroutine texts
+
+      subroutine numbers(name, n, first, scale, long_name)
+         character(*), intent(in) :: name, long_name
+         integer, intent(in) :: n, first
+         type(h5_dataset_t), intent(inout) :: scale
+         integer :: i
+
+         if (allocated(error)) return
+         call self%file%add_integer(name, [n], scale, error)
+         if (.not. allocated(error)) call scale%write([(first + i, i=0, n - 1)], error)
+         call finish_scale(scale, name, "1", long_name, error)
+      end subroutine numbers
+   end subroutine write_scales
+
+   subroutine finish_scale(scale, name, units, long_name, error)
+      type(h5_dataset_t), intent(in) :: scale
+      character(*), intent(in) :: name, units, long_name
+      type(error_t), allocatable, intent(inout) :: error
+
+      if (.not. allocated(error)) call scale%make_scale(name, error)
+      if (.not. allocated(error)) call scale%set_attribute("units", units, error)
+      if (.not. allocated(error)) call scale%set_attribute("long_name", long_name, error)
+   end subroutine finish_scale
+
+   subroutine write_record(self, origin, structure, record, error)
+      type(writer_t), intent(in) :: self
+      type(march_origin_t), intent(in) :: origin
+      type(structure_t), intent(in) :: structure
+      type(march_record_t), intent(in) :: record
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: units
+
+      units = join(structure%units(origin%kept_dofs), " ")
+      call write_real(self, "displacement", record%displacement, [self%time, self%dof], units, "displacement", error, .true.)
+      if (.not. allocated(error)) call write_real(self, "velocity", record%velocity, [self%time, self%dof], &
+         rate_units(structure%units(origin%kept_dofs)), "velocity", error, .true.)
+      if (.not. allocated(error) .and. size(record%force) > 0) call write_real(self, "force", record%force, &
+         [self%time, self%coordinate], "N", "force of the laws on their coordinates, on the left-hand side", error)
+   end subroutine write_record
+
+   subroutine write_judgement(self, origin, structure, judgement, error)
+      type(writer_t), intent(in) :: self
+      type(march_origin_t), intent(in) :: origin
+      type(structure_t), intent(in) :: structure
+      type(march_judgement_t), intent(in) :: judgement
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: dataset
+      character(:), allocatable :: units
+
+      units = join(structure%units(origin%kept_dofs), " ")
+      call self%file%add_integer("tuple", shape(origin%tuples), dataset, error)
+      if (.not. allocated(error)) call dataset%write(origin%tuples, error)
+      if (.not. allocated(error)) call attach(dataset, [self%tone, self%harmonic], error)
+      if (.not. allocated(error)) call describe(dataset, "1", "integer tuple j of each harmonic", error)
+      if (.not. allocated(error)) call write_real(self, "frequency", origin%omega, [self%tone], "rad/s", &
+         "base frequencies", error)
+      if (.not. allocated(error)) call write_real(self, "coefficients", as_pairs(judgement%coefficients), &
+         [self%component, self%harmonic, self%dof], units, "coefficients of the record by averages with a smooth window", error, &
+         .true.)
+      if (.not. allocated(error)) call write_real(self, "spread", judgement%spread, [self%harmonic, self%dof], units, &
+         "difference of the coefficients of both halves of the record", error, .true.)
+      if (allocated(error) .or. size(judgement%frequencies, 1) == 0) return
+      call write_real(self, "peak_frequency", judgement%frequencies, [self%peak, self%dof], "rad/s", &
+         "frequencies of the largest lines", error)
+      if (.not. allocated(error)) call write_real(self, "peak_coefficients", as_pairs(judgement%amplitudes), &
+         [self%component, self%peak, self%dof], units, "coefficients of the largest lines", error, .true.)
+   end subroutine write_judgement
+
+   subroutine write_state(self, structure, state, error)
+      type(writer_t), intent(in) :: self
+      type(structure_t), intent(in) :: structure
+      type(march_state_t), intent(in) :: state
+      type(error_t), allocatable, intent(out) :: error
+
+      call write_real(self, "state_time", state%time, [h5_dataset_t ::], "s", "time of the last state", error)
+      if (.not. allocated(error)) call write_real(self, "state_displacement", state%q, [self%state_dof], &
+         join(structure%units, " "), "displacement of the last state", error, .true.)
+      if (.not. allocated(error)) call write_real(self, "state_velocity", state%v, [self%state_dof], &
+         rate_units(structure%units), "velocity of the last state", error, .true.)
+      if (.not. allocated(error) .and. size(state%s) > 0) call write_real(self, "state_slider", state%s, [self%slider], "m", &
+         "states of the laws with memory in the last state", error)
+   end subroutine write_state
+
+   subroutine write_inputs(self, origin, error)
+      type(writer_t), intent(in) :: self
+      type(march_origin_t), intent(in) :: origin
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: dataset
+
+      call self%file%add_text("input_text", origin%input_text, dataset, error)
+      if (.not. allocated(error)) call describe(dataset, "1", "the input as given", error)
+      if (allocated(error)) return
+      call self%file%add_text("input_complete", origin%input_complete, dataset, error)
+      if (.not. allocated(error)) call describe(dataset, "1", "the input after defaults", error)
+   end subroutine write_inputs
+
+   !> Writes one dataset; `by_dof`: the units are a list, one for each degree of freedom.
+   subroutine write_real(self, name, values, scales, units, long_name, error, by_dof)
+      type(writer_t), intent(in) :: self
+      character(*), intent(in) :: name
+      real(wp), intent(in), contiguous :: values(..)
+      type(h5_dataset_t), intent(in) :: scales(:)                     !! fastest first
+      character(*), intent(in) :: units, long_name
+      type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: by_dof
+      type(h5_dataset_t) :: dataset
+
+      call self%file%add_real(name, shape(values), dataset, error)
+      if (.not. allocated(error)) call dataset%write(values, error)
+      if (.not. allocated(error)) call attach(dataset, scales, error)
+      if (allocated(error)) return
+      if (present(by_dof)) then
+         call describe(dataset, common_unit(units), long_name, error)
+         if (.not. allocated(error)) call dataset%set_attribute("dof_units", trim(units), error)
+      else
+         call describe(dataset, units, long_name, error)
+      end if
+   end subroutine write_real
+
+   !> The first unit where all are the same.
+   pure function common_unit(units)
+      character(*), intent(in) :: units                               !! separated by blanks
+      character(:), allocatable :: common_unit, rest
+
+      common_unit = units(:index(units//" ", " ") - 1)
+      rest = adjustl(units)
+      do while (len_trim(rest) > 0)
+         if (rest(:index(rest//" ", " ") - 1) /= common_unit) then
+            common_unit = "see dof_units"
+            return
+         end if
+         rest = trim(adjustl(rest(index(rest//" ", " "):)))
+      end do
+   end function common_unit
+
+   !> Units of the rates of change, separated by blanks.
+   pure function rate_units(units)
+      character(*), intent(in) :: units(:)
+      character(:), allocatable :: rate_units
+      integer :: i
+
+      rate_units = ""
+      do i = 1, size(units)
+         rate_units = rate_units//trim(units(i))//"/s "
+      end do
+      rate_units = trim(rate_units)
+   end function rate_units
+
+   subroutine attach(dataset, scales, error)
+      type(h5_dataset_t), intent(in) :: dataset
+      type(h5_dataset_t), intent(in) :: scales(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      do i = 1, size(scales)
+         call dataset%attach_scale(i, scales(i), error)
+         if (allocated(error)) return
+      end do
+   end subroutine attach
+
+   subroutine describe(dataset, units, long_name, error)
+      type(h5_dataset_t), intent(in) :: dataset
+      character(*), intent(in) :: units, long_name
+      type(error_t), allocatable, intent(out) :: error
+
+      call dataset%set_attribute("units", units, error)
+      if (.not. allocated(error)) call dataset%set_attribute("long_name", long_name, error)
+   end subroutine describe
+
+   !> Amplitudes c - i s as (cosine and sine, ...).
+   pure function as_pairs(amplitudes) result(pairs)
+      complex(wp), intent(in) :: amplitudes(:, :)
+      real(wp) :: pairs(2, size(amplitudes, 1), size(amplitudes, 2))
+
+      pairs(1, :, :) = real(amplitudes, wp)
+      pairs(2, :, :) = -aimag(amplitudes)
+   end function as_pairs
+
+   !> Reads the last state of a record; fails unless it is one of the same structure and laws.
+   subroutine read_march_state(path, state, error)
+      character(*), intent(in) :: path
+      type(march_state_t), intent(inout) :: state                     !! of the sizes that are right
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
+      type(h5_file_t) :: file
+      real(wp) :: time(1)
+
+      call open_file(file, path, error)
+      if (allocated(error)) return
+      call read_real("state_time", time)
+      call read_real("state_displacement", state%q)
+      call read_real("state_velocity", state%v)
+      if (size(state%s) > 0) call read_real("state_slider", state%s)
+      call file%close(error_in_close)
+      if (.not. allocated(error)) call move_alloc(error_in_close, error)
+      if (.not. allocated(error)) state%time = time(1)
+      call annotate(error, "&march continue")
+
+   contains
+
+      subroutine read_real(name, values)
+         character(*), intent(in) :: name
+         real(wp), intent(inout), contiguous :: values(:)
+         type(h5_dataset_t) :: dataset
+
+         if (allocated(error)) return
+         call file%open_dataset(name, dataset, error)
+         if (allocated(error)) return
+         if (product(dataset%get_extents()) /= size(values)) then
+            call fail(error, "'"//path//"' has "//to_text(product(dataset%get_extents()))//" values of "//name//", the scene "// &
+                      to_text(size(values))//": it is a record of another scene")
+            return
+         end if
+         call dataset%read(values, error)
+      end subroutine read_real
+   end subroutine read_march_state
+end module hb_march_file

@@ -1,0 +1,83 @@
+!> Columns of the file of a benchmark: one dataset each, with a value a rung.
+module hb_benchmark_table
+   use hb_error, only: error_t
+   use hb_hdf5, only: h5_dataset_t, h5_file_t
+   use hb_kinds, only: wp
+   use hb_results_file, only: describe, set_flags
+   implicit none
+   private
+   public :: add_integers, add_one_text, add_reals, add_texts, table_t, text_length
+
+   integer, parameter :: text_length = 200                            ! longest text of a row
+
+   !> A file that is being filled; after an error nothing more is written.
+   type :: table_t
+      type(h5_file_t) :: file
+      type(h5_dataset_t) :: rung, tone, harmonic, dof, component, repeat   ! dimension scales
+      type(error_t), allocatable :: error
+   end type table_t
+
+contains
+
+   !> Adds a column of real numbers.
+   subroutine add_reals(table, name, values, units, long_name, parameter)
+      type(table_t), intent(inout) :: table
+      character(*), intent(in) :: name, units, long_name
+      real(wp), intent(in) :: values(:)
+      character(*), intent(in), optional :: parameter                 !! path in the input
+      type(h5_dataset_t) :: dataset
+
+      if (allocated(table%error)) return
+      call table%file%add_real(name, shape(values), dataset, table%error)
+      if (.not. allocated(table%error)) call dataset%write(values, table%error)
+      call finish_column(table, dataset, units, long_name, parameter)
+   end subroutine add_reals
+
+   !> Adds a column of integers; those of a list of choices with their meanings (CF convention).
+   subroutine add_integers(table, name, values, long_name, meanings)
+      type(table_t), intent(inout) :: table
+      character(*), intent(in) :: name, long_name
+      integer, intent(in) :: values(:)
+      character(*), intent(in), optional :: meanings(:)               !! of 0, 1, ...
+      type(h5_dataset_t) :: dataset
+
+      if (allocated(table%error)) return
+      call table%file%add_integer(name, shape(values), dataset, table%error)
+      if (.not. allocated(table%error)) call dataset%write(values, table%error)
+      call finish_column(table, dataset, "1", long_name)
+      if (present(meanings) .and. .not. allocated(table%error)) call set_flags(dataset, meanings, table%error)
+   end subroutine add_integers
+
+   !> Adds a column of texts.
+   subroutine add_texts(table, name, values, long_name, parameter)
+      type(table_t), intent(inout) :: table
+      character(*), intent(in) :: name, values(:), long_name
+      character(*), intent(in), optional :: parameter                 !! path in the input
+      type(h5_dataset_t) :: dataset
+
+      if (allocated(table%error)) return
+      call table%file%add_texts(name, values, dataset, table%error)
+      call finish_column(table, dataset, "1", long_name, parameter)
+   end subroutine add_texts
+
+   subroutine finish_column(table, dataset, units, long_name, parameter)
+      type(table_t), intent(inout) :: table
+      type(h5_dataset_t), intent(in) :: dataset
+      character(*), intent(in) :: units, long_name
+      character(*), intent(in), optional :: parameter
+
+      if (.not. allocated(table%error)) call dataset%attach_scale(1, table%rung, table%error)
+      if (.not. allocated(table%error)) call describe(dataset, units, long_name, table%error)
+      if (present(parameter) .and. .not. allocated(table%error)) call dataset%set_attribute("parameter", parameter, table%error)
+   end subroutine finish_column
+
+   !> Adds one text that belongs to no rung.
+   subroutine add_one_text(table, name, text, long_name)
+      type(table_t), intent(inout) :: table
+      character(*), intent(in) :: name, text, long_name
+      type(h5_dataset_t) :: dataset
+
+      if (.not. allocated(table%error)) call table%file%add_text(name, text, dataset, table%error)
+      if (.not. allocated(table%error)) call describe(dataset, "1", long_name, table%error)
+   end subroutine add_one_text
+end module hb_benchmark_table

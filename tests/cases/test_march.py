@@ -1,0 +1,306 @@
+"""`nhbm march`: the record, and how far marching and the balance agree on cases with known numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+
+from program import BAD_INPUT, read, run, solve
+
+INPUTS = Path(__file__).resolve().parents[2] / "inputs"
+
+MASS = "&structure type='matrices', n_dofs=1, mass=1, damping=0.1, stiffness=1 /\n&tones frequency=1.3 /\n&harmonics order=3 /\n"
+FREE = "&structure type='matrices', n_dofs=1, mass=1, stiffness=1 /\n&tones frequency=1 /\n&harmonics order=1 /\n"
+FORCED = MASS + "&load dof='x1', tuple=1, cos=0.4 /\n&law type='cubic_spring', dof='x1', stiffness=0.5 /\n"
+
+
+def march(text: str | Path, folder: Path, *options, name="march", status=0) -> Path:
+    """Marches an input, given as text or as a file, and gives the record."""
+    source = text
+    if isinstance(text, str):
+        source = folder / f"{name}.nml"
+        source.write_text(text)
+    record = folder / f"{name}.h5"
+    done = run("march", source, "-o", record, "--overwrite", "--quiet", *options, cwd=folder)
+    assert done.status == status, done.stderr
+    return record
+
+
+def coefficient(record: Path, *j: int, dof: int = 0) -> np.ndarray:
+    """(cos, sin) of a tuple."""
+    tuples, values = read(record, "tuple", "coefficients")
+    return values[dof, tuples.tolist().index(list(j))]
+
+
+def balance_at(result: Path, point: int, dof: str, t: np.ndarray) -> np.ndarray:
+    """Motion of a result file at given times."""
+    with h5py.File(result) as file:
+        frequencies = file["tuple"][()] @ file["frequency"][point]
+        pairs = file["coefficients"][point, file["dof"].asstr()[()].tolist().index(dof)]
+    known = ~np.isnan(pairs[:, 0])
+    phases = np.outer(t, frequencies[known])
+    return np.cos(phases) @ pairs[known, 0] + np.sin(phases) @ pairs[known, 1]
+
+
+def difference(record: Path, result: Path, point: int, dof: str) -> np.ndarray:
+    with h5py.File(record) as file:
+        t, labels, x = file["time"][()], file["dof"].asstr()[()].tolist(), file["displacement"][()]
+    return x[labels.index(dof)] - balance_at(result, point, dof, t)
+
+
+def largest_motion(record: Path) -> float:
+    """Largest |x| of a record, between samples by the cubic through displacements and velocities."""
+    t, x, v = read(record, "time", "displacement", "velocity")
+    x, v, h = np.abs(x[0]), v[0] * np.sign(x[0]), t[1] - t[0]
+    k = int(np.argmax(x[1:-1])) + 1
+    s = np.linspace(0.0, 1.0, 20001)
+    tops = []
+    for i in (k - 1, k):
+        cubic = (
+            (1 + 2 * s) * (1 - s) ** 2 * x[i]
+            + s * (1 - s) ** 2 * h * v[i]
+            + s**2 * (3 - 2 * s) * x[i + 1]
+            + s**2 * (s - 1) * h * v[i + 1]
+        )
+        tops.append(cubic.max())
+    return max(tops)
+
+
+# The record
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+def test_record_opens_in_xarray_with_names_and_units(tmp_path, engine):
+    record = march(FORCED + "&march duration=20, step=0.1, decimation=4, n_peaks=2 /", tmp_path)
+    with xarray.open_dataset(record, engine=engine) as data:
+        assert data.displacement.dims == ("dof", "time") and data.displacement.shape == (1, 51)
+        assert data.coefficients.dims == ("dof", "harmonic", "component")
+        assert data.force.dims == ("law_coordinate", "time")
+        assert data.peak_frequency.dims == ("dof", "peak")
+        assert data.attrs["kind"] == "march" and data.attrs["method"] == "cvode"
+        assert data.displacement.attrs["units"] == "m" and data.velocity.attrs["units"] == "m/s"
+        for name, variable in data.variables.items():
+            assert variable.attrs.get("long_name"), name
+            assert "units" in variable.attrs or variable.dtype.kind in "mM", name
+        np.testing.assert_allclose(data.time, 0.4 * np.arange(51), rtol=1e-13)
+        np.testing.assert_allclose(data.force[0], 0.5 * data.displacement[0] ** 3, atol=1e-15)
+
+
+@pytest.mark.parametrize("method", ["cvode", "runge_kutta_4", "central_differences", "generalized_alpha"])
+def test_continued_record_is_the_whole_one(tmp_path, method):
+    law = "&law type='jenkins', dof='x1', stiffness=1, limit=0.2 /\n"
+    rest = f"&march step=0.05, method='{method}', tolerance=1e-12, "
+    whole = march(FORCED + law + rest + "duration=40 /", tmp_path, name="whole")
+    march(FORCED + law + rest + "duration=17 /", tmp_path, name="first")
+    second = march(FORCED + law + rest + "duration=23, continue='first.h5' /", tmp_path, name="second")
+    # cvode chooses its steps anew, and generalized_alpha starts with accelerations of equilibrium
+    tolerance = {"cvode": 1e-9, "generalized_alpha": 1e-4}.get(method, 1e-12)
+    assert read(second, "time")[0] == pytest.approx(17.0, rel=1e-12)
+    np.testing.assert_allclose(read(second, "displacement")[0], read(whole, "displacement")[0, 340:], atol=tolerance)
+    np.testing.assert_allclose(read(second, "state_slider"), read(whole, "state_slider"), atol=tolerance)
+
+
+def test_forced_mass_is_that_of_the_balance(tmp_path):
+    record = march(FORCED + "&march duration=400, transient=600, step=0.02, tolerance=1e-14 /", tmp_path)
+    result = solve(FORCED.replace("order=3", "order=15"), tmp_path)
+    assert np.abs(difference(record, result, 0, "x1")).max() < 1e-11
+    assert read(record, "spread").max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (FORCED, "&march needs 'duration'"),
+        (FORCED + "&march duration=1, method='runge_kutta4' /", "did you mean 'runge_kutta_4'"),
+        (FORCED + "&march duration=1, continue='none.h5' /", "none.h5"),
+        (
+            FORCED + "&march duration=1, method='runge_kutta_4' /\n&law type='rigid_wall', dof='x1', gap=1 /",
+            "cannot hold rigid walls",
+        ),
+        (
+            FORCED + "&march duration=10 /\n&sweep parameter='law(1)%stiffness', values=1,2 /",
+            "points 0 to 1; march follows one",
+        ),
+    ],
+)
+def test_what_cannot_be_marched_is_said(tmp_path, text, words):
+    source = tmp_path / "bad.nml"
+    source.write_text(text)
+    done = run("march", source, cwd=tmp_path)
+    assert done.status == BAD_INPUT and words in done.stderr, done.stderr
+    assert not (tmp_path / "bad.h5").exists()
+
+
+def test_record_of_another_scene_is_refused(tmp_path):
+    march(FORCED + "&march duration=10 /", tmp_path, name="first")
+    two = "&structure type='chain', n_masses=2, mass=1, coupling_stiffness=1 /\n&tones frequency=1 /\n&harmonics order=1 /\n"
+    source = tmp_path / "second.nml"
+    source.write_text(two + "&march duration=10, continue='first.h5' /")
+    done = run("march", source, cwd=tmp_path)
+    assert done.status == BAD_INPUT and "record of another scene" in done.stderr
+
+
+def test_point_of_a_sweep_is_followed(tmp_path):
+    swept = FORCED + "&sweep parameter='law(1)%stiffness', values=0.5, 2 /\n&march duration=10, step=0.1 /"
+    second = march(swept, tmp_path, "--point", "1", name="swept")
+    alone = march(FORCED.replace("stiffness=0.5", "stiffness=2") + "&march duration=10, step=0.1 /", tmp_path, name="alone")
+    np.testing.assert_array_equal(read(second, "displacement"), read(alone, "displacement"))
+
+
+# Known motions
+
+
+@pytest.mark.parametrize(("strength", "period"), [(1, 6.6632868593231361), (5, 11.6122306677196)])
+def test_van_der_pol_has_its_period(tmp_path, strength, period):
+    text = f"&law type='van_der_pol', dof='x1', strength={strength} /\n&start dof='x1', tuple=1, cos=2 /\n"
+    group = "&march start='given', transient=100, duration=1000, step=0.02, tolerance=1e-13, n_peaks=1 /"
+    record = march(FREE + text + group, tmp_path)
+    assert 2 * np.pi / read(record, "peak_frequency")[0, 0] == pytest.approx(period, rel=1e-10)
+
+
+def test_elastic_stop_under_two_tones(tmp_path):
+    record = march(INPUTS / "gallery" / "elastic_stop_two_tones.nml", tmp_path, "--point", 0)
+    spread = read(record, "spread").max()
+    assert spread < 2e-9
+    for j, cosine, sine in [
+        ((0, 0), -0.20334727152247, 0.0),
+        ((1, 0), 0.62198242428873, 0.23632950152279),
+        ((0, 1), -0.34135917761406, 0.13342729526516),
+        ((1, -1), 0.17872615537078, 0.12571711125539),
+        ((1, 1), -0.04362872589981, 0.01274249426881),
+        ((2, 0), 0.07982706095386, 0.05150941687052),
+        ((2, -1), 0.00810698665249, 0.04650284834983),
+        ((3, 0), 0.01029472996623, 0.01959629382110),
+    ]:
+        np.testing.assert_allclose(coefficient(record, *j), (cosine, sine), atol=spread)
+
+
+@pytest.mark.long
+def test_elastic_stop_under_two_tones_to_eleven_digits(tmp_path):
+    source = INPUTS / "gallery" / "elastic_stop_two_tones.nml"
+    record = march(source, tmp_path, "--point", 0, "--set", "march%duration=40000", "--set", "march%decimation=2000")
+    np.testing.assert_allclose(coefficient(record, 0, 0), (-0.20334727152247, 0.0), atol=1e-11)
+    np.testing.assert_allclose(coefficient(record, 1, 0), (0.62198242428873, 0.23632950152279), atol=1e-11)
+    np.testing.assert_allclose(coefficient(record, 2, -1), (0.00810698665249, 0.04650284834983), atol=1e-11)
+
+
+def test_jenkins_under_one_tone(tmp_path):
+    record = march(INPUTS / "gallery" / "jenkins_one_tone.nml", tmp_path, "--point", 0)
+    np.testing.assert_allclose(coefficient(record, 1), (0.54763692209715, 0.37563080515507), atol=2e-11)
+    np.testing.assert_allclose(coefficient(record, 3), (-0.00129227974560, -0.00444845581864), atol=2e-11)
+
+
+def test_jenkins_under_two_tones(tmp_path):
+    record = march(INPUTS / "gallery" / "jenkins_two_tones.nml", tmp_path, "--point", 0)
+    np.testing.assert_allclose(coefficient(record, 1, 0), (0.480722, 0.319828), atol=1e-6)
+    np.testing.assert_allclose(coefficient(record, 0, 1), (-0.537212, 0.351565), atol=1e-6)
+    assert np.hypot(*coefficient(record, 2, -1)) == pytest.approx(0.1155478, abs=1e-7)
+    assert np.hypot(*coefficient(record, 3, 0)) == pytest.approx(0.0045035, abs=1e-7)
+
+
+@pytest.mark.parametrize(("point", "amplitude"), [(0, 2.62610487572), (1, 0.721110255093)])
+def test_den_hartog_motion_without_stops(tmp_path, point, amplitude):
+    """Rigid friction: the direction changes at an event, and without other damping the start is forgotten slowly."""
+    record = march(INPUTS / "gallery" / "den_hartog.nml", tmp_path, "--point", point)
+    assert largest_motion(record) == pytest.approx(amplitude, rel=1e-9 if point else 1e-7)
+
+
+def test_figure_4_difference_between_marching_and_balance(tmp_path):
+    source = INPUTS / "paper" / "figure4.nml"
+    result = tmp_path / "balance.h5"
+    done = run("solve", source, "-o", result, "--quiet", cwd=tmp_path)
+    assert done.status == 0, done.stderr
+    record = march(source, tmp_path, "--point", 0)
+    assert np.abs(difference(record, result, 0, "v3")).max() < 1e-14  # the paper claims 1e-14 m of 2.4e-3 m
+    record = march(source, tmp_path, "--point", 2)
+    largest = np.abs(difference(record, result, 2, "v3")).max()
+    assert 1e-8 < largest < 3e-7  # what order 7 leaves out at 1e10 N/m3
+
+
+@pytest.mark.long
+def test_figure_7_difference_falls_with_the_order(tmp_path):
+    source = INPUTS / "paper" / "wall.nml"
+    result = tmp_path / "balance.h5"
+    done = run("solve", source, "-o", result, "--quiet", cwd=tmp_path)
+    assert done.status in (0, 1), done.stderr
+    record = march(source, tmp_path, "--point", 3)
+    errors = [np.sqrt(np.mean(difference(record, result, point, "v3") ** 2)) for point in range(4)]
+    np.testing.assert_allclose(errors, [2.093e-5, 1.098e-5, 6.481e-6, 4.636e-6], rtol=2e-3)
+    assert np.abs(difference(record, result, 3, "v3")).max() == pytest.approx(4.159e-5, rel=2e-3)
+    events = march(source, tmp_path, "--point", 3, "--set", "march%method='cvode'", "--set", "march%step=1e-3", "--set",
+                   "march%decimation=1", name="events")
+    middle = 3  # v3 among the eight degrees of freedom
+    apart = read(events, "displacement")[middle] - read(record, "displacement")[middle]
+    assert np.abs(apart).max() < 1e-8
+
+
+# From a point of a result
+
+
+def verified(result: Path, *options, status=0) -> dict[str, np.ndarray]:
+    done = run("verify", result, *options, cwd=result.parent)
+    assert done.status == status, done.stderr + done.stdout
+    names = ("march_verdict", "march_first_difference", "march_difference", "march_growth")
+    return dict(zip(names, read(result, *names)))
+
+
+AGREES, UNSTABLE, DIFFERS = 1, 2, 3
+CONVERGED_CUBIC = FORCED.replace("order=3", "order=15")
+
+
+def test_verify_agrees_with_a_converged_motion(tmp_path):
+    found = verified(solve(CONVERGED_CUBIC, tmp_path))
+    assert found["march_verdict"] == [AGREES]
+    assert found["march_difference"][0] < 1e-9
+
+
+def test_verify_sees_a_coefficient_that_is_wrong_by_a_thousandth(tmp_path):
+    result = solve(CONVERGED_CUBIC, tmp_path)
+    with h5py.File(result, "r+") as file:
+        file["coefficients"][0, 0, file["tuple"][:, 0].tolist().index(1), 0] *= 1.001
+    found = verified(result, status=1)
+    assert found["march_verdict"] == [DIFFERS]
+    assert 2e-4 < found["march_first_difference"][0] < 5e-3
+
+
+def test_verify_knows_an_unstable_motion_from_a_wrong_one(tmp_path):
+    """A van der Pol oscillator under a small load: the small motion is a solution, with growth near strength/2."""
+    law = "&load dof='x1', tuple=1, cos=0.05 /\n&law type='van_der_pol', dof='x1', strength=0.3 /\n"
+    text = FREE.replace("&tones frequency=1", "&tones frequency=2").replace("order=1", "order=9") + law
+    found = verified(solve(text, tmp_path), "--periods", 50, status=1)
+    assert found["march_verdict"] == [UNSTABLE]
+    assert found["march_first_difference"][0] < 1e-10 and found["march_difference"][0] > 1e-3
+    assert found["march_growth"][0] == pytest.approx(0.15, rel=0.1)
+
+
+def test_verify_takes_friction_and_chosen_points_on_two_ranks(tmp_path):
+    text = (INPUTS / "gallery" / "jenkins_two_tones.nml").read_text()
+    result = solve(text, tmp_path)
+    done = run("verify", result, "--points", "1,2", cwd=tmp_path, ranks=2)
+    assert done.status == 0, done.stderr
+    kinds, largest = read(result, "march_verdict", "march_difference")
+    assert kinds.tolist() == [0, AGREES, AGREES]
+    assert np.isnan(largest[0]) and largest[1] < 3e-2 and largest[2] < 1e-2
+
+
+def test_verify_needs_all_degrees_of_freedom(tmp_path):
+    two = "&structure type='chain', n_masses=2, mass=1, coupling_stiffness=1 /\n&tones frequency=3 /\n&harmonics order=1 /\n"
+    result = solve(two + "&load dof='x1', tuple=1, cos=1 /\n&output dofs='x1' /\n", tmp_path)
+    done = run("verify", result, cwd=tmp_path)
+    assert done.status == BAD_INPUT and "1 of 2; solve again" in done.stderr
+
+
+@pytest.mark.parametrize("method", ["cvode", "central_differences"])
+def test_verify_starts_from_a_motion_that_is_partly_behind_a_wall(tmp_path, method):
+    """Both tones are largest at t = 0, where the series of order 5 is 3e-5 m behind the wall."""
+    text = (INPUTS / "paper" / "wall.nml").read_text()
+    result = solve(
+        text[: text.index("&sweep")], tmp_path, "--set", "harmonics%order=5", "--set", "sampling%samples=32", "--set",
+        f"march%method='{method}'", status=None,
+    )  # fmt: skip
+    found = verified(result, "--points", 0, "--periods", 3)
+    assert 2e-2 < found["march_difference"][0] < 5e-2
