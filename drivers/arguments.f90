@@ -1,24 +1,28 @@
 !> The command line of nhbm.
 module arguments
    use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
    use hb_progress, only: log_level, log_level_names
-   use hb_text, only: closest_word, join, parse_integer, split, string_t, to_text
+   use hb_text, only: closest_word, join, parse_integer, parse_real, split, string_t, to_text
    implicit none
    private
    public :: argument_list, arguments_t, default_output, read_arguments, read_numbers
 
-   character(11), parameter :: options(16) = [character(11) :: &
+   character(12), parameter :: options(19) = [character(12) :: &
       "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet", "--verbose", "--log-level", &
-      "--ranks", "--points", "--cost", "--cost-from", "--machine", "--periods", "--point"]
+      "--resume", "--retry", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", "--machine", "--periods", "--point"]
 
    type :: arguments_t
       character(:), allocatable :: verb
-      character(:), allocatable :: input                              !! path of the input file
+      character(:), allocatable :: input                              !! path of the input file, or of a result file
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
       integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
       integer :: n_periods = 0                                        !! 0: not given
       logical :: overwrite = .false.
+      logical :: resumes = .false.                                    !! goes on with an existing result file
+      logical :: retries = .false.                                    !! points that did not converge, too
+      real(wp) :: time_limit = huge(1.0_wp)                           !! [s]
       integer :: level = log_level%normal                             !! how much to tell
       logical :: wants_help = .false.
       character(:), allocatable :: ranks, cost, cost_from             !! of plan
@@ -47,7 +51,6 @@ contains
       type(string_t), intent(in) :: words(:)
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: closest
-      integer, allocatable :: numbers(:)
       integer :: i
 
       allocate (self%overrides(0), self%machine(0))
@@ -63,8 +66,12 @@ contains
                self%level = log_level%quiet
             case ("--verbose")
                self%level = log_level%verbose
-            case ("--output", "-o", "--set", "--log-level", "--ranks", "--points", "--cost", "--cost-from", "--machine", &
-                  "--periods", "--point")
+            case ("--resume")
+               self%resumes = .true.
+            case ("--retry")
+               self%retries = .true.
+            case ("--output", "-o", "--set", "--log-level", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", &
+                  "--machine", "--periods", "--point")
                i = i + 1
                if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
@@ -90,6 +97,7 @@ contains
          end associate
          i = i + 1
       end do
+      call check_combination(self, error)
    end subroutine read_arguments
 
    !> Keeps the value of an option that has one.
@@ -112,6 +120,7 @@ contains
          if (.not. allocated(error)) self%n_periods = numbers(1)
       case ("--cost"); self%cost = value
       case ("--cost-from"); self%cost_from = value
+      case ("--time-limit"); call read_time_limit(value, self%time_limit, error)
       case ("--log-level")
          self%level = findloc(log_level_names == value, .true., dim=1) - 1
          if (self%level < 0) call fail(error, "unknown log level '"//value//"'; known: "//join(log_level_names, ", "))
@@ -138,6 +147,34 @@ contains
          return
       end do
    end subroutine read_numbers
+
+   subroutine read_time_limit(text, seconds, error)
+      character(*), intent(in) :: text
+      real(wp), intent(out) :: seconds
+      type(error_t), allocatable, intent(out) :: error
+      logical :: ok
+
+      call parse_real(text, seconds, ok)
+      if (ok) ok = seconds >= 0.0_wp .and. seconds <= huge(seconds)
+      if (.not. ok) call fail(error, "--time-limit needs seconds, such as 3600, not '"//text//"'")
+   end subroutine read_time_limit
+
+   !> Refuses options that contradict each other.
+   subroutine check_combination(self, error)
+      type(arguments_t), intent(in) :: self
+      type(error_t), allocatable, intent(out) :: error
+      logical :: is_resume
+
+      is_resume = .false.
+      if (allocated(self%verb)) is_resume = self%verb == "resume"
+      if (is_resume .and. (allocated(self%output) .or. size(self%overrides) > 0)) then
+         call fail(error, "resume takes the input from the result file and goes on in that: no --output, no --set")
+      else if ((is_resume .or. self%resumes) .and. self%overwrite) then
+         call fail(error, "--overwrite makes a new result file, which leaves nothing to resume; give one of them")
+      else if (self%retries .and. .not. (is_resume .or. self%resumes)) then
+         call fail(error, "--retry solves points of an existing result file again; it goes with resume or --resume")
+      end if
+   end subroutine check_combination
 
    !> Length of word i, 0 where there is none.
    pure integer function value_length(words, i)
