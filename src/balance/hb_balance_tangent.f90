@@ -75,10 +75,15 @@ contains
    subroutine add_memory(self, jacobian)
       type(balance_t), intent(inout) :: self
       real(wp), intent(inout) :: jacobian(:, :, :, :)
-      logical :: has_answers
+      logical :: has_answers, has_line
       integer :: b, block, h, i, in_block, k, law, part, place
 
       do law = 1, size(self%law_set%laws)
+         call self%law_set%prepare_line(law, self%harmonics, self%frequencies, has_line)
+         if (has_line) then
+            call add_line(self, law, jacobian)
+            cycle
+         end if
          call self%law_set%prepare_answers(law, self%harmonics, self%transform%torus, self%frequencies, has_answers)
          if (.not. has_answers) cycle
          associate (moved => self%law_set%columns_of(law), answering => self%law_set%answering_dofs(law), &
@@ -107,6 +112,74 @@ contains
          end associate
       end do
    end subroutine add_memory
+
+   !> Adds the answers of one law under one tone: for each pair of its coordinates T[g], and for each time that a slider sticks
+   !> the projection of the samples while it does so times the row of the motion where it was pushed last.
+   subroutine add_line(self, law, jacobian)
+      type(balance_t), intent(inout) :: self
+      integer, intent(in) :: law
+      real(wp), intent(inout) :: jacobian(:, :, :, :)
+      complex(wp), allocatable :: stuck(:, :), pushed(:, :)
+      real(wp) :: answer(self%harmonics%n_coefficients, self%harmonics%n_coefficients)
+      real(wp), dimension(self%harmonics%n_coefficients) :: column, row
+      integer :: a, b, i, k, run
+
+      associate (columns => self%law_set%columns_of(law), shape => self%law_set%laws(law)%law%shape)
+         do b = 1, size(shape, 2)
+            do a = 1, size(shape, 2)
+               call self%law_set%find_line(law, a, b, self%answer%values(:, 1), stuck, pushed)
+               answer = 0.0_wp
+               call self%transform%tabulate_product(self%answer%values, 1, self%table, 1.0_wp)
+               call add_motion(self, answer)
+               do run = 1, size(stuck, 2)
+                  column = projection(stuck(:, run))
+                  row = as_row(pushed(:, run))
+                  do i = 1, size(row)
+                     answer(:, i) = answer(:, i) + row(i)*column
+                  end do
+               end do
+               do k = 1, size(columns)
+                  do i = 1, size(columns)
+                     jacobian(:, columns(i), :, columns(k)) = jacobian(:, columns(i), :, columns(k)) &
+                                                              + self%law_factor*shape(i, a)*shape(k, b)*answer
+                  end do
+               end do
+            end do
+         end do
+      end associate
+
+   contains
+
+      !> Coefficients of a function from its sums with exp(i j.tau) over the samples.
+      pure function projection(sums) result(x)
+         complex(wp), intent(in) :: sums(:)
+         real(wp) :: x(self%harmonics%n_coefficients)
+         integer :: h
+
+         associate (set => self%harmonics, weight => 2.0_wp/self%transform%torus%n_total)
+            do h = 1, set%n_harmonics
+               if (set%sin_at(h) == 0) then
+                  x(set%cos_at(h)) = 0.5_wp*weight*real(sums(h))
+               else
+                  x(set%cos_at(h)) = weight*real(sums(h))
+                  x(set%sin_at(h)) = weight*aimag(sums(h))
+               end if
+            end do
+         end associate
+      end function projection
+
+      !> What exp(i j.tau) of all harmonics is worth for cosines (real parts) and sines.
+      pure function as_row(waves) result(x)
+         complex(wp), intent(in) :: waves(:)
+         real(wp) :: x(self%harmonics%n_coefficients)
+         integer :: h
+
+         do h = 1, self%harmonics%n_harmonics
+            x(self%harmonics%cos_at(h)) = real(waves(h))
+            if (self%harmonics%sin_at(h) > 0) x(self%harmonics%sin_at(h)) = aimag(waves(h))
+         end do
+      end function as_row
+   end subroutine add_line
 
    !> Block of S for harmonic h: (S c) = (Re S a + Im S b) - i (Re S b - Im S a).
    pure subroutine add_linear(self, jacobian, h, i, k)

@@ -11,6 +11,7 @@ module hb_law_memory
    use hb_hysteretic_law, only: hysteretic_law_t, path_part
    use hb_kinds, only: wp
    use hb_law, only: law_t
+   use hb_line_tangent, only: line_tangent_t, new_line_tangent
    use hb_memory_tangent, only: memory_tangent_t, new_memory_tangent, width
    use hb_slider_memory, only: memory_t, new_memory
    use hb_text, only: to_text
@@ -25,6 +26,7 @@ module hb_law_memory
       type(memory_t) :: walk                                          !! the states
       real(wp), allocatable :: answer(:, :, :, :)                     !! (width, 2, n_coordinates, n_samples) to a block of
                                                                       !! columns
+      type(line_tangent_t), allocatable :: line                       !! under one tone, from the first `prepare_line` on
       type(memory_tangent_t), allocatable, private :: tangent         ! from the first use on
       type(direction_walk_t), allocatable, private :: direction_walk  ! from the first use on
       real(wp), allocatable, private :: f_along(:, :)                 ! (n_samples, n_coordinates)
@@ -32,6 +34,7 @@ module hb_law_memory
       procedure :: forget_tones => law_memory_forget_tones
       procedure :: run => law_memory_run
       procedure :: add_slope => law_memory_add_slope
+      procedure :: prepare_line => law_memory_prepare_line
       procedure :: prepare_answers => law_memory_prepare_answers
       procedure :: n_blocks => law_memory_n_blocks
       procedure :: answer_block => law_memory_answer_block
@@ -56,6 +59,7 @@ contains
       class(law_memory_t), intent(inout) :: self
 
       if (allocated(self%tangent)) deallocate (self%tangent, self%answer)
+      if (allocated(self%line)) deallocate (self%line)
    end subroutine law_memory_forget_tones
 
    !> Finds the forces: the states that repeat on the path of the law, then the force sample by sample.
@@ -170,6 +174,28 @@ contains
          call self%tangent%prepare(self%walk, law, characteristic)
       end select
    end subroutine law_memory_prepare_answers
+
+   !> Prepares `line`, if the law is of the kind that it treats, after `run`.
+   subroutine law_memory_prepare_line(self, law, characteristic, harmonics, frequencies, is_available)
+      class(law_memory_t), intent(inout) :: self
+      class(law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      type(harmonics_t), intent(in) :: harmonics
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      logical, intent(out) :: is_available
+
+      is_available = .false.
+      if (harmonics%n_tones /= 1) return
+      if (.not. allocated(self%line)) then
+         allocate (self%line)
+         call new_line_tangent(self%line, characteristic, harmonics, frequencies)
+      end if
+      select type (law)
+      class is (hysteretic_law_t)
+         call self%line%prepare(self%walk, law, characteristic)
+      end select
+      is_available = self%line%is_available
+   end subroutine law_memory_prepare_line
 
    !> Number of blocks of at most hb_memory_tangent%width harmonics in which the answers come.
    pure integer function law_memory_n_blocks(self)

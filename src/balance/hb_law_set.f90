@@ -49,6 +49,8 @@ module hb_law_set
       procedure :: make_direction_samples => law_set_make_direction_samples
       procedure :: differentiate_along => law_set_differentiate_along
       procedure :: differentiate_without_memory => law_set_differentiate_without_memory
+      procedure :: prepare_line => law_set_prepare_line
+      procedure :: find_line => law_set_find_line
       procedure :: prepare_answers => law_set_prepare_answers
       procedure :: n_blocks => law_set_n_blocks
       procedure :: answer_block => law_set_answer_block
@@ -325,6 +327,36 @@ contains
          end if
       end associate
    end subroutine add_derivatives
+
+   !> Prepares the answers of law i under one tone in the form of hb_line_tangent, after `differentiate`, where law and scene
+   !> allow it: no multiplier law may pass them on.
+   subroutine law_set_prepare_line(self, i, harmonics, frequencies, is_available)
+      class(law_set_t), intent(inout) :: self
+      integer, intent(in) :: i
+      type(harmonics_t), intent(in) :: harmonics
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      logical, intent(out) :: is_available
+
+      is_available = .false.
+      if (.not. allocated(self%slots(i)%memory) .or. self%needs_reaction) return
+      call self%slots(i)%memory%prepare_line(self%laws(i)%law, self%characteristic, harmonics, frequencies, is_available)
+   end subroutine law_set_prepare_line
+
+   !> How force a of law i answers to its coordinate c, after `prepare_line`: the product with the motion at the same sample
+   !> (n_samples) [N/m], and for each run of sticking the samples and the motion, see hb_line_tangent.
+   subroutine law_set_find_line(self, i, a, c, product, stuck, pushed)
+      class(law_set_t), intent(inout) :: self
+      integer, intent(in) :: i, a, c
+      real(wp), intent(out) :: product(:)
+      complex(wp), allocatable, intent(out) :: stuck(:, :), pushed(:, :)   !! (n_harmonics, n_runs)
+
+      associate (memory => self%slots(i)%memory)
+         call memory%line%find(memory%walk, a, c)
+         product(self%characteristic%sample(1, :)) = memory%line%g
+         stuck = memory%line%stuck(:, :memory%line%n_runs)
+         pushed = memory%line%pushed(:, :memory%line%n_runs)
+      end associate
+   end subroutine law_set_find_line
 
    !> Prepares the answers of law i to coefficients of its motion, after `differentiate`; `has_answers` is false for a law
    !> without memory.
