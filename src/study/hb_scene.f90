@@ -453,9 +453,11 @@ contains
             degree = max(degree, self%laws(i)%law%degree)
          end if
       end do
-      samples = default_samples(self%harmonics, degree)
-      call group%get("samples", samples, minimum=1)
+      samples = [0]                                                   ! so that a sweep over the order has its own at each point
+      call group%get("samples", samples, minimum=0)
       if (size(samples) == 1) samples = spread(samples(1), 1, self%tones%n_tones)
+      if (size(samples) == self%tones%n_tones) &
+         samples = merge(samples, default_samples(self%harmonics, degree), samples > 0)
       call new_torus(self%torus, samples, self%harmonics, error)
       if (allocated(error)) call group%problem("samples", error%message)
 
@@ -492,8 +494,8 @@ contains
          call group%get("chain_length", self%chain%length, minimum=1, maximum=1000000)
          call group%get("secant", self%chain%secant)
          limit = 0.0_wp
-         call group%get("memory_limit", limit, above=0.0_wp)
-         if (group%given("memory_limit")) self%memory_limit = limit*gib
+         call group%get("memory_limit", limit, minimum=0.0_wp)
+         if (limit > 0.0_wp) self%memory_limit = limit*gib
          solver%method = max(1, findloc(method_names == name, .true., dim=1))
          solver%start_with_tangent = first_jacobian == start_names(2)
          self%chain%is_on = first_guess == first_guess_names(3)
