@@ -337,7 +337,7 @@ def forced_blades(frame: str, order: int) -> str:
     ("method", "step", "tolerance"),
     [
         ("cvode", 0.02, 1e-9),
-        ("runge_kutta_4", 0.02, 1e-6),
+        ("runge_kutta_4", 0.005, 1e-6),
         ("central_differences", 0.002, 5e-4),
         ("generalized_alpha", 0.002, 5e-4),
     ],
