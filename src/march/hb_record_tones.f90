@@ -24,7 +24,7 @@ module hb_record_tones
 contains
 
    !> Finds the unknown ones among the base frequencies. Of several that are equally good the one nearest to the guess is taken,
-   !> without a guess the largest; several unknown tones are in ascending order.
+   !> without a guess the one with the largest fundamental; several unknown tones are in ascending order.
    subroutine find_tones(x, start, step, harmonics, is_unknown, omega, share, error)
       real(wp), intent(in), contiguous :: x(:, :)                     !! record, (n_samples, n_dofs), at least 32 samples
       real(wp), intent(in) :: start, step                             !! time of the first sample, distance of two [s]
@@ -33,8 +33,9 @@ contains
       real(wp), intent(inout) :: omega(:)                             !! [rad/s], (n_tones), where unknown a guess or 0
       real(wp), intent(out) :: share                                  !! of the power that they explain, 0: nothing found
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: candidates(:, :), lines(:), power(:), shares(:), weights(:)
+      real(wp), allocatable :: candidates(:, :), lines(:), fundamentals(:), power(:), shares(:), weights(:)
       integer, allocatable :: dofs(:), lowest(:), tones(:)
+      logical, allocatable :: is_fundamental(:)                       ! of an unknown tone, as lowest
       real(wp) :: best_distance, distance, resolution
       integer :: c, best, m
 
@@ -53,9 +54,9 @@ contains
          call candidates_of_several()
       end if
       if (size(candidates, 2) == 0) return
-      allocate (shares(size(candidates, 2)))
+      allocate (shares(size(candidates, 2)), fundamentals(size(candidates, 2)))
       do c = 1, size(shares)
-         shares(c) = share_of(candidates(:, c))
+         call explain(candidates(:, c), shares(c), fundamentals(c))
          if (shares(c) > 1.0_wp + 10*as_good) shares(c) = 0.0_wp       ! two tuples share a line
       end do
       best = maxloc(shares, dim=1)
@@ -63,7 +64,7 @@ contains
          best_distance = huge(1.0_wp)
          do c = 1, size(shares)
             if (shares(c) < maxval(shares) - as_good) cycle
-            distance = -candidates(1, c)
+            distance = -fundamentals(c)
             if (omega(tones(1)) > 0.0_wp) distance = abs(candidates(1, c) - omega(tones(1)))
             if (distance >= best_distance) cycle
             best_distance = distance
@@ -104,6 +105,8 @@ contains
             lowest = [lowest, minloc(order, dim=1)]
             order(lowest(h)) = huge(1)
          end do
+         is_fundamental = [(sum(abs(harmonics%tuples(:, lowest(h)))) == 1 .and. any(harmonics%tuples(tones, lowest(h)) /= 0), &
+                            h=1, size(lowest))]
       end subroutine choose_tuples
 
       subroutine collect_lines()
@@ -167,23 +170,27 @@ contains
          end do
       end subroutine candidates_of_several
 
-      !> Share of the power of the record that harmonics of these tones carry.
-      real(wp) function share_of(values)
+      !> Shares of the power of the record that harmonics of these tones carry, and their fundamentals alone.
+      subroutine explain(values, all_harmonics, fundamental)
          real(wp), intent(in) :: values(:)
+         real(wp), intent(out) :: all_harmonics, fundamental
          complex(wp) :: coefficients(size(lowest))
          real(wp) :: tried(size(omega))
          integer :: k
 
          tried = omega
          tried(tones) = values
-         share_of = 0.0_wp
+         all_harmonics = 0.0_wp
+         fundamental = 0.0_wp
          do k = 1, size(dofs)
             call coefficients_at(x(:, dofs(k)) - sum(weights*x(:, dofs(k))), start, step, &
                                  matmul(tried, real(harmonics%tuples(:, lowest), wp)), coefficients)
-            share_of = share_of + 0.5_wp*sum(abs(coefficients)**2)
+            all_harmonics = all_harmonics + 0.5_wp*sum(abs(coefficients)**2)
+            fundamental = fundamental + 0.5_wp*sum(abs(coefficients)**2, mask=is_fundamental)
          end do
-         share_of = share_of/sum(power)
-      end function share_of
+         all_harmonics = all_harmonics/sum(power)
+         fundamental = fundamental/sum(power)
+      end subroutine explain
    end subroutine find_tones
 
    pure function ascending(values) result(sorted)

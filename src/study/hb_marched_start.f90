@@ -21,6 +21,7 @@ module hb_marched_start
    integer, parameter :: samples_of_harmonic = 8                      ! of the highest one in its period, at least
    real(wp), parameter :: kicks(4) = [3.0_wp, 30.0_wp, 0.3_wp, 300.0_wp]   ! of the length of the laws
    real(wp), parameter :: steady = 0.02_wp                            ! change of the power from one half to the other
+   real(wp), parameter :: runaway = 1.0e4_wp                          ! relative to the first displacement
    real(wp), parameter :: dead = 1.0e-3_wp                            ! relative to the kick
 
 contains
@@ -37,17 +38,19 @@ contains
       type(march_record_t) :: record
       real(wp), allocatable :: found(:)
       real(wp) :: best, change, share
-      integer :: i, n_tries
+      integer :: i, n_failed, n_tries
       logical :: has_start
 
       has_start = any(abs(scene%start) > 0.0_wp)
       n_tries = merge(size(kicks), 1, any(scene%tones%is_unknown) .and. .not. has_start)
       best = huge(1.0_wp)
+      n_failed = 0
       do i = 1, n_tries
          call march_once(scene, omega, law_dofs, kicks(i), record, error)
          if (allocated(error)) then
-            if (i == 1) return
-            deallocate (error)                                        ! a larger kick may lead to no end
+            n_failed = n_failed + 1
+            if (n_failed == n_tries) return
+            deallocate (error)                                        ! another kick may lead to an end
             cycle
          end if
          found = omega
@@ -97,6 +100,7 @@ contains
          config%duration = periods_of_record*period
          config%transient = periods_of_transient*period
       end if
+      if (any(scene%tones%is_unknown)) config%largest = runaway*max(maxval(abs(state%q)), system%length)
       call march_from(system, config, min(step_of(config, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies)))), &
                       law_dofs, state, record, error)
    end subroutine march_once
