@@ -1,8 +1,9 @@
 !> Difference between a marched record and a motion given by coefficients, period by period.
 !>
-!> A motion with tones of its own may begin at any phase of them: an error of its frequency only moves it along itself, by a phase that
-!> grows with time and says nothing of its shape. So the phases of unknown tones are fitted to each period by the method of least
-!> squares; their slope over time is the difference of the frequencies, and what is left is the difference of the motions.
+!> A motion with tones of its own may begin at any phase of them: an error of its frequency only moves it along itself, by a
+!> phase that grows with time and says nothing of its shape. So the phases of unknown tones are fitted to each period by the
+!> method of least squares; their slope over time is the difference of the frequencies, and what is left is the difference of
+!> the motions.
 module hb_march_difference
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dpotrf, dpotrs

@@ -8,7 +8,6 @@ module hb_record_tones
    use hb_birkhoff, only: bump_weights, coefficients_at
    use hb_error, only: error_t
    use hb_frequency_analysis, only: find_frequencies
-   use hb_harmonics, only: harmonics_t
    use hb_kinds, only: two_pi, wp
    implicit none
    private
@@ -25,10 +24,10 @@ contains
 
    !> Finds the unknown ones among the base frequencies. Of several that are equally good the one nearest to the guess is taken,
    !> without a guess the one with the largest fundamental; several unknown tones are in ascending order.
-   subroutine find_tones(x, start, step, harmonics, is_unknown, omega, share, error)
+   subroutine find_tones(x, start, step, tuples, is_unknown, omega, share, error)
       real(wp), intent(in), contiguous :: x(:, :)                     !! record, (n_samples, n_dofs), at least 32 samples
       real(wp), intent(in) :: start, step                             !! time of the first sample, distance of two [s]
-      type(harmonics_t), intent(in) :: harmonics
+      integer, intent(in) :: tuples(:, :)                             !! of the set, (n_tones, n_harmonics)
       logical, intent(in) :: is_unknown(:)                            !! (n_tones)
       real(wp), intent(inout) :: omega(:)                             !! [rad/s], (n_tones), where unknown a guess or 0
       real(wp), intent(out) :: share                                  !! of the power that they explain, 0: nothing found
@@ -96,16 +95,16 @@ contains
 
       !> The lowest tuples but zero.
       subroutine choose_tuples()
-         integer :: order(harmonics%n_harmonics), h
+         integer :: order(size(tuples, 2)), h
 
-         order = sum(abs(harmonics%tuples), dim=1)
+         order = sum(abs(tuples), dim=1)
          where (order == 0) order = huge(1)
          allocate (lowest(0))
          do h = 1, min(most_tuples, count(order < huge(1)))
             lowest = [lowest, minloc(order, dim=1)]
             order(lowest(h)) = huge(1)
          end do
-         is_fundamental = [(sum(abs(harmonics%tuples(:, lowest(h)))) == 1 .and. any(harmonics%tuples(tones, lowest(h)) /= 0), &
+         is_fundamental = [(sum(abs(tuples(:, lowest(h)))) == 1 .and. any(tuples(tones, lowest(h)) /= 0), &
                             h=1, size(lowest))]
       end subroutine choose_tuples
 
@@ -136,7 +135,7 @@ contains
          allocate (candidates(1, most_candidates))
          do i = 1, size(lines)
             do h = 1, size(lowest)
-               associate (j => harmonics%tuples(:, lowest(h)))
+               associate (j => tuples(:, lowest(h)))
                   if (j(tone) == 0 .or. abs(j(tone)) > highest_share) cycle
                   known = sum(j*omega, mask=.not. is_unknown)
                   do sense = -1, 1, 2
@@ -184,7 +183,7 @@ contains
          fundamental = 0.0_wp
          do k = 1, size(dofs)
             call coefficients_at(x(:, dofs(k)) - sum(weights*x(:, dofs(k))), start, step, &
-                                 matmul(tried, real(harmonics%tuples(:, lowest), wp)), coefficients)
+                                 matmul(tried, real(tuples(:, lowest), wp)), coefficients)
             all_harmonics = all_harmonics + 0.5_wp*sum(abs(coefficients)**2)
             fundamental = fundamental + 0.5_wp*sum(abs(coefficients)**2, mask=is_fundamental)
          end do

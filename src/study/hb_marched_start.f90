@@ -56,7 +56,7 @@ contains
          found = omega
          if (any(scene%tones%is_unknown)) then
             found = scene%tones%omega                                 ! only guesses of the user count
-            call find_tones(record%every_displacement, record%start, record%step, scene%harmonics, scene%tones%is_unknown, &
+            call find_tones(record%every_displacement, record%start, record%step, scene%harmonics%tuples, scene%tones%is_unknown, &
                             found, share, error)
             if (allocated(error)) return
             if (share <= 0.0_wp .or. is_dead(scene, record, kicks(i)*length_of(scene), has_start)) cycle

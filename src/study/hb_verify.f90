@@ -41,7 +41,7 @@ module hb_verify
    !> What marching says of one point.
    type :: verdict_t
       integer :: kind = verdict%not_done
-      integer :: skipped_status = 0                                   !! outcome of a point asked for that has no motion to start from
+      integer :: skipped_status = 0                                   !! outcome of a point without a motion to start from
       real(wp) :: first_difference = 0.0_wp                           !! in the first period, relative to the largest motion
       real(wp) :: difference = 0.0_wp                                 !! over all, likewise
       real(wp) :: growth = 0.0_wp                                     !! of the difference [1/s]
