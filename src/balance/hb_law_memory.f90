@@ -81,6 +81,10 @@ contains
          select type (law)
          class is (hysteretic_law_t)
             call walk%march(law, characteristic)
+            if (characteristic%n_slice == 1) then
+               call find_line_forces(walk, law, characteristic, f)
+               return
+            end if
             do slice = 1, characteristic%n_steps
                call law%force(walk%path(:, :, path_part%at_end, slice), walk%states(:, :, slice), walk%force)
                f(characteristic%sample(:, slice), :) = walk%force
@@ -88,6 +92,21 @@ contains
          end select
       end associate
    end subroutine law_memory_run
+
+   !> Forces of all samples at once where they form one line.
+   subroutine find_line_forces(walk, law, characteristic, f)
+      type(memory_t), intent(in) :: walk
+      class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), intent(inout) :: f(:, :)                              !! [N], (n_samples, n_coordinates)
+      real(wp), allocatable :: z(:, :), s(:, :), force(:, :)
+
+      z = transpose(walk%path(1, :, path_part%at_end, :))
+      s = transpose(walk%states(1, :, :))
+      allocate (force, mold=z)
+      call law%force(z, s, force)
+      f(characteristic%sample(1, :), :) = force
+   end subroutine find_line_forces
 
    !> One part of the paths of all coordinates of a law from samples of the degrees of freedom.
    subroutine gather_part(law, columns, characteristic, values, path)
@@ -99,6 +118,16 @@ contains
       integer :: c, k, slice
 
       associate (shape => law%shape, sample => characteristic%sample)
+         if (size(sample, 1) == 1) then                                ! one line: all steps at once
+            do c = 1, size(shape, 2)
+               path(1, c, :) = 0.0_wp
+               do k = 1, size(columns)
+                  if (abs(shape(k, c)) <= 0.0_wp) cycle
+                  path(1, c, :) = path(1, c, :) + shape(k, c)*values(sample(1, :), columns(k))
+               end do
+            end do
+            return
+         end if
          do slice = 1, size(sample, 2)
             do c = 1, size(shape, 2)
                path(:, c, slice) = 0.0_wp

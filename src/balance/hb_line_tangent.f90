@@ -27,7 +27,7 @@ module hb_line_tangent
       integer, private :: n_steps = 0
       complex(wp), allocatable, private :: half_turn(:)               ! exp(i pi m/n_steps), m = 0 to 2 n_steps - 1
       complex(wp), allocatable, private :: factor(:, :)               ! (n_harmonics, n_path_parts) path of exp(i j tau)
-      real(wp), allocatable, private :: df_dz(:, :, :), df_ds(:, :, :)   ! (n_coordinates, any, n_steps)
+      real(wp), allocatable, private :: df_dz(:, :, :), df_ds(:, :, :)   ! (n_steps, n_coordinates, any)
    contains
       procedure :: prepare => line_tangent_prepare
       procedure :: find => line_tangent_find
@@ -70,7 +70,7 @@ contains
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp) :: change, largest_move
-      real(wp), allocatable :: f(:, :), df_dz(:, :, :), df_ds(:, :, :)
+      real(wp), allocatable :: f(:, :), s(:, :), z(:, :)
       integer :: c, i, k, n_runs
 
       self%is_available = .false.
@@ -92,16 +92,14 @@ contains
       end do
       if (n_runs > most_runs) return
       c = size(memory%path, 2)
-      allocate (f(1, c), df_dz(1, c, c), df_ds(1, c, law%n_states))
-      if (.not. allocated(self%df_dz)) allocate (self%df_dz(c, c, self%n_steps), self%df_ds(c, law%n_states, self%n_steps))
-      do i = 1, self%n_steps
-         call law%force(memory%path(:, :, path_part%at_end, i), memory%states(:, :, i), f, df_dz, df_ds)
-         self%df_dz(:, :, i) = df_dz(1, :, :)
-         self%df_ds(:, :, i) = df_ds(1, :, :)
-      end do
+      z = transpose(memory%path(1, :, path_part%at_end, :))
+      s = transpose(memory%states(1, :, :))
+      allocate (f, mold=z)
+      if (.not. allocated(self%df_dz)) allocate (self%df_dz(self%n_steps, c, c), self%df_ds(self%n_steps, c, law%n_states))
+      call law%force(z, s, f, self%df_dz, self%df_ds)
       do k = 1, law%n_states
          do i = 1, c
-            if (any(self%df_ds(i, k, :) /= self%df_ds(i, k, 1))) return
+            if (any(self%df_ds(:, i, k) /= self%df_ds(1, i, k))) return
          end do
       end do
       self%is_available = .true.
@@ -129,10 +127,10 @@ contains
       logical :: turned(self%n_steps)
       integer :: first, i, k, last_push, n_stuck, step
 
-      self%g = self%df_dz(a, c, :)
+      self%g = self%df_dz(:, a, c)
       self%n_runs = 0
-      do k = 1, size(self%df_ds, 2)
-         associate (slope => self%df_ds(a, k, 1))
+      do k = 1, size(self%df_ds, 3)
+         associate (slope => self%df_ds(1, a, k))
             if (slope == 0.0_wp) cycle
             turned = is_turned(memory, k)
             last_push = 1

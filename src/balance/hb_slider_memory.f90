@@ -111,6 +111,11 @@ contains
       n = characteristic%n_steps
       largest_move = 0.0_wp
       self%before = self%states(:, :, 1)
+      if (characteristic%n_slice == 1 .and. .not. with_derivatives) then
+         call law%advance_line(size(self%path, 2), n, self%path, self%states, largest_move)
+         change = maxval(abs(self%states(:, :, 1) - self%before))
+         return
+      end if
       do i = 2, n + 1
          last = i - 1
          associate (now => 1 + modulo(i - 1, n))

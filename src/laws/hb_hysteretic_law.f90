@@ -9,7 +9,7 @@ module hb_hysteretic_law
    use hb_law, only: law_t
    implicit none
    private
-   public :: hysteretic_law_t, n_path_parts, path_part
+   public :: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
 
    !> What is known of a coordinate along one step: its value at both ends [m], and its rate times the step [m].
    type :: path_part_t
@@ -28,6 +28,7 @@ module hb_hysteretic_law
       procedure(advance_law), deferred :: advance
       procedure(force_of_law), deferred :: force
       procedure :: evaluate => hysteretic_law_evaluate
+      procedure :: advance_line => advance_step_by_step
       procedure :: has_bounds => hysteretic_law_has_bounds
       procedure :: bounds => hysteretic_law_bounds
    end type hysteretic_law_t
@@ -58,6 +59,28 @@ module hb_hysteretic_law
    end interface
 
 contains
+
+   !> Goes once round a closed line of samples, from the states of the first to those of the second and on, back to the first.
+   !> Laws may know a faster way to the same states.
+   subroutine advance_step_by_step(self, n_coordinates, n_steps, path, states, largest_move)
+      class(hysteretic_law_t), intent(in) :: self
+      integer, intent(in) :: n_coordinates, n_steps
+      real(wp), intent(in) :: path(n_coordinates, n_path_parts, n_steps)  !! [m]
+      real(wp), intent(inout) :: states(self%n_states, n_steps)
+      real(wp), intent(out) :: largest_move                           !! of any state within a step
+      real(wp) :: s_old(1, self%n_states), s_new(1, self%n_states), step_path(1, n_coordinates, n_path_parts)
+      integer :: i
+
+      largest_move = 0.0_wp
+      s_new(1, :) = states(:, 1)
+      do i = 2, n_steps + 1
+         s_old = s_new
+         step_path(1, :, :) = path(:, :, 1 + modulo(i - 1, n_steps))
+         call self%advance(s_old, step_path, s_new)
+         states(:, 1 + modulo(i - 1, n_steps)) = s_new(1, :)
+         largest_move = max(largest_move, maxval(abs(s_new - s_old)))
+      end do
+   end subroutine advance_step_by_step
 
    !> Whether each state is the place of a slider between two bounds, which `bounds` knows.
    pure logical function hysteretic_law_has_bounds(self)

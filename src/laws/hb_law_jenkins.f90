@@ -3,11 +3,11 @@
 !> The normal load N is constant, or N = max(0, N_0 + k_n z_n) with a second coordinate z_n, on which N itself acts.
 !> State: the place w of the slider. Source: docs/theory.md, section 5.5. Sign: f and N stand beside K q on the left-hand side.
 module hb_law_jenkins
-   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
+   use hb_hysteretic_law, only: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_law, only: place_coordinate, read_place
    use hb_namelist, only: group_t
-   use hb_slider, only: move_slider, pushed_by
+   use hb_slider, only: move_slider, move_steadily, pushed_by
    use hb_structure, only: structure_t
    use hb_text, only: string_t
    implicit none
@@ -24,6 +24,7 @@ module hb_law_jenkins
    contains
       procedure :: read => jenkins_read
       procedure :: advance => jenkins_advance
+      procedure :: advance_line => jenkins_advance_line
       procedure :: force => jenkins_force
       procedure :: length_scale => jenkins_length_scale
       procedure :: has_bounds => jenkins_has_bounds
@@ -108,6 +109,32 @@ contains
          end if
       end do
    end subroutine jenkins_advance
+
+   subroutine jenkins_advance_line(self, n_coordinates, n_steps, path, states, largest_move)
+      class(jenkins_t), intent(in) :: self
+      integer, intent(in) :: n_coordinates, n_steps
+      real(wp), intent(in) :: path(n_coordinates, n_path_parts, n_steps)
+      real(wp), intent(inout) :: states(self%n_states, n_steps)
+      real(wp), intent(out) :: largest_move
+      real(wp) :: half_width, w, w_old
+      integer :: i
+
+      if (self%normal_load_varies) then
+         call advance_step_by_step(self, n_coordinates, n_steps, path, states, largest_move)
+         return
+      end if
+      half_width = self%limit/self%stiffness
+      largest_move = 0.0_wp
+      w = states(1, 1)
+      do i = 2, n_steps
+         w_old = w
+         w = move_steadily(w_old, path(1, :, i), half_width)
+         states(1, i) = w
+         largest_move = max(largest_move, abs(w - w_old))
+      end do
+      states(1, 1) = move_steadily(w, path(1, :, 1), half_width)
+      largest_move = max(largest_move, abs(states(1, 1) - w))
+   end subroutine jenkins_advance_line
 
    !> Path of mu N/k for a path of the normal coordinate, and its slope against that coordinate. Where contact opens or
    !> closes within the step its rates are left out: no turning point is looked for.

@@ -9,7 +9,7 @@ module hb_slider
    use hb_kinds, only: wp
    implicit none
    private
-   public :: move_slider, pushed_by
+   public :: move_slider, move_steadily, pushed_by
 
    !> What the place of a slider at the end of a step depends on.
    type :: pushed_by_t
@@ -77,6 +77,31 @@ contains
          weights(place) = 1.0_wp
       end if
    end subroutine move_slider
+
+   !> Place of a slider at the end of a step between bounds at a constant distance from a coordinate: the same as by
+   !> `move_slider`, without derivatives.
+   pure real(wp) function move_steadily(w_old, path, half_width) result(w)
+      real(wp), intent(in) :: w_old                                   !! [m]
+      real(wp), intent(in) :: path(n_path_parts)                      !! of the coordinate [m]
+      real(wp), intent(in) :: half_width                              !! [m]
+      real(wp) :: bound(n_path_parts)
+
+      associate (start => path(path_part%at_start), end => path(path_part%at_end), &
+                 start_rate => path(path_part%start_rate), end_rate => path(path_part%end_rate))
+         w = min(max(w_old, start - half_width), start + half_width)
+         if (start_rate*end_rate < 0.0_wp) then
+            bound = path
+            if (start_rate > 0.0_wp) then
+               bound([path_part%at_start, path_part%at_end]) = [start - half_width, end - half_width]
+               w = max(w, dot_product(turning_point(bound), bound))
+            else
+               bound([path_part%at_start, path_part%at_end]) = [start + half_width, end + half_width]
+               w = min(w, dot_product(turning_point(bound), bound))
+            end if
+         end if
+         w = min(max(w, end - half_width), end + half_width)
+      end associate
+   end function move_steadily
 
    !> Weights of the parts in the value of the cubic where it turns. Its rate vanishes there, so these are the
    !> derivatives of that value as well. The rates at both ends must differ in sign.
