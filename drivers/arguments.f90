@@ -1,15 +1,16 @@
 !> The command line of nhbm.
 module arguments
    use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
    use hb_progress, only: log_level, log_level_names
-   use hb_text, only: closest_word, join, parse_integer, split, string_t, to_text
+   use hb_text, only: closest_word, join, parse_integer, parse_real, split, string_t, to_text
    implicit none
    private
    public :: argument_list, arguments_t, default_output, read_arguments, read_numbers
 
-   character(11), parameter :: options(16) = [character(11) :: &
+   character(11), parameter :: options(17) = [character(11) :: &
       "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet", "--verbose", "--log-level", &
-      "--ranks", "--points", "--cost", "--cost-from", "--machine", "--periods", "--point"]
+      "--ranks", "--points", "--cost", "--cost-from", "--machine", "--periods", "--point", "--budget"]
 
    type :: arguments_t
       character(:), allocatable :: verb
@@ -17,6 +18,7 @@ module arguments
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
       integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
+      real(wp) :: budget = 0.5_wp                                     !! seconds for each kernel of bench
       integer :: n_periods = 0                                        !! 0: not given
       logical :: overwrite = .false.
       integer :: level = log_level%normal                             !! how much to tell
@@ -64,7 +66,7 @@ contains
             case ("--verbose")
                self%level = log_level%verbose
             case ("--output", "-o", "--set", "--log-level", "--ranks", "--points", "--cost", "--cost-from", "--machine", &
-                  "--periods", "--point")
+                  "--periods", "--point", "--budget")
                i = i + 1
                if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
@@ -98,6 +100,7 @@ contains
       character(*), intent(in) :: option, value
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: numbers(:)
+      logical :: is_number
 
       select case (option)
       case ("--set"); self%overrides = [self%overrides, string_t(value)]
@@ -110,6 +113,10 @@ contains
       case ("--periods")
          call read_numbers(option, value, 2, numbers, error)
          if (.not. allocated(error)) self%n_periods = numbers(1)
+      case ("--budget")
+         call parse_real(value, self%budget, is_number)
+         if (.not. (is_number .and. self%budget >= 0.0_wp .and. self%budget <= huge(1.0_wp))) &
+            call fail(error, option//" needs seconds, 0 or more, not '"//value//"'")
       case ("--cost"); self%cost = value
       case ("--cost-from"); self%cost_from = value
       case ("--log-level")

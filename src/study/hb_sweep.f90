@@ -9,6 +9,7 @@ module hb_sweep
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
    use hb_harmonics, only: harmonics_t, merge_tuples
+   use hb_kept_scene, only: kept_scene_t
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
    use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, &
@@ -331,6 +332,7 @@ contains
       type(schedule_t) :: schedule
       type(way_t) :: way
       type(work_counter_t) :: counter
+      type(kept_scene_t) :: kept
       type(progress_t) :: progress
       type(rank_times_t) :: times
       real(wp) :: started, waited
@@ -351,8 +353,8 @@ contains
          call schedule%take(way, number, n, first, last)
          waited = wall_clock()
          do i = first, last
-            call run_unit(self, layout, schedule, i, rank_of(comm), results, counter, way%counter, progress, summary, times, &
-               error)
+            call run_unit(self, layout, schedule, i, rank_of(comm), results, counter, way%counter, kept, progress, summary, &
+               times, error)
             if (allocated(error)) exit
          end do
          if (first <= last) call way%note(last - first + 1, wall_clock() - waited)
@@ -378,7 +380,7 @@ contains
    end subroutine run_points
 
    !> Solves the points of one unit in their order, each from its neighbours where the input asks for that, and writes them.
-   subroutine run_unit(self, layout, schedule, unit, rank, results, counter, group, progress, summary, times, error)
+   subroutine run_unit(self, layout, schedule, unit, rank, results, counter, group, kept, progress, summary, times, error)
       type(study_t), intent(in) :: self
       type(results_layout_t), intent(in) :: layout
       type(schedule_t), intent(in) :: schedule
@@ -386,6 +388,7 @@ contains
       type(results_t), intent(inout) :: results
       type(work_counter_t), intent(in) :: counter
       integer, intent(in) :: group                                    !! of the counter, for the tallies
+      type(kept_scene_t), intent(inout) :: kept
       type(progress_t), intent(inout) :: progress
       type(run_summary_t), intent(inout) :: summary
       type(rank_times_t), intent(inout) :: times
@@ -398,14 +401,14 @@ contains
 
       call schedule%points_of(unit, first, last)
       do point = first, last
-         call run_point(self%document, self%available_memory, self%plan, layout, point, rank, neighbour, times, result)
+         call run_point(self%document, self%available_memory, self%plan, layout, point, rank, kept, neighbour, times, result)
          started = wall_clock()
          call results%write_point(point, result, error)
          if (allocated(error)) return
          call count_point(summary, result)
          times%n_points = times%n_points + 1
          times%writing = times%writing + wall_clock() - started
-         call progress%tell_point("point "//to_text(point - 1)//" on rank "//to_text(rank)//": "// &
+         if (progress%is_debug) call progress%tell_point("point "//to_text(point - 1)//" on rank "//to_text(rank)//": "// &
             outcome_name(result%status)//", "//to_text(result%iterations)//" iterations, "//self%plan%describe(point))
          call progress%note(result%status /= outcome%converged, is_report_due)
          if (is_report_due) call report(counter, group, progress, times)
