@@ -239,7 +239,7 @@ contains
       real(wp), intent(in) :: z(:), v(:)
       real(wp), intent(out) :: values(:)
 
-      values = -self%gaps - matmul(self%shapes, z)
+      values = -self%gaps - matmul(self%shapes, seen(self, z))
    end subroutine contact_table_switches
 
    subroutine contact_table_evaluate_held(self, z, v, is_positive, f)
@@ -247,12 +247,31 @@ contains
       real(wp), intent(in) :: z(:), v(:)
       logical, intent(in) :: is_positive(:)
       real(wp), intent(out) :: f(:)
+      real(wp) :: at_contacts(size(z)), turned(1, size(f))
       integer :: i
 
+      at_contacts = seen(self, z)
       f = 0.0_wp
       do i = 1, size(self%gaps)
          if (.not. is_positive(i)) cycle
-         f = f + self%pushes(i, :)*self%stiffness(i)*(self%gaps(i) + dot_product(self%shapes(i, :), z))
+         f = f + self%pushes(i, :)*self%stiffness(i)*(self%gaps(i) + dot_product(self%shapes(i, :), at_contacts))
       end do
+      if (.not. allocated(self%turns)) return
+      turned(1, :) = f
+      call turn(self, turned, 1.0_wp)
+      f = turned(1, :)
    end subroutine contact_table_evaluate_held
+
+   !> Coordinates of one sample as the contacts see them, at the one phase that was set.
+   pure function seen(self, z)
+      class(contact_table_t), intent(in) :: self
+      real(wp), intent(in) :: z(:)
+      real(wp) :: seen(size(z)), turned(1, size(z))
+
+      seen = z
+      if (.not. allocated(self%turns)) return
+      turned(1, :) = z
+      call turn(self, turned, -1.0_wp)
+      seen = turned(1, :)
+   end function seen
 end module hb_law_contact_table

@@ -10,6 +10,7 @@ module hb_point
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
+   use hb_law_span, only: law_span_t, reduce_to_span
    use hb_mpi, only: wall_clock
    use hb_outcome, only: outcome
    use hb_results, only: point_result_t
@@ -30,9 +31,28 @@ contains
       type(scene_t), intent(in) :: scene
       type(point_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(in), optional :: guess(:)         !! in place of that of the scene: coefficients at the degrees
-                                                                      !! of freedom of the laws, then all base frequencies
+      real(wp), allocatable, intent(in), optional :: guess(:)         !! in place of that of the scene: coefficients of what the
+                                                                      !! laws feel, then all base frequencies
       real(wp), allocatable, intent(out), optional :: unknowns(:)     !! of a converged solution, as `guess`; none without laws
+      type(law_span_t) :: span
+      type(scene_t), allocatable :: smaller
+
+      call reduce_to_span(span, scene, smaller)
+      if (span%is_smaller) then
+         call solve_scene(smaller, result, error, guess, unknowns)
+         if (.not. allocated(error)) call span%restore(smaller, result)
+      else
+         call solve_scene(scene, result, error, guess, unknowns)
+      end if
+   end subroutine solve_point
+
+   !> The same for a scene as it stands.
+   subroutine solve_scene(scene, result, error, guess, unknowns)
+      type(scene_t), intent(in) :: scene
+      type(point_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable, intent(in), optional :: guess(:)
+      real(wp), allocatable, intent(out), optional :: unknowns(:)
       type(dynamic_stiffness_t) :: stiffness
       type(balance_t), target :: balance
       type(autonomous_start_t) :: start
@@ -63,7 +83,7 @@ contains
       call new_balance(balance, scene%harmonics, scene%torus, start%omega, stiffness, scene%laws, scene%planning, error)
       if (.not. allocated(error)) call solve_balance(scene, start, law_dofs, balance, started, result, error, guess, unknowns)
       call balance%destroy()
-   end subroutine solve_point
+   end subroutine solve_scene
 
    !> A scene without laws: the condensed problem has no unknowns, all that is left is the linear motion.
    subroutine solve_linear_scene(scene, stiffness, result)

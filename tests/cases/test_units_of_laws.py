@@ -15,11 +15,18 @@ LENGTH, FORCE = 1e-9, 1e6
 EXACT_LENGTH, EXACT_FORCE = 2.0**-30, 2.0**20
 SAME = 1e-12
 
-# Keys of two-degree-of-freedom scenes as (value, power of force, power of length).
+# Keys of scenes with four degrees of freedom as (value, power of force, power of length).
 F, L = (1, 0), (0, 1)
 STIFFNESS = (1, -1)
 LAWS = {
     "annular_clearance": {"dofs": "'x1', 'x2'", "stiffness": (2.0, *STIFFNESS), "clearance": (0.5, *L), "friction_coefficient": 0.1},
+    "blade_contact": {
+        "dofs": "'x1', 'x2', 'x3', 'x4'",
+        "n_diameters": 1,
+        "n_blades": 5,
+        "gaps": (0.5, *L),
+        "stiffness": (0.5, *STIFFNESS),
+    },
     "contact_table": {
         "dofs": "'x1', 'x2'",
         "n_contacts": 2,
@@ -29,6 +36,7 @@ LAWS = {
     },
     "coulomb_rigid": {"dof": "'x1'", "limit": (0.1, *F)},
     "coulomb_tanh": {"dof": "'x1'", "limit": (0.1, *F), "velocity": (0.2, *L)},
+    "cubic_damping": {"dofs": "'x1'", "coefficient": (0.3, 1, -3)},
     "cubic_spring": {"dof": "'x1'", "stiffness": (1.0, 1, -3)},
     "elastic_stop": {"dof": "'x1'", "stiffness": (5.0, *STIFFNESS), "gap": (0.3, *L)},
     "iwan": {"dof": "'x1'", "stiffness": ((0.5, 0.5), *STIFFNESS), "limit": ((0.1, 0.2), *F)},
@@ -74,10 +82,11 @@ def text_of(value, force, length):
 def scene(law, method, force=1.0, length=1.0):
     keys = ", ".join(f"{key} = {text_of(value, force, length)}" for key, value in LAWS[law].items())
     scale = force / length
-    one_to_one = [repr(entry * scale) for entry in (2.0, -0.7, -0.7, 1.5)]
+    mass = [repr(entry * scale) for entry in (1.0, 0.8, 1.0, 1.0)]
+    stiffness = [[2.0, -0.7, 0.0, 0.0], [-0.7, 1.5, -0.2, 0.0], [0.0, -0.2, 3.0, -0.1], [0.0, 0.0, -0.1, 2.5]]
+    entries = [repr(entry * scale) for row in stiffness for entry in row]
     return f"""
-&structure type = 'matrices', n_dofs = 2, mass = {scale!r}, {0.8 * scale!r}, stiffness = {", ".join(one_to_one)},
-   damping_mass = 0.3 /
+&structure type = 'matrices', n_dofs = 4, mass = {", ".join(mass)}, stiffness = {", ".join(entries)}, damping_mass = 0.3 /
 &tones frequency = 0.7, 1.1313708498984762 /
 &harmonics order = 3 /
 &load dof = 'x1', tuple = 1, 0, cos = {0.6 * force!r} /
