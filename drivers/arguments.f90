@@ -49,7 +49,6 @@ contains
       type(string_t), intent(in) :: words(:)
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: closest
-      integer, allocatable :: numbers(:)
       integer :: i
 
       allocate (self%overrides(0), self%machine(0))

@@ -29,9 +29,10 @@ def test_times_are_positive_and_in_order(name, tmp_path):
     assert data.attrs["kind"] == "bench" and data.attrs["threads"]
     assert (data.memory_bandwidth.values > 0.0).all()
     for kernel in KERNELS:
-        columns = {end: data[f"{kernel}_{end}"].values for end in (
-            "seconds", "seconds_first", "seconds_min", "seconds_max", "yardstick", "ratio", "ratio_low", "ratio_high"
-        )}
+        columns = {
+            end: data[f"{kernel}_{end}"].values
+            for end in ("seconds", "seconds_first", "seconds_min", "seconds_max", "yardstick", "ratio", "ratio_low", "ratio_high")
+        }
         for column in columns.values():
             assert (column > 0.0).all(), kernel
         assert (columns["seconds_min"] <= columns["seconds"]).all()
@@ -39,8 +40,12 @@ def test_times_are_positive_and_in_order(name, tmp_path):
         assert (columns["ratio_low"] <= columns["ratio"]).all()
         assert (columns["ratio"] <= columns["ratio_high"]).all()
     # Each contains the one before it.
-    for part, whole in (("residual", "newton_step"), ("tangent", "newton_step"), ("newton_step", "solution"),
-                        ("solution", "point")):
+    for part, whole in (
+        ("residual", "newton_step"),
+        ("tangent", "newton_step"),
+        ("newton_step", "solution"),
+        ("solution", "point"),
+    ):
         assert (data[f"{part}_seconds_min"].values < data[f"{whole}_seconds_max"].values).all(), (part, whole)
 
 
