@@ -8,19 +8,23 @@ module arguments
    private
    public :: argument_list, arguments_t, default_output, read_arguments, read_numbers
 
-   character(11), parameter :: options(17) = [character(11) :: &
+   character(12), parameter :: options(20) = [character(12) :: &
       "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet", "--verbose", "--log-level", &
-      "--ranks", "--points", "--cost", "--cost-from", "--machine", "--periods", "--point", "--budget"]
+      "--resume", "--retry", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", "--machine", "--periods", "--point", &
+      "--budget"]
 
    type :: arguments_t
       character(:), allocatable :: verb
-      character(:), allocatable :: input                              !! path of the input file
+      character(:), allocatable :: input                              !! path of the input file, or of a result file
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
       integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
       real(wp) :: budget = 0.5_wp                                     !! seconds for each kernel of bench
       integer :: n_periods = 0                                        !! 0: not given
       logical :: overwrite = .false.
+      logical :: resumes = .false.                                    !! goes on with an existing result file
+      logical :: retries = .false.                                    !! points that did not converge, too
+      real(wp) :: time_limit = huge(1.0_wp)                           !! [s]
       integer :: level = log_level%normal                             !! how much to tell
       logical :: wants_help = .false.
       character(:), allocatable :: ranks, cost, cost_from             !! of plan
@@ -64,8 +68,12 @@ contains
                self%level = log_level%quiet
             case ("--verbose")
                self%level = log_level%verbose
-            case ("--output", "-o", "--set", "--log-level", "--ranks", "--points", "--cost", "--cost-from", "--machine", &
-                  "--periods", "--point", "--budget")
+            case ("--resume")
+               self%resumes = .true.
+            case ("--retry")
+               self%retries = .true.
+            case ("--output", "-o", "--set", "--log-level", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", &
+                  "--machine", "--periods", "--point", "--budget")
                i = i + 1
                if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
@@ -91,6 +99,7 @@ contains
          end associate
          i = i + 1
       end do
+      call check_combination(self, error)
    end subroutine read_arguments
 
    !> Keeps the value of an option that has one.
@@ -118,6 +127,7 @@ contains
             call fail(error, option//" needs seconds, 0 or more, not '"//value//"'")
       case ("--cost"); self%cost = value
       case ("--cost-from"); self%cost_from = value
+      case ("--time-limit"); call read_time_limit(value, self%time_limit, error)
       case ("--log-level")
          self%level = findloc(log_level_names == value, .true., dim=1) - 1
          if (self%level < 0) call fail(error, "unknown log level '"//value//"'; known: "//join(log_level_names, ", "))
@@ -144,6 +154,34 @@ contains
          return
       end do
    end subroutine read_numbers
+
+   subroutine read_time_limit(text, seconds, error)
+      character(*), intent(in) :: text
+      real(wp), intent(out) :: seconds
+      type(error_t), allocatable, intent(out) :: error
+      logical :: ok
+
+      call parse_real(text, seconds, ok)
+      if (ok) ok = seconds >= 0.0_wp .and. seconds <= huge(seconds)
+      if (.not. ok) call fail(error, "--time-limit needs seconds, such as 3600, not '"//text//"'")
+   end subroutine read_time_limit
+
+   !> Refuses options that contradict each other.
+   subroutine check_combination(self, error)
+      type(arguments_t), intent(in) :: self
+      type(error_t), allocatable, intent(out) :: error
+      logical :: is_resume
+
+      is_resume = .false.
+      if (allocated(self%verb)) is_resume = self%verb == "resume"
+      if (is_resume .and. (allocated(self%output) .or. size(self%overrides) > 0)) then
+         call fail(error, "resume takes the input from the result file and goes on in that: no --output, no --set")
+      else if ((is_resume .or. self%resumes) .and. self%overwrite) then
+         call fail(error, "--overwrite makes a new result file, which leaves nothing to resume; give one of them")
+      else if (self%retries .and. .not. (is_resume .or. self%resumes)) then
+         call fail(error, "--retry solves points of an existing result file again; it goes with resume or --resume")
+      end if
+   end subroutine check_combination
 
    !> Length of word i, 0 where there is none.
    pure integer function value_length(words, i)

@@ -3,6 +3,7 @@ program nhbm
    use, intrinsic :: iso_c_binding, only: c_int
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use arguments, only: argument_list, arguments_t, read_arguments
+   use exit_status, only: bad_input, not_all_right, success
    use hb_error, only: error_t, fail
    use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
    use hb_text, only: closest_word, join, string_t
@@ -10,16 +11,17 @@ program nhbm
    use verb_bench, only: run_bench
    use verb_benchmark, only: run_benchmark_verb
    use verb_check, only: run_check
+   use verb_info, only: run_info
    use verb_march, only: run_march
    use verb_plan, only: run_plan
-   use verb_solve, only: run_solve
+   use verb_solve, only: run_resume, run_solve
    use verb_verify, only: run_verify
    implicit none
 
-   !> Exit statuses, listed in `nhbm --help`.
-   integer(c_int), parameter :: success = 0, not_all_right = 1, bad_input = 2
-   character(9), parameter :: verbs(9) = [character(9) :: &
+   character(9), parameter :: verbs(11) = [character(9) :: &
       "solve", &
+      "resume", &
+      "info", &
       "check", &
       "plan", &
       "march", &
@@ -40,15 +42,13 @@ program nhbm
    type(arguments_t) :: options
    type(error_t), allocatable :: error
    type(comm_t) :: comm
-   logical :: all_right
-   integer(c_int) :: status
+   integer :: status
 
    call start_mpi()
    comm = world()
-   all_right = .true.
+   status = success
    call read_arguments(options, argument_list(), error)
    if (.not. allocated(error)) call run_verb()
-   status = merge(success, not_all_right, all_right)
    if (allocated(error)) then
       status = bad_input
       if (rank_of(comm) == 0) write (error_unit, "(a)") "nhbm: "//error%message
@@ -56,12 +56,13 @@ program nhbm
    call stop_mpi()
    flush (output_unit)
    flush (error_unit)
-   call c_exit(status)
+   call c_exit(int(status, c_int))
 
 contains
 
    subroutine run_verb()
       character(:), allocatable :: closest, verb
+      logical :: all_right
 
       verb = ""
       if (allocated(options%verb)) verb = options%verb
@@ -75,22 +76,32 @@ contains
          closest = closest_word(verb, verbs)
          if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
          call fail(error, "unknown verb '"//verb//"';"//closest//" known: "//join(verbs, ", "))
+      else if ((verb == "resume" .or. verb == "info") .and. .not. allocated(options%input)) then
+         call fail(error, verb//" needs a result file, such as nhbm "//verb//" result.h5")
       else if (.not. allocated(options%input)) then
          call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
       else if (verb == "check") then
          call run_check(options, comm, all_right, error)
+         if (.not. all_right) status = not_all_right
+      else if (verb == "info") then
+         call run_info(options, comm, status, error)
       else if (verb == "plan") then
          call run_plan(options, comm, error)
       else if (verb == "bench") then
          call run_bench(options, comm, all_right, error)
+         if (.not. all_right) status = not_all_right
+      else if (verb == "resume") then
+         call run_resume(options, comm, status, error)
       else if (verb == "benchmark") then
          call run_benchmark_verb(options, comm, all_right, error)
+         if (.not. all_right) status = not_all_right
       else if (verb == "verify") then
          call run_verify(options, comm, all_right, error)
+         if (.not. all_right) status = not_all_right
       else if (verb == "march") then
          call run_march(options, comm, error)
       else
-         call run_solve(options, comm, all_right, error)
+         call run_solve(options, comm, status, error)
       end if
    end subroutine run_verb
 
@@ -101,6 +112,8 @@ contains
          "under several tones, by the n-dimensional harmonic balance method.", &
          "", &
          "usage: nhbm solve INPUT [options]      solve all points of a namelist file, write an HDF5 file", &
+         "       nhbm resume RESULT [options]    solve the points that an ended run has left in its result file", &
+         "       nhbm info RESULT                what a result file holds, whether it is complete", &
          "       nhbm check INPUT [options]      read the input, every point of it, say what it asks for, and compare the", &
          "                                       derivatives of its laws with differences of their forces", &
          "       nhbm plan INPUT [options]       say how large the result becomes and how the run would go on many ranks", &
@@ -116,6 +129,9 @@ contains
          "options:", &
          "  -o, --output FILE    result file; default: name of the input, ending in .h5, in the current folder", &
          "  --overwrite          replace the result file if there is one", &
+         "  --resume             go on with the result file if there is one; the input must be the same", &
+         "  --retry              with resume or --resume: also solve again the points that did not converge", &
+         "  --time-limit SECONDS begin no point that would end later, as long as the longest so far", &
          "  --set PATH=VALUE     change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden';", &
          "                       may be given several times", &
          "  --quiet              errors alone: neither progress nor summary; as --log-level quiet", &
@@ -137,7 +153,9 @@ contains
          "  -o, --output FILE    write the table as comma-separated values too, for nhbm-post plan", &
          "", &
          "exit status: 0 all points converged, 1 some did not (their status is in the file), a derivative is wrong or", &
-         "             marching does not stay on a motion, 2 bad input or file.", &
+         "             marching does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
+         "             limit came first; resume solves them.", &
+         "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run once the points in flight are solved, a second one at once.", &
          "Set OPENBLAS_NUM_THREADS=1 under mpirun. docs/input.md lists the keys of the input, docs/schema.md the results."
    end subroutine write_help
 end program nhbm

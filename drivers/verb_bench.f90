@@ -11,7 +11,7 @@ module verb_bench
    use hb_namelist, only: document_t
    use hb_outcome, only: is_solved, outcome_name
    use hb_progress, only: log_level
-   use hb_sweep, only: study_t
+   use hb_study, only: study_t
    use hb_text, only: to_text
    use verb_solve, only: load_study
    implicit none

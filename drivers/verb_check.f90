@@ -12,7 +12,7 @@ module verb_check
    use hb_mpi, only: comm_t, rank_of
    use hb_namelist, only: document_t
    use hb_scene, only: read_scene, scene_t, sizes_of
-   use hb_sweep, only: study_t
+   use hb_study, only: study_t
    use hb_text, only: join, to_text
    use verb_solve, only: load_study
    implicit none

@@ -14,7 +14,7 @@ module verb_march
    use hb_namelist, only: document_t
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_scene, only: read_scene, scene_t
-   use hb_sweep, only: study_t
+   use hb_study, only: study_t
    use hb_text, only: to_text
    use verb_solve, only: load_study
    implicit none

@@ -10,7 +10,7 @@ module verb_plan
    use hb_mpi, only: comm_t, rank_of, size_of
    use hb_schedule, only: new_schedule, ranks_per_counter, schedule_t
    use hb_simulation, only: forecast_t, lognormal_costs, machine_t, simulate, stretched_costs, tasks_t
-   use hb_sweep, only: row_of_study, study_t
+   use hb_study, only: row_of_study, study_t
    use hb_text, only: closest_word, join, parse_real, split, string_t, to_text
    use verb_solve, only: load_study
    implicit none

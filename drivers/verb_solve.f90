@@ -1,49 +1,111 @@
-!> `nhbm solve`: solves all points of an input and writes the result file.
+!> `nhbm solve`: solves all points of an input and writes the result file. `nhbm resume`: goes on with one.
 module verb_solve
-   use, intrinsic :: iso_fortran_env, only: output_unit
+   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use arguments, only: arguments_t, default_output
+   use exit_status, only: incomplete, not_all_right, success
    use hb_available_memory, only: available_memory
    use hb_error, only: error_t
+   use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use hb_outcome, only: outcome, outcome_text
    use hb_progress, only: log_level
-   use hb_sweep, only: new_study, run_study, run_summary_t, study_t
-   use hb_text, only: read_text_file, to_text
+   use hb_results_record, only: read_record, record_t
+   use hb_run_summary, only: run_summary_t
+   use hb_signals, only: catch_signals, signal_caught, signal_name
+   use hb_study, only: new_study, study_t
+   use hb_sweep, only: run_options_t, run_study
+   use hb_text, only: join, read_text_file, split, string_t, to_text
    use hb_timing, only: timing_lines
+   use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: load_study, run_solve
+   public :: load_study, run_resume, run_solve
 
 contains
 
-   !> Runs the verb; `all_converged` tells whether every point did.
-   subroutine run_solve(options, comm, all_converged, error)
+   !> Runs the verb `solve`; an exit status without an error.
+   subroutine run_solve(options, comm, status, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
-      logical, intent(out) :: all_converged
+      integer, intent(out) :: status
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
-      type(run_summary_t) :: summary
       character(:), allocatable :: path
-      logical :: tells
 
-      all_converged = .false.
+      status = success
       path = default_output(options%input)
       if (allocated(options%output)) path = options%output
-      tells = rank_of(comm) == 0 .and. options%level >= log_level%normal
       call load_study(options, comm, study, error)
       if (allocated(error)) return
-      if (tells) write (output_unit, "(a)") "nhbm solve "//options%input//": "// &
+      call run(study, options, path, options%resumes, comm, status, error)
+   end subroutine run_solve
+
+   !> Runs the verb `resume`; an exit status without an error.
+   subroutine run_resume(options, comm, status, error)
+      type(arguments_t), intent(in) :: options
+      type(comm_t), intent(in) :: comm
+      integer, intent(out) :: status
+      type(error_t), allocatable, intent(out) :: error
+      type(study_t) :: study
+
+      status = success
+      call load_stored_study(options%input, comm, study, error)
+      if (allocated(error)) return
+      call run(study, options, options%input, .true., comm, status, error)
+   end subroutine run_resume
+
+   subroutine run(study, options, path, resumes, comm, status, error)
+      type(study_t), intent(in) :: study
+      type(arguments_t), intent(in) :: options
+      character(*), intent(in) :: path                                !! of the result file
+      logical, intent(in) :: resumes
+      type(comm_t), intent(in) :: comm
+      integer, intent(out) :: status
+      type(error_t), allocatable, intent(out) :: error
+      type(run_options_t) :: how
+      type(run_summary_t) :: summary
+      logical :: is_told
+
+      how%path = path
+      how%overwrite = options%overwrite
+      how%resumes = resumes
+      how%retries = options%retries
+      how%level = options%level
+      how%time_limit = options%time_limit
+      status = success
+      is_told = rank_of(comm) == 0 .and. options%level >= log_level%normal
+      if (is_told) write (output_unit, "(a)") "nhbm "//options%verb//" "//options%input//": "// &
          to_text(study%plan%n_points)//" points on "//to_text(size_of(comm))//" ranks, "// &
          to_text(study%scene%tones%n_tones)//" tones, "//to_text(size(study%tuples, 2))//" harmonics"
-      call run_study(study, path, options%overwrite, options%level, comm, summary, error)
+      call catch_signals("nhbm: ended by a second signal, points in flight are dropped; nhbm resume "//path// &
+         " goes on", incomplete, error)
       if (allocated(error)) return
-      all_converged = summary%counts(outcome%converged) == summary%n_points
-      if (.not. tells) return
-      call write_summary(summary, path)
-      if (options%level >= log_level%verbose) call write_times(summary)
-   end subroutine run_solve
+      call run_study(study, how, comm, summary, error)
+      if (allocated(error)) return
+      if (summary%counts(outcome%converged) < summary%n_points) status = not_all_right
+      if (summary%n_left > 0) status = incomplete
+      if (is_told) call write_summary(summary, path)
+      if (is_told .and. options%level >= log_level%verbose) call write_times(summary)
+      if (rank_of(comm) == 0 .and. status == incomplete) write (error_unit, "(a)") "nhbm: "//reason(summary)//": "// &
+         to_text(summary%n_left)//" points are left; nhbm resume "//path//" solves them"
+   end subroutine run
+
+   !> Why a run has ended before its points did.
+   function reason(summary)
+      type(run_summary_t), intent(in) :: summary
+      character(:), allocatable :: reason
+
+      select case (summary%interruption)
+      case (interruption%time_limit)
+         reason = "ended by the time limit"
+      case (interruption%signal)
+         reason = "ended by a signal"
+         if (signal_caught()) reason = "ended by "//signal_name()
+      case default
+         reason = "ended early"
+      end select
+   end function reason
 
    subroutine write_times(summary)
       type(run_summary_t), intent(in) :: summary
@@ -59,6 +121,8 @@ contains
       character(*), intent(in) :: path
       integer :: status
 
+      if (allocated(summary%made_by)) write (output_unit, "(a)") "note: the file was made by "//summary%made_by// &
+         ", this is nhbm "//program_version//" ("//git_commit//")"
       write (output_unit, "(a)") to_text(summary%counts(outcome%converged))//" of "//to_text(summary%n_points)// &
          " points converged; results in "//path
       do status = outcome%converged + 1, ubound(summary%counts, 1)
@@ -81,13 +145,46 @@ contains
       type(study_t), intent(out) :: study
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: text
-      real(wp) :: share
 
       if (rank_of(comm) == 0) call read_text_file(options%input, text, error)
       call share_error(comm, error)
       if (allocated(error)) return
       call broadcast_text(comm, text, 0)
-      share = -max_over(comm, -available_memory()/ranks_on_node(comm))   ! the smallest of all ranks
-      call new_study(study, options%input, text, options%overrides, error, share)
+      call new_study(study, options%input, text, options%overrides, error, memory_share(comm))
    end subroutine load_study
+
+   !> Makes the study of the input that stands in a result file.
+   subroutine load_stored_study(path, comm, study, error)
+      character(*), intent(in) :: path
+      type(comm_t), intent(in) :: comm
+      type(study_t), intent(out) :: study
+      type(error_t), allocatable, intent(out) :: error
+      type(record_t) :: record
+      type(string_t), allocatable :: overrides(:)
+      character(:), allocatable :: lines, name, text
+
+      if (rank_of(comm) == 0) then
+         call read_record(record, path, error)
+         if (.not. allocated(error)) then
+            name = record%input_name
+            text = record%input_text
+            lines = join(record%overrides, new_line("a"))
+         end if
+      end if
+      call share_error(comm, error)
+      if (allocated(error)) return
+      call broadcast_text(comm, name, 0)
+      call broadcast_text(comm, text, 0)
+      call broadcast_text(comm, lines, 0)
+      allocate (overrides(0))
+      if (len(lines) > 0) call split(lines, new_line("a"), overrides)
+      call new_study(study, name, text, overrides, error, memory_share(comm))
+   end subroutine load_stored_study
+
+   !> Memory [bytes] that each process may take: the smallest share of all ranks; collective.
+   real(wp) function memory_share(comm)
+      type(comm_t), intent(in) :: comm
+
+      memory_share = -max_over(comm, -available_memory()/ranks_on_node(comm))
+   end function memory_share
 end module verb_solve

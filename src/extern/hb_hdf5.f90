@@ -10,12 +10,12 @@
 !> Source: HDF5 1.10 Reference Manual; HDF5 Dimension Scale Specification.
 module hb_hdf5
    use hb_error, only: annotate, error_t
-   use hb_hdf5_library, only: check, no_id, start_library
+   use hb_hdf5_library, only: check, no_id, start_library, switch_locking_off
    use hb_kinds, only: wp
    use hb_mpi, only: comm_handle, comm_t, no_info_handle
    use hdf5, only: H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, &
-      h5fclose_f, h5fcreate_f, h5fopen_f, H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, h5pset_fapl_mpio_f, &
-      h5pset_fclose_degree_f, hid_t, hsize_t
+      H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, h5fclose_f, h5fcreate_f, h5fopen_f, H5P_FILE_ACCESS_F, &
+      h5pclose_f, h5pcreate_f, h5pset_fapl_mpio_f, h5pset_fclose_degree_f, h5pset_libver_bounds_f, hid_t, hsize_t
    implicit none
    private
    public :: create_file, h5_dataset_t, h5_file_t, open_file, open_file_parallel
@@ -337,7 +337,9 @@ contains
    end subroutine open_file_parallel
 
    !> Names the file and makes a list of access properties: whatever is still open in the file is closed with
-   !> it.
+   !> it; the library locks nothing, so that people can look into the file of a run that goes on; and the form of
+   !> the file is the oldest that will do. That has no mark of being open for writing, which a killed run would leave
+   !> and which would keep readers out.
    subroutine begin_opening(self, path, access, error)
       type(h5_file_t), intent(inout) :: self
       character(*), intent(in) :: path
@@ -356,6 +358,8 @@ contains
          return
       end if
       call h5pset_fclose_degree_f(access, H5F_CLOSE_STRONG_F, status)
+      if (status >= 0) call h5pset_libver_bounds_f(access, H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, status)
+      if (status >= 0) call switch_locking_off(access, status)
       call check(status, "set the access properties", error)
    end subroutine begin_opening
 

@@ -1,6 +1,6 @@
 !> The HDF5 library itself: how it is started, its errors as values, spaces and types of text.
 module hb_hdf5_library
-   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, c_loc, &
+   use, intrinsic :: iso_c_binding, only: c_bool, c_char, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, c_loc, &
       c_ptr, c_size_t
    use hb_error, only: annotate, error_t, fail
    use hdf5, only: h5eset_auto_f, h5open_f, H5S_SCALAR_F, h5screate_f, h5screate_simple_f, H5T_C_S1, &
@@ -8,7 +8,7 @@ module hb_hdf5_library
       hsize_t
    implicit none
    private
-   public :: c_strlen, c_text, check, new_byte_type, new_space, new_text_type, no_id, start_library
+   public :: c_strlen, c_text, check, new_byte_type, new_space, new_text_type, no_id, start_library, switch_locking_off
 
    integer(hid_t), parameter :: no_id = -1
    integer, parameter :: max_cause = 512               ! characters kept of what the library says
@@ -37,6 +37,14 @@ module hb_hdf5_library
          type(c_ptr), value :: data
       end function h5ewalk2
 
+      !> Says whether files are locked; the Fortran interface has it from HDF5 1.14 on.
+      integer(c_int) function h5pset_file_locking(access, use_locking, ignore_when_disabled) &
+         bind(c, name="H5Pset_file_locking")
+         import :: c_bool, c_int, c_int64_t
+         integer(c_int64_t), value :: access
+         logical(c_bool), value :: use_locking, ignore_when_disabled
+      end function h5pset_file_locking
+
       pure integer(c_size_t) function c_strlen(text) bind(c, name="strlen")
          import :: c_ptr, c_size_t
          type(c_ptr), intent(in), value :: text
@@ -59,6 +67,14 @@ contains
       call h5eset_auto_f(0, status)
       is_library_open = .true.
    end subroutine start_library
+
+   !> Has files that are opened with these access properties locked neither for reading nor for writing.
+   subroutine switch_locking_off(access, status)
+      integer(hid_t), intent(in) :: access
+      integer, intent(out) :: status
+
+      status = h5pset_file_locking(int(access, c_int64_t), .false._c_bool, .true._c_bool)
+   end subroutine switch_locking_off
 
    !> Raises an error for a negative status: the action, and the innermost cause that the library names.
    subroutine check(status, action, error, place)

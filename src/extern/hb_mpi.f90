@@ -1,4 +1,4 @@
-!> Everything the program asks of MPI; the only module that uses `mpi_f08`.
+!> Everything the program asks of MPI but for a flag (`hb_shared_flag`).
 !>
 !> In the order of use: `start_mpi`, `world`, the questions `rank_of` and `size_of`, the collective calls, a
 !> `work_counter_t` that hands out points, `stop_mpi`. All take the communicator as an argument, so that a
@@ -20,8 +20,8 @@ module hb_mpi
       operator(/=)
    implicit none
    private
-   public :: abort_run, as_comm, barrier, broadcast_text, comm_handle, comm_t, gather_rows, max_over, new_work_counter, &
-      no_info_handle, rank_of, ranks_on_node, share_error, size_of, start_mpi, stop_mpi, sum_over, wall_clock, &
+   public :: abort_run, as_comm, barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, gather_rows, max_over, &
+      new_work_counter, no_info_handle, rank_of, ranks_on_node, share_error, size_of, start_mpi, stop_mpi, sum_over, wall_clock, &
       work_counter_t, world
 
    !> Makes a communicator of what a caller has: an integer handle of the old `mpi` module, or a communicator.
@@ -169,6 +169,22 @@ contains
       end if
       if (length > 0) call MPI_Bcast(text, length, MPI_CHARACTER, source, comm)
    end subroutine broadcast_text
+
+   !> Gives every rank the integers of rank 0, as many as that has. Collective.
+   subroutine broadcast_integers(comm, values)
+      type(comm_t), intent(in) :: comm
+      integer, allocatable, intent(inout) :: values(:)
+      integer :: n
+
+      n = 0
+      if (allocated(values)) n = size(values)
+      call MPI_Bcast(n, 1, MPI_INTEGER, 0, comm)
+      if (rank_of(comm) > 0) then
+         if (allocated(values)) deallocate (values)
+         allocate (values(n))
+      end if
+      call MPI_Bcast(values, n, MPI_INTEGER, 0, comm)
+   end subroutine broadcast_integers
 
    !> Gives every rank the sum of `value` over all ranks; collective.
    integer function sum_over(comm, value)

@@ -1,12 +1,12 @@
-!> What the program asks of the operating system: names of files, its own number, the time, terminals.
-!> Source of the interfaces: POSIX.1-2017.
+!> What the program asks of the operating system: names of files and locks on them, its own number, the time, terminals.
+!> Source of the interfaces: POSIX.1-2017, hb_posix.h.
 module hb_system
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_null_char, c_null_ptr, c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_long_long, c_null_char, c_null_ptr, c_ptr, c_size_t
    use hb_kinds, only: wp
    implicit none
    private
-   public :: exists, is_terminal, link_file, memory_peak, memory_resident, process_id, release_memory, remove_file
-   public :: rename_file, reset_memory_peak, utc_now
+   public :: empty_file, exists, has_space, is_terminal, link_file, memory_peak, memory_resident, process_id, release_file
+   public :: release_memory, remove_file, rename_file, reset_memory_peak, sync_file, take_file, utc_now
 
    interface
       integer(c_int) function c_link(old, new) bind(c, name="link")
@@ -28,6 +28,32 @@ module hb_system
          import :: c_int
          integer(c_int), value :: descriptor
       end function c_isatty
+
+      integer(c_int) function hb_take_file(path) bind(c, name="hb_take_file")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: path(*)
+      end function hb_take_file
+
+      integer(c_int) function hb_check_space(descriptor, n_bytes) bind(c, name="hb_check_space")
+         import :: c_int, c_long_long
+         integer(c_int), value :: descriptor
+         integer(c_long_long), value :: n_bytes
+      end function hb_check_space
+
+      integer(c_int) function hb_empty_file(descriptor) bind(c, name="hb_empty_file")
+         import :: c_int
+         integer(c_int), value :: descriptor
+      end function hb_empty_file
+
+      subroutine hb_release_file(descriptor) bind(c, name="hb_release_file")
+         import :: c_int
+         integer(c_int), value :: descriptor
+      end subroutine hb_release_file
+
+      integer(c_int) function hb_sync_file(path) bind(c, name="hb_sync_file")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: path(*)
+      end function hb_sync_file
 
       integer(c_int) function c_getpid() bind(c, name="getpid")
          import :: c_int
@@ -94,6 +120,49 @@ contains
 
       ignored = c_unlink(c_path(path))
    end subroutine remove_file
+
+   !> Makes a file unless it is there, and locks it for this process until `release_file` or the end of the process.
+   subroutine take_file(path, descriptor, is_taken, ok)
+      character(*), intent(in) :: path
+      integer, intent(out) :: descriptor               !! for `release_file`
+      logical, intent(out) :: is_taken                 !! by another process
+      logical, intent(out) :: ok                       !! false too where the file cannot be made
+
+      descriptor = int(hb_take_file(c_path(path)))
+      is_taken = descriptor == -2
+      ok = descriptor >= 0
+   end subroutine take_file
+
+   !> Says whether a file can grow to `n_bytes`; also true where the system cannot tell.
+   logical function has_space(descriptor, n_bytes)
+      integer, intent(in) :: descriptor                !! of `take_file`; the file is empty, before and after
+      integer(c_long_long), intent(in) :: n_bytes
+
+      has_space = hb_check_space(int(descriptor, c_int), n_bytes) == 0
+   end function has_space
+
+   !> Gives the space of a file on the disk back; the file stays, and so does its lock.
+   subroutine empty_file(descriptor)
+      integer, intent(in) :: descriptor                !! of `take_file`
+      integer(c_int) :: ignored
+
+      ignored = hb_empty_file(int(descriptor, c_int))
+   end subroutine empty_file
+
+   !> Ends a lock.
+   subroutine release_file(descriptor)
+      integer, intent(in) :: descriptor
+
+      call hb_release_file(int(descriptor, c_int))
+   end subroutine release_file
+
+   !> Has the system bring all data of a file to the disk.
+   subroutine sync_file(path, ok)
+      character(*), intent(in) :: path
+      logical, intent(out) :: ok
+
+      ok = hb_sync_file(c_path(path)) == 0
+   end subroutine sync_file
 
    !> Gives the number by which the system knows this process.
    integer function process_id()

@@ -65,7 +65,7 @@ contains
    end function outcome_text
 
    !> Says whether the balance is solved, well enough for the thresholds of the certificate or not.
-   pure logical function is_solved(status)
+   elemental logical function is_solved(status)
       integer, intent(in) :: status
 
       is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating])

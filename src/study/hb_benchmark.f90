@@ -20,7 +20,7 @@ module hb_benchmark
    use hb_results, only: point_result_t
    use hb_scene, only: group_names, read_scene, scene_t
    use hb_solver_types, only: method_names
-   use hb_sweep, only: apply_overrides
+   use hb_study, only: apply_overrides
    use hb_system, only: exists, memory_peak, memory_resident, release_memory, reset_memory_peak
    use hb_text, only: string_t, to_text
    implicit none

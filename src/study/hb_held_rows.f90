@@ -128,15 +128,16 @@ contains
       if (n_values /= self%row_size) call fail(error, to_text(n_values)//" values, expected "//to_text(self%row_size))
    end subroutine check_size
 
-   !> Writes the first `n` rows to rows `first` and following of the dataset, unless these are blank and so in a new file.
-   subroutine held_rows_flush(self, first, n, dataset, error)
+   !> Writes the first `n` rows to rows `first` and following of the dataset, unless these are blank and those, too.
+   subroutine held_rows_flush(self, first, n, is_filled, dataset, error)
       class(held_rows_t), intent(inout) :: self
       integer, intent(in) :: first, n
+      logical, intent(in) :: is_filled                                !! the rows may hold other than what a new file does
       type(h5_dataset_t), intent(in) :: dataset
       type(error_t), allocatable, intent(out) :: error
       integer :: k
 
-      if (.not. self%is_used) return
+      if (.not. (self%is_used .or. is_filled)) return
       self%is_used = .false.
       select case (self%kind)
       case (is_integer); call dataset%write_row(first, self%integers(:, :n), error, n)

@@ -9,7 +9,7 @@ module hb_kernel_file
    use hb_outcome, only: outcome_names
    use hb_results_file, only: describe, schema_version
    use hb_results_plan, only: identifier
-   use hb_sweep, only: study_t
+   use hb_study, only: study_t
    use hb_sweep_plan, only: parameter_units
    use hb_system, only: process_id, remove_file, utc_now
    use hb_text, only: to_text

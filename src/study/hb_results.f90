@@ -1,9 +1,9 @@
 !> The result file of a run: the only writer of the schema in docs/schema.md.
 !>
-!> In the order of use: fill a `results_layout_t`, `create_results`, then `write_point` by any rank for any
-!> point, then `close`. The file is made whole before the first point is solved; after that only raw data are
-!> written in place, the status of a point last, so that a killed run leaves a sound file in which a status
-!> other than 0 means complete.
+!> In the order of use: fill a `results_layout_t`, `create_results` or, to go on with a file, `open_results`, then
+!> `write_point` by any rank for any point, then `close`. The file is made whole before the first point is solved;
+!> after that only raw data are written in place, the status of a point last, so that a killed run leaves a sound
+!> file in which a status other than 0 means complete.
 module hb_results
    use hb_certificate, only: certificate_t
    use hb_error, only: annotate, error_t, fail
@@ -19,7 +19,7 @@ module hb_results
    use hb_timing, only: n_times, rank_times_t
    implicit none
    private
-   public :: create_results, point_result_t, results_layout_t, results_t, swept_parameter_t
+   public :: create_results, open_results, point_result_t, results_layout_t, results_t, swept_parameter_t
 
    !> The result of one point. What is not allocated stays NaN in the file.
    type :: point_result_t
@@ -50,13 +50,14 @@ module hb_results
       real(wp), allocatable :: force_samples(:, :)      !! [N], same
    end type point_result_t
 
-   !> An open result file.
+   !> A result file open for writing.
    type :: results_t
       private
       type(h5_file_t) :: file
       character(:), allocatable :: path
       type(plan_t) :: plan
       integer :: n_points = 0
+      logical :: is_resumed = .false.                   !! rows may hold what a run before has left
       type(held_rows_t), allocatable :: held(:)         ! for each variable of the plan
       integer :: room = 1, first_held = 1, n_held = 0   ! points that are held back
       real(wp) :: hold = 0.0_wp, flushed = 0.0_wp       ! [s] how long, and when the last was written
@@ -88,7 +89,6 @@ contains
       logical, intent(in) :: overwrite
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
-      integer :: i
 
       self%path = path
       call check_layout(layout, error)
@@ -98,35 +98,77 @@ contains
          if (rank_of(comm) == 0) call make_file(path, layout, self%plan, overwrite, error)
       end if
       call share_error(comm, error)
-      if (.not. allocated(error)) then
-         call open_file_parallel(self%file, path, comm, error)
-         call share_error(comm, error)
-      end if
-      if (.not. allocated(error)) then
-         do i = 1, size(self%plan%variables)
-            associate (variable => self%plan%variables(i))
-               call self%file%open_dataset(variable%name, variable%dataset, error)
-            end associate
-            if (allocated(error)) exit
-         end do
-         call share_error(comm, error)
-      end if
-      if (.not. allocated(error)) call prepare_rows(self, layout, comm, error)
+      if (.not. allocated(error)) call open_datasets(self, layout, comm, error)
       call annotate(error, "result file '"//path//"'")
    end subroutine create_results
 
-   !> Makes room for the rows that are held back, and opens the datasets of times.
-   subroutine prepare_rows(self, layout, comm, error)
+   !> Opens a file that a run before has made from the same layout, to write further points; collective, and an error is
+   !> the same on all ranks.
+   subroutine open_results(self, path, layout, comm, error)
+      type(results_t), intent(out) :: self
+      character(*), intent(in) :: path
+      type(results_layout_t), intent(in) :: layout
+      type(comm_t), intent(in) :: comm
+      type(error_t), allocatable, intent(out) :: error
+
+      self%path = path
+      self%is_resumed = .true.
+      call check_layout(layout, error)
+      if (.not. allocated(error)) then
+         self%n_points = layout%n_points
+         call new_plan(self%plan, layout)
+      end if
+      call share_error(comm, error)
+      if (.not. allocated(error)) call open_datasets(self, layout, comm, error)
+      call annotate(error, "result file '"//path//"'")
+   end subroutine open_results
+
+   !> Opens the file on all ranks, and makes room for the rows that are held back; refuses datasets of other extents than
+   !> those of the plan.
+   subroutine open_datasets(self, layout, comm, error)
       type(results_t), intent(inout) :: self
       type(results_layout_t), intent(in) :: layout
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
+      integer :: i
+
+      call open_file_parallel(self%file, self%path, comm, error)
+      call share_error(comm, error)
+      if (allocated(error)) return
+      do i = 1, size(self%plan%variables)
+         associate (variable => self%plan%variables(i))
+            call self%file%open_dataset(variable%name, variable%dataset, error)
+            if (allocated(error)) exit
+            if (any(variable%dataset%get_extents() /= self%plan%axes(variable%axes)%length)) &
+               call fail(error, "dataset '"//variable%name//"' has other extents than the input asks for")
+         end associate
+         if (allocated(error)) exit
+      end do
+      if (.not. (allocated(error) .or. self%is_resumed)) then
+         do i = 1, size(self%plan%times)
+            call self%file%open_dataset(self%plan%times(i)%name, self%plan%times(i)%dataset, error)
+            if (allocated(error)) exit
+         end do
+      end if
+      call share_error(comm, error)
+      if (allocated(error)) then
+         call self%file%close(error_in_close)
+      else
+         call make_room(self, size(layout%parameters), size_of(comm))
+      end if
+   end subroutine open_datasets
+
+   !> Makes room for the rows that are held back.
+   subroutine make_room(self, n_parameters, n_ranks)
+      type(results_t), intent(inout) :: self
+      integer, intent(in) :: n_parameters, n_ranks
       real(wp) :: n_bytes
       integer :: i, n_datasets
 
-      call measure_row(self%plan, size(layout%parameters), n_bytes, n_datasets)
+      call measure_row(self%plan, n_parameters, n_bytes, n_datasets)
       self%room = room_for(n_bytes)
-      self%hold = hold_seconds(size_of(comm), n_datasets)
+      self%hold = hold_seconds(n_ranks, n_datasets)
       self%flushed = wall_clock()
       allocate (self%held(size(self%plan%variables)))
       do i = 1, size(self%held)
@@ -135,12 +177,7 @@ contains
                self%room)
          end associate
       end do
-      do i = 1, size(self%plan%times)
-         call self%file%open_dataset(self%plan%times(i)%name, self%plan%times(i)%dataset, error)
-         if (allocated(error)) exit
-      end do
-      call share_error(comm, error)
-   end subroutine prepare_rows
+   end subroutine make_room
 
    !> Takes the result of point `i`, from 1; any rank may give any point at any time. Points that follow each other are
    !> held back for a while and written together, see hb_held_rows and `flush`.
@@ -198,7 +235,8 @@ contains
       results_hold_seconds = self%hold
    end function results_hold_seconds
 
-   !> Writes what is held back, the statuses last; independent of other ranks.
+   !> Writes what is held back, the statuses last; independent of other ranks. Rows that a run before may have filled are
+   !> pending while they are written over, and written whole.
    subroutine results_flush(self, error)
       class(results_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -209,16 +247,18 @@ contains
       self%flushed = wall_clock()
       if (n == 0) return
       i_status = index_of(self, "status")
-      do i = 1, size(self%held)
-         if (i /= i_status) call self%held(i)%flush(self%first_held, n, self%plan%variables(i)%dataset, error)
-         if (allocated(error)) exit
-      end do
-      if (.not. allocated(error)) &
-         call self%held(i_status)%flush(self%first_held, n, self%plan%variables(i_status)%dataset, error)
-      call annotate(error, "result file '"//self%path//"'")
+      associate (status => self%plan%variables(i_status)%dataset)
+         if (self%is_resumed) call status%write_row(self%first_held, spread([outcome%pending], 2, n), error, n)
+         do i = 1, size(self%held)
+            if (allocated(error)) exit
+            if (i /= i_status) call self%held(i)%flush(self%first_held, n, self%is_resumed, self%plan%variables(i)%dataset, error)
+         end do
+         if (.not. allocated(error)) call self%held(i_status)%flush(self%first_held, n, self%is_resumed, status, error)
+      end associate
+      call annotate(error, "result file '"//self%path//"': point "//to_text(self%first_held - 1)//" or after")
    end subroutine results_flush
 
-   !> Writes where the time of a rank, from 0, went; nothing for a rank that the file has no row for.
+   !> Writes where the time of a rank, from 0, went; nothing in the file of a run before, whose ranks the rows are of.
    subroutine results_write_times(self, rank, times, error)
       class(results_t), intent(inout) :: self
       integer, intent(in) :: rank
@@ -227,6 +267,7 @@ contains
       real(wp) :: row(n_times + 1)
       integer :: i
 
+      if (self%is_resumed) return
       row = [times%as_row(), times%overhead_per_point()]
       do i = 1, size(self%plan%times)
          associate (variable => self%plan%times(i))

@@ -1,16 +1,16 @@
 !> Making a result file whole, before the first point is solved; by one process.
 module hb_results_file
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
    use hb_file_place, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t
-   use hb_kinds, only: two_pi
+   use hb_kinds, only: int64, two_pi
    use hb_outcome, only: outcome_names
    use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_results_plan, only: axis_t, component_axis, dof_axis, harmonic_axis, is_characters, is_integer, &
-      is_real, law_axis, law_dof_axis, message_axis, parameter_name_length, parameter_names, plan_t, point_axis, &
+      is_real, law_axis, law_dof_axis, message_axis, n_bytes_of, parameter_name_length, parameter_names, plan_t, point_axis, &
       size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
    use hb_solver_types, only: rescue_names
-   use hb_system, only: process_id, remove_file, utc_now
+   use hb_system, only: empty_file, has_space, release_file, remove_file, sync_file, take_file, utc_now
    use hb_text, only: join, to_text
    implicit none
    private
@@ -24,6 +24,9 @@ module hb_results_file
 contains
 
    !> Makes the whole file under another name beside `path`, then puts it in its place.
+   !>
+   !> The other name is the same for all runs. It is locked while the file is made, and a lock ends with its process: what
+   !> a killed run has left is taken over, what another run is making is not.
    subroutine make_file(path, layout, plan, overwrite, error)
       character(*), intent(in) :: path
       type(results_layout_t), intent(in) :: layout
@@ -31,22 +34,46 @@ contains
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: temporary
+      integer(int64) :: n_bytes
+      integer :: descriptor
+      logical :: is_taken, ok
 
       call check_place(path, overwrite, error)
       if (allocated(error)) return
-      temporary = path//"."//to_text(process_id())//".part"
-      call fill_file(temporary, layout, plan, error)
+      temporary = path//".part"
+      call take_file(temporary, descriptor, is_taken, ok)
+      if (is_taken) then
+         call fail(error, "another run is making it at this moment; give another --output")
+         return
+      else if (.not. ok) then
+         call fail(error, "cannot be made; check the permission of its folder or give another --output")
+         return
+      end if
+      n_bytes = n_bytes_of(plan, layout)
+      if (has_space(descriptor, n_bytes)) then
+         call fill_file(temporary, descriptor, layout, plan, error)
+      else
+         call fail(error, "no space left on device, or more than a quota or limit allows")
+      end if
+      if (.not. allocated(error)) then
+         call sync_file(temporary, ok)
+         if (.not. ok) call fail(error, "the system cannot bring its data to the disk")
+      end if
       if (allocated(error)) then
-         error%message = "cannot be made; check permission and space ("//size_text(plan)// &
+         error%message = "cannot be made; check permission and space ("//size_text(n_bytes)// &
             ") or give another --output: "//error%message
       else
          call put_in_place(temporary, path, overwrite, error)
       end if
       if (allocated(error)) call remove_file(temporary)
+      call release_file(descriptor)
    end subroutine make_file
 
-   subroutine fill_file(path, layout, plan, error)
+   !> On a full disk HDF5 cannot write what it still holds when the file is closed, and crashes when the program ends. So
+   !> the space was asked for before; and a file that is given up nevertheless gives its space back first.
+   subroutine fill_file(path, descriptor, layout, plan, error)
       character(*), intent(in) :: path
+      integer, intent(in) :: descriptor                 !! of the same file
       type(results_layout_t), intent(in) :: layout
       type(plan_t), intent(inout) :: plan
       type(error_t), allocatable, intent(out) :: error
@@ -59,6 +86,7 @@ contains
       if (.not. allocated(error)) call add_inputs(file, layout, plan, error)
       if (.not. allocated(error)) call add_variables(file, plan, plan%variables, error)
       if (.not. allocated(error)) call add_variables(file, plan, plan%times, error)
+      if (allocated(error)) call empty_file(descriptor)
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
    end subroutine fill_file
@@ -171,6 +199,10 @@ contains
 
       call file%add_text("input_text", or_empty(layout%input_text), dataset, error)
       if (.not. allocated(error)) call describe(dataset, "1", "the input as given", error)
+      if (.not. allocated(error)) call dataset%set_attribute("file_name", or_empty(layout%input_name), error)
+      if (allocated(error)) return
+      call file%add_text("input_overrides", or_empty(layout%input_overrides), dataset, error)
+      if (.not. allocated(error)) call describe(dataset, "1", "path=value of each --set, a line each", error)
       if (allocated(error)) return
       call file%add_text("input_complete", or_empty(layout%input_complete), dataset, error)
       if (.not. allocated(error)) call describe(dataset, "1", "the input after defaults", error)

@@ -27,7 +27,9 @@ module hb_results_layout
       integer, allocatable :: n_samples(:)              !! grid per tone; size 0: no surfaces are stored
       type(swept_parameter_t), allocatable :: parameters(:)
       character(:), allocatable :: title
+      character(:), allocatable :: input_name           !! name of the input file, for messages
       character(:), allocatable :: input_text           !! the input as given
+      character(:), allocatable :: input_overrides      !! changes of it: path=value, a line each
       character(:), allocatable :: input_complete       !! the input after defaults
       integer :: n_ranks = 1
       character(:), allocatable :: program_version

@@ -6,7 +6,7 @@ module hb_results_plan
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: axis_t, identifier, measure_row, new_plan, parameter_name_length, parameter_names, plan_t, size_text
+   public :: axis_t, identifier, measure_row, n_bytes_of, new_plan, parameter_name_length, parameter_names, plan_t, size_text
    public :: tuple_entry_name, variable_t
    public :: message_length
    public :: is_characters, is_integer, is_real
@@ -221,7 +221,8 @@ contains
       character(:), allocatable :: stem
       integer :: i, n
 
-      allocate (taken, source=[character(parameter_name_length) :: "tuple", "input_text", "input_complete"])
+      allocate (taken, source=[character(parameter_name_length) :: "tuple", "input_text", "input_overrides", &
+                               "input_complete"])
       do i = 1, size(plan%axes)
          taken = [character(parameter_name_length) :: taken, plan%axes(i)%name]
       end do
@@ -332,21 +333,40 @@ contains
       end do
    end subroutine measure_row
 
-   !> Gives the size of the file in words, for messages.
-   function size_text(plan) result(text)
+   !> Gives the number of bytes that a file takes on the disk, rather a few too many.
+   pure function n_bytes_of(plan, layout) result(n_bytes)
       type(plan_t), intent(in) :: plan
-      character(:), allocatable :: text
-      character(40) :: digits
+      type(results_layout_t), intent(in) :: layout
       integer(int64) :: n_bytes
+      integer(int64), parameter :: of_one_dataset = 4000, of_a_text = 100 ! what describes a dataset; a label or text value
       integer :: i
 
-      n_bytes = 0
+      n_bytes = of_one_dataset*(size(plan%variables) + size(plan%times) + size(plan%axes) + &
+         size(layout%parameters) + size(layout%tuples, 1) + 8)
       do i = 1, size(plan%variables)
          associate (variable => plan%variables(i))
             n_bytes = n_bytes + &
                bytes_of_kind(variable%kind)*product(int(plan%axes(variable%axes)%length, int64))
          end associate
       end do
+      do i = 1, size(plan%times)
+         n_bytes = n_bytes + bytes_of_kind(plan%times(i)%kind)*int(layout%n_ranks, int64)
+      end do
+      n_bytes = n_bytes + 8*sum(int(plan%axes%length, int64)) + 8*size(layout%tuples, kind=int64) + &
+         of_a_text*(size(layout%dof_labels) + size(layout%law_dof_labels) + size(layout%law_labels))
+      do i = 1, size(layout%parameters)
+         n_bytes = n_bytes + layout%n_points*merge(of_a_text, 8_int64, layout%parameters(i)%is_text)
+      end do
+      if (allocated(layout%input_text)) n_bytes = n_bytes + len(layout%input_text)
+      if (allocated(layout%input_complete)) n_bytes = n_bytes + len(layout%input_complete)
+   end function n_bytes_of
+
+   !> Gives a number of bytes in words, for messages.
+   function size_text(n_bytes) result(text)
+      integer(int64), intent(in) :: n_bytes
+      character(:), allocatable :: text
+      character(40) :: digits
+
       write (digits, "(f0.1)") max(0.1_wp, real(n_bytes, wp)/1.0e6_wp)
       text = trim(digits)//" MB"
       if (text(1:1) == ".") text = "0"//text

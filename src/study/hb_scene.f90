@@ -88,7 +88,7 @@ module hb_scene
 contains
 
    !> Reads a scene. All problems of the input are collected in one message, a line each. Fails as well where the scene would
-   !> need more memory than its key `memory_limit` or, without this key, `available` says.
+   !> need more memory than its key `memory_limit` or, where that is zero, `available` says.
    subroutine read_scene(self, document, error, available)
       type(scene_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
@@ -556,8 +556,8 @@ contains
          call group%get("chain_length", self%chain%length, minimum=1, maximum=1000000)
          call group%get("secant", self%chain%secant)
          limit = 0.0_wp
-         call group%get("memory_limit", limit, above=0.0_wp)
-         if (group%given("memory_limit")) self%memory_limit = limit*gib
+         call group%get("memory_limit", limit, minimum=0.0_wp)
+         if (limit > 0.0_wp) self%memory_limit = limit*gib
          solver%method = max(1, findloc(method_names == name, .true., dim=1))
          solver%start_with_tangent = first_jacobian == start_names(2)
          self%chain%is_on = first_guess == first_guess_names(3)

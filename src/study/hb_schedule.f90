@@ -40,7 +40,7 @@ module hb_schedule
       integer, private :: n_ranks = 1, group_size = 1, stride = 1, largest = 1
       integer, private :: line = 1, chain = 1, units_per_line = 1, n_all_units = 0
       integer, allocatable, private :: kept(:)                        ! units, where not all are to be solved
-      real(wp), private :: block_seconds = 0.0_wp
+      real(wp) :: block_seconds = 0.0_wp                              !! [s] that a block should take
    contains
       procedure :: all_points => schedule_all_points
       procedure :: ask => schedule_ask

@@ -16,7 +16,7 @@ module hb_verify
    use hb_namelist, only: document_t
    use hb_outcome, only: outcome
    use hb_scene, only: read_scene, scene_t
-   use hb_sweep, only: new_study, study_t
+   use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
    implicit none
    private

@@ -33,6 +33,7 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
         ("with laws", list_text(results.law_dofs)),
         ("swept", "; ".join(sweeps) or "nothing"),
         ("points", f"{results.n_points}: {counts}"),
+        ("complete", _completeness(results)),
     ]
     lines = [f"{name:<11}{value}" for name, value in facts]
     shown = min(max_points, results.n_points)
@@ -41,6 +42,15 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
     if shown < results.n_points:
         lines.append(f"... {results.n_points - shown} more points; --points {results.n_points} shows all")
     return "\n".join(lines)
+
+
+def _completeness(results: Results) -> str:
+    """Whether points are left, and what solves them; in the words of `nhbm info`."""
+    n_left = int((results.status == PENDING).sum())
+    if n_left == 0:
+        return "yes"
+    left, them = ("1 point left", "it") if n_left == 1 else (f"{n_left} points left", "them")
+    return f"no, {left}; nhbm resume {results.path} solves {them}"
 
 
 def value(

@@ -1,0 +1,235 @@
+!> `nhbm info`: what a result file holds, how its points ended, and whether it is complete.
+module verb_info
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use, intrinsic :: iso_fortran_env, only: output_unit
+   use arguments, only: arguments_t
+   use exit_status, only: incomplete, success
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_mpi, only: comm_t, max_over, rank_of, share_error
+   use hb_namelist, only: document_t
+   use hb_outcome, only: outcome, outcome_name, outcome_text
+   use hb_results_record, only: open_points, read_record, record_t
+   use hb_study, only: read_input
+   use hb_sweep_plan, only: parameter_units, read_sweep_plan, swept_t, sweep_plan_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: run_info
+
+contains
+
+   !> Runs the verb, on rank 0; the exit status tells whether the file is complete.
+   subroutine run_info(options, comm, status, error)
+      type(arguments_t), intent(in) :: options
+      type(comm_t), intent(in) :: comm
+      integer, intent(out) :: status
+      type(error_t), allocatable, intent(out) :: error
+      type(record_t) :: record
+      type(document_t), target :: document
+      type(sweep_plan_t) :: plan
+
+      status = success
+      if (rank_of(comm) == 0) then
+         call read_record(record, options%input, error)
+         if (.not. allocated(error)) &
+            call read_input(document, record%input_name, record%input_text, record%overrides, error)
+         if (.not. allocated(error)) call read_sweep_plan(plan, document, error)
+         if (.not. allocated(error)) then
+            call write_origin(record, options%input)
+            call write_parameters(plan)
+            call write_statuses(record)
+            call write_worst(record, plan)
+            call write_times(record, plan)
+            call write_rest(record, options%input)
+            if (size(open_points(record, .false.)) > 0) status = incomplete
+         end if
+      end if
+      call share_error(comm, error)
+      status = max_over(comm, status)
+   end subroutine run_info
+
+   !> The words on the left are those of `nhbm-post info`.
+   subroutine write_origin(record, path)
+      type(record_t), intent(in) :: record
+      character(*), intent(in) :: path
+
+      call write_fact("file", path)
+      if (len(record%title) > 0) call write_fact("title", record%title)
+      call write_fact("written by", "nhbm "//record%program_version//", commit "//record%git_commit//", "// &
+         record%created_utc)
+      call write_fact("run on", number_of(record%n_ranks, "MPI rank"))
+      call write_fact("tones", to_text(size(record%tuples, 1)))
+      call write_fact("harmonics", to_text(size(record%tuples, 2))//" in the union of all points")
+      call write_fact("dofs", list_of(record%dofs))
+      if (size(record%laws) > 0) call write_fact("laws", list_of(record%laws))
+   end subroutine write_origin
+
+   subroutine write_parameters(plan)
+      type(sweep_plan_t), intent(in) :: plan
+      integer :: i
+
+      do i = 1, size(plan%parameters)
+         call write_fact("swept", range_text(plan%parameters(i)))
+      end do
+      if (size(plan%parameters) == 0) call write_fact("swept", "nothing")
+   end subroutine write_parameters
+
+   !> Path, number of values, range and units of a swept parameter.
+   function range_text(parameter) result(text)
+      type(swept_t), intent(in) :: parameter
+      character(:), allocatable :: text, units
+
+      text = parameter%path//": "
+      if (parameter%is_text) then
+         text = text//number_of(size(parameter%texts), "value")//", '"//parameter%texts(1)%value//"' to '"// &
+            parameter%texts(size(parameter%texts))%value//"'"
+      else
+         units = parameter_units(parameter%path)
+         if (len(units) > 0 .and. units /= "1") units = " "//units
+         if (units == "1") units = ""
+         text = text//number_of(size(parameter%values), "value")//", "//to_text(minval(parameter%values))//" to "// &
+            to_text(maxval(parameter%values))//units
+      end if
+   end function range_text
+
+   subroutine write_statuses(record)
+      type(record_t), intent(in) :: record
+      integer :: n, status
+
+      call write_fact("points", to_text(record%n_points))
+      do status = outcome%pending, maxval(record%status)
+         n = count(record%status == status)
+         if (n == 0) cycle
+         call write_fact("", to_text(n)//" "//outcome_text(status)// &
+            first_of(outcome_name(status), findloc(record%status, status, dim=1)))
+      end do
+      n = count(record%rescue > 0)
+      if (n > 0) call write_fact("", to_text(n)//" needed more than the direct attempt (see 'rescue')")
+      n = count(record%is_near_commensurate > 0)
+      if (n > 0) call write_fact("", to_text(n)//" where a low-order combination of the tones nearly vanishes")
+   end subroutine write_statuses
+
+   !> Where to look first, for statuses that somebody will look for.
+   function first_of(name, point) result(text)
+      character(*), intent(in) :: name
+      integer, intent(in) :: point                      !! from 1
+      character(:), allocatable :: text
+
+      text = ""
+      if (name /= "converged" .and. name /= "pending") text = " (first: point "//to_text(point - 1)//")"
+   end function first_of
+
+   !> The largest values of what certifies a point, each with its point.
+   subroutine write_worst(record, plan)
+      type(record_t), intent(in) :: record
+      type(sweep_plan_t), intent(in) :: plan
+      logical :: was_written
+
+      was_written = .false.
+      call write_largest("residual", record%residual, "")
+      call write_largest("truncation", record%truncation, "")
+      call write_largest("aliasing", record%aliasing, "")
+      call write_largest("penetration", record%penetration, " m")
+   contains
+      subroutine write_largest(name, values, units)
+         character(*), intent(in) :: name, units
+         real(wp), intent(in) :: values(:)
+         character(:), allocatable :: place
+         character(16) :: number
+         integer :: i
+
+         if (.not. any(ieee_is_finite(values))) return
+         i = maxloc(values, dim=1, mask=ieee_is_finite(values))
+         if (values(i) <= 0.0_wp) return
+         write (number, "(es9.2)") values(i)
+         place = " at point "//to_text(i - 1)
+         if (size(plan%parameters) > 0) place = place//" ("//plan%describe(i)//")"
+         call write_fact(merge("     ", "worst", was_written), name//" "//trim(adjustl(number))//units//place)
+         was_written = .true.
+      end subroutine write_largest
+   end subroutine write_worst
+
+   subroutine write_times(record, plan)
+      type(record_t), intent(in) :: record
+      type(sweep_plan_t), intent(in) :: plan
+      logical :: is_done(record%n_points)
+      character(:), allocatable :: place
+      integer :: i
+
+      is_done = record%status /= outcome%pending .and. ieee_is_finite(record%solve_seconds)
+      if (.not. any(is_done)) return
+      i = maxloc(record%solve_seconds, dim=1, mask=is_done)
+      place = "point "//to_text(i - 1)
+      if (size(plan%parameters) > 0) place = place//" ("//plan%describe(i)//")"
+      call write_fact("times", seconds_text(sum(record%solve_seconds, is_done))//" over all points, "// &
+         seconds_text(sum(record%solve_seconds, is_done)/count(is_done))//" a point, longest "// &
+         seconds_text(record%solve_seconds(i))//" at "//place)
+   end subroutine write_times
+
+   subroutine write_rest(record, path)
+      type(record_t), intent(in) :: record
+      character(*), intent(in) :: path
+      integer :: n_left, n_failed
+
+      n_left = size(open_points(record, .false.))
+      n_failed = size(open_points(record, .true.)) - n_left
+      if (n_left == 0) then
+         call write_fact("complete", "yes")
+      else
+         call write_fact("complete", "no, "//number_of(n_left, "point")//" left; nhbm resume "//path//" solves "// &
+            merge("it  ", "them", n_left == 1))
+      end if
+      if (n_failed > 0) call write_fact("", "nhbm resume "//path//" --retry also tries "//to_text(n_failed)// &
+         " again that did not converge")
+   end subroutine write_rest
+
+   subroutine write_fact(name, text)
+      character(*), intent(in) :: name, text
+      character(11) :: field
+
+      field = name
+      write (output_unit, "(a)") field//trim(text)
+   end subroutine write_fact
+
+   !> `1 point`, `2 points`.
+   pure function number_of(n, word) result(text)
+      integer, intent(in) :: n
+      character(*), intent(in) :: word
+      character(:), allocatable :: text
+
+      text = to_text(n)//" "//word
+      if (n /= 1) text = text//"s"
+   end function number_of
+
+   pure function list_of(words) result(text)
+      character(*), intent(in) :: words(:)
+      character(:), allocatable :: text
+      integer, parameter :: most = 20
+      integer :: i
+
+      text = ""
+      do i = 1, min(size(words), most)
+         if (i > 1) text = text//", "
+         text = text//trim(words(i))
+      end do
+      if (size(words) > most) text = text//" and "//to_text(size(words) - most)//" more"
+   end function list_of
+
+   !> A time in seconds, with three digits.
+   pure function seconds_text(seconds) result(text)
+      real(wp), intent(in) :: seconds
+      character(:), allocatable :: text
+      character(24) :: number
+
+      if (seconds >= 100.0_wp) then
+         write (number, "(f0.0)") seconds
+         number = number(:index(number, ".") - 1)
+      else if (seconds >= 0.1_wp) then
+         write (number, "(f6.2)") seconds
+      else
+         write (number, "(es8.2)") seconds
+      end if
+      text = trim(adjustl(number))//" s"
+   end function seconds_text
+end module verb_info

@@ -1,0 +1,65 @@
+!> Signals by which a user or a batch system asks a run to end: SIGINT, SIGTERM, SIGUSR1, SIGUSR2.
+!>
+!> The handler of the first one only takes a note, which `signal_caught` reads between two points; a second one ends
+!> the process at once. Source of the interface: hb_posix.h.
+module hb_signals
+   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_int, c_null_char, c_ptr, c_size_t
+   use hb_error, only: error_t, fail
+   implicit none
+   private
+   public :: catch_signals, signal_caught, signal_name
+
+   interface
+      integer(c_int) function hb_catch_signals(text, exit_status) bind(c, name="hb_catch_signals")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: text(*)
+         integer(c_int), value :: exit_status
+      end function hb_catch_signals
+
+      integer(c_int) function hb_caught_signal() bind(c, name="hb_caught_signal")
+         import :: c_int
+      end function hb_caught_signal
+
+      type(c_ptr) function hb_caught_signal_name() bind(c, name="hb_caught_signal_name")
+         import :: c_ptr
+      end function hb_caught_signal_name
+
+      integer(c_size_t) function c_strlen(text) bind(c, name="strlen")
+         import :: c_ptr, c_size_t
+         type(c_ptr), value :: text
+      end function c_strlen
+   end interface
+
+contains
+
+   !> Takes note of signals from here on; at the second the process writes `text`, cut to 1000 bytes, as a line to
+   !> standard error and ends with `exit_status`.
+   subroutine catch_signals(text, exit_status, error)
+      character(*), intent(in) :: text
+      integer, intent(in) :: exit_status
+      type(error_t), allocatable, intent(out) :: error
+
+      if (hb_catch_signals(text(:min(len(text), 1000))//new_line("a")//c_null_char, int(exit_status, c_int)) /= 0) &
+         call fail(error, "cannot catch signals")
+   end subroutine catch_signals
+
+   !> Whether a signal has asked this process to end.
+   logical function signal_caught()
+      signal_caught = hb_caught_signal() /= 0
+   end function signal_caught
+
+   !> Name of the first signal that was caught, such as SIGTERM; `no signal` before.
+   function signal_name() result(name)
+      character(:), allocatable :: name
+      character(c_char), pointer :: bytes(:)
+      type(c_ptr) :: text
+      integer :: i
+
+      text = hb_caught_signal_name()
+      call c_f_pointer(text, bytes, [int(c_strlen(text))])
+      allocate (character(size(bytes)) :: name)
+      do i = 1, size(bytes)
+         name(i:i) = bytes(i)
+      end do
+   end function signal_name
+end module hb_signals

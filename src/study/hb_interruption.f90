@@ -1,0 +1,99 @@
+!> Whether a run has to end before its points do: a signal, a limit on its time, or another rank that says so.
+!>
+!> A point in flight is always finished. So the question is asked before each point alone; no solver knows of it.
+module hb_interruption
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_mpi, only: comm_t, size_of, wall_clock
+   use hb_shared_flag, only: new_shared_flag, shared_flag_t
+   use hb_signals, only: signal_caught
+   implicit none
+   private
+   public :: interruption, interruption_t, new_interruption
+
+   !> Why no further point is begun; of two ranks the one with the larger number has more to tell.
+   type :: reason_t
+      integer :: none = 0
+      integer :: other_rank = 1                                       !! another rank has its reason
+      integer :: time_limit = 2
+      integer :: signal = 3
+   end type reason_t
+
+   type(reason_t), parameter :: interruption = reason_t()
+
+   ! The flag stands in the memory of one rank; all others together look at it so often at most, and each no more often than
+   ! people notice.
+   real(wp), parameter :: looks_per_second = 1.0e5_wp, shortest_interval = 0.01_wp
+
+   type :: interruption_t
+      integer :: reason = interruption%none
+      real(wp), private :: started = 0.0_wp
+      real(wp), private :: time_limit = huge(1.0_wp)                  !! [s] from the start
+      real(wp), private :: longest = 0.0_wp                           !! [s] of the points of this rank so far
+      type(shared_flag_t), private :: flag                            !! up when all ranks have to stop
+      real(wp), private :: looked = -huge(1.0_wp)                     !! [s] when this rank looked at it last
+      real(wp), private :: interval = shortest_interval               !! [s] between two looks
+   contains
+      procedure :: ask_all => interruption_ask_all
+      procedure :: destroy => interruption_destroy
+      procedure :: is_due => interruption_is_due
+      procedure :: note_point => interruption_note_point
+   end type interruption_t
+
+contains
+
+   !> Starts the clock of a run that may take `time_limit`; collective, as `destroy` is.
+   subroutine new_interruption(self, time_limit, comm, error)
+      type(interruption_t), intent(out) :: self
+      real(wp), intent(in) :: time_limit                              !! [s], huge for none
+      type(comm_t), intent(in) :: comm
+      type(error_t), allocatable, intent(out) :: error
+
+      call new_shared_flag(self%flag, comm, error)
+      self%started = wall_clock()
+      self%time_limit = time_limit
+      self%interval = max(shortest_interval, size_of(comm)/looks_per_second)
+   end subroutine new_interruption
+
+   !> Takes note of what a point took.
+   pure subroutine interruption_note_point(self, seconds)
+      class(interruption_t), intent(inout) :: self
+      real(wp), intent(in) :: seconds
+
+      self%longest = max(self%longest, seconds)
+   end subroutine interruption_note_point
+
+   !> Whether no further point may be begun. One that would end after the time limit, if it took as long as the longest so
+   !> far, is not begun. A signal to one rank stops all; the time limit is met by each rank for itself, since their points
+   !> differ.
+   logical function interruption_is_due(self) result(is_due)
+      class(interruption_t), intent(inout) :: self
+      real(wp) :: now
+
+      now = wall_clock()
+      if (signal_caught()) then
+         call self%flag%raise()
+         self%reason = interruption%signal
+      else if (now - self%started + self%longest >= self%time_limit) then
+         self%reason = interruption%time_limit
+      else if (now - self%looked >= self%interval) then
+         self%looked = now
+         if (self%flag%is_raised()) self%reason = interruption%other_rank
+      end if
+      is_due = self%reason /= interruption%none
+   end function interruption_is_due
+
+   !> Has all ranks begin no further point.
+   subroutine interruption_ask_all(self)
+      class(interruption_t), intent(in) :: self
+
+      call self%flag%raise()
+   end subroutine interruption_ask_all
+
+   !> Frees what the ranks share; collective, safe to call twice.
+   subroutine interruption_destroy(self)
+      class(interruption_t), intent(inout) :: self
+
+      call self%flag%destroy()
+   end subroutine interruption_destroy
+end module hb_interruption

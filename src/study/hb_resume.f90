@@ -1,0 +1,75 @@
+!> Going on with the result file of a run that has ended: whether the input is still the same, and which units of points are left.
+module hb_resume
+   use hb_error, only: error_t, fail
+   use hb_mpi, only: broadcast_integers, comm_t, rank_of, share_error
+   use hb_namelist_difference, only: input_differences
+   use hb_results_record, only: open_points, read_record, record_t
+   use hb_run_summary, only: count_kept, run_summary_t
+   use hb_schedule, only: schedule_t
+   use hb_system, only: exists
+   implicit none
+   private
+   public :: choose_units, resumed_input_t
+
+   !> What must agree with the file.
+   type :: resumed_input_t
+      character(:), allocatable :: complete                           !! the input after defaults
+      integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics), of all points
+   end type resumed_input_t
+
+contains
+
+   !> Leaves in the schedule of all points the units that have a point to solve in the file at `path`; all, where there is no
+   !> file. The summary of rank 0 begins with the points that are kept. Collective; an error is the same on all ranks.
+   subroutine choose_units(path, input, retries, comm, schedule, is_there, summary, error)
+      character(*), intent(in) :: path
+      type(resumed_input_t), intent(in) :: input
+      logical, intent(in) :: retries                                  !! points that did not converge are solved again
+      type(comm_t), intent(in) :: comm
+      type(schedule_t), intent(inout) :: schedule
+      logical, intent(out) :: is_there                                !! the file
+      type(run_summary_t), intent(inout) :: summary
+      type(error_t), allocatable, intent(out) :: error
+      type(record_t) :: record
+      integer, allocatable :: found(:)
+
+      allocate (found(0))
+      if (rank_of(comm) == 0) then
+         if (exists(path)) then
+            call read_record(record, path, error)
+            if (.not. allocated(error)) call compare_input(input, schedule%n_points, record, path, error)
+            if (.not. allocated(error)) found = [1, open_points(record, retries)]
+         end if
+      end if
+      is_there = .false.
+      call share_error(comm, error)
+      if (allocated(error)) return
+      call broadcast_integers(comm, found)
+      is_there = size(found) > 0                                      ! a 1 and the points, or nothing without a file
+      if (.not. is_there) return
+      call schedule%keep(found(2:))
+      if (rank_of(comm) == 0) call count_kept(summary, record, schedule%all_points())
+   end subroutine choose_units
+
+   !> Refuses to go on with the file of another input.
+   subroutine compare_input(self, n_points, record, path, error)
+      type(resumed_input_t), intent(in) :: self
+      integer, intent(in) :: n_points
+      type(record_t), intent(in) :: record
+      character(*), intent(in) :: path
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: differences
+      logical :: has_same_tuples
+
+      differences = input_differences(self%complete, record%input_complete, "the input", "the file")
+      has_same_tuples = all(shape(self%tuples) == shape(record%tuples))
+      if (has_same_tuples) has_same_tuples = all(self%tuples == record%tuples)
+      if (len(differences) > 0) then
+         call fail(error, "result file '"//path//"' was made from another input; give the same or another --output"// &
+            new_line("a")//differences)
+      else if (.not. has_same_tuples .or. n_points /= record%n_points) then
+         call fail(error, "result file '"//path//"' has other points or harmonics than the input gives in this version "// &
+            "of the program; it was made by version "//record%program_version//", commit "//record%git_commit)
+      end if
+   end subroutine compare_input
+end module hb_resume

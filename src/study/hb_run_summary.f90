@@ -1,0 +1,84 @@
+!> What a run comes to: how many points ended how, and the worst of their estimates.
+module hb_run_summary
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
+   use hb_interruption, only: interruption
+   use hb_kinds, only: wp
+   use hb_mpi, only: comm_t, max_over, sum_over
+   use hb_outcome, only: outcome_names
+   use hb_results, only: point_result_t
+   use hb_results_record, only: record_t
+   use hb_version, only: git_commit, program_version
+   implicit none
+   private
+   public :: count_kept, count_point, run_summary_t, sum_up
+
+   !> What a run came to, over all ranks.
+   type :: run_summary_t
+      integer :: n_points = 0
+      integer :: counts(0:ubound(outcome_names, 1)) = 0               !! points of each status
+      integer :: n_rescued = 0                                        !! points where the direct attempt failed, but others did not
+      integer :: n_certified = 0                                      !! points with a certificate
+      integer :: n_near_commensurate = 0
+      real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
+      real(wp) :: aliasing = 0.0_wp
+      real(wp) :: seconds = 0.0_wp
+      real(wp), allocatable :: times(:, :)                            !! of all ranks, on rank 0, for hb_timing
+      integer :: n_left = 0                                           !! points that the run should have solved and has not
+      integer :: interruption = interruption%none                     !! why
+      character(:), allocatable :: made_by                            !! version that made the file, where it is another
+   end type run_summary_t
+
+contains
+
+   !> Counts the points of a file that are not solved again.
+   subroutine count_kept(summary, record, points)
+      type(run_summary_t), intent(inout) :: summary
+      type(record_t), intent(in) :: record
+      integer, intent(in) :: points(:)                                !! those that are
+      logical :: is_kept(record%n_points)
+      integer :: status
+
+      is_kept = .true.
+      is_kept(points) = .false.
+      do status = lbound(summary%counts, 1), ubound(summary%counts, 1)
+         summary%counts(status) = count(is_kept .and. record%status == status)
+      end do
+      summary%n_rescued = count(is_kept .and. record%rescue > 0)
+      summary%n_near_commensurate = count(is_kept .and. record%is_near_commensurate > 0)
+      is_kept = is_kept .and. .not. ieee_is_nan(record%truncation)
+      summary%n_certified = count(is_kept)
+      summary%truncation = max(0.0_wp, maxval(record%truncation, is_kept))
+      summary%aliasing = max(0.0_wp, maxval(record%aliasing, is_kept .and. .not. ieee_is_nan(record%aliasing)))
+      if (record%program_version /= program_version .or. record%git_commit /= git_commit) &
+         summary%made_by = "nhbm "//record%program_version//" ("//record%git_commit//")"
+   end subroutine count_kept
+
+   !> Counts a point that was solved.
+   subroutine count_point(summary, result)
+      type(run_summary_t), intent(inout) :: summary
+      type(point_result_t), intent(in) :: result
+
+      summary%counts(result%status) = summary%counts(result%status) + 1
+      if (result%rescue > 0) summary%n_rescued = summary%n_rescued + 1
+      if (allocated(result%certificate%combination)) summary%n_certified = summary%n_certified + 1
+      if (result%is_near_commensurate) summary%n_near_commensurate = summary%n_near_commensurate + 1
+      summary%truncation = max(summary%truncation, result%certificate%truncation)
+      summary%aliasing = max(summary%aliasing, result%certificate%aliasing)
+   end subroutine count_point
+
+   !> Turns what each rank counted into what all ranks did.
+   subroutine sum_up(summary, comm)
+      type(run_summary_t), intent(inout) :: summary
+      type(comm_t), intent(in) :: comm
+      integer :: status
+
+      do status = lbound(summary%counts, 1), ubound(summary%counts, 1)
+         summary%counts(status) = sum_over(comm, summary%counts(status))
+      end do
+      summary%n_rescued = sum_over(comm, summary%n_rescued)
+      summary%n_certified = sum_over(comm, summary%n_certified)
+      summary%n_near_commensurate = sum_over(comm, summary%n_near_commensurate)
+      summary%truncation = max_over(comm, summary%truncation)
+      summary%aliasing = max_over(comm, summary%aliasing)
+   end subroutine sum_up
+end module hb_run_summary

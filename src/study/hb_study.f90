@@ -1,0 +1,248 @@
+!> An input that was read and is ready to run: its document, the plan of its sweep, the scene of its first point, the
+!> harmonics of all points, and the layout of its result file.
+module hb_study
+   use hb_certificate, only: choose_wider_set
+   use hb_error, only: annotate, error_t, fail
+   use hb_harmonics, only: harmonics_t, merge_tuples
+   use hb_kinds, only: wp
+   use hb_law_set, only: law_dofs_of
+   use hb_namelist, only: document_t, new_document
+   use hb_results_layout, only: results_layout_t
+   use hb_results_plan, only: measure_row, new_plan, plan_t
+   use hb_scene, only: group_names, read_harmonics, read_scene, read_tones, scene_t
+   use hb_sweep_plan, only: parameter_units, read_sweep_plan, sweep_plan_t
+   use hb_text, only: join, lower, string_t, to_text
+   use hb_tones, only: tones_t
+   use hb_version, only: git_commit, program_version
+   implicit none
+   private
+   public :: apply_overrides, describe_layout, new_study, read_input, row_of_study, study_t
+
+   !> An input that was read without a problem, ready to run.
+   type :: study_t
+      type(document_t) :: document                                    !! the input after overrides
+      type(sweep_plan_t) :: plan
+      type(scene_t) :: scene                                          !! of the first point
+      integer, allocatable :: tuples(:, :)                            !! union of the sets of all points, (n_tones, any)
+      character(:), allocatable :: input_text                         !! the input as given
+      character(:), allocatable :: input_overrides                    !! path=value, a line each
+      character(:), allocatable :: input_complete                     !! the input after defaults
+      real(wp) :: available_memory = huge(1.0_wp)                     !! bytes for this process
+   end type study_t
+
+contains
+
+   !> Reads the text of an input file with its overrides; fails with all problems that the first point and the sweep show.
+   subroutine new_study(self, file_name, text, overrides, error, available_memory)
+      type(study_t), intent(out), target :: self
+      character(*), intent(in) :: file_name                           !! for messages
+      character(*), intent(in) :: text
+      type(string_t), intent(in) :: overrides(:)                      !! path=value, as --set gives them
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: available_memory              !! bytes for this process, the same on all ranks
+      type(document_t), target :: first
+
+      if (present(available_memory)) self%available_memory = available_memory
+      self%input_text = text
+      self%input_overrides = join(overrides, new_line("a"))
+      call read_input(self%document, file_name, text, overrides, error)
+      if (allocated(error)) return
+      first = self%document
+      call read_sweep_plan(self%plan, first, error)
+      if (allocated(error)) return
+      call self%plan%apply(1, first, error)
+      if (allocated(error)) return
+      call read_scene(self%scene, first, error, self%available_memory)
+      if (allocated(error)) return
+      self%input_complete = first%complete()
+      call self%document%forget_values()                             ! nobody asks for the texts of single points
+      call collect_tuples(self, error)
+   end subroutine new_study
+
+   !> Takes the text of an input file apart and applies its overrides.
+   subroutine read_input(document, file_name, text, overrides, error)
+      type(document_t), intent(out) :: document
+      character(*), intent(in) :: file_name                           !! for messages
+      character(*), intent(in) :: text
+      type(string_t), intent(in) :: overrides(:)                      !! path=value
+      type(error_t), allocatable, intent(out) :: error
+
+      call new_document(document, file_name, text, error)
+      if (allocated(error)) return
+      if (document%count("benchmark") > 0) then
+         call fail(error, file_name//": has a group &benchmark; such an input is for 'nhbm benchmark'")
+         return
+      end if
+      call document%expect_groups([group_names, "sweep      "], error)
+      if (.not. allocated(error)) call apply_overrides(document, overrides, error)
+   end subroutine read_input
+
+   !> Applies overrides in turn, each path=value.
+   subroutine apply_overrides(document, overrides, error)
+      type(document_t), intent(inout) :: document
+      type(string_t), intent(in) :: overrides(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      do i = 1, size(overrides)
+         call apply_override(document, overrides(i)%value, error)
+         if (allocated(error)) return
+      end do
+   end subroutine apply_overrides
+
+   !> Applies one `path=value`.
+   subroutine apply_override(document, text, error)
+      type(document_t), intent(inout) :: document
+      character(*), intent(in) :: text
+      type(error_t), allocatable, intent(out) :: error
+      integer :: equals
+
+      equals = index(text, "=")
+      if (equals < 2 .or. equals == len(text)) then
+         call fail(error, "--set needs path=value, such as law(1)%gap=1.5e-3, not '"//text//"'")
+         return
+      else if (index(text, new_line("a")) > 0) then
+         call fail(error, "--set needs path=value in one line")
+         return
+      end if
+      call document%set(trim(adjustl(text(:equals - 1))), text(equals + 1:), error)
+      call annotate(error, "--set")
+   end subroutine apply_override
+
+   !> Union of the harmonic sets of all points, so that the file can be laid out before any is solved. Only points that
+   !> differ in a swept key of `&harmonics` have to be read.
+   subroutine collect_tuples(self, error)
+      type(study_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+      type(document_t), target :: document
+      type(tones_t) :: tones
+      type(harmonics_t) :: harmonics
+      character(:), allocatable :: seen, key
+      integer :: i, point
+
+      self%tuples = self%scene%harmonics%tuples
+      call merge_wider_set(self, self%scene%harmonics, error)
+      if (allocated(error)) return
+      if (.not. any([(is_harmonic_path(self%plan%parameters(i)%path), i=1, size(self%plan%parameters))])) return
+      seen = ";"
+      do point = 1, self%plan%n_points
+         key = ""
+         do i = 1, size(self%plan%parameters)
+            if (is_harmonic_path(self%plan%parameters(i)%path)) key = key//to_text(self%plan%index_on(i, point))//","
+         end do
+         if (index(seen, ";"//key//";") > 0) cycle
+         seen = seen//key//";"
+         document = self%document
+         call self%plan%apply(point, document, error)
+         if (allocated(error)) return
+         call read_tones(tones, document, error)
+         if (.not. allocated(error)) call read_harmonics(harmonics, document, tones%n_tones, error)
+         if (allocated(error)) then
+            call annotate(error, "point "//to_text(point)//" of the sweep")
+            return
+         end if
+         if (tones%n_tones /= size(self%tuples, 1)) then
+            call fail(error, "all points of a sweep need the same number of tones")
+            return
+         end if
+         call merge_tuples(self%tuples, harmonics)
+         call merge_wider_set(self, harmonics, error)
+         if (allocated(error)) return
+      end do
+   end subroutine collect_tuples
+
+   !> Adds the tuples that an improved motion has beyond those of its set.
+   subroutine merge_wider_set(self, harmonics, error)
+      type(study_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: wider
+
+      if (.not. has_improved(self)) return
+      call choose_wider_set(harmonics, wider, error)
+      if (.not. allocated(error)) call merge_tuples(self%tuples, wider)
+   end subroutine merge_wider_set
+
+   !> Whether improved motions are stored: the first point decides for all.
+   pure logical function has_improved(self)
+      type(study_t), intent(in) :: self
+
+      has_improved = self%scene%certificate%is_on .and. self%scene%certificate%improvement_steps > 0
+   end function has_improved
+
+   !> Whether a swept path is a key of `&harmonics`; names of groups stand in either case, with blanks before.
+   logical function is_harmonic_path(path)
+      character(*), intent(in) :: path
+
+      is_harmonic_path = index(lower(adjustl(path)), "harmonics") == 1
+   end function is_harmonic_path
+
+   !> Says what is known of the result file before the first point is solved.
+   subroutine describe_layout(self, n_ranks, layout)
+      type(study_t), intent(in) :: self
+      integer, intent(in) :: n_ranks
+      type(results_layout_t), intent(out) :: layout
+      integer, allocatable :: law_dofs(:)
+      integer :: i, k
+
+      associate (scene => self%scene, structure => self%scene%structure, plan => self%plan)
+         law_dofs = law_dofs_of(scene%laws)
+         layout%n_points = plan%n_points
+         layout%tuples = self%tuples
+         layout%dof_labels = structure%labels(scene%output%dofs)
+         layout%dof_units = [character(16) :: structure%units(scene%output%dofs)]
+         layout%law_dof_labels = structure%labels(law_dofs)
+         layout%law_labels = unique_labels(scene)
+         layout%law_dof_units = [character(16) :: structure%units(law_dofs)]
+         layout%n_samples = scene%output%samples
+         layout%has_improved = has_improved(self)
+         layout%title = scene%output%title
+         layout%input_name = self%document%file_name
+         layout%input_text = self%input_text
+         layout%input_overrides = self%input_overrides
+         layout%input_complete = self%input_complete
+         layout%n_ranks = n_ranks
+         layout%program_version = program_version
+         layout%git_commit = git_commit
+         allocate (layout%parameters(size(plan%parameters)))
+         do i = 1, size(plan%parameters)
+            layout%parameters(i)%path = plan%parameters(i)%path
+            layout%parameters(i)%units = parameter_units(plan%parameters(i)%path)
+            layout%parameters(i)%is_text = plan%parameters(i)%is_text
+            if (plan%parameters(i)%is_text) then
+               allocate (layout%parameters(i)%text_values(plan%n_points))
+               do k = 1, plan%n_points
+                  layout%parameters(i)%text_values(k) = plan%parameters(i)%texts(plan%index_on(i, k))%value
+               end do
+            else
+               layout%parameters(i)%values = [(plan%parameters(i)%values(plan%index_on(i, k)), k=1, plan%n_points)]
+            end if
+         end do
+      end associate
+   end subroutine describe_layout
+
+   !> What one point takes in the result file, and to how many datasets it is written.
+   subroutine row_of_study(self, n_bytes, n_datasets)
+      type(study_t), intent(in) :: self
+      real(wp), intent(out) :: n_bytes
+      integer, intent(out) :: n_datasets
+      type(results_layout_t) :: layout
+      type(plan_t) :: plan
+
+      call describe_layout(self, 1, layout)
+      call new_plan(plan, layout)
+      call measure_row(plan, size(layout%parameters), n_bytes, n_datasets)
+   end subroutine row_of_study
+
+   !> Labels of the laws; where two laws have the same, the number of the law is added.
+   function unique_labels(scene) result(labels)
+      type(scene_t), intent(in) :: scene
+      character(64) :: labels(size(scene%laws))
+      integer :: i
+
+      do i = 1, size(labels)
+         labels(i) = scene%laws(i)%law%label
+         if (any(labels(:i - 1) == labels(i))) labels(i) = trim(labels(i))//" "//to_text(i)
+      end do
+   end function unique_labels
+end module hb_study
