@@ -297,6 +297,7 @@ contains
 
       other%file_name = self%file_name
       other%keeps_values = self%keeps_values
+      if (allocated(self%known)) other%known = self%known
       n = 0
       do i = 1, self%n_groups
          if (any(names == self%holders(i)%group%name)) n = n + 1

@@ -57,6 +57,12 @@ def test_points_are_what_they_are_by_themselves(name, tmp_path):
                     np.testing.assert_array_equal(found, expected, err_msg=f"{point}: {dataset}")
 
 
+def test_a_sweep_by_overrides_alone(tmp_path):
+    options = ("--set", "sweep%parameter='law(2)%gap'", "--set", "sweep%values=0.1, 0.2")
+    with h5py.File(_solve(SCENE, tmp_path, *options)) as file:
+        assert (file["status"][()] == 1).all()
+
+
 def _solve(text, folder, *options):
     """The result file; None where the input is refused."""
     source = folder / "case.nml"
