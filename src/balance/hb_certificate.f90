@@ -13,7 +13,7 @@ module hb_certificate
    use hb_law_set, only: law_dofs_of
    use hb_phase, only: phase_problem_t
    use hb_structure, only: structure_t
-   use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
+   use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: new_torus, samples_for, torus_t
    use hb_two_level, only: clear_kept, exchange, improve, residual_of
@@ -151,7 +151,7 @@ contains
       integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
       type(phase_problem_t), intent(inout), optional :: phase
-      type(tangent_factor_t) :: factor
+      type(tangent_solver_t) :: tangent
       real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), size_of_motion
       integer :: n
       logical :: is_singular
@@ -164,21 +164,19 @@ contains
       n = balance%n_unknowns
       if (present(phase)) n = phase%n_unknowns
       allocate (change(n), alias(n))
-      call new_tangent_factor(factor, n)
+      self%truncation = huge(1.0_wp)
+      self%aliasing = huge(1.0_wp)
       if (present(phase)) then
-         call factor%update(phase, phase%unknowns(u), is_singular)
+         call new_tangent_solver(tangent, phase, phase%unknowns(u), is_singular)
       else
-         call factor%update(balance, reshape(u, [size(u)]), is_singular)
+         call new_tangent_solver(tangent, balance, reshape(u, [size(u)]), is_singular)
       end if
-      if (is_singular) then
-         self%truncation = huge(1.0_wp)
-         self%aliasing = huge(1.0_wp)
-         return
-      end if
+      if (is_singular) return
       call exchange(balance%harmonics, wide%harmonics, u, big)
       call residual_of(wide, big, defect)
       alias = restricted(defect)
       call solve_tangent(alias)
+      if (is_singular) return
       self%aliasing = norm2(alias(:size(u)))/size_of_motion
 
       call clear_kept(balance%harmonics, wide%harmonics, defect)
@@ -188,6 +186,7 @@ contains
       call residual_of(wide, big - answer, defect)
       change = restricted(defect)
       call solve_tangent(change)
+      if (is_singular) return
       change = change - alias
       self%truncation = sqrt(norm2(change(:size(u)))**2 + norm2(answer)**2)/size_of_motion
       if (present(phase)) then
@@ -199,7 +198,7 @@ contains
       if (n_steps == 0) return
       self%wider = wide%harmonics
       allocate (self%improved, mold=big)
-      call improve(balance, wide, factor, u, n_steps, self%improved, error)
+      call improve(balance, wide, tangent, u, n_steps, self%improved, error)
 
    contains
 
@@ -218,9 +217,9 @@ contains
          real(wp), intent(inout), contiguous :: r(:)
 
          if (present(phase)) then
-            call factor%solve(phase, r)
+            call tangent%solve(phase, r, is_singular)
          else
-            call factor%solve(balance, r)
+            call tangent%solve(balance, r, is_singular)
          end if
       end subroutine solve_tangent
    end subroutine estimate_errors

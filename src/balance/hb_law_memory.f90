@@ -1,12 +1,12 @@
 !> What a law with memory keeps beside its samples: the walk of its states over the torus, and how that walk answers to the
-!> motion and to a base frequency.
+!> motion, coefficient by coefficient or along a direction, and to a base frequency.
 !>
 !> Source: docs/theory.md, sections 5.5 and 5.6.
 module hb_law_memory
    use hb_characteristic, only: characteristic_t
+   use hb_direction_walk, only: direction_walk_t, new_direction_walk
    use hb_error, only: error_t, fail
    use hb_fftw, only: real_block_t
-   use hb_frequency_walk, only: frequency_walk_t, new_frequency_walk
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t, path_part
    use hb_kinds, only: wp
@@ -26,12 +26,12 @@ module hb_law_memory
       real(wp), allocatable :: answer(:, :, :, :)                     !! (width, 2, n_coordinates, n_samples) to a block of
                                                                       !! columns
       type(memory_tangent_t), allocatable, private :: tangent         ! from the first use on
-      type(frequency_walk_t), allocatable, private :: frequency_walk  ! from the first use on
-      real(wp), allocatable, private :: f_by_frequency(:, :)          ! (n_samples, n_coordinates)
+      type(direction_walk_t), allocatable, private :: direction_walk  ! from the first use on
+      real(wp), allocatable, private :: f_along(:, :)                 ! (n_samples, n_coordinates)
    contains
       procedure :: forget_tones => law_memory_forget_tones
       procedure :: run => law_memory_run
-      procedure :: add_frequency_slope => law_memory_add_frequency_slope
+      procedure :: add_slope => law_memory_add_slope
       procedure :: prepare_answers => law_memory_prepare_answers
       procedure :: n_blocks => law_memory_n_blocks
       procedure :: answer_block => law_memory_answer_block
@@ -107,47 +107,48 @@ contains
       end associate
    end subroutine gather_part
 
-   !> Adds how the forces of the law answer to a base frequency, from the derivatives of what steps know of the motion.
+   !> Adds how the forces of the law answer along a direction, from the derivatives of what steps know of the motion.
    !>
    !> Fails where the derivative of the states does not repeat from round to round.
-   subroutine law_memory_add_frequency_slope(self, law, columns, characteristic, weight_slope, q_before, step_rate, &
-                                             step_rate_before, f, error)
+   subroutine law_memory_add_slope(self, law, columns, characteristic, weight_slope, q, q_before, step_rate, step_rate_before, &
+                                   f, error)
       class(law_memory_t), intent(inout) :: self
       class(law_t), intent(in) :: law
       integer, intent(in) :: columns(:)
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(in) :: weight_slope(:)                         !! of `characteristic`
-      type(real_block_t), intent(in) :: q_before, step_rate, step_rate_before !! derivatives [m s], (n_samples, n_dofs)
-      type(real_block_t), intent(inout) :: f                          !! derivatives [N s], (n_samples, n_dofs)
+      type(real_block_t), intent(in) :: q, q_before, step_rate, step_rate_before !! derivatives, (n_samples, n_dofs)
+      type(real_block_t), intent(inout) :: f                          !! derivatives, (n_samples, n_dofs)
       type(error_t), allocatable, intent(out) :: error
       integer :: c, k
 
-      if (.not. allocated(self%frequency_walk)) then
-         allocate (self%frequency_walk)
-         call new_frequency_walk(self%frequency_walk, self%walk)
-         allocate (self%f_by_frequency(size(f%values, 1), size(law%shape, 2)))
+      if (.not. allocated(self%direction_walk)) then
+         allocate (self%direction_walk)
+         call new_direction_walk(self%direction_walk, self%walk)
+         allocate (self%f_along(size(f%values, 1), size(law%shape, 2)))
       end if
-      associate (path => self%frequency_walk%path)
+      associate (path => self%direction_walk%path)
+         call gather_part(law, columns, characteristic, q%values, path(:, :, path_part%at_end, :))
          call gather_part(law, columns, characteristic, q_before%values, path(:, :, path_part%at_start, :))
          call gather_part(law, columns, characteristic, step_rate%values, path(:, :, path_part%end_rate, :))
          call gather_part(law, columns, characteristic, step_rate_before%values, path(:, :, path_part%start_rate, :))
       end associate
       select type (law)
       class is (hysteretic_law_t)
-         call self%frequency_walk%walk(self%walk, law, characteristic, weight_slope)
-         if (.not. self%frequency_walk%repeats) then
-            call fail(error, "law '"//law%label//"': the derivative of its memory by a base frequency does not repeat "// &
+         call self%direction_walk%walk(self%walk, law, characteristic, weight_slope)
+         if (.not. self%direction_walk%repeats) then
+            call fail(error, "law '"//law%label//"': the derivative of its memory does not repeat "// &
                       "from round to round of the torus")
             return
          end if
-         call self%frequency_walk%force(self%walk, law, characteristic, self%f_by_frequency)
+         call self%direction_walk%force(self%walk, law, characteristic, self%f_along)
       end select
       do c = 1, size(law%shape, 2)
          do k = 1, size(columns)
-            f%values(:, columns(k)) = f%values(:, columns(k)) + law%shape(k, c)*self%f_by_frequency(:, c)
+            f%values(:, columns(k)) = f%values(:, columns(k)) + law%shape(k, c)*self%f_along(:, c)
          end do
       end do
-   end subroutine law_memory_add_frequency_slope
+   end subroutine law_memory_add_slope
 
    !> Prepares the answers to coefficients of the motion, after `run`.
    subroutine law_memory_prepare_answers(self, law, characteristic, harmonics, torus, frequencies)

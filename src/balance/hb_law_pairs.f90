@@ -10,7 +10,7 @@ module hb_law_pairs
    use hb_law_slot, only: slot_t
    implicit none
    private
-   public :: add_explicit_derivatives, add_multiplier_derivatives, find_pairs
+   public :: add_explicit_derivatives, add_multiplier_derivatives, add_slopes_along, find_pairs
 
 contains
 
@@ -79,6 +79,24 @@ contains
          end do
       end associate
    end subroutine add_explicit_derivatives
+
+   !> Adds what forces answer along a direction: the sum over pairs (i, k) of df_i/dq_k q_k + df_i/dv_k v_k + df_i/ds_k s_k. Rates
+   !> and reactions that no law needs have no samples.
+   subroutine add_slopes_along(row, column, df_dq, df_dv, df_ds, q, v, s, f)
+      integer, intent(in) :: row(:), column(:)                        !! (n_pairs) i and k of each pair
+      type(real_block_t), intent(in) :: df_dq, df_dv, df_ds           !! (n_samples, n_pairs)
+      type(real_block_t), intent(in) :: q, v, s                       !! (n_samples, n_dofs)
+      type(real_block_t), intent(in) :: f                             !! what it points to is added to
+      integer :: i
+
+      do i = 1, size(row)
+         associate (answer => f%values(:, row(i)), k => column(i))
+            answer = answer + df_dq%values(:, i)*q%values(:, k)
+            if (associated(v%values)) answer = answer + df_dv%values(:, i)*v%values(:, k)
+            if (associated(s%values)) answer = answer + df_ds%values(:, i)*s%values(:, k)
+         end associate
+      end do
+   end subroutine add_slopes_along
 
    !> Chain rule through p = w.(s - f_explicit)/w.w for a law of one coordinate with weights w.
    !> Its degrees of freedom belong to no other multiplier, so what stands in their rows so far is explicit.

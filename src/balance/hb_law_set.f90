@@ -6,15 +6,15 @@
 module hb_law_set
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_characteristic, only: characteristic_t, new_characteristic
+   use hb_direction_samples, only: direction_samples_t, new_direction_samples
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
-   use hb_frequency_samples, only: frequency_samples_t, new_frequency_samples
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_law, only: defects_t, law_box_t
    use hb_law_answers, only: answer_on, answering_dofs, pass_on_to_multipliers
-   use hb_law_pairs, only: add_explicit_derivatives, add_multiplier_derivatives, find_pairs
+   use hb_law_pairs, only: add_explicit_derivatives, add_multiplier_derivatives, add_slopes_along, find_pairs
    use hb_law_slot, only: new_slot, slot_t
    use hb_torus, only: torus_t
    implicit none
@@ -37,7 +37,7 @@ module hb_law_set
       type(real_block_t) :: q_before                                  !! motion one step before each sample
       type(real_block_t) :: step_rate, step_rate_before               !! rate times the step, there and one step before
       type(real_block_t) :: df_dq, df_dv, df_ds                       !! (n_samples, n_pairs)
-      type(frequency_samples_t) :: by_frequency                       !! made at their first use
+      type(direction_samples_t) :: along                              !! made at their first use
       type(slot_t), allocatable, private :: slots(:)
       integer, allocatable, private :: pair_at(:, :)                  ! (n_dofs, n_dofs), 0: no pair
       logical, private :: has_derivatives = .false.
@@ -46,14 +46,15 @@ module hb_law_set
       procedure :: columns_of => law_set_columns_of
       procedure :: evaluate => law_set_evaluate
       procedure :: differentiate => law_set_differentiate
-      procedure :: make_frequency_samples => law_set_make_frequency_samples
-      procedure :: differentiate_by_frequency => law_set_differentiate_by_frequency
+      procedure :: make_direction_samples => law_set_make_direction_samples
+      procedure :: differentiate_along => law_set_differentiate_along
       procedure :: differentiate_without_memory => law_set_differentiate_without_memory
       procedure :: prepare_answers => law_set_prepare_answers
       procedure :: n_blocks => law_set_n_blocks
       procedure :: answer_block => law_set_answer_block
       procedure :: answer => law_set_answer
       procedure :: answering_dofs => law_set_answering_dofs
+      procedure :: memory_reach => law_set_memory_reach
       procedure :: memory_trouble => law_set_memory_trouble
       procedure :: full_stick => law_set_full_stick
       procedure :: spring_forces => law_set_spring_forces
@@ -61,6 +62,7 @@ module hb_law_set
       procedure :: defects => law_set_defects
       procedure :: isolate_force => law_set_isolate_force
       procedure :: mean_slopes => law_set_mean_slopes
+      procedure :: slope_variations => law_set_slope_variations
       procedure :: destroy => law_set_destroy
    end type law_set_t
 
@@ -222,63 +224,55 @@ contains
       self%has_derivatives = .true.
    end subroutine allocate_derivatives
 
-   !> Makes room for the samples `by_frequency`, at their first use.
-   subroutine law_set_make_frequency_samples(self, error)
+   !> Makes room for the samples `along` a direction, at their first use.
+   subroutine law_set_make_direction_samples(self, error)
       class(law_set_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
 
-      if (associated(self%by_frequency%f%values)) return
-      call new_frequency_samples(self%by_frequency, size(self%q%values, 1), self%n_dofs, self%needs_velocity, &
+      if (associated(self%along%f%values)) return
+      call new_direction_samples(self%along, size(self%q%values, 1), self%n_dofs, self%needs_velocity, &
                                  self%needs_reaction, self%has_memory, error)
-   end subroutine law_set_make_frequency_samples
+   end subroutine law_set_make_direction_samples
 
-   !> Derivative by a base frequency of the forces, `by_frequency%f`, from the others there, after `differentiate`.
+   !> Derivative along a direction of the forces, `along%f`, from the others there, after `differentiate`.
    !>
    !> Fails where the derivative of a law with memory does not repeat from round to round.
-   subroutine law_set_differentiate_by_frequency(self, weight_slope, error)
+   subroutine law_set_differentiate_along(self, weight_slope, error)
       class(law_set_t), intent(inout) :: self
       real(wp), intent(in) :: weight_slope(:)                         !! of `characteristic`, any without memory
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
-      associate (by => self%by_frequency)
-         by%f%values = 0.0_wp
+      associate (along => self%along)
+         along%f%values = 0.0_wp
          do i = 1, size(self%laws)
             if (.not. allocated(self%slots(i)%memory)) cycle
-            call self%slots(i)%memory%add_frequency_slope(self%laws(i)%law, self%slots(i)%columns, self%characteristic, &
-                                                          weight_slope, by%q_before, by%step_rate, by%step_rate_before, &
-                                                          by%f, error)
+            call self%slots(i)%memory%add_slope(self%laws(i)%law, self%slots(i)%columns, self%characteristic, weight_slope, &
+                                                along%q, along%q_before, along%step_rate, along%step_rate_before, along%f, &
+                                                error)
             if (allocated(error)) return
          end do
-         if (self%has_memory) call pass_on_to_multipliers(self%laws, self%slots, by%f)
+         if (self%has_memory) call pass_on_to_multipliers(self%laws, self%slots, along%f)
       end associate
-      call add_pairs_by_frequency(self)
-   end subroutine law_set_differentiate_by_frequency
+      call add_pairs_along(self)
+   end subroutine law_set_differentiate_along
 
    !> The same where the steps along time do not change, so that laws with memory give nothing.
    subroutine law_set_differentiate_without_memory(self)
       class(law_set_t), intent(inout) :: self
 
-      self%by_frequency%f%values = 0.0_wp
-      call add_pairs_by_frequency(self)
+      self%along%f%values = 0.0_wp
+      call add_pairs_along(self)
    end subroutine law_set_differentiate_without_memory
 
-   !> Adds what forces answer to `by_frequency%v` and `by_frequency%s` at the same sample.
-   subroutine add_pairs_by_frequency(self)
+   !> Adds what forces answer to `along%q`, `along%v` and `along%s` at the same sample.
+   subroutine add_pairs_along(self)
       class(law_set_t), intent(inout) :: self
-      integer :: i
 
-      associate (by => self%by_frequency)
-         do i = 1, self%n_pairs
-            associate (row => self%row(i), column => self%column(i))
-               if (self%needs_velocity) by%f%values(:, row) = by%f%values(:, row) &
-                                                              + self%df_dv%values(:, i)*by%v%values(:, column)
-               if (self%needs_reaction) by%f%values(:, row) = by%f%values(:, row) &
-                                                              + self%df_ds%values(:, i)*by%s%values(:, column)
-            end associate
-         end do
+      associate (along => self%along)
+         call add_slopes_along(self%row, self%column, self%df_dq, self%df_dv, self%df_ds, along%q, along%v, along%s, along%f)
       end associate
-   end subroutine add_pairs_by_frequency
+   end subroutine add_pairs_along
 
    subroutine run_laws(self, with_derivatives)
       class(law_set_t), intent(inout) :: self
@@ -386,6 +380,18 @@ contains
 
       dofs = answering_dofs(self%laws, self%slots, i, self%n_dofs)
    end function law_set_answering_dofs
+
+   !> Largest distance between degrees of freedom, among those of all laws, that one law with memory couples.
+   pure integer function law_set_memory_reach(self) result(reach)
+      class(law_set_t), intent(in) :: self
+      integer :: i
+
+      reach = 0
+      do i = 1, size(self%slots)
+         if (.not. allocated(self%slots(i)%memory)) cycle
+         reach = max(reach, maxval(self%slots(i)%columns) - minval(self%slots(i)%columns))
+      end do
+   end function law_set_memory_reach
 
    !> What is wrong with the memory of a law after `evaluate`; empty when the states of all laws repeat.
    pure function law_set_memory_trouble(self) result(text)
@@ -495,6 +501,36 @@ contains
       end do
    end subroutine law_set_mean_slopes
 
+   !> Standard deviations over the torus of df/dq, df/dv and df/ds of each degree of freedom by itself, after `differentiate`;
+   !> zero for laws with memory.
+   subroutine law_set_slope_variations(self, df_dq, df_dv, df_ds)
+      class(law_set_t), intent(in) :: self
+      real(wp), intent(out) :: df_dq(:), df_dv(:), df_ds(:)           !! (n_dofs)
+      integer :: i
+
+      df_dq = 0.0_wp
+      df_dv = 0.0_wp
+      df_ds = 0.0_wp
+      do i = 1, self%n_pairs
+         associate (dof => self%row(i))
+            if (self%column(i) /= dof) cycle
+            df_dq(dof) = variation(self%df_dq%values(:, i))
+            if (self%needs_velocity) df_dv(dof) = variation(self%df_dv%values(:, i))
+            if (self%needs_reaction) df_ds(dof) = variation(self%df_ds%values(:, i))
+         end associate
+      end do
+
+   contains
+
+      pure real(wp) function variation(values)
+         real(wp), intent(in) :: values(:)
+
+         associate (n => real(size(values), wp))
+            variation = sqrt(sum((values - sum(values)/n)**2)/n)
+         end associate
+      end function variation
+   end subroutine law_set_slope_variations
+
    !> Frees all samples; safe to call twice.
    subroutine law_set_destroy(self)
       class(law_set_t), intent(inout) :: self
@@ -509,6 +545,6 @@ contains
       call self%df_dq%destroy()
       call self%df_dv%destroy()
       call self%df_ds%destroy()
-      call self%by_frequency%destroy()
+      call self%along%destroy()
    end subroutine law_set_destroy
 end module hb_law_set

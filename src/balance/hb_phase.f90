@@ -23,9 +23,18 @@ module hb_phase
       real(wp), allocatable :: values(:)                              !! of the forms, (equations added)
       logical, allocatable :: is_held(:)                              !! coefficients held at zero, none if not allocated
       integer, private :: n_u = 0                                     ! coefficients of all degrees of freedom
+      real(wp), allocatable, private :: border(:, :)                  ! derivatives by the further unknowns, (n_u, those)
+      real(wp), allocatable, private :: eliminated(:, :), schur(:, :) ! preconditioner by block elimination
+      integer, allocatable, private :: schur_pivots(:)
+      logical, private :: has_schur = .false.
    contains
       procedure :: residual => phase_problem_residual
       procedure :: tangent => phase_problem_tangent
+      procedure :: linearise => phase_problem_linearise
+      procedure :: apply_tangent => phase_problem_apply_tangent
+      procedure :: update_preconditioner => phase_problem_update_preconditioner
+      procedure :: precondition => phase_problem_precondition
+      procedure, private :: find_border => phase_problem_find_border
       procedure :: solve_linear => phase_problem_solve_linear
       procedure :: rounding_level => phase_problem_rounding_level
       procedure :: deform => phase_problem_deform
@@ -33,6 +42,33 @@ module hb_phase
       procedure :: unknowns => phase_problem_unknowns
       procedure :: move_to => phase_problem_move_to
    end type phase_problem_t
+
+   ! Products; bodies in hb_phase_products
+   interface
+      module subroutine phase_problem_linearise(self, x, is_ready)
+         class(phase_problem_t), intent(inout) :: self
+         real(wp), intent(in), contiguous :: x(:)
+         logical, intent(out) :: is_ready
+      end subroutine phase_problem_linearise
+
+      module subroutine phase_problem_apply_tangent(self, x, product)
+         class(phase_problem_t), intent(inout) :: self
+         real(wp), intent(in), contiguous :: x(:)
+         real(wp), intent(out), contiguous :: product(:)
+      end subroutine phase_problem_apply_tangent
+
+      module subroutine phase_problem_update_preconditioner(self, level, is_strongest)
+         class(phase_problem_t), intent(inout) :: self
+         integer, intent(in) :: level
+         logical, intent(out) :: is_strongest
+      end subroutine phase_problem_update_preconditioner
+
+      module subroutine phase_problem_precondition(self, r, step)
+         class(phase_problem_t), intent(inout) :: self
+         real(wp), intent(in), contiguous :: r(:)
+         real(wp), intent(out), contiguous :: step(:)
+      end subroutine phase_problem_precondition
+   end interface
 
 contains
 
@@ -55,6 +91,8 @@ contains
       self%values = values
       self%n_u = balance%n_unknowns
       self%n_unknowns = self%n_u + size(values)
+      self%has_products = balance%has_products
+      allocate (self%border(self%n_u, size(values)))
       self%x_scale = [balance%x_scale, balance%omega(tones)]
       if (with_damping) self%x_scale = [self%x_scale, balance%omega(tones)]
       self%r_scale = [balance%r_scale, (norm2(forms(:, i)*self%x_scale(:size(forms, 1))), i=1, size(values))]
@@ -139,29 +177,19 @@ contains
       class(phase_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(out), contiguous :: jacobian(:, :)
-      type(error_t), allocatable :: error
-      real(wp), allocatable :: block(:, :), column(:, :), u(:, :)
+      real(wp), allocatable :: block(:, :)
       logical :: is_possible
-      integer :: i, n_tones
+      integer :: i
 
       jacobian = 0.0_wp
       call self%move_to(x, is_possible)
       if (.not. is_possible) return                                   ! singular: the solver sees it
       associate (n => self%n_u)
-         n_tones = size(self%tones)
          allocate (block(n, n))
          call self%balance%tangent(x(:n), block)
          jacobian(:n, :n) = block
          jacobian(n + 1:, :size(self%forms, 1)) = transpose(self%forms)
-         u = reshape(x(:n), [self%balance%harmonics%n_coefficients, self%balance%n_dofs])
-         allocate (column, mold=u)
-         do i = 1, n_tones
-            call self%balance%frequency_derivative(u, self%tones(i), column, error)
-            if (.not. allocated(error)) jacobian(:n, n + i) = reshape(column, [n])
-            if (.not. self%with_damping) cycle
-            call self%balance%damping_derivative(u, self%tones(i), column, error)
-            if (.not. allocated(error)) jacobian(:n, n + n_tones + i) = reshape(column, [n])
-         end do
+         call self%find_border(x, jacobian(:n, n + 1:))
          if (.not. allocated(self%is_held)) return
          do i = 1, n
             if (.not. self%is_held(i)) cycle
@@ -170,6 +198,28 @@ contains
          end do
       end associate
    end subroutine phase_problem_tangent
+
+   !> Derivatives of the residual by the further unknowns; zero where there are none.
+   subroutine phase_problem_find_border(self, x, border)
+      class(phase_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(out) :: border(:, :)                           !! (n_u, further unknowns)
+      type(error_t), allocatable :: error
+      real(wp) :: u(self%balance%harmonics%n_coefficients, self%balance%n_dofs)
+      real(wp) :: column(self%balance%harmonics%n_coefficients, self%balance%n_dofs)
+      integer :: i, n_tones
+
+      border = 0.0_wp
+      n_tones = size(self%tones)
+      u = reshape(x(:self%n_u), shape(u))
+      do i = 1, n_tones
+         call self%balance%frequency_derivative(u, self%tones(i), column, error)
+         if (.not. allocated(error)) border(:, i) = reshape(column, [self%n_u])
+         if (.not. self%with_damping) cycle
+         call self%balance%damping_derivative(u, self%tones(i), column, error)
+         if (.not. allocated(error)) border(:, n_tones + i) = reshape(column, [self%n_u])
+      end do
+   end subroutine phase_problem_find_border
 
    !> The linear part of the balance, and nothing that couples it to the further unknowns.
    subroutine phase_problem_solve_linear(self, r, step)

@@ -348,8 +348,10 @@ contains
          do m = 1, size(self%tones)
             h = fundamental(b%harmonics, self%tones(m))
             do i = 1, b%n_dofs
-               force(i) = max(force(i), motion*abs(b%stiffness%condensed(i, i, h)), &
-                              motion*abs(b%frequencies(h)*b%stiffness%condensed_slope(i, i, h)))
+               associate (row => b%stiffness%pattern%shift(i) + i)
+                  force(i) = max(force(i), motion*abs(b%stiffness%condensed(row, i, h)), &
+                                 motion*abs(b%frequencies(h)*b%stiffness%condensed_slope(row, i, h)))
+               end associate
             end do
          end do
          where (force <= epsilon(1.0_wp)*maxval(force)) force = maxval(force)

@@ -1,7 +1,7 @@
 !> A balance and a wider one, of more harmonics on a finer grid, in which its solution is looked at and improved.
 !>
 !> Improvement: Newton's method in the wider set would need its large tangent. In its place stands the exact tangent for the
-!> kept harmonics, factorised already, and for the others the mean tangent of each harmonic by itself. Steps with this
+!> kept harmonics, and for the others the mean tangent of each harmonic by itself. Steps with this
 !> approximation alone need not converge; Anderson's acceleration combines all of them so that their residual is least.
 !> Source: docs/theory.md, section 7; Walker and Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735.
 module hb_two_level
@@ -10,7 +10,7 @@ module hb_two_level
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_tangent_factor, only: tangent_factor_t
+   use hb_tangent_solver, only: tangent_solver_t
    implicit none
    private
    public :: clear_kept, exchange, improve, residual_of
@@ -28,9 +28,9 @@ contains
 
    !> Improves the motion u in the wider set by some accelerated steps; of all motions on the way the one with the least
    !> approximate step is taken, u itself among them. Costs n_steps + 1 evaluations of the wider balance.
-   subroutine improve(narrow, wide, factor, u, n_steps, improved, error)
+   subroutine improve(narrow, wide, tangent, u, n_steps, improved, error)
       type(balance_t), intent(inout) :: narrow, wide
-      type(tangent_factor_t), intent(in) :: factor                    !! of the tangent of the narrow balance at u
+      type(tangent_solver_t), intent(inout) :: tangent                !! of the narrow balance at u
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
       integer, intent(in) :: n_steps                                  !! >= 1
       real(wp), intent(out) :: improved(:, :)                         !! [m], (n_coefficients of the wider set, n_dofs)
@@ -38,6 +38,7 @@ contains
       type(history_t) :: history
       real(wp), allocatable :: motion(:, :), start(:, :), step(:, :), step_before(:), motion_before(:)
       real(wp) :: least
+      logical :: is_lost
       integer :: i
 
       allocate (start, motion, step, mold=improved)
@@ -48,8 +49,8 @@ contains
       improved = start
       least = huge(1.0_wp)
       do i = 0, n_steps
-         call approximate_step(narrow, wide, factor, start, motion, step, error)
-         if (allocated(error)) return
+         call approximate_step(narrow, wide, tangent, start, motion, step, is_lost, error)
+         if (allocated(error) .or. is_lost) return
          if (.not. all(ieee_is_finite(step))) return                  ! out of the range of a law
          if (norm2(step) < least) then
             least = norm2(step)
@@ -63,20 +64,24 @@ contains
       end do
    end subroutine improve
 
-   !> Step from a motion by the approximate tangent, - P**-1 R; the mean tangent is that at the start.
-   subroutine approximate_step(narrow, wide, factor, start, motion, step, error)
+   !> Step from a motion by the approximate tangent, - P**-1 R; the mean tangent is that at the start. `is_lost` where products
+   !> with the tangent lead to no step.
+   subroutine approximate_step(narrow, wide, tangent, start, motion, step, is_lost, error)
       type(balance_t), intent(inout) :: narrow, wide
-      type(tangent_factor_t), intent(in) :: factor
+      type(tangent_solver_t), intent(inout) :: tangent
       real(wp), intent(in) :: start(:, :), motion(:, :)
       real(wp), intent(out) :: step(:, :)
+      logical, intent(out) :: is_lost
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: defect(size(motion, 1), size(motion, 2)), outside(size(motion, 1), size(motion, 2))
       real(wp) :: kept(narrow%n_unknowns), pairs(narrow%harmonics%n_coefficients, narrow%n_dofs)
 
+      step = 0.0_wp
       call residual_of(wide, motion, defect)
       call exchange(wide%harmonics, narrow%harmonics, defect, pairs)
       kept = reshape(pairs, [size(pairs)])
-      call factor%solve(narrow, kept)
+      call tangent%solve(narrow, kept, is_lost)
+      if (is_lost) return
       call clear_kept(narrow%harmonics, wide%harmonics, defect)
       call wide%solve_mean_tangent(start, defect, outside, error)
       if (allocated(error)) return

@@ -6,8 +6,8 @@ module hb_lapack
    use hb_kinds, only: wp
    implicit none
    private
-   public :: ddot, dgecon, dgeev, dgels, dgemm, dgemv, dgetrf, dgetrs
-   public :: dggev, dnrm2, dpotrf, dpotrs, dsyev, dsygv, zgbtrf, zgbtrs, zgecon
+   public :: ddot, dgbtrf, dgbtrs, dgecon, dgeev, dgels, dgemm, dgemv, dgetrf, dgetrs
+   public :: dggev, dnrm2, dpotrf, dpotrs, dsyev, dsygv, zgbcon, zgbtrf, zgbtrs, zgecon
    public :: zgemm, zgemv, zgetrf, zgetrs
 
    ! Linear equations, dense
@@ -128,6 +128,43 @@ module hb_lapack
          integer, intent(out) :: ipiv(*)
          integer, intent(out) :: info
       end subroutine zgbtrf
+
+      !> Estimates 1/(anorm |A^-1|) from the factors of `zgbtrf`; work(2n), rwork(n).
+      subroutine zgbcon(norm, n, kl, ku, ab, ldab, ipiv, anorm, rcond, work, rwork, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: norm
+         integer, intent(in) :: n, kl, ku, ldab
+         complex(wp), intent(in) :: ab(ldab, *)
+         integer, intent(in) :: ipiv(*)
+         real(wp), intent(in) :: anorm
+         real(wp), intent(out) :: rcond
+         complex(wp), intent(inout) :: work(*)
+         real(wp), intent(inout) :: rwork(*)
+         integer, intent(out) :: info
+      end subroutine zgbcon
+
+      !> LU factors of a real band matrix, stored as for `zgbtrf`.
+      subroutine dgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
+         import :: wp
+         implicit none
+         integer, intent(in) :: m, n, kl, ku, ldab
+         real(wp), intent(inout) :: ab(ldab, *)
+         integer, intent(out) :: ipiv(*)
+         integer, intent(out) :: info
+      end subroutine dgbtrf
+
+      !> Solves with the factors of `dgbtrf`.
+      subroutine dgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
+         import :: wp
+         implicit none
+         character, intent(in) :: trans
+         integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb
+         real(wp), intent(in) :: ab(ldab, *)
+         integer, intent(in) :: ipiv(*)
+         real(wp), intent(inout) :: b(ldb, *)
+         integer, intent(out) :: info
+      end subroutine dgbtrs
 
       !> Solves with the factors of `zgbtrf`.
       subroutine zgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)

@@ -28,6 +28,8 @@ module hb_harmonics
    contains
       procedure :: index_of => harmonics_index_of
       procedure :: frequencies => harmonics_frequencies
+      procedure :: amplitude => harmonics_amplitude
+      procedure :: set_amplitude => harmonics_set_amplitude
    end type harmonics_t
 
 contains
@@ -198,6 +200,32 @@ contains
       if (any(abs(tuple) > self%highest)) return
       harmonics_index_of = self%lookup(tuple_key(self, canonical_sign(tuple)*tuple))
    end function harmonics_index_of
+
+   !> Complex amplitude a - i b of harmonic h.
+   pure complex(wp) function harmonics_amplitude(self, u, h) result(amplitude)
+      class(harmonics_t), intent(in) :: self
+      real(wp), intent(in) :: u(:)                                    !! (n_coefficients)
+      integer, intent(in) :: h
+
+      associate (sine => self%sin_at(h))
+         if (sine > 0) then
+            amplitude = cmplx(u(self%cos_at(h)), -u(sine), wp)
+         else
+            amplitude = cmplx(u(self%cos_at(h)), 0.0_wp, wp)
+         end if
+      end associate
+   end function harmonics_amplitude
+
+   !> Writes the complex amplitude c = a - i b of harmonic h; the zero tuple keeps its real part.
+   pure subroutine harmonics_set_amplitude(self, u, h, c)
+      class(harmonics_t), intent(in) :: self
+      real(wp), intent(inout) :: u(:)                                 !! (n_coefficients)
+      integer, intent(in) :: h
+      complex(wp), intent(in) :: c
+
+      u(self%cos_at(h)) = real(c)
+      if (self%sin_at(h) > 0) u(self%sin_at(h)) = -aimag(c)
+   end subroutine harmonics_set_amplitude
 
    !> Angular frequencies j.omega [rad/s] of all harmonics, (n_harmonics); may be negative.
    pure function harmonics_frequencies(self, omega) result(frequencies)

@@ -80,7 +80,7 @@ contains
    end function samples_for
 
    !> Smallest even number >= n whose prime factors are 2, 3, 5 and 7, which FFTW transforms fast.
-   pure integer function fast_size(n)
+   elemental integer function fast_size(n)
       integer, intent(in) :: n
       integer, parameter :: factors(4) = [2, 3, 5, 7]
       integer :: i, rest

@@ -40,6 +40,7 @@ module hb_transform
       integer, allocatable, private :: source(:)                      ! place in the half spectrum, negative: conjugate
    contains
       procedure :: columns => product_table_columns
+      procedure :: columns_among => product_table_columns_among
    end type product_table_t
 
 contains
@@ -237,21 +238,32 @@ contains
       type(harmonics_t), intent(in) :: set
       integer, intent(in) :: k                                        !! harmonic
       real(wp), intent(out) :: cosine_column(:), sine_column(:)       !! (n_coefficients); the sine of tuple zero is zero
+
+      call self%columns_among(set, self%offset, self%offset(k), cosine_column, sine_column)
+   end subroutine product_table_columns
+
+   !> The same columns in the rows of some of the harmonics alone.
+   pure subroutine product_table_columns_among(self, set, offsets, offset, cosine_column, sine_column)
+      class(product_table_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set                            !! of these harmonics
+      integer, intent(in) :: offsets(:)                               !! those of `offset`, (set%n_harmonics)
+      integer, intent(in) :: offset                                   !! that of the column
+      real(wp), intent(out) :: cosine_column(:), sine_column(:)       !! (set%n_coefficients)
       integer :: h, minus, plus
 
       do h = merge(2, 1, set%has_zero), set%n_harmonics
-         minus = self%centre + self%offset(h) - self%offset(k)
-         plus = self%centre + self%offset(h) + self%offset(k)
+         minus = self%centre + offsets(h) - offset
+         plus = self%centre + offsets(h) + offset
          cosine_column(set%cos_at(h)) = self%cosine(plus) + self%cosine(minus)
          cosine_column(set%sin_at(h)) = self%sine(plus) + self%sine(minus)
          sine_column(set%cos_at(h)) = self%sine(plus) - self%sine(minus)
          sine_column(set%sin_at(h)) = self%cosine(minus) - self%cosine(plus)
       end do
       if (set%has_zero) then
-         cosine_column(1) = self%cosine(self%centre + self%offset(k))
-         sine_column(1) = self%sine(self%centre + self%offset(k))
+         cosine_column(1) = self%cosine(self%centre + offset)
+         sine_column(1) = self%sine(self%centre + offset)
       end if
-   end subroutine product_table_columns
+   end subroutine product_table_columns_among
 
    !> Frees plans and memory; safe to call twice.
    subroutine transform_destroy(self)

@@ -1,5 +1,6 @@
 !> A system of nonlinear equations r(x) = 0 as the solvers see it: no mechanics, only numbers and their scales.
 module hb_problem
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
    implicit none
    private
@@ -15,6 +16,7 @@ module hb_problem
    !> Solvers work with x/x_scale and r/r_scale, so that the units of a scene do not matter to them.
    type, abstract :: problem_t
       integer :: n_unknowns = 0
+      logical :: has_products = .false.                               !! with the tangent, by `linearise` and `apply_tangent`
       real(wp), allocatable :: x_scale(:)                             !! typical magnitude of each unknown, > 0
       real(wp), allocatable :: r_scale(:)                             !! typical magnitude of each equation, > 0
    contains
@@ -23,6 +25,10 @@ module hb_problem
       procedure(solve_linear), deferred :: solve_linear
       procedure(rounding_level), deferred :: rounding_level
       procedure(deform), deferred :: deform
+      procedure :: linearise => problem_linearise
+      procedure :: apply_tangent => problem_apply_tangent
+      procedure :: update_preconditioner => problem_update_preconditioner
+      procedure :: precondition => problem_precondition
       procedure :: norm => problem_norm
    end type problem_t
 
@@ -68,6 +74,45 @@ module hb_problem
    end interface
 
 contains
+
+   !> Prepares products with the exact tangent at x; they hold until the next call of `tangent`, `linearise`, `residual` or
+   !> `rounding_level`. A problem without products leaves this as it is.
+   subroutine problem_linearise(self, x, is_ready)
+      class(problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
+      logical, intent(out) :: is_ready                                !! false: no products, for want of memory or altogether
+
+      is_ready = .false.
+   end subroutine problem_linearise
+
+   !> Multiplies by the tangent after `linearise`, where that has products.
+   subroutine problem_apply_tangent(self, x, product)
+      class(problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
+      real(wp), intent(out), contiguous :: product(:)                 !! (n_unknowns)
+
+      product = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine problem_apply_tangent
+
+   !> Brings the preconditioner to the tangent of the last `linearise`; it then stays until the next call.
+   !>
+   !> Level 0 is the cheapest; each further one takes about eight times the work and is closer to the tangent.
+   subroutine problem_update_preconditioner(self, level, is_strongest)
+      class(problem_t), intent(inout) :: self
+      integer, intent(in) :: level                                    !! >= 0
+      logical, intent(out) :: is_strongest                            !! no higher level would be any better
+
+      is_strongest = .true.
+   end subroutine problem_update_preconditioner
+
+   !> Solves with a cheap approximation of the tangent; without a better one, with the linear part.
+   subroutine problem_precondition(self, r, step)
+      class(problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: r(:)                        !! (n_unknowns)
+      real(wp), intent(out), contiguous :: step(:)                    !! (n_unknowns)
+
+      call self%solve_linear(r, step)
+   end subroutine problem_precondition
 
    !> Euclidean norm of r/r_scale; NaN or infinity if any entry is.
    pure real(wp) function problem_norm(self, r)

@@ -3,10 +3,11 @@ module hb_solver
    use hb_broyden, only: solve_broyden
    use hb_homotopy, only: solve_by_homotopy
    use hb_kinds, only: wp
+   use hb_krylov, only: solve_krylov
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_problem, only: deformation, problem_t
-   use hb_solver_types, only: method, report_t, rescue, solver_config_t
+   use hb_solver_types, only: largest_affordable, largest_dense, method, report_t, rescue, solver_config_t
    implicit none
    private
    public :: solve
@@ -27,19 +28,22 @@ contains
       type(report_t), intent(out) :: report
       type(report_t) :: attempt
       real(wp), allocatable :: first_guess(:), other_guess(:), trial(:)
-      integer :: other_method, way
+      integer :: chosen, other_method, way
 
       allocate (first_guess, source=x)
       allocate (other_guess, source=linear_solution)
       if (all(x == linear_solution)) other_guess = 0.0_wp
-      other_method = merge(method%broyden, method%newton, config%method == method%newton)
-      call solve_directly(problem, config, config%method, x, report)
+      chosen = config%method
+      if (chosen == method%auto) chosen = merge(method%krylov, method%newton, &
+                                                problem%has_products .and. problem%n_unknowns > largest_dense)
+      other_method = merge(method%broyden, method%newton, chosen == method%newton)
+      call solve_directly(problem, config, chosen, x, report)
       if (report%status == outcome%converged .or. .not. config%rescue) return
-      do way = rescue%other_guess, rescue%several_guesses
+      do way = rescue%other_guess, merge(rescue%several_guesses, rescue%other_guess, problem%n_unknowns <= largest_affordable)
          select case (way)
          case (rescue%other_guess)
             trial = other_guess
-            call solve_directly(problem, config, config%method, trial, attempt)
+            call solve_directly(problem, config, chosen, trial, attempt)
          case (rescue%other_method)
             trial = first_guess
             call solve_directly(problem, config, other_method, trial, attempt)
@@ -53,7 +57,7 @@ contains
             trial = 0.0_wp*linear_solution
             call solve_by_homotopy(problem, config, deformation%load, trial, attempt)
          case default
-            call solve_from_shares(problem, config, linear_solution, trial, attempt)
+            call solve_from_shares(problem, config, chosen, linear_solution, trial, attempt)
          end select
          call add_effort(report, attempt)
          if (attempt%status == outcome%converged) then
@@ -67,9 +71,10 @@ contains
    end subroutine solve
 
    !> Attempts from several shares of the linear solution, until one succeeds: what limits a motion often leaves its shape.
-   subroutine solve_from_shares(problem, config, linear_solution, x, report)
+   subroutine solve_from_shares(problem, config, chosen, linear_solution, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
+      integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
       real(wp), intent(in) :: linear_solution(:)
       real(wp), intent(inout), contiguous :: x(:)
       type(report_t), intent(out) :: report
@@ -78,7 +83,7 @@ contains
 
       do i = 1, size(shares)
          x = shares(i)*linear_solution
-         call solve_directly(problem, config, config%method, x, attempt)
+         call solve_directly(problem, config, chosen, x, attempt)
          call add_effort(report, attempt)
          report%status = attempt%status
          report%residual = attempt%residual
@@ -94,6 +99,7 @@ contains
       report%iterations = report%iterations + attempt%iterations
       report%evaluations = report%evaluations + attempt%evaluations
       report%factorizations = report%factorizations + attempt%factorizations
+      report%products = report%products + attempt%products
    end subroutine add_effort
 
    subroutine solve_directly(problem, config, chosen, x, report)
@@ -105,6 +111,8 @@ contains
 
       if (chosen == method%broyden) then
          call solve_broyden(problem, config, x, report)
+      else if (chosen == method%krylov) then
+         call solve_krylov(problem, config, x, report)
       else
          call solve_newton(problem, config, x, report)
       end if

@@ -4,15 +4,20 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: method, method_names, report_t, rescue, rescue_names, solver_config_t, start_names
+   public :: largest_affordable, largest_dense, method, method_names, report_t, rescue, rescue_names, solver_config_t, start_names
 
    type :: method_t
       integer :: newton = 1
       integer :: broyden = 2
+      integer :: krylov = 3
+      integer :: auto = 4
    end type method_t
    type(method_t), parameter :: method = method_t()
-   character(7), parameter :: method_names(2) = [character(7) :: "newton", "broyden"]
+   character(7), parameter :: method_names(4) = [character(7) :: "newton", "broyden", "krylov", "auto"]
    character(7), parameter :: start_names(2) = [character(7) :: "linear", "tangent"]
+
+   integer, parameter :: largest_dense = 400                          !! unknowns up to which dense tangents are as fast as products
+   integer, parameter :: largest_affordable = 10000                   !! unknowns up to which a dense tangent fits at all, in 0.8 GB
 
    !> What was needed beside the direct attempt; numbers as in the result file.
    type :: rescue_t
@@ -31,13 +36,15 @@ module hb_solver_types
 
    !> Settings of a solver; the component initialisers are the defaults of the input group `&solver`.
    type :: solver_config_t
-      integer :: method = method%newton
+      integer :: method = method%auto
       real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces
       integer :: max_iterations = 100
       logical :: line_search = .true.
       integer :: memory = 40                                          !! updates that Broyden keeps before it takes a new tangent
       logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: tangent, else linear part
       logical :: rescue = .true.                                      !! try other ways when the direct attempt fails
+      integer :: krylov_vectors = 150                                 !! of GMRES until it restarts
+      integer :: krylov_products = 1000                               !! with the tangent, at most, for one step
       integer :: homotopy_iterations = 500                            !! of all corrections on the way
    end type solver_config_t
 
@@ -47,6 +54,7 @@ module hb_solver_types
       integer :: iterations = 0
       integer :: evaluations = 0                                      !! of the residual
       integer :: factorizations = 0                                   !! of a tangent
+      integer :: products = 0                                         !! with a tangent
       integer :: rescue = rescue%none                                 !! what led to the solution
       real(wp) :: residual = huge(1.0_wp)                             !! last norm, relative
    end type report_t

@@ -11,16 +11,17 @@
 !> docs/theory.md, eq. (17). The drive is zero but for the artificial damping of docs/theory.md, section 6.5.
 module hb_dynamic_stiffness
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_block_solver, only: block_solver_t, new_block_solver
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_lapack, only: zgecon, zgetrf, zgetrs
+   use hb_lapack, only: zgbcon, zgbtrf, zgbtrs, zgecon, zgetrf, zgetrs
    use hb_structure, only: structure_t
    use hb_structure_block, only: new_structure_block, structure_block_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: dynamic_stiffness_t, new_dynamic_stiffness
+   public :: condensed_reach, dynamic_stiffness_t, new_dynamic_stiffness
 
    !> Below this reciprocal condition, or n_interior*epsilon if that is more, the interior counts as singular:
    !> what rounding leaves of a singular matrix is of that size.
@@ -36,7 +37,8 @@ module hb_dynamic_stiffness
 
    type :: dynamic_stiffness_t
       integer :: n_dofs = 0, n_law = 0, n_harmonics = 0
-      complex(wp), allocatable :: condensed(:, :, :)         !! S_c [N/m], (n_law, n_law, n_harmonics)
+      type(block_pattern_t) :: pattern                       !! of S_c: where its entries stand
+      complex(wp), allocatable :: condensed(:, :, :)         !! S_c [N/m], (pattern%n_rows, n_law, n_harmonics)
       complex(wp), allocatable :: load(:, :)                 !! P_c [N], (n_law, n_harmonics)
       real(wp), allocatable :: magnitude(:, :)               !! diagonal of S_ll [N/m] before anything cancels,
                                                              !! (n_law, n_harmonics)
@@ -84,10 +86,6 @@ contains
       self%n_harmonics = size(frequencies)
       self%law_dofs = law_dofs
       self%interior = all_but(law_dofs, structure%n_dofs)
-      allocate (self%condensed(n_law, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
-      allocate (self%transfer(n_interior, n_law, self%n_harmonics), self%magnitude(n_law, self%n_harmonics))
-      allocate (self%held_motion(n_interior, self%n_harmonics))
-
       allocate (parts)
       parts%loads = loads
       parts%load_slopes = (0.0_wp, 0.0_wp)*loads
@@ -96,6 +94,10 @@ contains
       call new_structure_block(parts%lr, structure, law_dofs, self%interior)
       call new_structure_block(parts%rl, structure, self%interior, law_dofs)
       call new_structure_block(parts%rr, structure, self%interior, self%interior)
+      call new_block_pattern(self%pattern, n_law, reach_of(parts%ll, parts%lr, parts%rl, parts%rr, n_interior))
+      allocate (self%condensed(self%pattern%n_rows, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
+      allocate (self%transfer(n_interior, n_law, self%n_harmonics), self%magnitude(n_law, self%n_harmonics))
+      allocate (self%held_motion(n_interior, self%n_harmonics))
       call new_block_solver(parts%solver, parts%rr, n_interior, n_law + 1, maxval([0.0_wp, abs(frequencies)]))
       if (present(with_slopes)) then
          if (with_slopes) then
@@ -167,13 +169,13 @@ contains
                condensed = (0.0_wp, 0.0_wp)
                self%magnitude(:, h) = 0.0_wp
                do e = 1, ll%n_entries
-                  condensed(ll%row(e), ll%column(e)) = s_ll(e)
+                  condensed(self%pattern%shift(ll%column(e)) + ll%row(e), ll%column(e)) = s_ll(e)
                   if (ll%row(e) == ll%column(e)) self%magnitude(ll%row(e), h) = magnitude(e)
                end do
                load = parts%loads(self%law_dofs, h)
                call lr%evaluate(frequencies(h), drives(h), s_lr)
                do e = 1, lr%n_entries
-                  condensed(lr%row(e), :) = condensed(lr%row(e), :) - s_lr(e)*transfer(lr%column(e), :)
+                  call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), transfer(lr%column(e), :))
                   load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*held_motion(lr%column(e))
                end do
             end associate
@@ -225,14 +227,14 @@ contains
          if (.not. by_drive) load = parts%load_slopes(self%law_dofs, h)
          associate (ll => parts%ll, slope => slope_of(parts%ll))
             do e = 1, ll%n_entries
-               condensed(ll%row(e), ll%column(e)) = slope(e)
+               condensed(self%pattern%shift(ll%column(e)) + ll%row(e), ll%column(e)) = slope(e)
             end do
          end associate
          call lr%evaluate(frequency, drive, s_lr)
          associate (slope => slope_of(lr))
             do e = 1, lr%n_entries
-               condensed(lr%row(e), :) = condensed(lr%row(e), :) - slope(e)*transfer(lr%column(e), :) &
-                                         - s_lr(e)*solver%rhs(lr%column(e), :n)
+               call subtract_row(self%pattern, condensed, lr%row(e), slope(e), transfer(lr%column(e), :))
+               call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), solver%rhs(lr%column(e), :n))
                load(lr%row(e)) = load(lr%row(e)) - slope(e)*held_motion(lr%column(e)) &
                                  - s_lr(e)*solver%rhs(lr%column(e), n + 1)
             end do
@@ -252,6 +254,74 @@ contains
          end if
       end function slope_of
    end subroutine find_slopes
+
+   !> Subtracts factor*values from row i of a block; outside of its pattern the values are zero.
+   pure subroutine subtract_row(pattern, block, i, factor, values)
+      type(block_pattern_t), intent(in) :: pattern
+      complex(wp), intent(inout) :: block(:, :)                       !! (n_rows, n)
+      integer, intent(in) :: i
+      complex(wp), intent(in) :: factor, values(:)                    !! (n)
+      integer :: k
+
+      do k = pattern%first(i), pattern%last(i)
+         block(pattern%shift(k) + i, k) = block(pattern%shift(k) + i, k) - factor*values(k)
+      end do
+   end subroutine subtract_row
+
+   !> Largest distance, as places in `law_dofs`, between two law dofs that the condensed stiffness couples.
+   pure integer function condensed_reach(structure, law_dofs) result(reach)
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: law_dofs(:)                              !! all different, 1 to n_dofs
+      type(structure_block_t) :: ll, lr, rl, rr
+      integer, allocatable :: interior(:)
+
+      interior = all_but(law_dofs, structure%n_dofs)
+      call new_structure_block(ll, structure, law_dofs, law_dofs)
+      call new_structure_block(lr, structure, law_dofs, interior)
+      call new_structure_block(rl, structure, interior, law_dofs)
+      call new_structure_block(rr, structure, interior, interior)
+      reach = reach_of(ll, lr, rl, rr, size(interior))
+   end function condensed_reach
+
+   !> Largest distance between two law dofs that S_c couples: directly, or through interior dofs that hang together.
+   pure integer function reach_of(ll, lr, rl, rr, n_interior) result(reach)
+      type(structure_block_t), intent(in) :: ll, lr, rl, rr
+      integer, intent(in) :: n_interior
+      integer, allocatable :: lowest(:), highest(:), part(:)
+      integer :: a, b, e, i
+
+      reach = max(0, maxval(abs(ll%row - ll%column)))
+      part = [(i, i=1, n_interior)]                          ! each dof points to one of its part, the first to itself
+      do e = 1, rr%n_entries
+         a = first_of(part, rr%row(e))
+         b = first_of(part, rr%column(e))
+         part(max(a, b)) = min(a, b)
+      end do
+      allocate (lowest(n_interior), source=huge(1))
+      allocate (highest(n_interior), source=0)
+      do e = 1, lr%n_entries
+         a = first_of(part, lr%column(e))
+         lowest(a) = min(lowest(a), lr%row(e))
+         highest(a) = max(highest(a), lr%row(e))
+      end do
+      do e = 1, rl%n_entries
+         a = first_of(part, rl%row(e))
+         lowest(a) = min(lowest(a), rl%column(e))
+         highest(a) = max(highest(a), rl%column(e))
+      end do
+      do i = 1, n_interior
+         if (highest(i) > 0) reach = max(reach, highest(i) - lowest(i))
+      end do
+   end function reach_of
+
+   pure integer function first_of(part, member)
+      integer, intent(in) :: part(:), member
+
+      first_of = member
+      do while (part(first_of) /= first_of)
+         first_of = part(first_of)
+      end do
+   end function first_of
 
    !> Gives all degrees of freedom from those of the laws, x_r = y - T x_l.
    pure subroutine dynamic_stiffness_recover(self, law_coefficients, coefficients)
@@ -275,11 +345,14 @@ contains
       class(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(out) :: c(:, :)                             !! [m], (n_law, n_harmonics)
       logical, intent(out) :: is_singular(:)                          !! (n_harmonics)
-      complex(wp) :: a(self%n_law, self%n_law), scale(self%n_law), work(2*self%n_law)
+      complex(wp), allocatable :: a(:, :)                             ! as LAPACK wants it, a band with room for exchanges
+      complex(wp) :: scale(self%n_law), work(2*self%n_law)
       real(wp) :: norm, reciprocal_condition, rounding, rwork(2*self%n_law)
-      integer :: h, i, info, n, pivots(self%n_law)
+      integer :: above, h, i, info, k, n, pivots(self%n_law)
 
       n = self%n_law
+      above = merge(self%pattern%reach, 0, self%pattern%is_banded)
+      allocate (a(self%pattern%n_rows + above, n))
       c = (0.0_wp, 0.0_wp)
       is_singular = .false.
       if (n == 0) return
@@ -288,17 +361,34 @@ contains
          ! Scaled by what cancelled in S_c, so that a remainder of rounding alone is recognised, in any units.
          scale = (1.0_wp, 0.0_wp)
          where (self%magnitude(:, h) > 0.0_wp) scale = cmplx(1.0_wp/sqrt(self%magnitude(:, h)), kind=wp)
-         do i = 1, n
-            a(:, i) = scale*self%condensed(:, i, h)*scale(i)
+         a = (0.0_wp, 0.0_wp)
+         do k = 1, n
+            do i = self%pattern%first(k), self%pattern%last(k)
+               associate (row => self%pattern%shift(k) + i)
+                  a(above + row, k) = scale(i)*self%condensed(row, k, h)*scale(k)
+               end associate
+            end do
          end do
          norm = max(1.0_wp, maxval(sum(abs(a), dim=1)))
          reciprocal_condition = 0.0_wp
-         call zgetrf(n, n, a, n, pivots, info)
-         if (info == 0) call zgecon("1", n, a, n, norm, reciprocal_condition, work, rwork, info)
+         associate (reach => self%pattern%reach)
+            if (self%pattern%is_banded) then
+               call zgbtrf(n, n, reach, reach, a, size(a, 1), pivots, info)
+               if (info == 0) call zgbcon("1", n, reach, reach, a, size(a, 1), pivots, norm, reciprocal_condition, work, &
+                                          rwork, info)
+            else
+               call zgetrf(n, n, a, n, pivots, info)
+               if (info == 0) call zgecon("1", n, a, n, norm, reciprocal_condition, work, rwork, info)
+            end if
+         end associate
          is_singular(h) = reciprocal_condition < rounding
          if (is_singular(h)) cycle
          c(:, h) = scale*self%load(:, h)
-         call zgetrs("N", n, 1, a, n, pivots, c(:, h), n, info)
+         if (self%pattern%is_banded) then
+            call zgbtrs("N", n, self%pattern%reach, self%pattern%reach, 1, a, size(a, 1), pivots, c(:, h), n, info)
+         else
+            call zgetrs("N", n, 1, a, n, pivots, c(:, h), n, info)
+         end if
          c(:, h) = scale*c(:, h)
       end do
    end subroutine dynamic_stiffness_linear_amplitudes

@@ -2,44 +2,26 @@
 !>
 !> Counted is what lives at the same time in the worst moment, array by array as hb_balance, hb_law_set, the solvers and
 !> hb_certificate allocate it. A point first stands in its balance (linear part, samples); on top of that comes the
-!> costliest of three: the tangent of the direct attempt, the rescue, the certificate with its own wider balance.
+!> costliest of three: the tangent of the direct attempt, the rescue, the certificate with its own wider balance. Products
+!> with a tangent bring their preconditioner, which a hard problem makes stronger; the strongest one counts as rescue.
 module hb_memory_estimate
    use hb_certificate, only: wider_orders, wider_samples
+   use hb_coarse_tangent, only: most_memory
    use hb_error, only: error_t, fail
-   use hb_harmonics, only: harmonics_t
-   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts
    use hb_kinds, only: wp
-   use hb_law, only: law_box_t
+   use hb_memory_sizes, only: sizes_t
    use hb_memory_tangent, only: width
-   use hb_solver_types, only: method, solver_config_t
-   use hb_structure, only: structure_t
+   use hb_solver_types, only: largest_affordable, largest_dense, method
    use hb_text, only: to_text
-   use hb_torus, only: torus_t
+   use hb_torus, only: fast_size
    implicit none
    private
-   public :: amount, check_memory, estimate_memory, gib, memory_estimate_t, memory_text, new_sizes, sizes_t
+   public :: amount, check_memory, estimate_memory, gib, memory_estimate_t, memory_text
 
    real(wp), parameter :: gib = 1024.0_wp**3
    real(wp), parameter :: of_program = 50.0e6_wp                      ! MPI, HDF5 and the program itself, measured
    real(wp), parameter :: real_bytes = 8.0_wp, complex_bytes = 16.0_wp, integer_bytes = 4.0_wp
    real(wp), parameter :: copies_kept = 9.0_wp                        ! of a matrix: in the study, and while a point is read
-
-   !> What the estimate depends on; real numbers, because hostile ones are beyond any integer.
-   type :: sizes_t
-      real(wp) :: n_dofs = 0, n_law_dofs = 0                          !! of the structure; on which laws act
-      real(wp) :: n_entries = 0, bandwidth = 0                        !! of its matrices
-      real(wp) :: n_harmonics = 0
-      real(wp) :: n_pairs = 0                                         !! coupled by laws
-      real(wp) :: laws_per_sample = 0, derivatives_per_sample = 0     !! real numbers that laws keep for themselves
-      real(wp) :: answers_per_sample = 0                              !! of laws with memory, for a tangent
-      real(wp) :: states = 0                                          !! coordinates times states, of laws with memory
-      logical :: needs_velocity = .false., needs_reaction = .false., has_memory = .false.
-      real(wp) :: n_stored_dofs = 0
-      integer, allocatable :: highest(:), samples(:)                  !! (n_tones)
-      integer, allocatable :: stored_samples(:)                       !! of surfaces, size 0: none
-      logical :: has_certificate = .false.
-      type(solver_config_t) :: solver
-   end type sizes_t
 
    !> Bytes, by part.
    type :: memory_estimate_t
@@ -47,7 +29,7 @@ module hb_memory_estimate
       real(wp) :: linear = 0                                          !! loads, condensed stiffness, transfer to the interior
       real(wp) :: samples = 0                                         !! on the torus: motions, forces, spectra, derivatives
       real(wp) :: tangent = 0                                         !! of the direct attempt, with the vectors of the solver
-      real(wp) :: rescue = 0                                          !! instead of the tangent, when the direct attempt fails
+      real(wp) :: rescue = 0     !! instead of the tangent, when the direct attempt fails or is hard
       real(wp) :: certificate = 0                                     !! wider balance, beside the tangent
       real(wp) :: results = 0                                         !! of a point, surfaces with their balance
    contains
@@ -57,105 +39,11 @@ module hb_memory_estimate
 
 contains
 
-   !> Takes the sizes from the parts of a scene; scans the matrices of the structure once.
-   subroutine new_sizes(self, structure, harmonics, torus, laws, n_law_dofs, n_stored_dofs, stored_samples, solver, has_certificate)
-      type(sizes_t), intent(out) :: self
-      type(structure_t), intent(in) :: structure
-      type(harmonics_t), intent(in) :: harmonics
-      type(torus_t), intent(in) :: torus
-      type(law_box_t), intent(in) :: laws(:)
-      integer, intent(in) :: n_law_dofs, n_stored_dofs
-      integer, intent(in) :: stored_samples(:)                        !! of surfaces, size 0: none
-      type(solver_config_t), intent(in) :: solver
-      logical, intent(in) :: has_certificate
-      integer :: i
-
-      self%n_dofs = structure%n_dofs
-      self%n_law_dofs = n_law_dofs
-      self%n_harmonics = harmonics%n_harmonics
-      self%highest = harmonics%highest
-      self%samples = torus%n_samples
-      self%n_stored_dofs = n_stored_dofs
-      self%stored_samples = stored_samples
-      self%solver = solver
-      self%has_certificate = has_certificate .and. size(laws) > 0
-      call scan_structure(self, structure)
-      do i = 1, size(laws)
-         call add_law(self, laws, i)
-      end do
-      self%n_pairs = min(self%n_pairs, self%n_law_dofs**2)
-   end subroutine new_sizes
-
-   !> Counts entries and bandwidth.
-   subroutine scan_structure(self, structure)
-      type(sizes_t), intent(inout) :: self
-      type(structure_t), intent(in) :: structure
-      integer :: first, i, j, last
-
-      do j = 1, structure%n_dofs
-         first = j
-         last = j
-         do i = 1, structure%n_dofs
-            if (max(abs(structure%mass(i, j)), abs(structure%damping(i, j)), abs(structure%stiffness(i, j))) <= 0.0_wp) cycle
-            self%n_entries = self%n_entries + 1.0_wp
-            first = min(first, i)
-            last = max(last, i)
-         end do
-         self%bandwidth = max(self%bandwidth, real(max(j - first, last - j), wp))
-      end do
-   end subroutine scan_structure
-
-   !> Adds what law i keeps for itself, see hb_law_slot, hb_slider_memory and hb_memory_tangent.
-   subroutine add_law(self, laws, i)
-      type(sizes_t), intent(inout) :: self
-      type(law_box_t), intent(in) :: laws(:)
-      integer, intent(in) :: i
-      real(wp) :: c, d, p, v
-      integer :: k
-
-      associate (law => laws(i)%law)
-         c = size(law%shape, 2)
-         d = size(law%shape, 1)
-         v = merge(c, 0.0_wp, law%needs_velocity)
-         p = merge(c, 0.0_wp, law%is_multiplier)
-         self%needs_velocity = self%needs_velocity .or. law%needs_velocity
-         self%needs_reaction = self%needs_reaction .or. law%is_multiplier
-         self%laws_per_sample = self%laws_per_sample + 2*c + v + p
-         select type (law)
-         class is (hysteretic_law_t)
-            associate (n => real(law%n_states, wp))
-               self%has_memory = .true.
-               self%laws_per_sample = self%laws_per_sample + n_path_parts*c + n
-               self%derivatives_per_sample = self%derivatives_per_sample + n*n + n*c*n_path_parts
-               self%answers_per_sample = self%answers_per_sample + c*c + c*n + 2*width*c
-               self%states = self%states + c*n
-            end associate
-         class default
-            self%derivatives_per_sample = self%derivatives_per_sample + c*(c + v + p)
-            self%n_pairs = self%n_pairs + d*d
-            if (.not. law%is_multiplier) return
-            do k = 1, size(laws)                                       ! it answers to the forces of its neighbours
-               if (k /= i .and. any_shared(law%dofs, laws(k)%law%dofs)) self%n_pairs = self%n_pairs + d*size(laws(k)%law%dofs)
-            end do
-         end select
-      end associate
-   end subroutine add_law
-
-   pure logical function any_shared(a, b)
-      integer, intent(in) :: a(:), b(:)
-      integer :: i
-
-      any_shared = .false.
-      do i = 1, size(a)
-         any_shared = any_shared .or. any(b == a(i))
-      end do
-   end function any_shared
-
    !> Bytes that a point with these sizes takes.
    pure function estimate_memory(s) result(bytes)
       type(sizes_t), intent(in) :: s
       type(memory_estimate_t) :: bytes
-      real(wp) :: n, n_wide
+      real(wp) :: certificate, n, n_wide, strongest, tangent
       integer, allocatable :: orders(:), samples(:)
 
       n = unknowns(s, s%n_harmonics)
@@ -169,15 +57,28 @@ contains
       if (s%n_law_dofs <= 0) bytes%samples = 0
       if (s%n_law_dofs <= 0) return
 
-      bytes%tangent = real_bytes*(n*n + 12*n + table_size(s%highest)*2.5_wp)
-      if (s%solver%method == method%broyden) bytes%tangent = bytes%tangent + 2*real_bytes*n*s%solver%memory
-      if (s%solver%rescue) bytes%rescue = 2*real_bytes*n*n + real_bytes*(20*n + table_size(s%highest)*2.5_wp)
-      if (s%solver%rescue) bytes%rescue = max(bytes%rescue, real_bytes*(n*n + 2*n*s%solver%memory))
+      tangent = real_bytes*(n*n + 12*n + table_size(s%highest)*2.5_wp)
+      certificate = real_bytes*n*n
+      if (s%solver%method == method%broyden) tangent = tangent + 2*real_bytes*n*s%solver%memory
+      if (s%solver%rescue) bytes%rescue = max(2*real_bytes*n*n + real_bytes*(20*n + table_size(s%highest)*2.5_wp), &
+                                              real_bytes*(n*n + 2*n*s%solver%memory))
+      if (from_products(s)) then
+         certificate = gmres_bytes(s) + preconditioner_bytes(s, .false.)
+         strongest = gmres_bytes(s) + preconditioner_bytes(s, .true.)
+         if (any(s%solver%method == [method%auto, method%krylov])) then
+            tangent = certificate
+            if (n - s%n_law_dofs > largest_affordable) bytes%rescue = 0  ! dense ones are not tried
+            bytes%rescue = max(strongest, bytes%rescue + preconditioner_bytes(s, .false.))
+         else if (s%has_certificate) then
+            bytes%rescue = max(strongest, bytes%rescue)
+         end if
+      end if
+      bytes%tangent = tangent
       if (.not. s%has_certificate) return
       orders = wider_orders(s%highest)
       samples = wider_samples(s%samples, orders)
       n_wide = 0.5_wp*(volume(2*orders + 1) + 1)
-      bytes%certificate = real_bytes*(n*n + 4*unknowns(s, n_wide)) + linear_bytes(s, n_wide) &
+      bytes%certificate = certificate + real_bytes*4*unknowns(s, n_wide) + linear_bytes(s, n_wide) &
                           + complex_bytes*s%n_dofs*n_wide + sample_bytes(s, n_wide, samples, .true., .false.)
    end function estimate_memory
 
@@ -310,6 +211,49 @@ contains
       unknowns = 2*n_harmonics*s%n_law_dofs
    end function unknowns
 
+   !> Whether steps come from products with the tangent; the search for unknown tones also needs the tangent itself.
+   pure logical function from_products(s)
+      type(sizes_t), intent(in) :: s
+
+      from_products = .not. s%has_unknown_tones .and. &
+                      (s%solver%method == method%krylov .or. unknowns(s, s%n_harmonics) > largest_dense)
+   end function from_products
+
+   !> Vectors of GMRES, see hb_gmres and hb_krylov.
+   pure real(wp) function gmres_bytes(s)
+      type(sizes_t), intent(in) :: s
+
+      gmres_bytes = real_bytes*unknowns(s, s%n_harmonics)*(s%solver%krylov_vectors + 15)
+   end function gmres_bytes
+
+   !> Samples of products, factors of each harmonic by itself and those of some or of the strongest coupling; see
+   !> hb_thin_product, hb_direction_samples, hb_balance and hb_coarse_tangent.
+   pure real(wp) function preconditioner_bytes(s, is_strongest)
+      type(sizes_t), intent(in) :: s
+      logical, intent(in) :: is_strongest                             !! else of the level that easy problems stay below
+      real(wp), parameter :: easy_work = 5.12e8_wp                    ! multiplications, level 3
+      real(wp) :: band, factors, kinds, n
+      integer, allocatable :: samples(:)
+
+      n = unknowns(s, s%n_harmonics)
+      band = (s%reach + 1)*2*s%n_harmonics
+      factors = min(n, 3*band)*n
+      if (.not. is_strongest) then
+         if (6*band <= n) then
+            factors = min(factors, 3*band*n*(easy_work/(4*n*band**2))**(2.0_wp/3.0_wp))
+         else
+            factors = min(factors, (1.5_wp*easy_work)**(2.0_wp/3.0_wp))
+         end if
+      end if
+      samples = s%samples
+      if (.not. s%has_memory .and. all(s%samples >= 4*real(s%highest, wp) + 1)) samples = min(s%samples, fast_size(4*s%highest + 1))
+      kinds = 1 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction)
+      preconditioner_bytes = real_bytes*(min(most_memory, factors) + table_size(s%highest)*2.5_wp + &
+                                         volume(samples)*((kinds + 1)*s%n_law_dofs + kinds*s%n_pairs) + 5*s%n_law_dofs**2)
+      if (s%has_memory) preconditioner_bytes = preconditioner_bytes + real_bytes*3*volume(samples)*s%n_law_dofs
+      preconditioner_bytes = preconditioner_bytes + complex_bytes*s%n_harmonics*s%n_law_dofs*s%n_tangent_rows
+   end function preconditioner_bytes
+
    !> Factors of the interior at one frequency, see hb_block_solver.
    pure real(wp) function interior_bytes(s)
       type(sizes_t), intent(in) :: s
@@ -326,7 +270,8 @@ contains
       real(wp), intent(in) :: n_harmonics
 
       associate (l => s%n_law_dofs)
-         linear_bytes = complex_bytes*n_harmonics*(2*(s%n_dofs*(l + 1) + 1.5_wp*l) + l*l + 4*l) &
+         linear_bytes = complex_bytes*n_harmonics*(2*((s%n_dofs - l)*(l + 1) + l*(s%n_rows + 1) + 1.5_wp*l) + &
+                                                   l*s%n_factor_rows + 4*l) &
                         + integer_bytes*n_harmonics*(size(s%highest) + 4)
       end associate
    end function linear_bytes

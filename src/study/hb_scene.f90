@@ -11,7 +11,8 @@ module hb_scene
    use hb_law_set, only: law_dofs_of
    use hb_loads, only: add_harmonic
    use hb_march_config, only: march_config_t, read_march
-   use hb_memory_estimate, only: check_memory, gib, new_sizes, sizes_t
+   use hb_memory_estimate, only: check_memory, gib
+   use hb_memory_sizes, only: new_sizes, sizes_t
    use hb_namelist, only: document_t, group_t
    use hb_normal_mode, only: measure_names, normal_mode_t
    use hb_solver_types, only: method_names, solver_config_t, start_names
@@ -225,8 +226,8 @@ contains
       end do
       torus = self%torus
       if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(self%harmonics, 1)
-      call new_sizes(sizes, self%structure, self%harmonics, torus, self%laws(:n), size(law_dofs_of(self%laws(:n))), &
-                     size(self%output%dofs), self%output%samples, self%solver, self%certificate%is_on)
+      call new_sizes(sizes, self%structure, self%harmonics, torus, self%laws(:n), law_dofs_of(self%laws(:n)), &
+                     size(self%output%dofs), self%output%samples, self%solver, self%certificate%is_on, any(self%tones%is_unknown))
    end function sizes_of
 
    !> Fails when the kind of a law is not known, and with that alone: none of the other keys of its group can be judged.

@@ -14,7 +14,7 @@ LARGE = """&structure
 &load dof = 'x1', tuple = 1, 0, cos = 0.1 /
 &law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /
 &law type = 'cubic_spring', dof = 'x2', stiffness = 0.1 /
-&solver max_iterations = 1, rescue = .false. /
+&solver method = 'newton', max_iterations = 1, rescue = .false. /
 &certificate is_on = .false. /
 """
 MIB = 2**20
@@ -23,15 +23,27 @@ MIB = 2**20
 def test_estimate_is_what_a_run_takes(tmp_path):
     source = tmp_path / "large.nml"
     source.write_text(LARGE)
+    estimated, measured = estimate_and_measurement(source, tmp_path)
+    assert estimated > 300 * MIB
+    assert estimated / 2 < measured < 2 * estimated
+
+
+def test_products_take_little(tmp_path):
+    source = tmp_path / "products.nml"
+    source.write_text(LARGE.replace("newton", "auto"))
+    estimated, measured = estimate_and_measurement(source, tmp_path)
+    assert estimated < 120 * MIB
+    assert estimated / 2 < measured < 2 * estimated
+
+
+def estimate_and_measurement(source, tmp_path):
+    """What `check` says of one point, and the largest resident memory of a run, in bytes."""
     estimate = re.search(r"^memory +(\d+) MiB", run("check", source, cwd=tmp_path).stdout, re.MULTILINE)
     assert estimate, "nhbm check says no memory"
-    estimated = int(estimate.group(1)) * MIB
-    assert estimated > 300 * MIB
-    words = command("solve", source, "-o", tmp_path / "large.h5", "--quiet")
+    words = command("solve", source, "-o", tmp_path / "result.h5", "--quiet")
     process = subprocess.Popen(words, cwd=tmp_path, env=environment(), stderr=subprocess.DEVNULL)
     _, _, usage = os.wait4(process.pid, 0)
-    measured = usage.ru_maxrss * 1024
-    assert estimated / 2 < measured < 2 * estimated
+    return int(estimate.group(1)) * MIB, usage.ru_maxrss * 1024
 
 
 def test_limit_refuses_with_what_would_fit(tmp_path):

@@ -19,9 +19,12 @@ module small_problems
       integer :: kind = 0
       real(wp) :: root(2) = [0.5_wp, -0.25_wp]                        !! of the cubics
       real(wp) :: amount = 1.0_wp                                     !! of the nonlinear part
+      real(wp) :: jacobian(2, 2) = 0.0_wp                             !! of the last `linearise`
    contains
       procedure :: residual => small_problem_residual
       procedure :: tangent => small_problem_tangent
+      procedure :: linearise => small_problem_linearise
+      procedure :: apply_tangent => small_problem_apply_tangent
       procedure :: solve_linear => small_problem_solve_linear
       procedure :: rounding_level => small_problem_rounding_level
       procedure :: deform => small_problem_deform
@@ -37,6 +40,7 @@ contains
 
       self%kind = kind
       self%n_unknowns = 2
+      self%has_products = .true.
       self%x_scale = [1.0_wp, 1.0_wp]
       self%r_scale = [1.0_wp, 1.0_wp]
       if (present(x_unit)) self%x_scale = x_unit
@@ -99,6 +103,23 @@ contains
          jacobian(:, i) = jacobian(:, i)*self%r_scale/self%x_scale(i)
       end do
    end subroutine small_problem_tangent
+
+   subroutine small_problem_linearise(self, x, is_ready)
+      class(small_problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      logical, intent(out) :: is_ready
+
+      call self%tangent(x, self%jacobian)
+      is_ready = .true.
+   end subroutine small_problem_linearise
+
+   subroutine small_problem_apply_tangent(self, x, product)
+      class(small_problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(out), contiguous :: product(:)
+
+      product = matmul(self%jacobian, x)
+   end subroutine small_problem_apply_tangent
 
    subroutine small_problem_solve_linear(self, r, step)
       class(small_problem_t), intent(in) :: self

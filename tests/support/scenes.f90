@@ -9,10 +9,12 @@ module scenes
    use hb_point, only: solve_point
    use hb_results, only: point_result_t
    use hb_scene, only: read_scene, scene_t
+   use random_numbers, only: fill_random
    use user_law_paths, only: user_law_samples
    implicit none
    private
-   public :: balance_at, balance_of, law_example, law_place, make_scene, message_of, one_group_a_line, paper_beam, solve_text
+   public :: balance_at, balance_of, law_example, law_place, make_scene, message_of, one_group_a_line, paper_beam, &
+      product_error, solve_text
 
    !> The paper's beam with its two loads; tones, harmonics and laws are still to be added.
    character(*), parameter :: paper_beam = &
@@ -139,4 +141,26 @@ contains
       call make_scene(text, scene, error)
       if (.not. allocated(error)) call solve_point(scene, result, error)
    end subroutine solve_text
+   !> Largest difference between products with the tangent and with its matrix, relative to the largest product, for a few
+   !> random vectors; huge where there are no products.
+   real(wp) function product_error(balance, x)
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(in), contiguous :: x(:)
+      integer, parameter :: n_vectors = 3
+      real(wp), allocatable :: jacobian(:, :), v(:, :), product(:)
+      logical :: is_ready
+      integer :: i
+
+      allocate (jacobian(size(x), size(x)), v(size(x), n_vectors), product(size(x)))
+      call balance%tangent(x, jacobian)
+      call balance%linearise(x, is_ready)
+      product_error = huge(1.0_wp)
+      if (.not. is_ready) return
+      call fill_random(31, v)
+      product_error = 0.0_wp
+      do i = 1, n_vectors
+         call balance%apply_tangent(v(:, i), product)
+         product_error = max(product_error, maxval(abs(product - matmul(jacobian, v(:, i))))/maxval(abs(product)))
+      end do
+   end function product_error
 end module scenes

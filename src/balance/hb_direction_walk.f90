@@ -1,58 +1,57 @@
-!> How the states of one hysteretic law answer to a base frequency while the coefficients of the motion stay: the exact
-!> derivative of the discrete walk over the torus.
+!> How the states of one hysteretic law answer to one direction, of the motion or by a base frequency: the exact derivative of
+!> the discrete walk over the torus.
 !>
-!> A frequency changes the paths of the steps and the weights by which states are interpolated at their starts. The
-!> derivative takes the same walk as the states, from rest and through all rounds, then further rounds until it repeats as
-!> well. Source: docs/theory.md, section 5.6.
-module hb_frequency_walk
+!> A direction of the motion changes the paths of the steps; a frequency changes these, and the weights by which states are
+!> interpolated at their starts. The derivative takes the same walk as the states, from rest and through all rounds, then
+!> further rounds until it repeats as well. Source: docs/theory.md, sections 5.6 and 6.6.
+module hb_direction_walk
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_slider_memory, only: memory_t, most_rounds, repeat_tolerance
    implicit none
    private
-   public :: frequency_walk_t, new_frequency_walk
+   public :: direction_walk_t, new_direction_walk
 
    !> Derivatives, slice by slice as in hb_slider_memory.
-   type :: frequency_walk_t
-      real(wp), allocatable :: path(:, :, :, :)                       !! [m s], (n_slice, n_coordinates, n_path_parts, n_steps)
+   type :: direction_walk_t
+      real(wp), allocatable :: path(:, :, :, :)                       !! (n_slice, n_coordinates, n_path_parts, n_steps)
       real(wp), allocatable :: states(:, :, :)                        !! (n_slice, n_states, n_steps)
       logical :: repeats = .true.                                     !! false: not within `most_rounds`
       real(wp), allocatable, private :: start(:, :), first(:, :)      ! (n_slice, n_states)
    contains
-      procedure :: walk => frequency_walk_walk
-      procedure :: force => frequency_walk_force
-      procedure, private :: go_round => frequency_walk_go_round
-   end type frequency_walk_t
+      procedure :: walk => direction_walk_walk
+      procedure :: force => direction_walk_force
+      procedure, private :: load_from_rest => direction_walk_load_from_rest
+      procedure, private :: go_round => direction_walk_go_round
+   end type direction_walk_t
 
 contains
 
    !> Makes room for the derivatives of a memory.
-   subroutine new_frequency_walk(self, memory)
-      type(frequency_walk_t), intent(out) :: self
+   subroutine new_direction_walk(self, memory)
+      type(direction_walk_t), intent(out) :: self
       type(memory_t), intent(in) :: memory
 
       allocate (self%path, mold=memory%path)
       allocate (self%states, mold=memory%states)
       allocate (self%start(size(self%states, 1), size(self%states, 2)), self%first(size(self%states, 1), size(self%states, 2)))
       self%path = 0.0_wp
-   end subroutine new_frequency_walk
+   end subroutine new_direction_walk
 
    !> Finds the derivatives of the states from those of the paths; the memory must have its own path and `rounds`.
-   !>
-   !> The place where the walk starts depends on the motion of the first slice alone: its derivative is zero.
-   subroutine frequency_walk_walk(self, memory, law, characteristic, weight_slope)
-      class(frequency_walk_t), intent(inout) :: self
+   subroutine direction_walk_walk(self, memory, law, characteristic, weight_slope)
+      class(direction_walk_t), intent(inout) :: self
       type(memory_t), intent(inout) :: memory
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
-      real(wp), intent(in) :: weight_slope(:)                         !! derivative of the weights [s], (n_neighbours)
+      real(wp), intent(in) :: weight_slope(:)                         !! derivative of the weights, (n_neighbours)
       real(wp) :: change, largest_move
       integer :: round
 
       call memory%differentiable()
       call memory%load_from_rest(law, with_derivatives=.true.)
-      self%states = 0.0_wp
+      call self%load_from_rest(memory)
       do round = 1, memory%rounds
          call memory%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
          if (round < memory%rounds) call self%go_round(memory, characteristic, weight_slope)
@@ -65,11 +64,29 @@ contains
          self%repeats = change <= repeat_tolerance*max(maxval(abs(self%path)), maxval(abs(self%states)))
          if (self%repeats) return
       end do
-   end subroutine frequency_walk_walk
+   end subroutine direction_walk_walk
+
+   !> The first slice after loading from rest straight to its motion.
+   subroutine direction_walk_load_from_rest(self, memory)
+      class(direction_walk_t), intent(inout) :: self
+      type(memory_t), intent(in) :: memory
+      integer :: c, k
+
+      self%states = 0.0_wp
+      do c = 1, size(self%path, 2)
+         do k = 1, size(self%states, 2)
+            associate (slope => memory%ds_dpath(:, k, c, :, 1))
+               self%states(:, k, 1) = self%states(:, k, 1) + (slope(:, path_part%at_end) + slope(:, path_part%end_rate) &
+                                                              + slope(:, path_part%start_rate)) &
+                                      *self%path(:, c, path_part%at_end, 1)
+            end associate
+         end do
+      end do
+   end subroutine direction_walk_load_from_rest
 
    !> Goes once round in the steps that the memory took last.
-   subroutine frequency_walk_go_round(self, memory, characteristic, weight_slope)
-      class(frequency_walk_t), intent(inout) :: self
+   subroutine direction_walk_go_round(self, memory, characteristic, weight_slope)
+      class(direction_walk_t), intent(inout) :: self
       type(memory_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(in) :: weight_slope(:)
@@ -92,7 +109,6 @@ contains
                end do
             end do
             do part = 1, n_path_parts
-               if (part == path_part%at_end) cycle                     ! the motion at the samples stays
                do c = 1, size(self%path, 2)
                   do k = 1, size(now, 2)
                      now(:, k) = now(:, k) + memory%ds_dpath(:, k, c, part, slice)*self%path(:, c, part, slice)
@@ -119,28 +135,34 @@ contains
             end do
          end do
       end subroutine add_shift
-   end subroutine frequency_walk_go_round
+   end subroutine direction_walk_go_round
 
    !> Derivatives of the forces, at the samples of the torus, after `walk`.
-   subroutine frequency_walk_force(self, memory, law, characteristic, df)
-      class(frequency_walk_t), intent(in) :: self
+   subroutine direction_walk_force(self, memory, law, characteristic, df)
+      class(direction_walk_t), intent(in) :: self
       type(memory_t), intent(in) :: memory
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
-      real(wp), intent(out) :: df(:, :)                               !! [N s], (n_samples, n_coordinates)
+      real(wp), intent(out) :: df(:, :)                               !! (n_samples, n_coordinates)
       real(wp), allocatable :: f(:, :), df_dz(:, :, :), df_ds(:, :, :)
-      integer :: a, i, k, n
+      integer :: a, b, i, k, n
 
       n = characteristic%n_slice
       allocate (f(n, size(df, 2)), df_dz(n, size(df, 2), size(df, 2)), df_ds(n, size(df, 2), size(self%states, 2)))
       df = 0.0_wp
       do i = 1, characteristic%n_steps
          call law%force(memory%path(:, :, path_part%at_end, i), memory%states(:, :, i), f, df_dz, df_ds)
+         do b = 1, size(df, 2)
+            do a = 1, size(df, 2)
+               df(characteristic%sample(:, i), a) = df(characteristic%sample(:, i), a) &
+                                                    + df_dz(:, a, b)*self%path(:, b, path_part%at_end, i)
+            end do
+         end do
          do k = 1, size(self%states, 2)
             do a = 1, size(df, 2)
                df(characteristic%sample(:, i), a) = df(characteristic%sample(:, i), a) + df_ds(:, a, k)*self%states(:, k, i)
             end do
          end do
       end do
-   end subroutine frequency_walk_force
-end module hb_frequency_walk
+   end subroutine direction_walk_force
+end module hb_direction_walk

@@ -1,0 +1,175 @@
+!> The balance at other base frequencies and artificial damping, and its derivatives by both.
+!> Source: docs/theory.md, sections 5.6 and 6.5.
+submodule (hb_balance) hb_balance_frequency
+   use hb_error, only: fail
+   use hb_text, only: to_text
+   implicit none
+
+contains
+
+   !> Changes base frequencies and artificial damping; scales, first Jacobian and what laws were told by the structure stay, and
+   !> so does a preconditioner until its next update. Products need `linearise` anew.
+   !>
+   !> Fails where the stiffness was made without slopes or its interior is singular at the new frequencies.
+   module subroutine balance_move(self, omega, xi, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones), > 0
+      real(wp), intent(in) :: xi(:)                                   !! [1/s], (n_tones)
+      type(error_t), allocatable, intent(out) :: error
+      logical :: is_same(2)
+
+      is_same = [all(omega == self%omega), all(xi == self%xi)]
+      if (all(is_same)) return
+      self%omega = omega
+      self%xi = xi
+      self%frequencies = self%harmonics%frequencies(omega)
+      if (.not. is_same(1)) call self%law_set%move(self%transform%torus, omega)
+      call self%stiffness%move(self%frequencies, self%drives(), error)
+      if (allocated(error)) self%omega = -1.0_wp                      ! what is kept fits no frequencies
+   end subroutine balance_move
+
+   !> The drive of each harmonic, sum over the tones of xi_m j_m omega_m [rad**2/s**2]: the artificial forces
+   !> -M sum_m xi_m omega_m dx/dtau_m on the left-hand side. Source: docs/theory.md, section 6.5.
+   pure module function balance_drives(self) result(drives)
+      class(balance_t), intent(in) :: self
+      real(wp) :: drives(self%harmonics%n_harmonics)
+
+      drives = self%harmonics%frequencies(self%xi*self%omega)
+   end function balance_drives
+
+   !> Derivative of the residual by the artificial damping of tone m at fixed coefficients and frequencies. Fails as
+   !> `frequency_derivative` does.
+   module subroutine balance_damping_derivative(self, u, m, derivative, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      integer, intent(in) :: m                                        !! tone
+      real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)   !! [N s]
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: reaction(self%harmonics%n_coefficients, self%n_dofs)
+
+      call prepare_slopes(self, u, m, derivative, error)
+      if (allocated(error)) return
+      call find_reaction_slope(self, u, 0.0_wp*self%frequencies, self%omega(m)*self%harmonics%tuples(m, :), reaction)
+      associate (along => self%law_set%along)
+         if (self%law_set%needs_reaction) then
+            along%q%values = 0.0_wp
+            if (self%law_set%needs_velocity) along%v%values = 0.0_wp
+            call self%transform%to_samples(reaction, along%s%values)
+            call self%law_set%differentiate_without_memory()
+            call self%transform%to_coefficients(along%f%values, self%force)
+            derivative = self%law_factor*self%force
+         end if
+      end associate
+      derivative = derivative - reaction
+   end subroutine balance_damping_derivative
+
+   !> What both derivatives begin with: refuses what cannot be answered, evaluates the laws with derivatives.
+   subroutine prepare_slopes(self, u, m, derivative, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(:, :)
+      integer, intent(in) :: m
+      real(wp), intent(out) :: derivative(:, :)
+      type(error_t), allocatable, intent(out) :: error
+
+      derivative = 0.0_wp
+      if (.not. allocated(self%stiffness%condensed_slope)) then
+         call fail(error, "balance: its dynamic stiffness was made without slopes; derivatives by frequencies need them")
+      else if (m < 1 .or. m > size(self%omega)) then
+         call fail(error, "balance: no tone "//to_text(m)//" to differentiate by, there are 1 to "//to_text(size(self%omega)))
+      end if
+      if (allocated(error)) return
+      call balance_sample(self, u)
+      call self%law_set%differentiate(error)
+      if (allocated(error)) return
+      call self%law_set%make_direction_samples(error)
+   end subroutine prepare_slopes
+
+   !> Derivative of the residual by base frequency m at fixed coefficients, exact for the discrete equations:
+   !> dR/domega_m = j_m (dS/dw u - dP/dw) + the projection of df/dv dv/domega_m + df/ds ds/domega_m.
+   !>
+   !> What laws were told by the structure (`prepare`) stays. Fails where the stiffness was made without slopes, for a tone
+   !> that does not exist, where the answer of a memory does not repeat, and out of memory. Source: docs/theory.md, section 5.6.
+   module subroutine balance_frequency_derivative(self, u, m, derivative, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      integer, intent(in) :: m                                        !! tone
+      real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)   !! [N s]
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: turns(self%harmonics%n_harmonics)                   ! j_m, the derivative of j.omega
+      real(wp) :: reaction(self%harmonics%n_coefficients, self%n_dofs)
+      real(wp), allocatable :: weight_slope(:)
+
+      call prepare_slopes(self, u, m, derivative, error)
+      if (allocated(error)) return
+      turns = real(self%harmonics%tuples(m, :), wp)
+      allocate (weight_slope(0))
+      call find_reaction_slope(self, u, turns, self%xi(m)*turns, reaction)
+      associate (along => self%law_set%along)
+         along%q%values = 0.0_wp
+         if (self%law_set%needs_velocity) call self%transform%to_rate_samples(u, turns, along%v%values)
+         if (self%law_set%needs_reaction) call self%transform%to_samples(reaction, along%s%values)
+         if (self%law_set%has_memory) call sample_step_slopes(self, u, m, turns, weight_slope)
+         call self%law_set%differentiate_along(weight_slope, error)
+         if (allocated(error)) return
+         call self%transform%to_coefficients(along%f%values, self%force)
+      end associate
+      derivative = self%law_factor*self%force - reaction
+   end subroutine balance_frequency_derivative
+
+   !> How the steps of time change with base frequency m: motion at their start, rates at both ends, and the weights of the
+   !> neighbours there. With the angle phi = j.omega step and c the amplitude at the end of a step,
+   !> d(c exp(-i phi)) = -i c exp(-i phi) dphi, and d(i phi c exp(-i phi)) = (i + phi) c exp(-i phi) dphi.
+   subroutine sample_step_slopes(self, u, m, turns, weight_slope)
+      class(balance_t), intent(inout) :: self                         !! after `sample`
+      real(wp), intent(in) :: u(:, :)
+      integer, intent(in) :: m
+      real(wp), intent(in) :: turns(:)                                !! j_m, (n_harmonics)
+      real(wp), allocatable, intent(inout) :: weight_slope(:)
+      real(wp), dimension(self%harmonics%n_harmonics) :: angle, angle_slope
+      real(wp) :: rate_slope(self%harmonics%n_coefficients, self%n_dofs), step_slope
+      integer :: h, i
+
+      associate (characteristic => self%law_set%characteristic, along => self%law_set%along)
+         weight_slope = 0.0_wp*characteristic%weight
+         call characteristic%frequency_slopes(m, step_slope, weight_slope)
+         angle = self%frequencies*characteristic%step
+         angle_slope = turns*characteristic%step
+         if (m == characteristic%tone) angle_slope = (self%frequencies - turns*self%omega(m))*step_slope   ! this tone cancels
+         do i = 1, self%n_dofs
+            do h = 1, self%harmonics%n_harmonics
+               call self%harmonics%set_amplitude(rate_slope(:, i), h, &
+                                  cmplx(angle(h), 1.0_wp, wp)*angle_slope(h)*self%harmonics%amplitude(self%u_before(:, i), h))
+            end do
+         end do
+         call self%transform%to_rate_samples(self%u_before, -angle_slope, along%q_before%values)
+         call self%transform%to_rate_samples(u, angle_slope, along%step_rate%values)
+         call self%transform%to_samples(rate_slope, along%step_rate_before%values)
+      end associate
+   end subroutine sample_step_slopes
+
+   !> Derivative of s where the frequency of each harmonic changes by `turns` and its drive by `drive_turns`:
+   !> (dP/dw - dS/dw u) turns + (dP/ddrive - dS/ddrive u) drive_turns.
+   subroutine find_reaction_slope(self, u, turns, drive_turns, slope)
+      type(balance_t), intent(in) :: self
+      real(wp), intent(in) :: u(:, :)
+      real(wp), intent(in) :: turns(:), drive_turns(:)                !! (n_harmonics)
+      real(wp), intent(out) :: slope(:, :)                            !! [N s], as u
+      complex(wp) :: s
+      integer :: h, i, k
+
+      associate (stiffness => self%stiffness, pattern => self%stiffness%pattern)
+         do h = 1, self%harmonics%n_harmonics
+            do i = 1, self%n_dofs
+               s = self%load_factor*(turns(h)*stiffness%load_slope(i, h) + drive_turns(h)*stiffness%load_drive_slope(i, h))
+               do k = pattern%first(i), pattern%last(i)
+                  associate (row => pattern%shift(k) + i)
+                     s = s - (turns(h)*stiffness%condensed_slope(row, k, h) + &
+                              drive_turns(h)*stiffness%condensed_drive_slope(row, k, h))*self%harmonics%amplitude(u(:, k), h)
+                  end associate
+               end do
+               call self%harmonics%set_amplitude(slope(:, i), h, s)
+            end do
+         end do
+      end associate
+   end subroutine find_reaction_slope
+end submodule hb_balance_frequency

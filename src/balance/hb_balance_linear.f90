@@ -1,0 +1,240 @@
+!> The linear part of the balance: its factors, what laws and solvers are told by it.
+submodule (hb_balance) hb_balance_linear
+   use hb_block_factors, only: new_block_factors
+   use hb_block_pattern, only: new_block_pattern
+   implicit none
+
+contains
+
+   !> Where the tangent of one harmonic has entries: where S has, where a law couples two motions, and where a force that
+   !> depends on the reaction meets S.
+   module subroutine choose_tangent_pattern(self)
+      type(balance_t), intent(inout) :: self
+      integer :: law, linear, reach
+
+      linear = self%stiffness%pattern%reach
+      law = max(0, maxval(abs(self%law_set%row - self%law_set%column)), self%law_set%memory_reach())
+      reach = max(linear, law)
+      if (self%law_set%needs_reaction) reach = linear + law
+      call new_block_pattern(self%tangent_pattern, self%n_dofs, min(self%n_dofs, reach))
+   end subroutine choose_tangent_pattern
+
+   !> LU of S per harmonic. Where S is singular (a structure free to move, an undamped resonance) weak supports hold it, each a
+   !> tenth of the stiffness in the first harmonic that is not: for first guesses and first steps, never for a residual.
+   module subroutine factorise_linear_part(self)
+      type(balance_t), intent(inout) :: self
+      real(wp), parameter :: weakness = 1.0e-1_wp
+      integer :: h, i
+      complex(wp), allocatable :: block(:, :), free_motion(:, :)
+      logical :: has_zero_pivot
+      real(wp) :: stiffest
+
+      call new_block_factors(self%factors, self%stiffness%pattern, self%harmonics%n_harmonics)
+      if (allocated(self%is_singular)) deallocate (self%is_singular)
+      allocate (self%is_singular(self%harmonics%n_harmonics))
+      allocate (free_motion(self%n_dofs, self%harmonics%n_harmonics))
+      call self%stiffness%linear_amplitudes(free_motion, self%is_singular)
+      h = max(1, findloc(self%is_singular, .false., dim=1))
+      associate (shift => self%stiffness%pattern%shift)
+         self%support = [(weakness*abs(self%stiffness%condensed(shift(i) + i, i, h)), i=1, self%n_dofs)]
+      end associate
+      stiffest = maxval(self%support)
+      if (stiffest <= 0.0_wp) stiffest = 1.0_wp
+      where (self%support <= epsilon(1.0_wp)*stiffest) self%support = stiffest
+      do h = 1, self%harmonics%n_harmonics
+         block = self%stiffness%condensed(:, :, h)
+         if (self%is_singular(h)) then
+            do i = 1, self%n_dofs
+               associate (row => self%stiffness%pattern%shift(i) + i)
+                  block(row, i) = block(row, i) + self%support(i)
+               end associate
+            end do
+         end if
+         call self%factors%factorise(h, block, has_zero_pivot)
+      end do
+   end subroutine factorise_linear_part
+
+   !> Tells law i what it feels at its first coordinate: the stiffness 1/|w.S^-1 w| in the first harmonic in which the
+   !> structure is not free to move (the static one, unless the set has no zero tuple or the structure no support), and the
+   !> impedance, this stiffness over |j.omega| in the fastest harmonic.
+   module subroutine prepare_law(self, i)
+      type(balance_t), intent(inout) :: self
+      integer, intent(in) :: i
+      integer :: fastest, h
+      real(wp) :: compliance, mobility
+
+      h = max(1, findloc(self%is_singular, .false., dim=1))
+      associate (law => self%law_set%laws(i)%law)
+         compliance = compliance_of(self, i, h)
+         if (compliance > 0.0_wp) call law%prepare(1.0_wp/compliance)
+         fastest = maxloc(abs(self%frequencies), dim=1)
+         mobility = abs(self%frequencies(fastest))*compliance_of(self, i, fastest)
+         if (mobility > 0.0_wp) call law%prepare_rate(1.0_wp/mobility)
+      end associate
+   end subroutine prepare_law
+
+   !> |w.S^-1 w| of harmonic h, with w the weights of the first coordinate of law i.
+   real(wp) function compliance_of(self, i, h)
+      type(balance_t), intent(in) :: self
+      integer, intent(in) :: i, h
+      complex(wp) :: response(self%n_dofs)
+
+      response = spread_weights(self, i)
+      call self%factors%solve(h, response)
+      compliance_of = abs(dot_product(spread_weights(self, i), response))
+   end function compliance_of
+
+   !> Weights of the first coordinate of law i over all degrees of freedom of the laws.
+   function spread_weights(self, i) result(weights)
+      type(balance_t), intent(in) :: self
+      integer, intent(in) :: i
+      complex(wp) :: weights(self%n_dofs)
+      integer :: k
+
+      weights = (0.0_wp, 0.0_wp)
+      associate (columns => self%law_set%columns_of(i))
+         do k = 1, size(columns)
+            weights(columns(k)) = self%law_set%laws(i)%law%shape(k, 1)
+         end do
+      end associate
+   end function spread_weights
+
+   !> Scales of unknowns and equations, one each per degree of freedom: linear motion and loads; where these vanish, gaps and
+   !> the forces at rest.
+   module subroutine choose_scales(self)
+      type(balance_t), intent(inout) :: self
+      real(wp) :: motion(self%n_dofs), load(self%n_dofs)
+      real(wp) :: u(self%harmonics%n_coefficients, self%n_dofs), r(self%n_unknowns)
+      integer :: h, i
+
+      call self%linear_solution(u)
+      motion = norm2(u, dim=1)
+      load = 0.0_wp
+      do h = 1, self%harmonics%n_harmonics
+         do i = 1, self%n_dofs
+            associate (s => self%stiffness%condensed(self%stiffness%pattern%shift(i) + i, i, h))
+               load(i) = load(i) + max(abs(self%stiffness%load(i, h)), abs(s*self%harmonics%amplitude(u(:, i), h)))**2
+            end associate
+         end do
+      end do
+      load = sqrt(load)
+      if (maxval(load) <= 0.0_wp) then                                ! no loads: what the laws do at rest
+         call self%residual([(0.0_wp, i=1, size(u))], r)
+         load = norm2(reshape(r, shape(u)), dim=1)
+      end if
+      if (maxval(motion) <= 0.0_wp) then
+         do i = 1, size(self%law_set%laws)
+            motion = max(motion, self%law_set%laws(i)%law%length_scale())
+         end do
+      end if
+      if (maxval(motion) <= 0.0_wp) motion = 1.0_wp
+      if (maxval(load) <= 0.0_wp) load = maxval(abs(self%stiffness%condensed))*motion
+      if (maxval(load) <= 0.0_wp) load = 1.0_wp
+      where (motion <= epsilon(1.0_wp)*maxval(motion)) motion = maxval(motion)
+      where (load <= epsilon(1.0_wp)*maxval(load)) load = maxval(load)
+      self%x_scale = [(spread(motion(i), 1, self%harmonics%n_coefficients), i=1, self%n_dofs)]
+      self%r_scale = [(spread(load(i), 1, self%harmonics%n_coefficients), i=1, self%n_dofs)]
+   end subroutine choose_scales
+
+   !> The motion without any law; where the structure is free to move, that on its weak supports.
+   module subroutine balance_linear_solution(self, u)
+      class(balance_t), intent(in) :: self
+      real(wp), intent(out) :: u(self%harmonics%n_coefficients, self%n_dofs)   !! [m]
+      complex(wp) :: c(self%n_dofs, self%harmonics%n_harmonics)
+      logical :: is_singular(self%harmonics%n_harmonics)
+      integer :: h, i
+
+      call self%stiffness%linear_amplitudes(c, is_singular)
+      do h = 1, self%harmonics%n_harmonics
+         if (is_singular(h)) then
+            c(:, h) = self%stiffness%load(:, h)
+            call self%factors%solve(h, c(:, h))
+         end if
+         do i = 1, self%n_dofs
+            call self%harmonics%set_amplitude(u(:, i), h, c(i, h))
+         end do
+      end do
+   end subroutine balance_linear_solution
+
+   module subroutine balance_solve_linear(self, r, step)
+      class(balance_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: r(:)
+      real(wp), intent(out), contiguous :: step(:)
+
+      call solve_linear_of(self, r, step)
+   end subroutine balance_solve_linear
+
+   !> step = S^-1 r, harmonic by harmonic.
+   subroutine solve_linear_of(self, r, step)
+      class(balance_t), intent(in) :: self
+      real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)
+      real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
+      complex(wp) :: c(self%n_dofs)
+      integer :: h, i
+
+      do h = 1, self%harmonics%n_harmonics
+         do i = 1, self%n_dofs
+            c(i) = self%harmonics%amplitude(r(:, i), h)
+         end do
+         call self%factors%solve(h, c)
+         do i = 1, self%n_dofs
+            call self%harmonics%set_amplitude(step(:, i), h, c(i))
+         end do
+      end do
+   end subroutine solve_linear_of
+
+   module function balance_rounding_level(self, x) result(level)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp) :: level
+
+      level = rounding_level_of(self, x)
+   end function balance_rounding_level
+
+   !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|, and what an error of one unit
+   !> in the motion does to the forces of stiff laws.
+   real(wp) function rounding_level_of(self, u)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
+      real(wp), parameter :: units = 8.0_wp
+      real(wp), parameter :: largest_level = 1.0e-6_wp                 ! above, a point counts as lost, not as rounded
+      type(error_t), allocatable :: error
+      real(wp) :: terms, total
+      integer :: h, i, k
+
+      total = 0.0_wp
+      associate (pattern => self%stiffness%pattern)
+         do h = 1, self%harmonics%n_harmonics
+            do i = 1, self%n_dofs
+               terms = abs(self%stiffness%load(i, h))
+               do k = pattern%first(i), pattern%last(i)
+                  terms = terms + abs(self%stiffness%condensed(pattern%shift(k) + i, k, h))* &
+                          abs(self%harmonics%amplitude(u(:, k), h))
+               end do
+               total = total + (terms/scale_of(i))**2
+            end do
+         end do
+      end associate
+      call balance_sample(self, u)
+      call self%law_set%differentiate(error)
+      if (.not. allocated(error)) then                                ! without memory the first part must do
+         do i = 1, self%law_set%n_pairs
+            associate (slope => self%law_set%df_dq%values(:, i), q => self%law_set%q%values(:, self%law_set%column(i)))
+               terms = norm2(slope)/sqrt(real(size(slope), wp))*maxval(abs(q))
+            end associate
+            total = total + (self%law_factor*terms/scale_of(self%law_set%row(i)))**2
+         end do
+         if (self%law_set%has_memory) total = total + sum((self%law_factor*self%law_set%spring_forces() &
+                                                           /[(scale_of(i), i=1, self%n_dofs)])**2)
+      end if
+      rounding_level_of = min(largest_level, units*epsilon(1.0_wp)*sqrt(total))
+
+   contains
+
+      real(wp) function scale_of(dof)
+         integer, intent(in) :: dof
+
+         scale_of = self%r_scale(1 + (dof - 1)*self%harmonics%n_coefficients)
+      end function scale_of
+   end function rounding_level_of
+end submodule hb_balance_linear

@@ -1,0 +1,178 @@
+!> The dense tangent of the balance.
+!>
+!> Source: docs/theory.md, section 5.4.
+submodule (hb_balance) hb_balance_tangent
+   use hb_memory_tangent, only: width
+   implicit none
+
+contains
+
+   module subroutine balance_tangent(self, x, jacobian)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(out), contiguous :: jacobian(:, :)
+
+      call balance_tangent_of(self, x, jacobian)
+   end subroutine balance_tangent
+
+   !> J = S + T[df/dq] + T[df/dv] d/dt - T[df/ds] S, with T[g] the projection of multiplication by g.
+   !> Source: docs/theory.md, eq. (11) to (13).
+   subroutine balance_tangent_of(self, u, jacobian)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
+      real(wp), intent(out) :: jacobian(self%harmonics%n_coefficients, self%n_dofs, &
+                                        self%harmonics%n_coefficients, self%n_dofs)
+      type(error_t), allocatable :: error
+      integer :: h, i, k
+
+      jacobian = 0.0_wp
+      do k = 1, self%n_dofs
+         do h = 1, self%harmonics%n_harmonics
+            do i = self%stiffness%pattern%first(k), self%stiffness%pattern%last(k)
+               call add_linear(self, jacobian, h, i, k)
+            end do
+            if (self%is_singular(h)) call add_support(h, k)
+         end do
+      end do
+      call balance_sample(self, u)
+      call self%law_set%differentiate(error)
+      if (allocated(error)) then                                      ! out of memory: no tangent, the solver sees it
+         jacobian = 0.0_wp
+         return
+      end if
+      do i = 1, self%law_set%n_pairs
+         associate (row => self%law_set%row(i), column => self%law_set%column(i))
+            call self%transform%tabulate_product(self%law_set%df_dq%values, i, self%table, self%law_factor)
+            call add_motion(self, jacobian(:, row, :, column))
+            if (self%law_set%needs_velocity) then
+               call self%transform%tabulate_product(self%law_set%df_dv%values, i, self%table, self%law_factor)
+               call add_rate(self, jacobian(:, row, :, column))
+            end if
+            if (self%law_set%needs_reaction) then
+               call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table, self%law_factor)
+               do k = self%stiffness%pattern%first(column), self%stiffness%pattern%last(column)
+                  call add_reaction(self, column, k, jacobian(:, row, :, k))
+               end do
+            end if
+         end associate
+      end do
+      if (self%law_set%has_memory) call add_memory(self, jacobian)
+
+   contains
+
+      subroutine add_support(h, i)
+         integer, intent(in) :: h, i
+
+         associate (a => self%harmonics%cos_at(h), b => self%harmonics%sin_at(h), k => (1.0_wp - self%law_factor)*self%support(i))
+            jacobian(a, i, a, i) = jacobian(a, i, a, i) + k
+            if (b > 0) jacobian(b, i, b, i) = jacobian(b, i, b, i) + k
+         end associate
+      end subroutine add_support
+   end subroutine balance_tangent_of
+
+   !> Adds what the forces with memory answer to each coefficient: through coordinate b of a law, cos or sin of harmonic h of
+   !> the degree of freedom k moves it by shape(k, b) times that of the coordinate.
+   subroutine add_memory(self, jacobian)
+      type(balance_t), intent(inout) :: self
+      real(wp), intent(inout) :: jacobian(:, :, :, :)
+      logical :: has_answers
+      integer :: b, block, h, i, in_block, k, law, part, place
+
+      do law = 1, size(self%law_set%laws)
+         call self%law_set%prepare_answers(law, self%harmonics, self%transform%torus, self%frequencies, has_answers)
+         if (.not. has_answers) cycle
+         associate (moved => self%law_set%columns_of(law), answering => self%law_set%answering_dofs(law), &
+                    shape => self%law_set%laws(law)%law%shape)
+            do b = 1, size(shape, 2)
+               h = 0
+               do block = 1, self%law_set%n_blocks(law)
+                  call self%law_set%answer_block(law, b, block)
+                  do in_block = 1, min(width, self%harmonics%n_harmonics - h)
+                     h = h + 1
+                     do part = 1, 2
+                        place = merge(self%harmonics%cos_at(h), self%harmonics%sin_at(h), part == 1)
+                        if (place == 0) cycle
+                        do i = 1, size(answering)
+                           call self%law_set%answer(law, in_block, part, answering(i), self%answer%values(:, 1))
+                           call self%transform%to_coefficients_of_one(self%answer%values, self%columns(:, 1))
+                           do k = 1, size(moved)
+                              jacobian(:, answering(i), place, moved(k)) = jacobian(:, answering(i), place, moved(k)) &
+                                                                           + self%law_factor*shape(k, b)*self%columns(:, 1)
+                           end do
+                        end do
+                     end do
+                  end do
+               end do
+            end do
+         end associate
+      end do
+   end subroutine add_memory
+
+   !> Block of S for harmonic h: (S c) = (Re S a + Im S b) - i (Re S b - Im S a).
+   pure subroutine add_linear(self, jacobian, h, i, k)
+      type(balance_t), intent(in) :: self
+      real(wp), intent(inout) :: jacobian(:, :, :, :)
+      integer, intent(in) :: h, i, k
+
+      associate (s => self%stiffness%condensed(self%stiffness%pattern%shift(k) + i, k, h), &
+                 a => self%harmonics%cos_at(h), b => self%harmonics%sin_at(h))
+         jacobian(a, i, a, k) = jacobian(a, i, a, k) + real(s)
+         if (b == 0) return
+         jacobian(a, i, b, k) = jacobian(a, i, b, k) + aimag(s)
+         jacobian(b, i, a, k) = jacobian(b, i, a, k) - aimag(s)
+         jacobian(b, i, b, k) = jacobian(b, i, b, k) + real(s)
+      end associate
+   end subroutine add_linear
+
+   !> block += T[g]
+   subroutine add_motion(self, block)
+      type(balance_t), intent(inout) :: self
+      real(wp), intent(inout) :: block(:, :)
+      integer :: h
+
+      associate (set => self%harmonics)
+         do h = 1, set%n_harmonics
+            call self%table%columns(set, h, self%columns(:, 1), self%columns(:, 2))
+            block(:, set%cos_at(h)) = block(:, set%cos_at(h)) + self%columns(:, 1)
+            if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = block(:, set%sin_at(h)) + self%columns(:, 2)
+         end do
+      end associate
+   end subroutine add_motion
+
+   !> block += T[g] d/dt: the rate of cos is -frequency sin, that of sin is frequency cos.
+   subroutine add_rate(self, block)
+      type(balance_t), intent(inout) :: self
+      real(wp), intent(inout) :: block(:, :)
+      integer :: h
+
+      associate (set => self%harmonics, w => self%frequencies)
+         do h = merge(2, 1, set%has_zero), set%n_harmonics
+            call self%table%columns(set, h, self%columns(:, 1), self%columns(:, 2))
+            block(:, set%cos_at(h)) = block(:, set%cos_at(h)) - w(h)*self%columns(:, 2)
+            block(:, set%sin_at(h)) = block(:, set%sin_at(h)) + w(h)*self%columns(:, 1)
+         end do
+      end associate
+   end subroutine add_rate
+
+   !> block += -T[g] S(m, k): how a force that depends on the reaction at m moves with the motion of k.
+   subroutine add_reaction(self, m, k, block)
+      type(balance_t), intent(inout) :: self
+      integer, intent(in) :: m, k
+      real(wp), intent(inout) :: block(:, :)
+      integer :: h
+
+      associate (set => self%harmonics)
+         do h = 1, set%n_harmonics
+            call self%table%columns(set, h, self%columns(:, 1), self%columns(:, 2))
+            associate (s => self%stiffness%condensed(self%stiffness%pattern%shift(k) + m, k, h), &
+                       a => set%cos_at(h), b => set%sin_at(h))
+               block(:, a) = block(:, a) - real(s)*self%columns(:, 1)
+               if (b > 0) then
+                  block(:, a) = block(:, a) + aimag(s)*self%columns(:, 2)
+                  block(:, b) = block(:, b) - aimag(s)*self%columns(:, 1) - real(s)*self%columns(:, 2)
+               end if
+            end associate
+         end do
+      end associate
+   end subroutine add_reaction
+end submodule hb_balance_tangent

@@ -1,0 +1,152 @@
+!> The tangent restricted to a few harmonics of all degrees of freedom, factorised: the part of the preconditioner that knows
+!> how harmonics are coupled. Source: docs/theory.md, section 6.6.
+!>
+!> Unknowns stand degree of freedom by degree of freedom, so that a narrow structure gives a band.
+module hb_coarse_tangent
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t, new_harmonics
+   use hb_kinds, only: wp
+   use hb_lapack, only: dgbtrf, dgbtrs, dgetrf, dgetrs
+   implicit none
+   private
+   public :: coarse_tangent_t, factor_memory, factor_work, most_memory, new_coarse_tangent
+
+   real(wp), parameter :: most_memory = 1.0e8_wp                      !! numbers in factors, at most
+
+   type :: coarse_tangent_t
+      type(harmonics_t) :: set                                        !! of the harmonics kept
+      integer, allocatable :: kept(:)                                 !! (set%n_harmonics) their numbers in the full set
+      logical :: is_usable = .false.                                  !! factorised, and not singular
+      integer, private :: n = 0                                       ! unknowns
+      integer, private :: reach = 0                                   ! of the band
+      logical, private :: is_banded = .false.
+      real(wp), allocatable, private :: matrix(:, :), rhs(:)
+      integer, allocatable, private :: pivots(:)
+   contains
+      procedure :: clear => coarse_tangent_clear
+      procedure :: add => coarse_tangent_add
+      procedure :: factorise => coarse_tangent_factorise
+      procedure :: solve => coarse_tangent_solve
+   end type coarse_tangent_t
+
+contains
+
+   !> Makes room for the harmonics `kept` of `full`, in ascending order, of `n_dofs` degrees of freedom that are coupled up to
+   !> `reach` apart.
+   subroutine new_coarse_tangent(self, full, kept, n_dofs, reach)
+      type(coarse_tangent_t), intent(out) :: self
+      type(harmonics_t), intent(in) :: full
+      integer, intent(in) :: kept(:), n_dofs, reach
+      type(error_t), allocatable :: error
+
+      self%kept = kept
+      call new_harmonics(self%set, full%tuples(:, kept), error)       ! cannot fail: part of a set that exists
+      self%n = self%set%n_coefficients*n_dofs
+      self%reach = (reach + 1)*self%set%n_coefficients - 1
+      self%is_banded = is_better_as_band(self%n, self%reach)
+      if (self%is_banded) then
+         allocate (self%matrix(3*self%reach + 1, self%n))
+      else
+         allocate (self%matrix(self%n, self%n))
+      end if
+      allocate (self%rhs(self%n), self%pivots(self%n))
+   end subroutine new_coarse_tangent
+
+   pure logical function is_better_as_band(n, reach)
+      integer, intent(in) :: n, reach
+
+      is_better_as_band = 2*(3*reach + 1) <= n
+   end function is_better_as_band
+
+   !> Multiplications and additions that the factors of `n_coefficients` of `n_dofs` degrees of freedom take.
+   pure real(wp) function factor_work(n_coefficients, n_dofs, reach)
+      integer, intent(in) :: n_coefficients, n_dofs
+      integer, intent(in) :: reach                                    !! between coupled degrees of freedom
+      real(wp) :: band, n
+
+      n = real(n_coefficients, wp)*n_dofs
+      band = real(reach + 1, wp)*n_coefficients
+      factor_work = 2.0_wp/3.0_wp*n**3
+      if (6*band <= n) factor_work = 4*n*band**2
+   end function factor_work
+
+   !> Numbers that these factors hold.
+   pure real(wp) function factor_memory(n_coefficients, n_dofs, reach)
+      integer, intent(in) :: n_coefficients, n_dofs, reach
+      real(wp) :: band, n
+
+      n = real(n_coefficients, wp)*n_dofs
+      band = real(reach + 1, wp)*n_coefficients
+      factor_memory = min(n, 3*band)*n
+   end function factor_memory
+
+   !> Makes all entries zero.
+   subroutine coarse_tangent_clear(self)
+      class(coarse_tangent_t), intent(inout) :: self
+
+      self%matrix = 0.0_wp
+      self%is_usable = .false.
+   end subroutine coarse_tangent_clear
+
+   !> Adds the block between degrees of freedom i (rows) and k (columns).
+   subroutine coarse_tangent_add(self, i, k, block)
+      class(coarse_tangent_t), intent(inout) :: self
+      integer, intent(in) :: i, k
+      real(wp), intent(in) :: block(:, :)                             !! (n_coefficients, n_coefficients) of `set`
+      integer :: column, m, row
+
+      m = self%set%n_coefficients
+      do column = 1, m
+         row = (i - 1)*m
+         if (self%is_banded) row = row + 2*self%reach + 1 - ((k - 1)*m + column)
+         associate (entries => self%matrix(row + 1:row + m, (k - 1)*m + column))
+            entries = entries + block(:, column)
+         end associate
+      end do
+   end subroutine coarse_tangent_add
+
+   !> Factorises what was added.
+   subroutine coarse_tangent_factorise(self)
+      class(coarse_tangent_t), intent(inout) :: self
+      integer :: info
+
+      if (.not. all(ieee_is_finite(self%matrix))) return              ! LAPACK must not meet NaN where exceptions stop it
+      if (self%is_banded) then
+         call dgbtrf(self%n, self%n, self%reach, self%reach, self%matrix, size(self%matrix, 1), self%pivots, info)
+      else
+         call dgetrf(self%n, self%n, self%matrix, self%n, self%pivots, info)
+      end if
+      self%is_usable = info == 0
+   end subroutine coarse_tangent_factorise
+
+   !> Writes the solution for the kept harmonics of r into step.
+   subroutine coarse_tangent_solve(self, full, r, step)
+      class(coarse_tangent_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: full
+      real(wp), intent(in) :: r(:, :)                                 !! (n_coefficients of `full`, n_dofs)
+      real(wp), intent(inout) :: step(:, :)                           !! as r; other harmonics stay
+      integer :: h, i, info, start
+
+      do i = 1, size(r, 2)
+         start = (i - 1)*self%set%n_coefficients
+         do h = 1, self%set%n_harmonics
+            self%rhs(start + self%set%cos_at(h)) = r(full%cos_at(self%kept(h)), i)
+            if (self%set%sin_at(h) > 0) self%rhs(start + self%set%sin_at(h)) = r(full%sin_at(self%kept(h)), i)
+         end do
+      end do
+      if (self%is_banded) then
+         call dgbtrs("N", self%n, self%reach, self%reach, 1, self%matrix, size(self%matrix, 1), self%pivots, self%rhs, self%n, &
+                     info)
+      else
+         call dgetrs("N", self%n, 1, self%matrix, self%n, self%pivots, self%rhs, self%n, info)
+      end if
+      do i = 1, size(r, 2)
+         start = (i - 1)*self%set%n_coefficients
+         do h = 1, self%set%n_harmonics
+            step(full%cos_at(self%kept(h)), i) = self%rhs(start + self%set%cos_at(h))
+            if (self%set%sin_at(h) > 0) step(full%sin_at(self%kept(h)), i) = self%rhs(start + self%set%sin_at(h))
+         end do
+      end do
+   end subroutine coarse_tangent_solve
+end module hb_coarse_tangent

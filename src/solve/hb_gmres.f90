@@ -1,0 +1,165 @@
+!> GMRES: solves J s = b from products with J alone, preconditioned from the right, restarted.
+!>
+!> Works on b/r_scale, so that the residual it makes small is the one that Newton's method measures. Orthogonalises by
+!> classical Gram-Schmidt done twice, as good as the modified form and fit for matrix-vector products.
+!> Source: docs/theory.md, section 6.6; Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869; Giraud, Langou,
+!> Rozloznik, van den Eshof, Numer. Math. 101 (2005) 87-100 (twice is enough).
+module hb_gmres
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_kinds, only: wp
+   use hb_lapack, only: dgemv, dnrm2
+   use hb_problem, only: problem_t
+   implicit none
+   private
+   public :: gmres_t, new_gmres
+
+   real(wp), parameter :: exhausted = 100*epsilon(1.0_wp)             ! what is left of a product that adds no direction
+
+   type :: gmres_t
+      integer :: n_products = 0                                       !! of the last `solve`
+      real(wp) :: residual = 0.0_wp                                   !! |b - J s|/|b| of the last `solve`, scaled; 1: no step helps
+      real(wp), allocatable, private :: basis(:, :)                   ! (n_unknowns, n_vectors + 1), orthonormal
+      real(wp), allocatable, private :: h(:, :)                       ! (n_vectors + 1, n_vectors) triangular after rotations
+      real(wp), allocatable, private :: cosine(:), sine(:), g(:), y(:), again(:)
+      real(wp), allocatable, private :: work(:), direction(:)         ! (n_unknowns)
+   contains
+      procedure :: solve => gmres_solve
+      procedure, private :: cycle => gmres_cycle
+      procedure, private :: add_solution => gmres_add_solution
+   end type gmres_t
+
+contains
+
+   !> Makes room for `n` unknowns and restarts after `n_vectors` products.
+   subroutine new_gmres(self, n, n_vectors)
+      type(gmres_t), intent(out) :: self
+      integer, intent(in) :: n, n_vectors
+
+      associate (m => min(n, n_vectors))
+         allocate (self%basis(n, m + 1), self%h(m + 1, m), self%cosine(m), self%sine(m), self%g(m + 1), self%y(m), self%again(m))
+      end associate
+      allocate (self%work(n), self%direction(n))
+   end subroutine new_gmres
+
+   !> Solves with the tangent of the last `problem%linearise`, from the given s, to |b - J s| <= tolerance |b| or as far as
+   !> `most_products` go.
+   !>
+   !> Ends early where a whole cycle gains next to nothing: J is singular, or the preconditioner too weak.
+   subroutine gmres_solve(self, problem, b, tolerance, most_products, s)
+      class(gmres_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: b(:)                        !! (n_unknowns)
+      real(wp), intent(in) :: tolerance
+      integer, intent(in) :: most_products
+      real(wp), intent(inout), contiguous :: s(:)                     !! (n_unknowns)
+      real(wp), parameter :: stagnation = 0.9_wp                      ! gain of a cycle that is worth another
+      real(wp) :: before, norm, norm_of_b
+
+      self%n_products = 0
+      self%residual = 0.0_wp
+      self%work = b/problem%r_scale
+      norm_of_b = dnrm2(size(b), self%work, 1)
+      if (norm_of_b <= 0.0_wp) then
+         s = 0.0_wp
+         return
+      end if
+      self%residual = 1.0_wp
+      if (.not. ieee_is_finite(norm_of_b)) return
+      norm = norm_of_b
+      if (any(abs(s) > 0.0_wp)) call find_residual()
+      do
+         if (.not. ieee_is_finite(norm)) return
+         self%residual = norm/norm_of_b
+         if (norm <= tolerance*norm_of_b .or. self%n_products >= most_products) return
+         before = norm
+         self%basis(:, 1) = self%work/norm
+         call self%cycle(problem, norm, tolerance*norm_of_b, most_products, s)
+         self%residual = norm/norm_of_b
+         if (norm <= tolerance*norm_of_b .or. self%n_products >= most_products) return
+         if (.not. norm <= stagnation*before) return
+         call find_residual()                                         ! afresh: what rotations say drifts from the truth
+      end do
+
+   contains
+
+      subroutine find_residual()
+         call problem%apply_tangent(s, self%work)
+         self%work = (b - self%work)/problem%r_scale
+         self%n_products = self%n_products + 1
+         norm = dnrm2(size(b), self%work, 1)
+      end subroutine find_residual
+   end subroutine gmres_solve
+
+   !> One cycle: from a residual of length `norm` along the first vector to the smallest that the space reaches; adds to s.
+   subroutine gmres_cycle(self, problem, norm, target, most_products, s)
+      class(gmres_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(inout) :: norm
+      real(wp), intent(in) :: target
+      integer, intent(in) :: most_products
+      real(wp), intent(inout) :: s(:)
+      integer :: i, j, n
+      real(wp) :: a, length
+
+      n = size(self%basis, 1)
+      self%g = 0.0_wp
+      self%g(1) = norm
+      j = 0
+      do while (j < size(self%y) .and. norm > target .and. self%n_products < most_products)
+         self%work = self%basis(:, j + 1)*problem%r_scale
+         call problem%precondition(self%work, self%direction)
+         call problem%apply_tangent(self%direction, self%work)
+         self%work = self%work/problem%r_scale
+         self%n_products = self%n_products + 1
+         length = dnrm2(n, self%work, 1)
+         if (.not. ieee_is_finite(length)) exit
+         j = j + 1
+         associate (h => self%h(:, j))
+            call dgemv("T", n, j, 1.0_wp, self%basis, n, self%work, 1, 0.0_wp, h, 1)
+            call dgemv("N", n, j, -1.0_wp, self%basis, n, h, 1, 1.0_wp, self%work, 1)
+            call dgemv("T", n, j, 1.0_wp, self%basis, n, self%work, 1, 0.0_wp, self%again, 1)
+            call dgemv("N", n, j, -1.0_wp, self%basis, n, self%again, 1, 1.0_wp, self%work, 1)
+            h(1:j) = h(1:j) + self%again(1:j)
+            h(j + 1) = dnrm2(n, self%work, 1)
+            if (h(j + 1) <= exhausted*length) h(j + 1) = 0.0_wp
+            if (h(j + 1) > 0.0_wp) self%basis(:, j + 1) = self%work/h(j + 1)
+            do i = 1, j - 1
+               a = self%cosine(i)*h(i) + self%sine(i)*h(i + 1)
+               h(i + 1) = self%cosine(i)*h(i + 1) - self%sine(i)*h(i)
+               h(i) = a
+            end do
+            a = hypot(h(j), h(j + 1))
+            if (a <= exhausted*length) then                           ! this product adds nothing: J is singular
+               j = j - 1
+               exit
+            end if
+            self%cosine(j) = h(j)/a
+            self%sine(j) = h(j + 1)/a
+            length = h(j + 1)
+            h(j) = a
+         end associate
+         self%g(j + 1) = -self%sine(j)*self%g(j)
+         self%g(j) = self%cosine(j)*self%g(j)
+         norm = abs(self%g(j + 1))
+         if (length <= 0.0_wp) exit                                   ! the space holds the solution
+      end do
+      if (j > 0) call self%add_solution(problem, j, s)
+   end subroutine gmres_cycle
+
+   !> Adds the combination of the first j vectors with the smallest residual.
+   subroutine gmres_add_solution(self, problem, j, s)
+      class(gmres_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      integer, intent(in) :: j
+      real(wp), intent(inout) :: s(:)
+      integer :: i
+
+      do i = j, 1, -1
+         self%y(i) = (self%g(i) - dot_product(self%h(i, i + 1:j), self%y(i + 1:j)))/self%h(i, i)
+      end do
+      call dgemv("N", size(s), j, 1.0_wp, self%basis, size(s), self%y, 1, 0.0_wp, self%work, 1)
+      self%work = self%work*problem%r_scale
+      call problem%precondition(self%work, self%direction)
+      s = s + self%direction
+   end subroutine gmres_add_solution
+end module hb_gmres

@@ -1,0 +1,77 @@
+!> Newton's method without a matrix: steps by GMRES from products with the exact tangent, as accurate as they pay.
+!>
+!> Source: docs/theory.md, section 6.6; Dembo, Eisenstat, Steihaug, SIAM J. Numer. Anal. 19 (1982) 400-408; Eisenstat and
+!> Walker, SIAM J. Sci. Comput. 17 (1996) 16-32 (accuracy of the steps, second choice).
+module hb_krylov
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_kinds, only: wp
+   use hb_line_search, only: line_search_t, new_line_search
+   use hb_outcome, only: outcome
+   use hb_problem, only: problem_t
+   use hb_solver_types, only: report_t, solver_config_t
+   use hb_tangent_krylov, only: new_tangent_krylov, tangent_krylov_t
+   implicit none
+   private
+   public :: solve_krylov
+
+   real(wp), parameter :: lowest_accuracy = 1.0e-3_wp                 ! of a step: rougher ones lose their way in rigid contact
+   real(wp), parameter :: useless = 0.9_wp                            ! a step that leaves more of the residual is none
+
+contains
+
+   !> Solves r(x) = 0 from the given x; x is the last point reached, whatever the outcome. Ends as `singular` where GMRES
+   !> finds no step, or the problem has no products.
+   subroutine solve_krylov(problem, config, x, report)
+      class(problem_t), intent(inout) :: problem
+      type(solver_config_t), intent(in) :: config
+      real(wp), intent(inout), contiguous :: x(:)                     !! (n_unknowns)
+      type(report_t), intent(out) :: report
+      type(tangent_krylov_t) :: tangent
+      type(line_search_t) :: search
+      real(wp), allocatable :: r(:), step(:)
+      real(wp) :: accuracy, fraction, norm_before
+      logical :: is_ready
+
+      allocate (r(problem%n_unknowns), step(problem%n_unknowns))
+      call new_line_search(search, problem%n_unknowns, config%line_search)
+      call problem%residual(x, r)
+      report%residual = problem%norm(r)
+      call search%remember(report%residual)
+      accuracy = lowest_accuracy
+      do
+         report%evaluations = 1 + search%n_residuals
+         if (.not. ieee_is_finite(report%residual)) then
+            report%status = outcome%not_finite
+         else if (report%residual <= config%tolerance) then
+            report%status = outcome%converged
+         else if (report%iterations >= config%max_iterations) then
+            report%status = outcome%out_of_budget
+         end if
+         if (report%status /= outcome%pending) return
+
+         if (report%iterations == 0) call new_tangent_krylov(tangent, problem%n_unknowns, config%krylov_vectors, &
+                                                             config%krylov_products)
+         call tangent%update(problem, x, is_ready)
+         if (is_ready) call tangent%solve(problem, r, max(accuracy, 0.5_wp*config%tolerance/report%residual), step)
+         report%factorizations = tangent%n_preconditioners
+         report%products = tangent%n_products
+         if (.not. tangent%residual < useless) then
+            report%status = outcome%singular
+            if (report%residual <= problem%rounding_level(x)) report%status = outcome%converged
+            return
+         end if
+         step = -step
+         norm_before = report%residual
+         call search%advance(problem, step, x, r, report%residual, fraction)
+         report%iterations = report%iterations + 1
+         if (fraction <= 0.0_wp) then
+            report%evaluations = 1 + search%n_residuals
+            report%status = outcome%stalled
+            if (search%met_only_nan) report%status = outcome%not_finite
+            if (report%residual <= problem%rounding_level(x)) report%status = outcome%converged
+            return
+         end if
+         accuracy = min(lowest_accuracy, 0.9_wp*(report%residual/norm_before)**2)  ! what quadratic convergence can use
+      end do
+   end subroutine solve_krylov
+end module hb_krylov

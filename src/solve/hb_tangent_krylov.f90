@@ -1,0 +1,86 @@
+!> Solves with the tangent of a problem from products alone: GMRES, and a preconditioner that gets stronger where GMRES does
+!> not come to an end. Source: docs/theory.md, section 6.6.
+module hb_tangent_krylov
+   use hb_gmres, only: gmres_t, new_gmres
+   use hb_kinds, only: wp
+   use hb_problem, only: problem_t
+   implicit none
+   private
+   public :: new_tangent_krylov, tangent_krylov_t
+
+   integer, parameter :: patience = 60                                ! products until the preconditioner gets stronger
+   integer, parameter :: easy = 20                                    ! products up to which it need not be made anew
+
+   type :: tangent_krylov_t
+      integer :: most_products = 0                                    !! of one solution
+      integer :: n_products = 0                                       !! of all solutions so far
+      integer :: n_preconditioners = 0                                !! made so far
+      real(wp) :: residual = 1.0_wp                                   !! what the last solution left, relative; 1: there is none
+      type(gmres_t), private :: gmres
+      integer, private :: level = 0                                   ! of the preconditioner
+      logical, private :: is_fresh = .false.                          ! made for this very tangent
+      logical, private :: is_tired = .true.                           ! the last solution took many products
+      logical, private :: is_strongest = .false.
+   contains
+      procedure :: update => tangent_krylov_update
+      procedure :: solve => tangent_krylov_solve
+      procedure, private :: renew => tangent_krylov_renew
+   end type tangent_krylov_t
+
+contains
+
+   !> Makes room for `n` unknowns; GMRES restarts after `n_vectors` products.
+   subroutine new_tangent_krylov(self, n, n_vectors, most_products)
+      type(tangent_krylov_t), intent(out) :: self
+      integer, intent(in) :: n, n_vectors, most_products
+
+      self%most_products = most_products
+      call new_gmres(self%gmres, n, n_vectors)
+   end subroutine new_tangent_krylov
+
+   !> Goes over to the tangent at x; `is_ready` is false where there are no products.
+   subroutine tangent_krylov_update(self, problem, x, is_ready)
+      class(tangent_krylov_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
+      logical, intent(out) :: is_ready
+
+      call problem%linearise(x, is_ready)
+      self%is_fresh = .false.
+      self%residual = 1.0_wp
+   end subroutine tangent_krylov_update
+
+   !> Finds s with |b - J s| <= accuracy |b|, or as near as `most_products` go: see `residual`.
+   subroutine tangent_krylov_solve(self, problem, b, accuracy, s)
+      class(tangent_krylov_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: b(:)                        !! (n_unknowns)
+      real(wp), intent(in) :: accuracy
+      real(wp), intent(out), contiguous :: s(:)                       !! (n_unknowns)
+      integer :: products
+
+      if (.not. self%is_fresh .and. (self%level == 0 .or. self%is_tired)) call self%renew(problem)
+      s = 0.0_wp
+      products = 0
+      do
+         call self%gmres%solve(problem, b, accuracy, merge(self%most_products - products, patience, self%is_strongest), s)
+         products = products + self%gmres%n_products
+         if (self%gmres%residual <= accuracy .or. products >= self%most_products) exit
+         if (self%is_strongest .and. self%is_fresh) exit
+         if (self%is_fresh) self%level = self%level + 1
+         call self%renew(problem)
+      end do
+      self%residual = self%gmres%residual
+      self%n_products = self%n_products + products
+      self%is_tired = products > easy
+   end subroutine tangent_krylov_solve
+
+   subroutine tangent_krylov_renew(self, problem)
+      class(tangent_krylov_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+
+      call problem%update_preconditioner(self%level, self%is_strongest)
+      self%n_preconditioners = self%n_preconditioners + 1
+      self%is_fresh = .true.
+   end subroutine tangent_krylov_renew
+end module hb_tangent_krylov

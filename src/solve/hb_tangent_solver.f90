@@ -1,0 +1,63 @@
+!> Solves with the tangent of a problem at one point: by its factors, or from products where it is large.
+module hb_tangent_solver
+   use hb_kinds, only: wp
+   use hb_problem, only: problem_t
+   use hb_solver_types, only: largest_dense, solver_config_t
+   use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
+   use hb_tangent_krylov, only: new_tangent_krylov, tangent_krylov_t
+   implicit none
+   private
+   public :: new_tangent_solver, tangent_solver_t
+
+   real(wp), parameter :: accuracy = 1.0e-8_wp                        ! of solutions from products
+
+   type :: tangent_solver_t
+      type(tangent_factor_t), allocatable, private :: factor
+      type(tangent_krylov_t), allocatable, private :: krylov
+   contains
+      procedure :: solve => tangent_solver_solve
+   end type tangent_solver_t
+
+contains
+
+   !> Prepares solutions with the tangent at x; `is_singular` when there are none.
+   subroutine new_tangent_solver(self, problem, x, is_singular)
+      type(tangent_solver_t), intent(out) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
+      logical, intent(out) :: is_singular
+      type(solver_config_t) :: config
+      logical :: is_ready
+
+      if (problem%has_products .and. problem%n_unknowns > largest_dense) then
+         allocate (self%krylov)
+         call new_tangent_krylov(self%krylov, problem%n_unknowns, config%krylov_vectors, config%krylov_products)
+         call self%krylov%update(problem, x, is_ready)
+         is_singular = .not. is_ready
+      else
+         allocate (self%factor)
+         call new_tangent_factor(self%factor, problem%n_unknowns)
+         call self%factor%update(problem, x, is_singular)
+      end if
+   end subroutine new_tangent_solver
+
+   !> Overwrites r with the solution s of tangent s = r. From products this holds as long as the problem is not evaluated at
+   !> another point; `is_singular` where they do not lead to a solution.
+   subroutine tangent_solver_solve(self, problem, r, is_singular)
+      class(tangent_solver_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(inout), contiguous :: r(:)                     !! (n_unknowns)
+      logical, intent(out) :: is_singular
+      real(wp), allocatable :: s(:)
+
+      is_singular = .false.
+      if (allocated(self%factor)) then
+         call self%factor%solve(problem, r)
+      else
+         allocate (s, mold=r)
+         call self%krylov%solve(problem, r, accuracy, s)
+         is_singular = self%krylov%residual > sqrt(accuracy)
+         r = s
+      end if
+   end subroutine tangent_solver_solve
+end module hb_tangent_solver

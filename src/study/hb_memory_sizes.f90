@@ -1,0 +1,169 @@
+!> The sizes of a scene on which the memory of a point depends.
+module hb_memory_sizes
+   use hb_block_pattern, only: block_pattern_t, new_block_pattern
+   use hb_dynamic_stiffness, only: condensed_reach
+   use hb_harmonics, only: harmonics_t
+   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts
+   use hb_kinds, only: wp
+   use hb_law, only: law_box_t
+   use hb_memory_tangent, only: width
+   use hb_solver_types, only: solver_config_t
+   use hb_structure, only: structure_t
+   use hb_torus, only: torus_t
+   implicit none
+   private
+   public :: new_sizes, sizes_t
+
+   !> What the estimate depends on; real numbers, because hostile ones are beyond any integer.
+   type :: sizes_t
+      real(wp) :: n_dofs = 0, n_law_dofs = 0                          !! of the structure; on which laws act
+      real(wp) :: n_entries = 0, bandwidth = 0                        !! of its matrices
+      real(wp) :: n_rows = 0, n_factor_rows = 0                       !! of condensed stiffness and its factors, in memory
+      real(wp) :: reach = 0, n_tangent_rows = 0                       !! of the tangent of one harmonic; rows of its factors
+      real(wp) :: n_harmonics = 0
+      real(wp) :: n_pairs = 0                                         !! coupled by laws
+      real(wp) :: laws_per_sample = 0, derivatives_per_sample = 0     !! real numbers that laws keep for themselves
+      real(wp) :: answers_per_sample = 0                              !! of laws with memory, for a tangent
+      real(wp) :: states = 0                                          !! coordinates times states, of laws with memory
+      logical :: needs_velocity = .false., needs_reaction = .false., has_memory = .false.
+      real(wp) :: n_stored_dofs = 0
+      integer, allocatable :: highest(:), samples(:)                  !! (n_tones)
+      integer, allocatable :: stored_samples(:)                       !! of surfaces, size 0: none
+      logical :: has_certificate = .false.
+      logical :: has_unknown_tones = .false.
+      type(solver_config_t) :: solver
+   end type sizes_t
+
+contains
+
+   !> Takes the sizes from the parts of a scene; scans the matrices of the structure once.
+   subroutine new_sizes(self, structure, harmonics, torus, laws, law_dofs, n_stored_dofs, stored_samples, solver, has_certificate, &
+                        has_unknown_tones)
+      type(sizes_t), intent(out) :: self
+      type(structure_t), intent(in) :: structure
+      type(harmonics_t), intent(in) :: harmonics
+      type(torus_t), intent(in) :: torus
+      type(law_box_t), intent(in) :: laws(:)
+      integer, intent(in) :: law_dofs(:), n_stored_dofs
+      integer, intent(in) :: stored_samples(:)                        !! of surfaces, size 0: none
+      type(solver_config_t), intent(in) :: solver
+      logical, intent(in) :: has_certificate, has_unknown_tones
+      integer :: i
+
+      self%n_dofs = structure%n_dofs
+      self%n_law_dofs = size(law_dofs)
+      self%n_harmonics = harmonics%n_harmonics
+      self%highest = harmonics%highest
+      self%samples = torus%n_samples
+      self%n_stored_dofs = n_stored_dofs
+      self%stored_samples = stored_samples
+      self%solver = solver
+      self%has_certificate = has_certificate .and. size(laws) > 0
+      self%has_unknown_tones = has_unknown_tones
+      call scan_structure(self, structure)
+      do i = 1, size(laws)
+         call add_law(self, laws, i)
+      end do
+      self%n_pairs = min(self%n_pairs, self%n_law_dofs**2)
+      call find_bands(self, structure, laws, law_dofs)
+   end subroutine new_sizes
+
+   !> How far degrees of freedom of laws are coupled, see hb_block_pattern and hb_balance.
+   subroutine find_bands(self, structure, laws, law_dofs)
+      type(sizes_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)
+      integer, intent(in) :: law_dofs(:)
+      type(block_pattern_t) :: pattern
+      integer :: i, k, linear, n, places(structure%n_dofs), span
+
+      n = size(law_dofs)
+      if (n == 0) return
+      self%n_rows = n
+      self%n_factor_rows = n
+      self%reach = n - 1
+      self%n_tangent_rows = n
+      if (any(law_dofs < 1 .or. law_dofs > structure%n_dofs)) return  ! of a scene that is refused anyway
+      places = 0
+      places(law_dofs) = [(i, i=1, n)]
+      span = 0
+      do i = 1, size(laws)
+         associate (own => [(places(laws(i)%law%dofs(k)), k=1, size(laws(i)%law%dofs))])
+            span = max(span, maxval(own) - minval(own))
+         end associate
+      end do
+      linear = condensed_reach(structure, law_dofs)
+      call new_block_pattern(pattern, n, linear)
+      self%n_rows = pattern%n_rows
+      self%n_factor_rows = merge(3*pattern%reach + 1, n, pattern%is_banded)
+      if (self%needs_reaction) span = linear + 2*span                 ! of the law, and of a neighbour that it answers to
+      call new_block_pattern(pattern, n, min(n, max(linear, span)))
+      self%reach = pattern%reach
+      self%n_tangent_rows = merge(3*pattern%reach + 1, n, pattern%is_banded)
+   end subroutine find_bands
+
+   !> Counts entries and bandwidth.
+   subroutine scan_structure(self, structure)
+      type(sizes_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      integer :: first, i, j, last
+
+      do j = 1, structure%n_dofs
+         first = j
+         last = j
+         do i = 1, structure%n_dofs
+            if (max(abs(structure%mass(i, j)), abs(structure%damping(i, j)), abs(structure%stiffness(i, j))) <= 0.0_wp) cycle
+            self%n_entries = self%n_entries + 1.0_wp
+            first = min(first, i)
+            last = max(last, i)
+         end do
+         self%bandwidth = max(self%bandwidth, real(max(j - first, last - j), wp))
+      end do
+   end subroutine scan_structure
+
+   !> Adds what law i keeps for itself, see hb_law_slot, hb_slider_memory and hb_memory_tangent.
+   subroutine add_law(self, laws, i)
+      type(sizes_t), intent(inout) :: self
+      type(law_box_t), intent(in) :: laws(:)
+      integer, intent(in) :: i
+      real(wp) :: c, d, p, v
+      integer :: k
+
+      associate (law => laws(i)%law)
+         c = size(law%shape, 2)
+         d = size(law%shape, 1)
+         v = merge(c, 0.0_wp, law%needs_velocity)
+         p = merge(c, 0.0_wp, law%is_multiplier)
+         self%needs_velocity = self%needs_velocity .or. law%needs_velocity
+         self%needs_reaction = self%needs_reaction .or. law%is_multiplier
+         self%laws_per_sample = self%laws_per_sample + 2*c + v + p
+         select type (law)
+         class is (hysteretic_law_t)
+            associate (n => real(law%n_states, wp))
+               self%has_memory = .true.
+               self%laws_per_sample = self%laws_per_sample + n_path_parts*c + n
+               self%derivatives_per_sample = self%derivatives_per_sample + n*n + n*c*n_path_parts
+               self%answers_per_sample = self%answers_per_sample + c*c + c*n + 2*width*c
+               self%states = self%states + c*n
+            end associate
+         class default
+            self%derivatives_per_sample = self%derivatives_per_sample + c*(c + v + p)
+            self%n_pairs = self%n_pairs + d*d
+            if (.not. law%is_multiplier) return
+            do k = 1, size(laws)                                       ! it answers to the forces of its neighbours
+               if (k /= i .and. any_shared(law%dofs, laws(k)%law%dofs)) self%n_pairs = self%n_pairs + d*size(laws(k)%law%dofs)
+            end do
+         end select
+      end associate
+   end subroutine add_law
+
+   pure logical function any_shared(a, b)
+      integer, intent(in) :: a(:), b(:)
+      integer :: i
+
+      any_shared = .false.
+      do i = 1, size(a)
+         any_shared = any_shared .or. any(b == a(i))
+      end do
+   end function any_shared
+end module hb_memory_sizes
