@@ -302,7 +302,7 @@ contains
       do i = 1, self%n_groups
          if (any(names == self%holders(i)%group%name)) n = n + 1
       end do
-      allocate (other%holders(n), name_of(n), other%n_of(0), other%first_of(0), other%order(0))
+      allocate (other%holders(max(n, 1)), name_of(n), other%n_of(0), other%first_of(0), other%order(0))
       do i = 1, self%n_groups
          if (.not. any(names == self%holders(i)%group%name)) cycle
          other%n_groups = other%n_groups + 1

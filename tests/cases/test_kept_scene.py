@@ -57,6 +57,15 @@ def test_points_are_what_they_are_by_themselves(name, tmp_path):
                     np.testing.assert_array_equal(found, expected, err_msg=f"{point}: {dataset}")
 
 
+def test_a_group_that_the_input_does_not_have(tmp_path):
+    """The first guess of a sweep, &start, comes from its values alone; the last point has none of its own."""
+    scene = SCENE.replace("&start dof = 'x1', tuple = 1, cos = 0.0 /\n", "")
+    sweep = "&sweep parameter = 'start%cos', values = 0.0, 0.01 /\n"
+    options = ("--set", "start%dof='x1'", "--set", "start%tuple=1")
+    with h5py.File(_solve(scene + sweep, tmp_path, *options)) as file:
+        assert (file["status"][()] == 1).all()
+
+
 def test_a_sweep_by_overrides_alone(tmp_path):
     options = ("--set", "sweep%parameter='law(2)%gap'", "--set", "sweep%values=0.1, 0.2")
     with h5py.File(_solve(SCENE, tmp_path, *options)) as file:
