@@ -91,7 +91,7 @@ contains
       if (allocated(error)) return
       associate (scene => study%scene)
          frequencies = scene%harmonics%frequencies(scene%tones%omega)
-         call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies)
+         call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, scene%tones%omega)
          call first_state(scene, system, frequencies, state, error)
          if (allocated(error)) return
          step = step_of(scene%march, scene%tones%omega)

@@ -3,7 +3,9 @@ module verb_verify
    use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t, read_numbers
    use hb_error, only: error_t
+   use hb_kinds, only: wp
    use hb_mpi, only: comm_t, max_over
+   use hb_outcome, only: outcome_name
    use hb_text, only: to_text
    use hb_progress, only: log_level
    use hb_verify, only: verdict, verdict_t, verdict_text, verify_points
@@ -37,10 +39,16 @@ contains
       all_right = max_over(comm, n_wrong) == 0
       if (options%level < log_level%normal) return
       do i = 1, size(verdicts)
+         if (verdicts(i)%skipped_status > 0) write (output_unit, "(a)") &
+            "point "//to_text(i - 1)//": skipped, its status is "//outcome_name(verdicts(i)%skipped_status)
          if (verdicts(i)%kind == verdict%not_done) cycle
-         write (output_unit, "(a, 2(es9.1, a), es10.2, a)") "point "//to_text(i - 1)//": difference", &
+         write (output_unit, "(a, 2(es9.1, a), es10.2, a)", advance="no") "point "//to_text(i - 1)//": difference", &
             verdicts(i)%first_difference, " in the first period,", verdicts(i)%difference, " at most, growth", verdicts(i)%growth, &
-            " 1/s; "//verdict_text(verdicts(i)%kind)
+            " 1/s; "
+         if (any(abs(verdicts(i)%drift) > 0.0_wp)) write (output_unit, "(a, *(es10.2))", advance="no") &
+            "drift of the frequency", pack(verdicts(i)%drift, abs(verdicts(i)%drift) > 0.0_wp)
+         if (any(abs(verdicts(i)%drift) > 0.0_wp)) write (output_unit, "(a)", advance="no") " rad/s; "
+         write (output_unit, "(a)") verdict_text(verdicts(i)%kind)
       end do
    end subroutine run_verify
 end module verb_verify

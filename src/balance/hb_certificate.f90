@@ -111,7 +111,6 @@ contains
       type(harmonics_t), intent(out) :: set
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
-      integer :: samples(narrow%n_tones)
 
       call choose_wider_set(narrow, set, error)
       if (allocated(error)) return

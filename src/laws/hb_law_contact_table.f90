@@ -72,8 +72,11 @@ contains
       real(wp), intent(in) :: phase(:)
       integer :: k
 
-      if (allocated(self%cosine)) deallocate (self%cosine, self%sine)
-      allocate (self%cosine(size(phase), size(self%turns)), self%sine(size(phase), size(self%turns)))
+      if (allocated(self%cosine)) then
+         if (size(self%cosine, 1) /= size(phase)) deallocate (self%cosine, self%sine)
+      end if
+      if (.not. allocated(self%cosine)) &
+         allocate (self%cosine(size(phase), size(self%turns)), self%sine(size(phase), size(self%turns)))
       do k = 1, size(self%turns)
          self%cosine(:, k) = cos(self%turns(k)*phase)
          self%sine(:, k) = sin(self%turns(k)*phase)
@@ -239,7 +242,7 @@ contains
       real(wp), intent(in) :: z(:), v(:)
       real(wp), intent(out) :: values(:)
 
-      values = -self%gaps - matmul(self%shapes, seen(self, z))
+      values = -self%gaps - matmul(self%shapes, seen_by_contacts(self, z))
    end subroutine contact_table_switches
 
    subroutine contact_table_evaluate_held(self, z, v, is_positive, f)
@@ -247,25 +250,25 @@ contains
       real(wp), intent(in) :: z(:), v(:)
       logical, intent(in) :: is_positive(:)
       real(wp), intent(out) :: f(:)
-      real(wp) :: at_contacts(size(z)), turned(1, size(f))
+      real(wp) :: forces(1, size(z)), turned(size(z))
       integer :: i
 
-      at_contacts = seen(self, z)
+      turned = seen_by_contacts(self, z)
       f = 0.0_wp
       do i = 1, size(self%gaps)
          if (.not. is_positive(i)) cycle
-         f = f + self%pushes(i, :)*self%stiffness(i)*(self%gaps(i) + dot_product(self%shapes(i, :), at_contacts))
+         f = f + self%pushes(i, :)*self%stiffness(i)*(self%gaps(i) + dot_product(self%shapes(i, :), turned))
       end do
       if (.not. allocated(self%turns)) return
-      turned(1, :) = f
-      call turn(self, turned, 1.0_wp)
-      f = turned(1, :)
+      forces(1, :) = f
+      call turn(self, forces, 1.0_wp)
+      f = forces(1, :)
    end subroutine contact_table_evaluate_held
 
-   !> Coordinates of one sample as the contacts see them, at the one phase that was set.
-   pure function seen(self, z)
+   !> Coordinates at one moment in the frame of the contacts; its phase must have been told.
+   pure function seen_by_contacts(self, z) result(seen)
       class(contact_table_t), intent(in) :: self
-      real(wp), intent(in) :: z(:)
+      real(wp), intent(in) :: z(:)                                    !! [m], (n_coordinates)
       real(wp) :: seen(size(z)), turned(1, size(z))
 
       seen = z
@@ -273,5 +276,5 @@ contains
       turned(1, :) = z
       call turn(self, turned, -1.0_wp)
       seen = turned(1, :)
-   end function seen
+   end function seen_by_contacts
 end module hb_law_contact_table

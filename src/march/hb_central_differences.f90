@@ -88,7 +88,7 @@ contains
       self%origin = state%time
       self%n_steps = 0_int64
       call self%system%accelerations%begin(state%time, self%step)
-      call self%system%laws%start_step(state%q, state%v, state%s)
+      call self%system%laws%start_step(state%time, state%q, state%v, state%s)
       call self%system%accelerations%here(self%a)
       call self%system%accelerate(state%q, state%v, 0.0_wp, self%a)
       self%half_v = state%v - 0.5_wp*self%step*self%a
@@ -105,7 +105,7 @@ contains
       n = self%system%n_dofs
       associate (h => self%step, system => self%system, q => state%q, v => state%v, a => self%a, half_v => self%half_v)
          do i = 1, n_steps
-            call system%laws%start_step(q, v, state%s)
+            call system%laws%start_step(self%origin + (self%n_steps + i - 1)*h, q, v, state%s)
             before = half_v
             half_v = v + 0.5_wp*h*a
             if (size(self%rigid) > 0) then

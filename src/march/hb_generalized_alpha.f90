@@ -92,7 +92,7 @@ contains
       self%n_steps = 0_int64
       call self%system%loads%at(state%time, self%a)
       self%a = self%a - matmul(self%damping, state%v) - matmul(self%stiffness, state%q)
-      call self%system%laws%start_step(state%q, state%v, state%s)
+      call self%system%laws%start_step(state%time, state%q, state%v, state%s)
       call self%system%laws%gather(state%q, state%v)
       call self%system%laws%evaluate(0.0_wp)
       self%a = self%a - matmul(self%system%laws%shape, self%system%laws%f)
@@ -122,13 +122,13 @@ contains
       n = self%system%n_dofs
       associate (h => self%step, beta => self%beta, gamma => self%gamma, am => self%alpha_m, af => self%alpha_f, &
                  laws => self%system%laws, q => state%q, v => state%v, a => self%a)
-         call laws%start_step(q, v, state%s)
+         call laws%start_step(state%time, q, v, state%s)
          call laws%gather(q, v)
          call laws%evaluate(0.0_wp)
          call self%system%loads%at(state%time, load_before)
          do i = 1, n_steps
             law_before = matmul(laws%shape, laws%f)
-            call laws%start_step(q, v, state%s)
+            call laws%start_step(self%origin + (self%n_steps + i - 1)*h, q, v, state%s)
             ! q_new = q_guess where a_new = a_guess = -(...)/(beta h**2) makes the unknown q_new itself
             q_guess = q + h*v + (0.5_wp - beta)*h**2*a
             v_guess = v + (1.0_wp - gamma)*h*a

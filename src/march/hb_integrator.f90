@@ -53,7 +53,7 @@ contains
       type(march_state_t), intent(in) :: state
       real(wp), intent(out) :: f(:)                                   !! [N], (n_coordinates)
 
-      call system%laws%start_step(state%q, state%v, state%s)
+      call system%laws%start_step(state%time, state%q, state%v, state%s)
       call system%laws%gather(state%q, state%v)
       call system%laws%evaluate(0.0_wp)
       f = system%laws%f

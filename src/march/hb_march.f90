@@ -121,7 +121,7 @@ contains
       n_transient = nint(config%transient/step)
       n_steps = max(1, nint(config%duration/step))
       do done = 0, n_transient - 1, steps_between_looks
-         call advance(integrator, state, min(steps_between_looks, n_transient - done), error)
+         call advance(integrator, state, min(steps_between_looks, n_transient - done), config%largest, error)
          if (allocated(error)) return
          if (present(watcher)) call watcher%show(done, n_transient + n_steps)
       end do
@@ -143,7 +143,7 @@ contains
          if (allocated(error)) return
          call keep(i)
          if (modulo(i, steps_between_looks) > 0 .and. i < n_steps) cycle
-         call check_finite(state, error)
+         call check_finite(state, config%largest, error)
          if (allocated(error)) return
          if (present(watcher)) call watcher%show(n_transient + i, n_transient + n_steps)
       end do
@@ -164,21 +164,27 @@ contains
       end subroutine keep
    end subroutine follow
 
-   subroutine advance(integrator, state, n_steps, error)
+   subroutine advance(integrator, state, n_steps, largest, error)
       class(integrator_t), intent(inout) :: integrator
       type(march_state_t), intent(inout) :: state
       integer, intent(in) :: n_steps
+      real(wp), intent(in) :: largest                                 !! displacement [m]
       type(error_t), allocatable, intent(out) :: error
 
       call integrator%advance(state, n_steps, error)
-      if (.not. allocated(error)) call check_finite(state, error)
+      if (.not. allocated(error)) call check_finite(state, largest, error)
    end subroutine advance
 
-   subroutine check_finite(state, error)
+   subroutine check_finite(state, largest, error)
       type(march_state_t), intent(in) :: state
+      real(wp), intent(in) :: largest                                 !! displacement [m]
       type(error_t), allocatable, intent(out) :: error
 
-      if (all(ieee_is_finite(state%q)) .and. all(ieee_is_finite(state%v))) return
+      if (all(ieee_is_finite(state%q)) .and. all(ieee_is_finite(state%v))) then
+         if (maxval(abs(state%q)) <= largest) return
+         call fail(error, "the motion has grown beyond "//to_text(largest)//" at t = "//to_text(state%time)//" s")
+         return
+      end if
       call fail(error, "the motion is not finite at t = "//to_text(state%time)//" s: an explicit method may need a smaller step")
    end subroutine check_finite
 

@@ -37,6 +37,7 @@ module hb_march_config
       integer :: start = march_start%rest
       character(:), allocatable :: record                             !! file with the record to be continued
       integer :: n_peaks = 0                                          !! frequencies searched for, per degree of freedom
+      real(wp) :: largest = huge(1.0_wp)                              !! displacement at which to give up [m], no key
    end type march_config_t
 
 contains

@@ -163,16 +163,17 @@ contains
          state%q = self%cvode%values(:n)
          state%v = self%cvode%values(n + 1:)
       end associate
-      if (self%system%laws%n_states > 0) call find_places(self, state%s)
+      if (self%system%laws%n_states > 0) call find_places(self, end_time - self%base, state%s)
    end subroutine march_cvode_advance
 
    !> Places of all sliders in the present state.
-   subroutine find_places(self, s)
+   subroutine find_places(self, t, s)
       class(march_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: t                                       !! [s], from the base
       real(wp), intent(out) :: s(:)
 
       associate (equations => self%equations)
-         call equations%gather(self%cvode%values)
+         call equations%gather(t, self%cvode%values)
          call equations%find_bounds()
          s = merge(equations%held, merge(equations%lower, equations%upper, equations%slip > 0), equations%slip == 0)
       end associate
@@ -187,7 +188,7 @@ contains
       logical :: is_impact
 
       associate (equations => self%equations, y => self%cvode%values)
-         call equations%gather(y)
+         call equations%gather(t, y)
          call equations%find_bounds()
          do i = 1, size(equations%is_positive)
             if (found(i) /= 0) equations%is_positive(i) = found(i) > 0
@@ -303,7 +304,7 @@ contains
 
       associate (equations => self%equations, laws => self%system%laws, y => self%cvode%values)
          crawling = slow*maxval(equations%scale(self%system%n_dofs + 1:))
-         call equations%gather(y)
+         call equations%gather(t, y)
          call self%system%laws%switches_here(now)
          equations%is_positive = now > 0.0_wp
          do i = 1, size(equations%rigid)
@@ -321,7 +322,7 @@ contains
          end do
          call equations%hold_active()
          call look_ahead(self, t, ahead)
-         call equations%gather(y)
+         call equations%gather(t, y)
          call self%system%laws%switches_here(now)
          where (abs(now) <= 64.0_wp*epsilon(1.0_wp)*max(maxval(equations%scale), abs(ahead))) equations%is_positive = ahead > 0.0_wp
          do i = 1, size(equations%slip)
@@ -339,7 +340,7 @@ contains
       real(wp) :: ahead(size(self%equations%is_positive)), zero
 
       associate (equations => self%equations)
-         call equations%gather(self%cvode%values)
+         call equations%gather(t, self%cvode%values)
          call equations%find_bounds()
          equations%held(i) = min(max(equations%held(i), equations%lower(i)), equations%upper(i))
          zero = 64.0_wp*epsilon(1.0_wp)*max(abs(equations%lower(i)), abs(equations%upper(i)))
@@ -364,7 +365,7 @@ contains
          call self%equations%rhs(t, y, dydt)
          later = y + h*dydt
          later(:n) = later(:n) + 0.5_wp*h**2*dydt(n + 1:)
-         call self%equations%gather(later)
+         call self%equations%gather(t + h, later)
          call self%equations%find_bounds()
          call self%system%laws%switches_here(switches)
       end associate

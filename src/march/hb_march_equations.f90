@@ -79,12 +79,14 @@ contains
       equations_n_events = size(self%is_positive) + 2*size(self%slip) + 2*size(self%rigid)
    end function equations_n_events
 
-   !> Coordinates and rates of the laws in y = (q, v).
-   subroutine equations_gather(self, y)
+   !> Coordinates and rates of the laws in y = (q, v) at a time.
+   subroutine equations_gather(self, t, y)
       class(march_equations_t), intent(inout) :: self
+      real(wp), intent(in) :: t                                       !! [s], from where the loads were told to begin
       real(wp), intent(in), contiguous :: y(:)
 
       associate (n => self%system%n_dofs)
+         call self%system%laws%set_time(self%system%accelerations%origin + t)
          call self%system%laws%gather(y(:n), y(n + 1:))
       end associate
    end subroutine equations_gather
@@ -101,7 +103,7 @@ contains
          call system%accelerations%after(t, a)
          call system%stiffness%subtract_product(y(:n), a)
          call system%damping%subtract_product(y(n + 1:), a)
-         call self%gather(y)
+         call self%gather(t, y)
          call law_forces(self)
          do i = 1, size(self%rigid)
             if (self%rigid(i)%is_wall) cycle
@@ -219,7 +221,7 @@ contains
       if (size(self%active) > 0) then
          call self%rhs(t, y, dydt)                                    ! for the reactions
       else
-         call self%gather(y)
+         call self%gather(t, y)
          if (size(self%slip) > 0) call self%find_bounds()
       end if
       call self%system%laws%switches_here(g(:n))

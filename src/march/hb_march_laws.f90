@@ -33,9 +33,13 @@ module hb_march_laws
       real(wp), allocatable :: z_start(:), z_rate_start(:)            !! where the step started
       real(wp), allocatable :: f(:)                                   !! forces [N], (n_coordinates)
       real(wp), allocatable :: s_start(:), s(:)                       !! states at the start of the step and now, (n_states)
+      real(wp) :: time_start = 0.0_wp                                 !! of the step [s]
+      real(wp), allocatable :: omega(:)                               !! tones whose phases laws want [rad/s]
+      logical :: has_turning = .false.                                !! whether a law wants one
    contains
       procedure :: gather => laws_gather
       procedure :: start_step => laws_start_step
+      procedure :: set_time => laws_set_time
       procedure :: evaluate => laws_evaluate
       procedure :: differentiate => laws_differentiate
       procedure :: has_rigid => laws_has_rigid
@@ -46,13 +50,15 @@ module hb_march_laws
 
 contains
 
-   subroutine new_march_laws(self, laws, n_dofs)
+   subroutine new_march_laws(self, laws, n_dofs, omega)
       type(march_laws_t), intent(out) :: self
       type(law_box_t), intent(in) :: laws(:)
       integer, intent(in) :: n_dofs
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s]
       integer :: c, i, m
 
       self%laws = laws
+      self%omega = omega
       allocate (self%places(size(laws)))
       do i = 1, size(laws)
          associate (place => self%places(i), law => self%laws(i)%law)
@@ -60,6 +66,7 @@ contains
             place%first = self%n_coordinates + 1
             place%last = self%n_coordinates + c
             place%is_held_back = law%is_multiplier
+            self%has_turning = self%has_turning .or. law%phase_tone > 0
             place%first_switch = self%n_switches + 1
             self%n_switches = self%n_switches + law%n_switches()
             place%last_switch = self%n_switches
@@ -108,11 +115,27 @@ contains
       end do
    end subroutine laws_gather
 
-   !> Takes motion and states as those at the start of a step.
-   pure subroutine laws_start_step(self, q, v, s)
+   !> Tells laws that turn with a tone its phase. `evaluate` and `differentiate` do so by themselves.
+   pure subroutine laws_set_time(self, time)
       class(march_laws_t), intent(inout) :: self
+      real(wp), intent(in) :: time                                    !! [s]
+      integer :: i
+
+      if (.not. self%has_turning) return
+      do i = 1, size(self%laws)
+         associate (law => self%laws(i)%law)
+            if (law%phase_tone > 0) call law%set_phase([self%omega(law%phase_tone)*time])
+         end associate
+      end do
+   end subroutine laws_set_time
+
+   !> Takes motion and states as those at the start of a step.
+   pure subroutine laws_start_step(self, time, q, v, s)
+      class(march_laws_t), intent(inout) :: self
+      real(wp), intent(in) :: time                                    !! [s]
       real(wp), intent(in), contiguous :: q(:), v(:), s(:)            !! [m], [m/s], (n_states)
 
+      self%time_start = time
       if (self%n_states == 0) return
       call self%gather(q, v)
       self%z_start = self%z
@@ -127,6 +150,7 @@ contains
       real(wp), intent(in) :: elapsed                                 !! [s] since the start of the step, >= 0
       integer :: i
 
+      call self%set_time(self%time_start + elapsed)
       do i = 1, size(self%places)
          associate (place => self%places(i))
             if (place%is_held_back) then
@@ -156,6 +180,7 @@ contains
       real(wp), intent(out) :: df_dz(:, :), df_dv(:, :)               !! (n_coordinates, n_coordinates)
       integer :: c, i, k
 
+      call self%set_time(self%time_start + elapsed)
       df_dz = 0.0_wp
       df_dv = 0.0_wp
       do i = 1, size(self%places)
@@ -204,17 +229,19 @@ contains
    end subroutine lay_path
 
    !> Values of all switches for a motion.
-   pure subroutine laws_switch_values(self, q, v, values)
+   pure subroutine laws_switch_values(self, time, q, v, values)
       class(march_laws_t), intent(inout) :: self
+      real(wp), intent(in) :: time                                    !! [s]
       real(wp), intent(in), contiguous :: q(:), v(:)                  !! [m], [m/s], (n_dofs)
       real(wp), intent(out) :: values(:)                              !! (n_switches)
 
       if (self%n_switches == 0) return
+      call self%set_time(time)
       call self%gather(q, v)
       call self%switches_here(values)
    end subroutine laws_switch_values
 
-   !> Values of all switches at the coordinates gathered.
+   !> Values of all switches at the coordinates gathered and the time set.
    pure subroutine laws_switches_here(self, values)
       class(march_laws_t), intent(in) :: self
       real(wp), intent(out) :: values(:)                              !! (n_switches)

@@ -32,17 +32,18 @@ module hb_march_system
 contains
 
    !> System from the parts of a scene.
-   subroutine new_march_system(self, structure, laws, loads, frequencies)
+   subroutine new_march_system(self, structure, laws, loads, frequencies, omega)
       type(march_system_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
       complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s]
       integer :: i
 
       self%n_dofs = structure%n_dofs
       self%structure = structure
-      call new_march_laws(self%laws, laws, structure%n_dofs)
+      call new_march_laws(self%laws, laws, structure%n_dofs, omega)
       call new_march_loads(self%loads, loads, frequencies)
       do i = 1, size(laws)
          self%length = max(self%length, laws(i)%law%length_scale())

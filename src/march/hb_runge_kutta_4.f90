@@ -63,7 +63,7 @@ contains
       self%n_steps = 0_int64
       call self%system%accelerations%begin(state%time, 0.5_wp*self%step)
       call self%system%accelerations%here(self%load_end)
-      call self%system%laws%switch_values(state%q, state%v, self%switch)
+      call self%system%laws%switch_values(state%time, state%q, state%v, self%switch)
    end subroutine runge_kutta_4_start
 
    subroutine runge_kutta_4_advance(self, state, n_steps, error)
@@ -71,10 +71,12 @@ contains
       type(march_state_t), intent(inout) :: state
       integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
+      real(wp) :: time
       integer :: i
 
       associate (loads => self%system%accelerations)
          do i = 1, n_steps
+            time = self%origin + (self%n_steps + i - 1)*self%step
             self%load_start = self%load_end
             call loads%go_on()
             call loads%here(self%load_middle)
@@ -83,11 +85,11 @@ contains
             self%q_start = state%q
             self%v_start = state%v
             self%s_start = state%s
-            call one_step(self, self%step, state%q, state%v, state%s)
+            call one_step(self, time, self%step, state%q, state%v, state%s)
             if (size(self%switch) == 0) cycle
-            call self%system%laws%switch_values(state%q, state%v, self%switch_end)
+            call self%system%laws%switch_values(time + self%step, state%q, state%v, self%switch_end)
             if (any(self%switch > 0.0_wp .neqv. self%switch_end > 0.0_wp)) then
-               call split_step(self, self%origin + (self%n_steps + i - 1)*self%step, state%q, state%v, state%s)
+               call split_step(self, time, state%q, state%v, state%s)
                call loads%here(self%load_end)
             else
                self%switch = self%switch_end
@@ -98,15 +100,16 @@ contains
       state%time = self%origin + self%n_steps*self%step
    end subroutine runge_kutta_4_advance
 
-   !> One step of length h, with the loads at its start, middle and end.
-   subroutine one_step(self, h, q, v, s)
+   !> One step of length h from a time on, with the loads at its start, middle and end.
+   subroutine one_step(self, time, h, q, v, s)
       class(runge_kutta_4_t), intent(inout) :: self
+      real(wp), intent(in) :: time                                    !! [s]
       real(wp), intent(in) :: h                                       !! [s]
       real(wp), intent(inout), contiguous :: q(:), v(:), s(:)
 
       associate (system => self%system, a1 => self%a1, a2 => self%a2, a3 => self%a3, a4 => self%a4, v2 => self%v2, &
                  v3 => self%v3, v4 => self%v4)
-         call system%laws%start_step(q, v, s)
+         call system%laws%start_step(time, q, v, s)
          a1 = self%load_start
          call system%accelerate(q, v, 0.0_wp, a1)
 
@@ -167,8 +170,8 @@ contains
          call self%system%accelerations%at(time + done, self%load_start)
          call self%system%accelerations%at(time + done + 0.5_wp*part, self%load_middle)
          call self%system%accelerations%at(time + done + part, self%load_end)
-         call one_step(self, part, q, v, s)
-         call self%system%laws%switch_values(q, v, self%switch_end)
+         call one_step(self, time + done, part, q, v, s)
+         call self%system%laws%switch_values(time + done + part, q, v, self%switch_end)
       end subroutine try
 
       !> Makes the part end just behind the first change of a sign, by false position (Illinois).

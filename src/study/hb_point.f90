@@ -5,12 +5,13 @@ module hb_point
    use hb_balance, only: balance_t, new_balance
    use hb_certificate, only: certify
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
-   use hb_error, only: error_t, fail
+   use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
    use hb_law_span, only: law_span_t, reduce_to_span
+   use hb_marched_start, only: marched_guess
    use hb_mpi, only: wall_clock
    use hb_outcome, only: outcome
    use hb_results, only: point_result_t
@@ -57,6 +58,7 @@ contains
       type(balance_t), target :: balance
       type(autonomous_start_t) :: start
       integer, allocatable :: law_dofs(:)
+      real(wp), allocatable :: first_guess(:)
       logical :: is_autonomous
       real(wp) :: started
 
@@ -65,11 +67,19 @@ contains
       is_autonomous = any(scene%tones%is_unknown)
       start%omega = scene%tones%omega
       if (is_autonomous) call find_start(start, scene, error)
-      if (is_autonomous .and. has_values(guess)) then
-         start%omega = guess(size(guess) - size(start%omega) + 1:)
+      if (allocated(error)) return
+      if (present(guess)) then
+         if (allocated(guess)) first_guess = guess
+      end if
+      if (scene%start_from_march .and. .not. allocated(first_guess) .and. size(law_dofs) > 0) then
+         call marched_guess(scene, start%omega, law_dofs, first_guess, error)
+         call annotate(error, "first guess from marching")
+         if (allocated(error)) return
+      end if
+      if (is_autonomous .and. allocated(first_guess)) then
+         start%omega = first_guess(size(first_guess) - size(start%omega) + 1:)
          start%has_motion = .true.
       end if
-      if (allocated(error)) return
       result%frequency = start%omega
       result%n_harmonics = scene%harmonics%n_harmonics
       call new_dynamic_stiffness(stiffness, scene%structure, law_dofs, scene%harmonics%frequencies(start%omega), scene%loads, &
@@ -81,7 +91,8 @@ contains
          return
       end if
       call new_balance(balance, scene%harmonics, scene%torus, start%omega, stiffness, scene%laws, scene%planning, error)
-      if (.not. allocated(error)) call solve_balance(scene, start, law_dofs, balance, started, result, error, guess, unknowns)
+      if (.not. allocated(error)) call solve_balance(scene, start, law_dofs, balance, started, result, error, first_guess, &
+                                                     unknowns)
       call balance%destroy()
    end subroutine solve_scene
 
@@ -109,7 +120,7 @@ contains
       real(wp), intent(in) :: started                                 !! the set-up, on the wall clock [s]
       type(point_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(in), optional :: guess(:)
+      real(wp), allocatable, intent(in) :: guess(:)                   !! not allocated: that of the scene
       real(wp), allocatable, intent(out), optional :: unknowns(:)
       type(report_t) :: report
       type(search_t) :: search
@@ -120,7 +131,7 @@ contains
       allocate (u(scene%harmonics%n_coefficients, size(law_dofs)), source=0.0_wp)
       if (any(scene%tones%is_unknown)) then
          call add_start(scene, law_dofs, u)
-         if (has_values(guess)) u = reshape(guess(:size(u)), shape(u)) - start%rest%u
+         if (allocated(guess)) u = reshape(guess(:size(u)), shape(u)) - start%rest%u
          begun = wall_clock()
          call find_motion(scene, start, law_dofs, balance, u, search)
          report = search%report
@@ -131,7 +142,7 @@ contains
          call balance%linear_solution(linear_solution)
          if (scene%start_from_linear) u = linear_solution
          call add_start(scene, law_dofs, u)
-         if (has_values(guess)) u = reshape(guess(:size(u)), shape(u))
+         if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
          begun = wall_clock()
          call solve_unknowns(scene, balance, linear_solution, u, report)
       end if
@@ -166,14 +177,6 @@ contains
       end if
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)
    end subroutine solve_balance
-
-   !> Whether a guess is there.
-   pure logical function has_values(guess)
-      real(wp), allocatable, intent(in), optional :: guess(:)
-
-      has_values = .false.
-      if (present(guess)) has_values = allocated(guess)
-   end function has_values
 
    !> The tones found; unknown ones that the motion does not have are no numbers.
    subroutine keep_tones(scene, balance, report, result)

@@ -146,6 +146,8 @@ contains
             "largest difference to marching in the first period of the slowest tone, relative to the motion")
          call add("march_difference", is_real, [point_axis], "1", "largest difference to marching, relative to the motion")
          call add("march_growth", is_real, [point_axis], "1/s", "rate at which that difference grows")
+         call add("march_drift", is_real, [tone_axis, point_axis], "rad/s", &
+            "difference of the marched frequency to that of the motion, 0 where given")
          if (size(taus) == 0) return
          taus = [(n_plain_axes + i, i=1, size(taus))]
          call add("displacement_samples", is_real, [taus, law_dof_axis, point_axis], "", &

@@ -36,7 +36,7 @@ module hb_scene
 
    character(8), parameter :: phase_names(2) = [character(8) :: "integral", "sine"]
 
-   character(9), parameter :: first_guess_names(3) = [character(9) :: "linear", "zero", "neighbour"]
+   character(9), parameter :: first_guess_names(4) = [character(9) :: "linear", "zero", "neighbour", "march"]
 
    !> What is kept of a result.
    type :: output_config_t
@@ -77,6 +77,7 @@ module hb_scene
       complex(wp), allocatable :: start(:, :)                         !! added to the first guess [m], as loads
       type(solver_config_t) :: solver
       logical :: start_from_linear = .true.                           !! first guess: the motion without laws, else zero
+      logical :: start_from_march = .false.                           !! or where marching ends
       type(chain_config_t) :: chain
       integer :: planning = planning%estimate                         !! effort of FFTW
       character(:), allocatable :: wisdom                             !! file with FFTW's wisdom
@@ -374,6 +375,8 @@ contains
          if (allocated(dof)) call find_law_dof(self, group, "dof", dof, mode%dof)
          if (group%given("amplitude") .and. mode%amplitude == 0.0_wp) call group%problem("amplitude", "must not be 0")
       end associate
+      if (self%start_from_march) call group%problem_as_is(group%place()//": a normal mode attracts nothing, so that "// &
+         "&solver first_guess = 'march' does not find it")
       if (count(self%tones%is_unknown) /= 1) then
          call group%problem_as_is(group%place()//": a normal mode needs one unknown tone: give 'unknown' in &tones")
       else if (self%normal_mode%is_peak .and. self%tones%n_tones > 1) then
@@ -518,9 +521,11 @@ contains
             degree = max(degree, self%laws(i)%law%degree)
          end if
       end do
-      samples = default_samples(self%harmonics, degree)
-      call group%get("samples", samples, minimum=1)
+      samples = [0]                                                   ! so that a sweep over the order has its own at each point
+      call group%get("samples", samples, minimum=0)
       if (size(samples) == 1) samples = spread(samples(1), 1, self%tones%n_tones)
+      if (size(samples) == self%tones%n_tones) &
+         samples = merge(samples, default_samples(self%harmonics, degree), samples > 0)
       call new_torus(self%torus, samples, self%harmonics, error)
       if (allocated(error)) call group%problem("samples", error%message)
 
@@ -563,6 +568,7 @@ contains
          solver%start_with_tangent = first_jacobian == start_names(2)
          self%chain%is_on = first_guess == first_guess_names(3)
          self%start_from_linear = first_guess /= first_guess_names(2)
+         self%start_from_march = first_guess == first_guess_names(4)
       end associate
    end subroutine read_solver
 

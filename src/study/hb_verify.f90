@@ -2,7 +2,8 @@
 !>
 !> The march starts on the motion of a point at time zero; its difference to that motion tells two things. What shows within
 !> the first period of the slowest tone is an error of the motion. What grows from little is an instability: the motion is
-!> right, and would not be seen.
+!> right, and would not be seen. Tones that the balance has found may drift (hb_march_difference): as far as that is more than
+!> the errors of the frequencies let expect, the motion is wrong.
 module hb_verify
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: annotate, error_t, fail
@@ -10,11 +11,12 @@ module hb_verify
    use hb_kinds, only: two_pi, wp
    use hb_march, only: march_from, march_record_t
    use hb_march_config, only: march_config_t, step_of
+   use hb_march_difference, only: compare, march_difference_t, motion
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_namelist, only: document_t
-   use hb_outcome, only: outcome
+   use hb_outcome, only: is_solved
    use hb_scene, only: read_scene, scene_t
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
@@ -39,9 +41,11 @@ module hb_verify
    !> What marching says of one point.
    type :: verdict_t
       integer :: kind = verdict%not_done
+      integer :: skipped_status = 0                                   !! outcome of a point without a motion to start from
       real(wp) :: first_difference = 0.0_wp                           !! in the first period, relative to the largest motion
       real(wp) :: difference = 0.0_wp                                 !! over all, likewise
       real(wp) :: growth = 0.0_wp                                     !! of the difference [1/s]
+      real(wp), allocatable :: drift(:)                               !! of the frequencies found [rad/s], (n_tones)
       real(wp) :: tolerance = 0.0_wp                                  !! what the certificate lets expect
    end type verdict_t
 
@@ -51,6 +55,7 @@ module hb_verify
       integer, allocatable :: status(:)                               !! (n_points)
       integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics)
       real(wp), allocatable :: frequency(:, :)                        !! (n_tones, n_points)
+      real(wp), allocatable :: frequency_estimates(:, :)              !! as frequency
       real(wp), allocatable :: coefficients(:, :, :, :)               !! (2, n_harmonics, n_dofs, n_points)
       real(wp), allocatable :: estimates(:)                           !! of truncation and aliasing together, (n_points)
    end type stored_t
@@ -73,7 +78,7 @@ contains
    !> Marches from points of a result file and writes what comes out beside them. Ranks share the points.
    subroutine verify_points(path, points, n_periods, comm, verdicts, error)
       character(*), intent(in) :: path
-      integer, intent(in) :: points(:)                                !! from 0; empty: all that are solved
+      integer, intent(in) :: points(:)                                !! from 0; empty: all. Those not solved are skipped
       integer, intent(in) :: n_periods                                !! of the slowest tone
       type(comm_t), intent(in) :: comm
       type(verdict_t), allocatable, intent(out) :: verdicts(:)        !! (n_points), of the points of this rank
@@ -90,7 +95,11 @@ contains
       allocate (verdicts(size(stored%status)))
       n_done = 0
       do i = 1, size(verdicts)
-         if (.not. is_wanted(i)) cycle
+         if (size(points) > 0 .and. all(points /= i - 1)) cycle
+         if (.not. is_solved(stored%status(i))) then
+            if (rank_of(comm) == 0) verdicts(i)%skipped_status = stored%status(i)
+            cycle
+         end if
          n_done = n_done + 1
          if (modulo(n_done - 1, size_of(comm)) /= rank_of(comm)) cycle
          call verify_point(stored, i, n_periods, verdicts(i), error)
@@ -106,18 +115,6 @@ contains
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
       call share_error(comm, error)
-
-   contains
-
-      logical function is_wanted(i)
-         integer, intent(in) :: i
-
-         if (size(points) > 0) then
-            is_wanted = any(points == i - 1)
-         else
-            is_wanted = any(stored%status(i) == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating])
-         end if
-      end function is_wanted
    end subroutine verify_points
 
    subroutine check_points(stored, points, error)
@@ -168,9 +165,12 @@ contains
       if (.not. allocated(error)) call file%open_dataset("frequency", dataset, error)
       if (.not. allocated(error)) then
          n = dataset%get_extents()
-         allocate (stored%frequency(n(1), n(2)), stored%tuples(n(1), size(stored%coefficients, 2)))
+         allocate (stored%frequency(n(1), n(2)), stored%frequency_estimates(n(1), n(2)))
+         allocate (stored%tuples(n(1), size(stored%coefficients, 2)))
          call dataset%read(stored%frequency, error)
       end if
+      if (.not. allocated(error)) call file%open_dataset("frequency_estimate", dataset, error)
+      if (.not. allocated(error)) call dataset%read(stored%frequency_estimates, error)
       if (.not. allocated(error)) call file%open_dataset("tuple", dataset, error)
       if (.not. allocated(error)) call dataset%read(stored%tuples, error)
       if (.not. allocated(error)) call file%open_dataset("input_complete", dataset, error)
@@ -188,12 +188,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: document
       type(march_config_t) :: config
+      type(march_difference_t) :: difference
       type(march_record_t) :: record
       type(march_state_t) :: state
       type(march_system_t), target :: system
       type(scene_t) :: scene
       complex(wp), allocatable :: amplitudes(:, :)
-      real(wp), allocatable :: frequencies(:)
+      real(wp), allocatable :: frequencies(:), most_drift(:)
       real(wp) :: period, step
 
       document = stored%study%document
@@ -204,7 +205,7 @@ contains
       where (stored%coefficients(1, :, :, point) /= stored%coefficients(1, :, :, point)) amplitudes = (0.0_wp, 0.0_wp)
       frequencies = matmul(stored%frequency(:, point), real(stored%tuples, wp))
       call new_march_system(system, scene%structure, scene%laws, scene%loads, &
-                            scene%harmonics%frequencies(stored%frequency(:, point)))
+                            scene%harmonics%frequencies(stored%frequency(:, point)), stored%frequency(:, point))
       call new_march_state(state, system%n_dofs, system%laws%n_states)
       period = two_pi/minval(stored%frequency(:, point))
       config = scene%march
@@ -217,18 +218,41 @@ contains
                        state)
       call march_from(system, config, step, scene%output%dofs, state, record, error)
       if (allocated(error)) return
-      call compare(record, amplitudes, frequencies, period, scene%structure%units(scene%output%dofs), result)
       result%tolerance = safety*scene%certificate%truncation
       if (ieee_is_finite(stored%estimates(point))) result%tolerance = safety*stored%estimates(point)
-      result%tolerance = max(result%tolerance, smallest_tolerance)
-      if (result%difference <= result%tolerance) then
-         result%kind = verdict%agrees
-      else if (result%first_difference <= result%tolerance .and. result%growth*config%duration > log(grown)) then
+      result%tolerance = max(result%tolerance*velocity_share(amplitudes, frequencies), smallest_tolerance)
+      call compare(difference, record, amplitudes, stored%tuples, stored%frequency(:, point), scene%tones%is_unknown, &
+                   scene%structure%units(scene%output%dofs), result%tolerance)
+      result%first_difference = difference%first
+      result%difference = difference%largest
+      result%growth = difference%growth
+      result%drift = difference%drift
+      most_drift = result%tolerance*stored%frequency(:, point)
+      where (ieee_is_finite(stored%frequency_estimates(:, point))) &
+         most_drift = max(most_drift, safety*stored%frequency_estimates(:, point))
+      if (any(abs(result%drift) > most_drift)) then
+         result%kind = verdict%differs
+      else if (result%difference > smallest_tolerance .and. result%first_difference <= result%tolerance .and. &
+               result%growth*config%duration > log(grown)) then
          result%kind = verdict%unstable
+      else if (result%difference <= result%tolerance) then
+         result%kind = verdict%agrees
       else
          result%kind = verdict%differs
       end if
    end subroutine verify_point
+
+   !> How much larger an error of the displacements is as one of the velocities: what is left out has frequencies beyond the
+   !> highest one, and the velocity that the march lacks at its start makes a motion with the leading one.
+   pure real(wp) function velocity_share(amplitudes, frequencies) result(share)
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_harmonics, n_dofs)
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s]
+      real(wp) :: leading
+
+      leading = abs(frequencies(maxloc(maxval(abs(amplitudes), dim=2)*merge(1.0_wp, 0.0_wp, abs(frequencies) > 0.0_wp), dim=1)))
+      share = 1.0_wp
+      if (leading > 0.0_wp) share = max(share, maxval(abs(frequencies))/leading)
+   end function velocity_share
 
    !> Sets a state on the motion at time zero; sliders follow the motion from rest at an earlier time.
    subroutine place_state(system, amplitudes, dofs, frequencies, start, step, state)
@@ -241,7 +265,7 @@ contains
 
       n = merge(ceiling(-start/step), 0, system%laws%n_states > 0)
       do i = -n, 0
-         call system%laws%start_step(state%q, state%v, state%s)
+         call system%laws%start_step((i - 1)*step, state%q, state%v, state%s)
          state%q(dofs) = motion(amplitudes, frequencies, i*step)
          state%v(dofs) = motion(amplitudes*spread(cmplx(0.0_wp, frequencies, wp), 2, size(amplitudes, 2)), frequencies, i*step)
          if (n == 0) cycle
@@ -251,54 +275,17 @@ contains
       end do
    end subroutine place_state
 
-   pure function motion(amplitudes, frequencies, t) result(x)
-      complex(wp), intent(in) :: amplitudes(:, :)
-      real(wp), intent(in) :: frequencies(:), t
-      real(wp) :: x(size(amplitudes, 2))
-
-      x = real(matmul(cmplx(cos(frequencies*t), sin(frequencies*t), wp), amplitudes), wp)
-   end function motion
-
-   !> Differences, period by period, relative to the largest motion in the same unit.
-   subroutine compare(record, amplitudes, frequencies, period, units, result)
-      type(march_record_t), intent(in) :: record
-      complex(wp), intent(in) :: amplitudes(:, :)
-      real(wp), intent(in) :: frequencies(:), period
-      character(*), intent(in) :: units(:)                            !! (n_dofs)
-      type(verdict_t), intent(inout) :: result
-      real(wp), allocatable :: largest(:), motions(:), scale(:), time(:)
-      real(wp) :: x(size(amplitudes, 2))
-      integer :: i, k, n
-
-      n = max(2, nint((record%time(size(record%time)) - record%time(1))/period))
-      allocate (largest(n), motions(size(x)), scale(size(x)), source=0.0_wp)
-      time = [((k - 0.5_wp)*period, k=1, n)]
-      do k = 1, size(x)
-         motions(k) = max(maxval(abs(record%displacement(:, k))), sum(abs(amplitudes(:, k))), tiny(1.0_wp))
-      end do
-      scale = [(maxval(motions, mask=units == units(k)), k=1, size(x))]
-      do i = 1, size(record%time)
-         x = motion(amplitudes, frequencies, record%time(i))
-         k = min(n, 1 + int((record%time(i) - record%time(1))/period))
-         largest(k) = max(largest(k), maxval(abs(record%displacement(i, :) - x)/scale))
-      end do
-      result%first_difference = largest(1)
-      result%difference = maxval(largest)
-      largest = log(max(largest, epsilon(1.0_wp)))
-      time = time - sum(time)/n
-      result%growth = sum(time*largest)/sum(time**2)
-   end subroutine compare
-
    subroutine write_verdicts(file, verdicts, error)
       type(h5_file_t), intent(in) :: file
       type(verdict_t), intent(in) :: verdicts(:)
       type(error_t), allocatable, intent(out) :: error
-      type(h5_dataset_t) :: difference, first_difference, growth, kind
+      type(h5_dataset_t) :: difference, drift, first_difference, growth, kind
       integer :: i
 
       call file%open_dataset("march_first_difference", first_difference, error)
       if (.not. allocated(error)) call file%open_dataset("march_difference", difference, error)
       if (.not. allocated(error)) call file%open_dataset("march_growth", growth, error)
+      if (.not. allocated(error)) call file%open_dataset("march_drift", drift, error)
       if (.not. allocated(error)) call file%open_dataset("march_verdict", kind, error)
       do i = 1, size(verdicts)
          if (allocated(error)) return
@@ -306,6 +293,7 @@ contains
          call first_difference%write_row(i, [verdicts(i)%first_difference], error)
          if (.not. allocated(error)) call difference%write_row(i, [verdicts(i)%difference], error)
          if (.not. allocated(error)) call growth%write_row(i, [verdicts(i)%growth], error)
+         if (.not. allocated(error)) call drift%write_row(i, verdicts(i)%drift, error)
          if (.not. allocated(error)) call kind%write_row(i, [verdicts(i)%kind], error)
       end do
    end subroutine write_verdicts

@@ -304,3 +304,63 @@ def test_verify_starts_from_a_motion_that_is_partly_behind_a_wall(tmp_path, meth
     )  # fmt: skip
     found = verified(result, "--points", 0, "--periods", 3)
     assert 2e-2 < found["march_difference"][0] < 5e-2
+
+
+# Laws that turn with the phase of a tone
+
+
+def forced_blades(frame: str, order: int) -> str:
+    """A force on the disk makes it rub; in its own or the stationary frame the casing sees the blades run along it."""
+    turning = "" if frame == "rotating" else f"frame='{frame}', tone=2, "
+    disk = -0.5 if frame == "stationary" else 0.0
+    casing = 0.5 if frame == "rotating" else 0.0
+    at = "tuple=1,3" if frame == "stationary" else "tuple=1,0"
+    tuples = [f"{k},{m}" for k in range(order + 1) for m in (0, 3, -3) if k > 0 or m >= 0]
+    loads = [f"&load dof='q1', {at}, cos=0.1 /"]
+    if frame == "stationary":  # a force that turns with the disk: half of it in each sense
+        loads = [
+            f"&load dof='q1', tuple=1,{m}, cos=0.05 /\n&load dof='q2', tuple=1,{m}, sin={0.05 if m > 0 else -0.05} /"
+            for m in (3, -3)
+        ]
+    return f"""
+&structure type='rotor_stator', frame='{frame}', n_diameters=3, speed=0.5, disk_frequency=1, casing_frequency=1.7,
+   disk_damping_ratio=0.02, casing_damping_ratio=0.02 /
+&tones frequency=1.05, 0.5 /
+&harmonics set='list', tuples={", ".join(tuples)} /
+&law type='blade_contact', {turning}dofs='q1','q2','r1','r2', n_diameters=3, n_blades=22, gaps=1, stiffness=2,
+   friction_coefficient=0.05, friction_arms=0.3,0.333 /
+&law type='cubic_damping', dofs='q1','q2', coefficient=0.01, n_diameters=3, speed={disk} /
+&law type='cubic_damping', dofs='r1','r2', coefficient=0.01, n_diameters=3, speed={casing} /
+""" + "\n".join(loads)
+
+
+@pytest.mark.parametrize(
+    ("method", "step", "tolerance"),
+    [
+        ("cvode", 0.02, 1e-9),
+        ("runge_kutta_4", 0.005, 1e-6),
+        ("central_differences", 0.002, 5e-4),
+        ("generalized_alpha", 0.002, 5e-4),
+    ],
+)
+def test_blades_are_marched_alike_in_all_frames(tmp_path, method, step, tolerance):
+    group = f"\n&march duration=60, step={step}, method='{method}', tolerance=1e-12, spectral_radius=1 /\n"
+    motions = {}
+    for frame in ("rotating", "own", "stationary"):
+        record = march(forced_blades(frame, 3) + group, tmp_path, name=frame)
+        t, x = read(record, "time", "displacement")
+        disk, casing = x[0] + 1j * x[1], x[2] + 1j * x[3]
+        turned = np.exp(-1j * 3 * 0.5 * t)  # from the stationary frame back into that of the disk
+        disk = disk * turned if frame == "stationary" else disk
+        motions[frame] = np.array([disk, casing if frame == "rotating" else casing * turned])
+    largest = np.abs(motions["rotating"]).max()
+    assert np.abs(motions["rotating"][1]).max() > 0.1, "the blades must touch"
+    np.testing.assert_allclose(motions["own"], motions["rotating"], atol=tolerance * largest)
+    np.testing.assert_allclose(motions["stationary"], motions["rotating"], atol=tolerance * largest)
+
+
+@pytest.mark.parametrize("frame", ["own", "stationary"])
+def test_verify_agrees_with_blades_that_run_along_the_casing(tmp_path, frame):
+    result = solve(forced_blades(frame, 9), tmp_path)
+    found = verified(result)
+    assert found["march_verdict"] == [AGREES] and found["march_first_difference"][0] < 1e-3, found

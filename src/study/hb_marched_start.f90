@@ -1,0 +1,175 @@
+!> First guesses from marching: the motion in which a scene ends when it is followed through time.
+!>
+!> Marching finds what attracts: of several motions a stable one, and one that no linear mode leads to. With given tones it starts
+!> from rest, with unknown ones from random displacements and velocities of several sizes, or from the `&start` amplitudes; the
+!> frequencies are then read from the record (hb_record_tones), the coefficients are averages over it (hb_birkhoff).
+module hb_marched_start
+   use hb_birkhoff, only: coefficients_at
+   use hb_error, only: error_t
+   use hb_kinds, only: two_pi, wp
+   use hb_march, only: march_from, march_record_t
+   use hb_march_config, only: march_config_t, step_of
+   use hb_march_state, only: march_state_t, new_march_state
+   use hb_march_system, only: march_system_t, new_march_system
+   use hb_record_tones, only: find_tones
+   use hb_scene, only: scene_t
+   implicit none
+   private
+   public :: marched_guess
+
+   integer, parameter :: periods_of_transient = 200, periods_of_record = 50   ! of the slowest tone, unless &march says
+   integer, parameter :: samples_of_harmonic = 8                      ! of the highest one in its period, at least
+   real(wp), parameter :: kicks(4) = [3.0_wp, 30.0_wp, 0.3_wp, 300.0_wp]   ! of the length of the laws
+   real(wp), parameter :: steady = 0.02_wp                            ! change of the power from one half to the other
+   real(wp), parameter :: runaway = 1.0e4_wp                          ! relative to the first displacement
+   real(wp), parameter :: dead = 1.0e-3_wp                            ! relative to the kick
+
+contains
+
+   !> Marches, and gives the guess as hb_point takes it: coefficients at the degrees of freedom of the laws, then all base
+   !> frequencies. Not allocated where nothing is left to move, or where the motion has no tone of its own. An error is one of
+   !> marching, such as a law that the method cannot follow.
+   subroutine marched_guess(scene, omega, law_dofs, guess, error)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), guesses where unknown, all > 0
+      integer, intent(in) :: law_dofs(:)
+      real(wp), allocatable, intent(out) :: guess(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(march_record_t) :: record
+      real(wp), allocatable :: found(:)
+      real(wp) :: best, change, share
+      integer :: i, n_failed, n_tries
+      logical :: has_start
+
+      has_start = any(abs(scene%start) > 0.0_wp)
+      n_tries = merge(size(kicks), 1, any(scene%tones%is_unknown) .and. .not. has_start)
+      best = huge(1.0_wp)
+      n_failed = 0
+      do i = 1, n_tries
+         call march_once(scene, omega, law_dofs, kicks(i), record, error)
+         if (allocated(error)) then
+            n_failed = n_failed + 1
+            if (n_failed == n_tries) return
+            deallocate (error)                                        ! another kick may lead to an end
+            cycle
+         end if
+         found = omega
+         if (any(scene%tones%is_unknown)) then
+            found = scene%tones%omega                                 ! only guesses of the user count
+            call find_tones(record%every_displacement, record%start, record%step, scene%harmonics%tuples, scene%tones%is_unknown, &
+                            found, share, error)
+            if (allocated(error)) return
+            if (share <= 0.0_wp .or. is_dead(scene, record, kicks(i)*length_of(scene), has_start)) cycle
+         end if
+         change = change_of(record)
+         if (change >= best) cycle
+         best = change
+         guess = [coefficients_of(scene, record, found), found]
+         if (best <= steady) return
+      end do
+   end subroutine marched_guess
+
+   subroutine march_once(scene, omega, law_dofs, kick, record, error)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: omega(:)
+      integer, intent(in) :: law_dofs(:)
+      real(wp), intent(in) :: kick                                    !! of the length of the laws
+      type(march_record_t), intent(out) :: record
+      type(error_t), allocatable, intent(out) :: error
+      type(march_config_t) :: config
+      type(march_state_t) :: state
+      type(march_system_t), target :: system
+      real(wp) :: frequencies(scene%harmonics%n_harmonics), period
+      integer :: i
+
+      frequencies = scene%harmonics%frequencies(omega)
+      call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, omega)
+      call new_march_state(state, system%n_dofs, system%laws%n_states)
+      if (any(abs(scene%start) > 0.0_wp)) then
+         state%q = sum(real(scene%start, wp), 2)
+         state%v = matmul(-aimag(scene%start), frequencies)
+      else if (any(scene%tones%is_unknown)) then
+         ! Multiples of the golden ratio spread evenly, so that no shape is left out
+         state%q = kick*length_of(scene)*[(scattered(2*i), i=1, system%n_dofs)]
+         state%v = kick*length_of(scene)*minval(omega, mask=scene%tones%is_unknown)*[(scattered(2*i + 1), i=1, system%n_dofs)]
+      end if
+      config = scene%march
+      config%decimation = huge(1)
+      period = two_pi/minval(omega)
+      if (config%duration <= 0.0_wp) then
+         config%duration = periods_of_record*period
+         config%transient = periods_of_transient*period
+      end if
+      if (any(scene%tones%is_unknown)) config%largest = runaway*max(maxval(abs(state%q)), system%length)
+      call march_from(system, config, min(step_of(config, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies)))), &
+                      law_dofs, state, record, error)
+   end subroutine march_once
+
+   !> Numbers between -1 and 1.
+   pure real(wp) function scattered(i)
+      integer, intent(in) :: i
+
+      scattered = 2.0_wp*modulo(i*0.6180339887498949_wp, 1.0_wp) - 1.0_wp
+   end function scattered
+
+   !> Typical length of the laws [m], 1 where they have none.
+   pure real(wp) function length_of(scene)
+      type(scene_t), intent(in) :: scene
+      integer :: i
+
+      length_of = 0.0_wp
+      do i = 1, size(scene%laws)
+         length_of = max(length_of, scene%laws(i)%law%length_scale())
+      end do
+      if (length_of <= 0.0_wp) length_of = 1.0_wp
+   end function length_of
+
+   !> Whether the motion has fallen to nothing beside what it began with; one that loads move has not.
+   pure logical function is_dead(scene, record, kick, has_start)
+      type(scene_t), intent(in) :: scene
+      type(march_record_t), intent(in) :: record
+      real(wp), intent(in) :: kick                                    !! [m]
+      logical, intent(in) :: has_start
+      real(wp) :: begun
+
+      begun = kick
+      if (has_start) begun = maxval(abs(scene%start))
+      associate (x => record%every_displacement)
+         is_dead = maxval(maxval(x, dim=1) - minval(x, dim=1)) < dead*begun
+      end associate
+   end function is_dead
+
+   !> Relative change of the power from the first half of a record to the second.
+   pure real(wp) function change_of(record) result(change)
+      type(march_record_t), intent(in) :: record
+      real(wp) :: first, second
+      integer :: half
+
+      half = size(record%every_displacement, 1)/2
+      first = sum(record%every_displacement(:half, :)**2)
+      second = sum(record%every_displacement(half + 1:2*half, :)**2)
+      change = abs(second - first)/max(first, second, tiny(1.0_wp))
+   end function change_of
+
+   !> Coefficients of the record, those of one degree of freedom after the other.
+   function coefficients_of(scene, record, omega) result(u)
+      type(scene_t), intent(in) :: scene
+      type(march_record_t), intent(in) :: record
+      real(wp), intent(in) :: omega(:)
+      real(wp) :: u(scene%harmonics%n_coefficients*size(record%every_displacement, 2))
+      complex(wp) :: c(scene%harmonics%n_harmonics)
+      real(wp) :: block(scene%harmonics%n_coefficients)
+      integer :: h, k
+
+      associate (set => scene%harmonics, x => record%every_displacement)
+         do k = 1, size(x, 2)
+            call coefficients_at(x(:, k), record%start, record%step, set%frequencies(omega), c)
+            do h = 1, set%n_harmonics
+               block(set%cos_at(h)) = real(c(h), wp)
+               if (set%sin_at(h) > 0) block(set%sin_at(h)) = -aimag(c(h))
+            end do
+            u((k - 1)*size(block) + 1:k*size(block)) = block
+         end do
+      end associate
+   end function coefficients_of
+end module hb_marched_start

@@ -1,0 +1,95 @@
+"""`nhbm verify` on motions whose frequencies were found: every limit cycle and torus of the inputs is marched from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from program import read, run, solve
+
+INPUTS = Path(__file__).resolve().parents[2] / "inputs"
+AUTONOMOUS = sorted(path.stem for path in (INPUTS / "autonomous").glob("*.nml"))
+NOT_DONE, AGREES, UNSTABLE, DIFFERS = 0, 1, 2, 3
+COLLAPSED, NO_MOTION = 10, 11
+
+VAN_DER_POL = (
+    "&structure type='matrices', n_dofs=1, mass=1, stiffness=1 /\n&tones unknown=.true. /\n"
+    "&harmonics order=31, odd_only=.true. /\n&law type='van_der_pol', dof='x1', strength=1 /\n"
+)
+
+
+def solved_and_verified(source: Path, folder: Path, *options) -> tuple[Path, str]:
+    """Result of an input with the verdicts in it, and what the verb says."""
+    result = folder / f"{source.stem}.h5"
+    done = run("solve", source, "-o", result, "--quiet", cwd=folder)
+    assert done.status in (0, 1), done.stderr
+    done = run("verify", result, *options, cwd=folder)
+    assert done.status in (0, 1), done.stderr
+    return result, done.stdout
+
+
+@pytest.mark.parametrize("name", AUTONOMOUS)
+def test_motions_with_tones_of_their_own_stay(tmp_path, name):
+    result, text = solved_and_verified(INPUTS / "autonomous" / f"{name}.nml", tmp_path)
+    status, kinds = read(result, "status", "march_verdict")
+    empty = np.isin(status, (COLLAPSED, NO_MOTION))
+    assert (kinds[empty] == NOT_DONE).all() and text.count("skipped") == empty.sum()
+    expected = UNSTABLE if name == "dry_whip" else AGREES  # friction drives the whirl outwards, damping inwards
+    assert (kinds[~empty] == expected).all(), text
+
+
+@pytest.mark.long
+def test_large_cycles_of_the_rotor_stay_and_small_ones_grow(tmp_path):
+    result, text = solved_and_verified(INPUTS / "rotor_stator" / "rotating.nml", tmp_path)
+    kinds = read(result, "march_verdict")
+    assert kinds[0] == NOT_DONE and (kinds[1:14] == AGREES).all() and (kinds[14:] == UNSTABLE).all(), text
+
+
+def test_small_cycle_of_the_rotor_grows_by_its_multiplier(tmp_path):
+    """By 1.954 in a period, from shooting (test_rotor_stator.py); 12 periods end before the difference is large."""
+    result, text = solved_and_verified(INPUTS / "rotor_stator" / "rotating.nml", tmp_path, "--points", 20, "--periods", 12)
+    kinds, growth, frequency = read(result, "march_verdict", "march_growth", "frequency")
+    assert kinds[20] == UNSTABLE, text
+    assert np.exp(growth[20] * 2 * np.pi / frequency[20, 0]) == pytest.approx(1.954, rel=0.05)
+
+
+def test_blades_that_run_along_the_casing_are_marched(tmp_path):
+    """The law turns with the phase of a known tone beside an unknown one."""
+    result, text = solved_and_verified(INPUTS / "rotor_stator" / "stationary.nml", tmp_path)
+    kinds, largest = read(result, "march_verdict", "march_difference")
+    assert (kinds == AGREES).all() and (largest < 1e-5).all(), text
+
+
+def test_frequency_that_is_wrong_by_a_hundred_thousandth_is_seen(tmp_path):
+    """The motion stays on the cycle: only its phase runs away."""
+    result = solve(VAN_DER_POL, tmp_path)
+    with h5py.File(result, "r+") as file:
+        file["frequency"][0, 0] *= 1.00001
+    done = run("verify", result, cwd=tmp_path)
+    kinds, drift, frequency = read(result, "march_verdict", "march_drift", "frequency")
+    assert done.status == 1 and kinds == [DIFFERS], done.stdout
+    assert drift[0, 0] == pytest.approx(-1e-5 * frequency[0, 0], rel=0.1)
+
+
+def test_phase_of_a_cycle_is_free(tmp_path):
+    """The same cycle begun elsewhere on it agrees as well."""
+    result = solve(VAN_DER_POL, tmp_path)
+    with h5py.File(result, "r+") as file:
+        angle = 0.7 * file["tuple"][:, 0]
+        c, s = file["coefficients"][0, 0].T
+        file["coefficients"][0, 0] = np.stack([c * np.cos(angle) + s * np.sin(angle), s * np.cos(angle) - c * np.sin(angle)]).T
+    done = run("verify", result, cwd=tmp_path)
+    assert done.status == 0 and read(result, "march_verdict") == [AGREES], done.stdout
+
+
+def test_amplitude_that_is_wrong_is_seen_though_the_cycle_attracts(tmp_path):
+    result = solve(VAN_DER_POL, tmp_path)
+    with h5py.File(result, "r+") as file:
+        file["coefficients"][0, 0] *= 1.001
+    done = run("verify", result, cwd=tmp_path)
+    first, last = read(result, "march_first_difference", "march_drift")
+    assert done.status == 1 and read(result, "march_verdict") == [DIFFERS], done.stdout
+    assert 1e-4 < first[0] < 1e-2 and np.isfinite(last).all()
