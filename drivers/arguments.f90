@@ -8,9 +8,10 @@ module arguments
    private
    public :: argument_list, arguments_t, default_output, read_arguments, read_numbers
 
-   character(12), parameter :: options(19) = [character(12) :: &
+   character(12), parameter :: options(20) = [character(12) :: &
       "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet", "--verbose", "--log-level", &
-      "--resume", "--retry", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", "--machine", "--periods", "--point"]
+      "--resume", "--retry", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", "--machine", "--periods", "--point", &
+      "--budget"]
 
    type :: arguments_t
       character(:), allocatable :: verb
@@ -18,6 +19,7 @@ module arguments
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
       integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
+      real(wp) :: budget = 0.5_wp                                     !! seconds for each kernel of bench
       integer :: n_periods = 0                                        !! 0: not given
       logical :: overwrite = .false.
       logical :: resumes = .false.                                    !! goes on with an existing result file
@@ -71,7 +73,7 @@ contains
             case ("--retry")
                self%retries = .true.
             case ("--output", "-o", "--set", "--log-level", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", &
-                  "--machine", "--periods", "--point")
+                  "--machine", "--periods", "--point", "--budget")
                i = i + 1
                if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
@@ -106,6 +108,7 @@ contains
       character(*), intent(in) :: option, value
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: numbers(:)
+      logical :: is_number
 
       select case (option)
       case ("--set"); self%overrides = [self%overrides, string_t(value)]
@@ -118,6 +121,10 @@ contains
       case ("--periods")
          call read_numbers(option, value, 2, numbers, error)
          if (.not. allocated(error)) self%n_periods = numbers(1)
+      case ("--budget")
+         call parse_real(value, self%budget, is_number)
+         if (.not. (is_number .and. self%budget >= 0.0_wp .and. self%budget <= huge(1.0_wp))) &
+            call fail(error, option//" needs seconds, 0 or more, not '"//value//"'")
       case ("--cost"); self%cost = value
       case ("--cost-from"); self%cost_from = value
       case ("--time-limit"); call read_time_limit(value, self%time_limit, error)

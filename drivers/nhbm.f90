@@ -88,7 +88,8 @@ contains
       else if (verb == "plan") then
          call run_plan(options, comm, error)
       else if (verb == "bench") then
-         call run_bench(options, comm, error)
+         call run_bench(options, comm, all_right, error)
+         if (.not. all_right) status = not_all_right
       else if (verb == "resume") then
          call run_resume(options, comm, status, error)
       else if (verb == "benchmark") then
@@ -116,6 +117,8 @@ contains
          "       nhbm check INPUT [options]      read the input, every point of it, say what it asks for, and compare the", &
          "                                       derivatives of its laws with differences of their forces", &
          "       nhbm plan INPUT [options]       say how large the result becomes and how the run would go on many ranks", &
+         "       nhbm bench INPUT [options]      time the kernels of each point (residual, tangent, Newton step, solution)", &
+         "                                       beside the bare transforms and LU of the same size; nhbm-post bench draws it", &
          "       nhbm benchmark INPUT [options]  solve one scene at many orders, samples and methods, measure time, memory", &
          "                                       and error of each, write an HDF5 file; nhbm-post work-precision draws it", &
          "       nhbm march INPUT [options]      follow the motion through time as &march says, write an HDF5 record", &
@@ -137,6 +140,7 @@ contains
          "  --point N            march: the point of a sweep to be followed, from 0", &
          "  --points N,N,...     verify: the points to start from; default: all that are solved", &
          "  --periods N          verify: length of each march in periods of the slowest tone, 20 by default", &
+         "  --budget SECONDS     bench: time spent on each kernel of each point, 0.5 by default", &
          "  -h, --help           this text", &
          "", &
          "options of plan (docs/cluster.md):", &

@@ -3,7 +3,8 @@ module verb_benchmark
    use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t, default_output
    use hb_benchmark, only: benchmark_t, measured_t, new_benchmark, part, run_benchmark
-   use hb_benchmark_file, only: median, write_benchmark
+   use hb_benchmark_file, only: write_benchmark
+   use hb_benchmark_table, only: median
    use hb_error, only: annotate, error_t, fail
    use hb_mpi, only: comm_t, size_of
    use hb_outcome, only: is_solved, outcome, outcome_name

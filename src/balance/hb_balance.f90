@@ -277,6 +277,7 @@ contains
       real(wp), intent(inout) :: r(:, :)
       integer :: h, i
 
+      if (.not. any(self%is_singular)) return
       do i = 1, self%n_dofs
          do h = 1, self%harmonics%n_harmonics
             if (.not. self%is_singular(h)) cycle
@@ -328,25 +329,25 @@ contains
    !> s = F_ext - S u, per harmonic, with the loads multiplied by a factor.
    subroutine find_reaction(self, u, load_factor)
       class(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: u(:, :)
+      real(wp), intent(in), contiguous :: u(:, :)
       real(wp), intent(in) :: load_factor
-      complex(wp) :: c(self%n_dofs), s(self%n_dofs)
-      integer :: h, i, k
+      complex(wp) :: c, s(self%n_dofs)
+      integer :: h, k
 
-      associate (pattern => self%stiffness%pattern)
-         do h = 1, self%harmonics%n_harmonics
-            s = load_factor*self%stiffness%load(:, h)
-            do k = 1, self%n_dofs
-               c(k) = self%harmonics%amplitude(u(:, k), h)
-            end do
-            do k = 1, self%n_dofs
-               associate (first => pattern%first(k), last => pattern%last(k), shift => pattern%shift(k))
-                  s(first:last) = s(first:last) - self%stiffness%condensed(shift + first:shift + last, k, h)*c(k)
-               end associate
-            end do
-            do i = 1, self%n_dofs
-               call self%harmonics%set_amplitude(self%reaction(:, i), h, s(i))
-            end do
+      associate (pattern => self%stiffness%pattern, set => self%harmonics)
+         do h = 1, set%n_harmonics
+            associate (cosine => set%cos_at(h), sine => set%sin_at(h))
+               s = load_factor*self%stiffness%load(:, h)
+               do k = 1, self%n_dofs
+                  c = cmplx(u(cosine, k), 0.0_wp, wp)
+                  if (sine > 0) c = cmplx(u(cosine, k), -u(sine, k), wp)
+                  associate (first => pattern%first(k), last => pattern%last(k), shift => pattern%shift(k))
+                     s(first:last) = s(first:last) - self%stiffness%condensed(shift + first:shift + last, k, h)*c
+                  end associate
+               end do
+               self%reaction(cosine, :) = real(s)
+               if (sine > 0) self%reaction(sine, :) = -aimag(s)
+            end associate
          end do
       end associate
    end subroutine find_reaction

@@ -119,16 +119,28 @@ contains
       logical, intent(inout) :: is_given_up                           !! true where the law cannot go on
       character(:), allocatable :: text
       logical :: is_fatal, is_finite
+      integer :: k
 
-      is_finite = all(ieee_is_finite(self%f))
-      if (with_derivatives) is_finite = is_finite .and. all(ieee_is_finite(self%df_dz)) .and. &
-                                        all(ieee_is_finite(self%df_dv)) .and. all(ieee_is_finite(self%df_dp))
+      is_finite = are_finite(self%f)
+      if (with_derivatives) then
+         do k = 1, size(self%f, 2)
+            is_finite = is_finite .and. are_finite(self%df_dz(:, k, :)) .and. are_finite(self%df_dv(:, k, :)) .and. &
+                        are_finite(self%df_dp(:, k, :))
+         end do
+      end if
       if (is_finite) return
       call law%explain(self%z, self%v, text, is_fatal)
       if (len(text) == 0) text = "forces or derivatives are not finite"
       if (is_fatal .or. .not. allocated(complaint)) complaint = "law '"//law%label//"': "//text
       is_given_up = is_fatal
    end subroutine slot_listen
+
+   !> Whether all values are finite; counting them, with no way out at the first that is not, runs several at once.
+   pure logical function are_finite(values)
+      real(wp), intent(in) :: values(:, :)
+
+      are_finite = count(ieee_is_finite(values)) == size(values)
+   end function are_finite
 
    !> Adds the force of the law to those of its degrees of freedom.
    subroutine slot_scatter(self, law, f)

@@ -49,6 +49,7 @@ module hb_namelist
       procedure :: optional_group => document_optional_group
       procedure :: required_group => document_required_group
       procedure :: set => document_set
+      procedure :: take_groups => document_take_groups
    end type document_t
 
 contains
@@ -285,6 +286,36 @@ contains
       end do
       if (n_groups > 0) call fail(error, lines%text())
    end subroutine document_finish
+
+   !> Copies the groups of some names, as they are, into a document of their own.
+   pure subroutine document_take_groups(self, names, other)
+      class(document_t), intent(in) :: self
+      character(*), intent(in) :: names(:)                  !! lower case
+      type(document_t), intent(out) :: other
+      integer, allocatable :: name_of(:)
+      integer :: i, i_name, n
+
+      other%file_name = self%file_name
+      other%keeps_values = self%keeps_values
+      if (allocated(self%known)) other%known = self%known
+      n = 0
+      do i = 1, self%n_groups
+         if (any(names == self%holders(i)%group%name)) n = n + 1
+      end do
+      allocate (other%holders(max(n, 1)), name_of(n), other%n_of(0), other%first_of(0), other%order(0))
+      do i = 1, self%n_groups
+         if (.not. any(names == self%holders(i)%group%name)) cycle
+         other%n_groups = other%n_groups + 1
+         other%holders(other%n_groups)%group = self%holders(i)%group
+         i_name = other%names%find(self%holders(i)%group%name)
+         if (i_name == 0) then
+            call other%names%add(self%holders(i)%group%name)
+            i_name = other%names%n
+         end if
+         name_of(other%n_groups) = i_name
+      end do
+      call sort_by_name(other, name_of)
+   end subroutine document_take_groups
 
    !> Keeps no text of the values that are read from now on: `complete` is not asked for, reading is faster by a quarter.
    !> Copies behave likewise.

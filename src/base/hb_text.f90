@@ -12,8 +12,6 @@ module hb_text
 
    integer, parameter :: max_file_bytes = 16*1024**2
    integer, parameter :: max_word = 63                      !! longest word that closest_word looks at
-   character(*), parameter :: upper_case = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
-   character(*), parameter :: lower_case = "abcdefghijklmnopqrstuvwxyz"
    character(*), parameter :: digits = "0123456789"
 
    !> One text of a list whose members differ in length.
@@ -127,12 +125,15 @@ contains
    pure function lower(text) result(changed)
       character(*), intent(in) :: text
       character(len(text)) :: changed
-      integer :: i, letter
+      integer, parameter :: step = iachar("a") - iachar("A")
+      integer :: i
 
-      changed = text
       do i = 1, len(text)
-         letter = index(upper_case, text(i:i))
-         if (letter > 0) changed(i:i) = lower_case(letter:letter)
+         if (text(i:i) >= "A" .and. text(i:i) <= "Z") then
+            changed(i:i) = achar(iachar(text(i:i)) + step)
+         else
+            changed(i:i) = text(i:i)
+         end if
       end do
    end function lower
 

@@ -75,8 +75,9 @@ contains
       if (.not. allocated(kind_of_law)) return
       call allocate_law(box, kind_of_law)
       if (.not. allocated(box%law)) return
-      label = kind_of_law//" "//to_text(number)
+      if (.not. group%given("label")) label = kind_of_law//" "//to_text(number)
       call group%get("label", label)
+      if (.not. allocated(label)) label = kind_of_law//" "//to_text(number)   ! what is given is no text
       box%law%label = label
       call box%law%read(group, structure)
    end subroutine read_law

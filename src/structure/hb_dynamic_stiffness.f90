@@ -351,6 +351,10 @@ contains
       integer :: above, h, i, info, k, n, pivots(self%n_law)
 
       n = self%n_law
+      if (n == 1) then
+         call linear_amplitudes_of_one(self, c(1, :), is_singular)
+         return
+      end if
       above = merge(self%pattern%reach, 0, self%pattern%is_banded)
       allocate (a(self%pattern%n_rows + above, n))
       c = (0.0_wp, 0.0_wp)
@@ -392,6 +396,26 @@ contains
          c(:, h) = scale*c(:, h)
       end do
    end subroutine dynamic_stiffness_linear_amplitudes
+
+   !> The same for one degree of freedom, by a division: LAPACK would take longer than the whole iteration of a small scene.
+   pure subroutine linear_amplitudes_of_one(self, c, is_singular)
+      type(dynamic_stiffness_t), intent(in) :: self
+      complex(wp), intent(out) :: c(:)                                !! [m], (n_harmonics)
+      logical, intent(out) :: is_singular(:)                          !! (n_harmonics)
+      real(wp) :: rounding, size_of_stiffness
+      integer :: h
+
+      rounding = 100*real(self%n_dofs, wp)*epsilon(1.0_wp)
+      c = (0.0_wp, 0.0_wp)
+      do h = 1, self%n_harmonics
+         associate (stiffness => self%condensed(1, 1, h), magnitude => self%magnitude(1, h))
+            size_of_stiffness = abs(stiffness)
+            if (magnitude > 0.0_wp) size_of_stiffness = size_of_stiffness/magnitude
+            is_singular(h) = size_of_stiffness < rounding
+            if (.not. is_singular(h)) c(h) = self%load(1, h)/stiffness
+         end associate
+      end do
+   end subroutine linear_amplitudes_of_one
 
    pure subroutine check_input(structure, law_dofs, frequencies, loads, error)
       type(structure_t), intent(in) :: structure

@@ -2,7 +2,8 @@
 module hb_benchmark_file
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_benchmark, only: benchmark_t, measured_t, part, part_names
-   use hb_benchmark_table, only: add_integers, add_one_text, add_reals, add_texts, table_t, text_length
+   use hb_benchmark_table, only: add_integers, add_one_text, add_reals, add_texts, median, &
+      table_t, text_length, threads_text
    use hb_coefficient_set, only: coefficient_set_t
    use hb_error, only: annotate, error_t
    use hb_harmonics, only: harmonics_t, merge_tuples, new_harmonics
@@ -19,7 +20,7 @@ module hb_benchmark_file
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: median, write_benchmark
+   public :: write_benchmark
 
 contains
 
@@ -106,29 +107,13 @@ contains
       end subroutine set_text
    end subroutine add_attributes
 
-   !> What the environment says of threads, on which all times depend.
-   function threads_text() result(text)
-      character(:), allocatable :: text
-      character(*), parameter :: names(2) = [character(20) :: "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"]
-      character(32) :: value
-      integer :: i, status
-
-      text = ""
-      do i = 1, size(names)
-         call get_environment_variable(trim(names(i)), value, status=status)
-         if (status /= 0) value = "not set"
-         if (i > 1) text = text//", "
-         text = text//trim(names(i))//" "//trim(value)
-      end do
-   end function threads_text
-
    subroutine add_scales(table, self, n_harmonics)
       type(table_t), intent(inout) :: table
       type(benchmark_t), intent(in) :: self
       integer, intent(in) :: n_harmonics
       integer :: k
 
-      call add_numbers(table%rung, "rung", [(k, k=0, size(self%rungs) - 1)], "number of the rung, from 0")
+      call add_numbers(table%row, "rung", [(k, k=0, size(self%rungs) - 1)], "number of the rung, from 0")
       call add_numbers(table%repeat, "repeat", [(k, k=0, self%plan%repeats - 1)], "number of the repeat, from 0")
       call add_numbers(table%tone, "tone", [(k, k=1, self%n_tones)], "number of the tone, from 1")
       call add_numbers(table%harmonic, "harmonic", [(k, k=0, n_harmonics - 1)], "number of the harmonic, from 0")
@@ -204,7 +189,7 @@ contains
          call table%file%add_integer("samples", shape(samples), dataset, table%error)
          if (.not. allocated(table%error)) call dataset%write(samples, table%error)
          if (.not. allocated(table%error)) call dataset%attach_scale(1, table%tone, table%error)
-         if (.not. allocated(table%error)) call dataset%attach_scale(2, table%rung, table%error)
+         if (.not. allocated(table%error)) call dataset%attach_scale(2, table%row, table%error)
          if (.not. allocated(table%error)) call describe(dataset, "1", "samples per tone", table%error)
       end subroutine add_sample_counts
    end subroutine add_rungs
@@ -320,7 +305,7 @@ contains
          call table%file%add_real("total_seconds_of_repeat", shape(total), dataset, table%error)
          if (.not. allocated(table%error)) call dataset%write(total, table%error)
          if (.not. allocated(table%error)) call dataset%attach_scale(1, table%repeat, table%error)
-         if (.not. allocated(table%error)) call dataset%attach_scale(2, table%rung, table%error)
+         if (.not. allocated(table%error)) call dataset%attach_scale(2, table%row, table%error)
          if (.not. allocated(table%error)) call describe(dataset, "s", trim(words(part%total))//", each repeat", table%error)
       end subroutine add_all_times
    end subroutine add_costs
@@ -391,27 +376,8 @@ contains
          if (.not. allocated(table%error)) call dataset%attach_scale(1, table%component, table%error)
          if (.not. allocated(table%error)) call dataset%attach_scale(2, table%harmonic, table%error)
          if (.not. allocated(table%error)) call dataset%attach_scale(3, table%dof, table%error)
-         if (rank == 4 .and. .not. allocated(table%error)) call dataset%attach_scale(4, table%rung, table%error)
+         if (rank == 4 .and. .not. allocated(table%error)) call dataset%attach_scale(4, table%row, table%error)
          if (.not. allocated(table%error)) call describe(dataset, self%units, long_name, table%error)
       end subroutine add
    end subroutine add_motions
-
-   !> Median of some numbers; of an even number of them the mean of the middle two.
-   pure real(wp) function median(values)
-      real(wp), intent(in) :: values(:)                               !! at least one
-      real(wp) :: sorted(size(values)), moved
-      integer :: i, k
-
-      sorted = values
-      do i = 2, size(sorted)
-         moved = sorted(i)
-         do k = i - 1, 1, -1
-            if (sorted(k) <= moved) exit
-            sorted(k + 1) = sorted(k)
-         end do
-         sorted(k + 1) = moved
-      end do
-      i = size(sorted)
-      median = 0.5_wp*(sorted((i + 1)/2) + sorted(i/2 + 1))
-   end function median
 end module hb_benchmark_file

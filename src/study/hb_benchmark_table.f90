@@ -1,4 +1,4 @@
-!> Columns of the file of a benchmark: one dataset each, with a value a rung.
+!> Columns of the files of `benchmark` and `bench`: one dataset each, with a value a row. And what both say of times.
 module hb_benchmark_table
    use hb_error, only: error_t
    use hb_hdf5, only: h5_dataset_t, h5_file_t
@@ -6,14 +6,14 @@ module hb_benchmark_table
    use hb_results_file, only: describe, set_flags
    implicit none
    private
-   public :: add_integers, add_one_text, add_reals, add_texts, table_t, text_length
+   public :: add_integers, add_one_text, add_reals, add_texts, median, table_t, text_length, threads_text
 
    integer, parameter :: text_length = 200                            ! longest text of a row
 
    !> A file that is being filled; after an error nothing more is written.
    type :: table_t
       type(h5_file_t) :: file
-      type(h5_dataset_t) :: rung, tone, harmonic, dof, component, repeat   ! dimension scales
+      type(h5_dataset_t) :: row, tone, harmonic, dof, component, repeat   ! dimension scales
       type(error_t), allocatable :: error
    end type table_t
 
@@ -66,12 +66,12 @@ contains
       character(*), intent(in) :: units, long_name
       character(*), intent(in), optional :: parameter
 
-      if (.not. allocated(table%error)) call dataset%attach_scale(1, table%rung, table%error)
+      if (.not. allocated(table%error)) call dataset%attach_scale(1, table%row, table%error)
       if (.not. allocated(table%error)) call describe(dataset, units, long_name, table%error)
       if (present(parameter) .and. .not. allocated(table%error)) call dataset%set_attribute("parameter", parameter, table%error)
    end subroutine finish_column
 
-   !> Adds one text that belongs to no rung.
+   !> Adds one text that belongs to no row.
    subroutine add_one_text(table, name, text, long_name)
       type(table_t), intent(inout) :: table
       character(*), intent(in) :: name, text, long_name
@@ -80,4 +80,39 @@ contains
       if (.not. allocated(table%error)) call table%file%add_text(name, text, dataset, table%error)
       if (.not. allocated(table%error)) call describe(dataset, "1", long_name, table%error)
    end subroutine add_one_text
+
+   !> What the environment says of threads, on which all times depend.
+   function threads_text() result(text)
+      character(:), allocatable :: text
+      character(*), parameter :: names(2) = [character(20) :: "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"]
+      character(32) :: value
+      integer :: i, status
+
+      text = ""
+      do i = 1, size(names)
+         call get_environment_variable(trim(names(i)), value, status=status)
+         if (status /= 0) value = "not set"
+         if (i > 1) text = text//", "
+         text = text//trim(names(i))//" "//trim(value)
+      end do
+   end function threads_text
+
+   !> Median of some numbers; of an even number of them the mean of the middle two.
+   pure real(wp) function median(values)
+      real(wp), intent(in) :: values(:)                               !! at least one
+      real(wp) :: sorted(size(values)), moved
+      integer :: i, k
+
+      sorted = values
+      do i = 2, size(sorted)
+         moved = sorted(i)
+         do k = i - 1, 1, -1
+            if (sorted(k) <= moved) exit
+            sorted(k + 1) = sorted(k)
+         end do
+         sorted(k + 1) = moved
+      end do
+      i = size(sorted)
+      median = 0.5_wp*(sorted((i + 1)/2) + sorted(i/2 + 1))
+   end function median
 end module hb_benchmark_table

@@ -1,14 +1,16 @@
 !> Times of the kernels of one scene, each beside a physical yardstick measured in the same process.
 !>
 !> A repetition runs a kernel and its yardstick one after the other, so that what else the machine does hits both alike; the
-!> ratio is the median over repetitions. Yardsticks: the bare FFTW pair (spectrum to samples and back) of the same grid, batch
+!> ratio is the median over repetitions. Apart from that, the very first run of each is kept: nothing is planned, no memory is
+!> warm. Yardsticks: the bare FFTW pair (spectrum to samples and back) of the same grid, batch
 !> and planning, and LAPACK's LU factorisation of a full matrix of the same size.
 module hb_kernel_times
    use hb_balance, only: balance_t, new_balance
+   use hb_benchmark_table, only: median
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t, fail
-   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, real_block_t
-   use hb_kinds, only: wp
+   use hb_fftw, only: complex_block_t, fft_plan_t, forget_plans, new_complex_block, new_fft_plan, new_real_block, real_block_t
+   use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrf
    use hb_law_set, only: law_dofs_of
    use hb_mpi, only: wall_clock
@@ -39,8 +41,12 @@ module hb_kernel_times
    integer, parameter :: largest_matrix = 8000                        ! unknowns; beyond, nothing with a full matrix is timed
    real(wp), parameter :: shortest = 2.0e-4_wp                        ! seconds that one timing lasts at least
 
+   real(wp), parameter :: unknown = transfer(int(z'7FF8000000000000', int64), 1.0_wp)   ! NaN, for what was not measured
+
    !> Times in seconds; NaN where something was not measured.
    type :: kernel_times_t
+      integer :: n_tones = 0
+      integer :: n_harmonics = 0
       integer :: n_unknowns = 0
       integer :: n_samples = 0                                        !! of the whole grid
       integer :: n_channels = 0                                       !! degrees of freedom of the laws
@@ -48,11 +54,14 @@ module hb_kernel_times
       integer :: iterations = 0
       integer :: evaluations = 0
       real(wp) :: residual = 0.0_wp                                   !! norm that the solution reached
-      real(wp) :: seconds(size(kernel_names)) = 0.0_wp                !! median
-      real(wp) :: fastest(size(kernel_names)) = 0.0_wp
-      real(wp) :: slowest(size(kernel_names)) = 0.0_wp
-      real(wp) :: yardstick(size(kernel_names)) = 0.0_wp              !! median
-      real(wp) :: ratio(size(kernel_names)) = 0.0_wp                  !! median of the ratios of each repetition
+      real(wp) :: seconds(size(kernel_names)) = unknown               !! median
+      real(wp) :: first(size(kernel_names)) = unknown                 !! the first run, nothing planned
+      real(wp) :: fastest(size(kernel_names)) = unknown
+      real(wp) :: slowest(size(kernel_names)) = unknown
+      real(wp) :: yardstick(size(kernel_names)) = unknown             !! median
+      real(wp) :: ratio(size(kernel_names)) = unknown                 !! median of the ratios of each repetition
+      real(wp) :: ratio_low(size(kernel_names)) = unknown             !! their lower quartile
+      real(wp) :: ratio_high(size(kernel_names)) = unknown            !! their upper quartile
    end type kernel_times_t
 
    !> Everything that the timed pieces work on.
@@ -81,8 +90,12 @@ contains
       type(workshop_t) :: shop
       integer :: i
 
-      call set_up(shop, document, error)
+      shop%document = document
+      call run_first(self, shop, error)
+      if (.not. allocated(error)) call set_up(shop, error)
       if (.not. allocated(error)) then
+         self%n_tones = shop%scene%tones%n_tones
+         self%n_harmonics = shop%scene%harmonics%n_harmonics
          self%n_unknowns = shop%balance%n_unknowns
          self%n_samples = shop%scene%torus%n_total
          self%n_channels = shop%balance%n_dofs
@@ -101,25 +114,43 @@ contains
       call shop%spectrum%destroy()
    end subroutine measure_kernels
 
-   !> Solves the scene once, so that kernels are timed where they matter, and plans the yardsticks.
-   subroutine set_up(shop, document, error)
+   !> Times the first point and the first solution, each without any plan from before, and keeps the latter.
+   subroutine run_first(self, shop, error)
+      type(kernel_times_t), intent(inout) :: self
       type(workshop_t), intent(inout) :: shop
-      type(document_t), intent(in) :: document
       type(error_t), allocatable, intent(out) :: error
-      integer :: n
+      real(wp) :: started
 
-      shop%document = document
       call read_fresh(shop%scene, shop%document, error)
       if (allocated(error)) return
       if (size(shop%scene%laws) == 0) then
          call fail(error, "a scene without laws has no kernels to time; add a &law")
-         return
+      else if (any(shop%scene%tones%is_unknown)) then
+         call fail(error, "kernels are timed at given base frequencies; give &tones frequency in place of guess")
       end if
+      if (allocated(error)) return
+      call forget_plans()
+      started = wall_clock()
+      call run_point(shop, error)
+      self%first(kernel%point) = wall_clock() - started
+      if (allocated(error)) return
+      call forget_plans()
+      started = wall_clock()
       call make_balance(shop%scene, shop%balance, error)
       if (allocated(error)) return
-      n = shop%balance%n_unknowns
-      allocate (shop%u(n), shop%r(n), shop%step(n))
+      allocate (shop%u(shop%balance%n_unknowns))
       call solve_balance(shop%scene, shop%balance, shop%u, shop%report)
+      self%first(kernel%solution) = wall_clock() - started
+   end subroutine run_first
+
+   !> Plans the yardsticks and makes room for what kernels leave.
+   subroutine set_up(shop, error)
+      type(workshop_t), intent(inout) :: shop
+      type(error_t), allocatable, intent(out) :: error
+      integer :: n
+
+      n = shop%balance%n_unknowns
+      allocate (shop%r(n), shop%step(n))
       associate (grid => shop%scene%torus, channels => shop%balance%n_dofs)
          call new_real_block(shop%samples, grid%n_total, channels, error)
          if (allocated(error)) return
@@ -191,6 +222,7 @@ contains
          call time_yardstick(shop, i, n_yardstick, yardstick(n + 1))
          call time_kernel(shop, i, n_kernel, seconds(n + 1), error)
          if (allocated(error)) return
+         if (self%first(i) /= self%first(i)) self%first(i) = seconds(1)
          if (n == 0 .and. enough(seconds(1), n_kernel) .and. enough(yardstick(1), n_yardstick)) then
             n = 1
          else if (n == 0) then
@@ -206,7 +238,14 @@ contains
       self%fastest(i) = minval(seconds(:n))
       self%slowest(i) = maxval(seconds(:n))
       self%yardstick(i) = median(yardstick(:n))
-      if (self%yardstick(i) > 0.0_wp) self%ratio(i) = median(seconds(:n)/yardstick(:n))
+      if (.not. self%yardstick(i) > 0.0_wp) then
+         self%yardstick(i) = unknown
+         return
+      end if
+      seconds(:n) = seconds(:n)/yardstick(:n)
+      self%ratio(i) = median(seconds(:n))
+      self%ratio_low(i) = median(pack(seconds(:n), seconds(:n) <= self%ratio(i)))
+      self%ratio_high(i) = median(pack(seconds(:n), seconds(:n) >= self%ratio(i)))
    end subroutine measure
 
    !> Whether `times` runs of so many seconds each last long enough for the clock; a yardstick that does not exist does.
@@ -321,21 +360,4 @@ contains
       end do
       memory_bandwidth = median(bandwidth)
    end function memory_bandwidth
-
-   pure real(wp) function median(values)
-      real(wp), intent(in) :: values(:)
-      real(wp) :: sorted(size(values)), held
-      integer :: i, k
-
-      sorted = values
-      do i = 2, size(sorted)                                          ! insertion sort
-         held = sorted(i)
-         do k = i - 1, 1, -1
-            if (sorted(k) <= held) exit
-            sorted(k + 1) = sorted(k)
-         end do
-         sorted(k + 1) = held
-      end do
-      median = sorted((size(sorted) + 1)/2)
-   end function median
 end module hb_kernel_times

@@ -125,7 +125,7 @@ contains
       type(report_t) :: report
       type(search_t) :: search
       complex(wp), allocatable :: c(:, :)
-      real(wp), allocatable :: u(:, :)
+      real(wp), allocatable :: linear_solution(:, :), u(:, :)
       real(wp) :: begun, cpu_begun, cpu_ended
 
       allocate (u(scene%harmonics%n_coefficients, size(law_dofs)), source=0.0_wp)
@@ -138,11 +138,13 @@ contains
          call keep_tones(scene, balance, report, result)
          if (allocated(search%message)) result%message = search%message
       else
-         if (scene%start_from_linear) call balance%linear_solution(u)
+         allocate (linear_solution, mold=u)
+         call balance%linear_solution(linear_solution)
+         if (scene%start_from_linear) u = linear_solution
          call add_start(scene, law_dofs, u)
          if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
          begun = wall_clock()
-         call solve_unknowns(scene, balance, u, report)
+         call solve_unknowns(scene, balance, linear_solution, u, report)
       end if
       result%setup_seconds = begun - started
       result%solver_seconds = wall_clock() - begun
@@ -191,16 +193,15 @@ contains
    end subroutine keep_tones
 
    !> The solver sees the coefficients as one vector.
-   subroutine solve_unknowns(scene, balance, u, report)
+   subroutine solve_unknowns(scene, balance, linear_solution, u, report)
       type(scene_t), intent(in) :: scene
       type(balance_t), intent(inout) :: balance
+      real(wp), intent(in) :: linear_solution(:, :)                   !! of the scene without its laws, as u
       real(wp), intent(inout), contiguous, target :: u(:, :)
       type(report_t), intent(out) :: report
       real(wp), pointer, contiguous :: x(:)
-      real(wp) :: linear_solution(size(u, 1), size(u, 2))
 
       x(1:size(u)) => u
-      call balance%linear_solution(linear_solution)
       call solve(balance, scene%solver, reshape(linear_solution, [size(u)]), x, report)
    end subroutine solve_unknowns
 

@@ -27,7 +27,8 @@ module hb_progress
    real(wp), parameter :: tally_interval = 0.2_wp                     ! [s] between two messages of a rank to the others
 
    type :: progress_t
-      logical, private :: is_shown = .false., is_debug = .false.
+      logical :: is_debug = .false.                                   !! points are told
+      logical, private :: is_shown = .false.
       logical, private :: on_terminal = .false.
       integer, private :: n_points = 0
       character(:), allocatable, private :: what                      ! is counted

@@ -6,7 +6,7 @@ module hb_scene
    use hb_fftw, only: planning, planning_names
    use hb_harmonics, only: harmonics_t, new_box, new_diamond, new_harmonics, tuple_text
    use hb_kinds, only: two_pi, wp
-   use hb_law, only: law_box_t
+   use hb_law, only: law_box_t, law_t
    use hb_law_catalogue, only: read_law
    use hb_law_set, only: law_dofs_of
    use hb_loads, only: add_harmonic
@@ -23,12 +23,16 @@ module hb_scene
    use hb_torus, only: default_samples, new_torus, torus_t
    implicit none
    private
-   public :: group_names, output_config_t, read_harmonics, read_scene, read_tones, scene_t, sizes_of
+   public :: group_names, groups_read_again, output_config_t, read_again, read_harmonics, read_scene, read_tones, scene_t
+   public :: sizes_of
 
    !> Every group that an input file may have.
    character(11), parameter :: group_names(13) = [character(11) :: &
       "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", &
       "certificate", "output", "march"]
+
+   !> Groups of numbers that many points of a study differ in.
+   character(5), parameter :: groups_read_again(4) = [character(5) :: "tones", "load", "law", "start"]
 
    character(8), parameter :: phase_names(2) = [character(8) :: "integral", "sine"]
 
@@ -69,6 +73,7 @@ module hb_scene
       type(law_box_t), allocatable :: laws(:)
       complex(wp), allocatable :: loads(:, :)                         !! cos - i sin [N], (n_dofs, n_harmonics)
       complex(wp), allocatable :: load_slopes(:, :)                   !! their derivatives by j.omega [N s], as loads
+      logical :: has_inertia_loads = .false.                          !! some grow with the frequency
       complex(wp), allocatable :: start(:, :)                         !! added to the first guess [m], as loads
       type(solver_config_t) :: solver
       logical :: start_from_linear = .true.                           !! first guess: the motion without laws, else zero
@@ -135,14 +140,8 @@ contains
          return
       end if
       allocate (self%loads(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
-      allocate (self%load_slopes, source=self%loads)
-      allocate (self%start(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
-      do i = 1, document%count("load")
-         call read_load(self, document%group("load", i))
-      end do
-      do i = 1, document%count("start")
-         call read_amplitude(self, document%group("start", i), self%start)
-      end do
+      allocate (self%load_slopes, self%start, source=self%loads)
+      call read_loads(self, document)
       if (any(self%tones%is_unknown)) then
          if (self%certificate%improvement_steps > 0) then
             group => document%optional_group("certificate")
@@ -154,6 +153,67 @@ contains
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
       call read_march(self%march, document%optional_group("march"))
    end subroutine read_parts
+
+   !> Reads those of `&tones`, `&law`, `&load` and `&start` anew that a document has, into a scene whose other groups are as before.
+   !> `is_read` is false, and the scene of no use, where something is wrong with them, or where they differ in more than numbers.
+   subroutine read_again(self, document, is_read)
+      type(scene_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document             !! nothing else; of a name all groups or none
+      logical, intent(out) :: is_read
+      type(law_box_t) :: box
+      type(tones_t) :: tones
+      type(error_t), allocatable :: error
+      integer :: i
+
+      is_read = .false.
+      if (any(self%tones%is_unknown)) return
+      if (document%count("tones") > 0) then
+         call read_tones(tones, document, error)
+         if (allocated(error)) return
+         if (tones%n_tones /= self%tones%n_tones .or. any(tones%is_unknown)) return
+         self%tones = tones
+      end if
+      do i = 1, document%count("law")
+         call read_law(box, document%group("law", i), self%structure, i)
+         if (.not. allocated(box%law)) return
+         if (.not. is_alike(box%law, self%laws(i)%law)) return
+         call move_alloc(box%law, self%laws(i)%law)
+      end do
+      call read_loads(self, document)
+      call document%finish(error)
+      is_read = .not. allocated(error)
+   end subroutine read_again
+
+   !> Whether two laws differ by numbers alone.
+   logical function is_alike(law, other)
+      class(law_t), intent(in) :: law, other
+
+      is_alike = .false.
+      if (.not. (same_type_as(law, other) .and. allocated(law%dofs) .and. allocated(law%shape))) return
+      if (size(law%dofs) /= size(other%dofs) .or. any(shape(law%shape) /= shape(other%shape))) return
+      is_alike = all(law%dofs == other%dofs) .and. law%label == other%label .and. law%degree == other%degree .and. &
+                 (law%needs_velocity .eqv. other%needs_velocity) .and. (law%is_multiplier .eqv. other%is_multiplier) .and. &
+                 law%phase_tone == other%phase_tone
+   end function is_alike
+
+   !> Reads all `&load` and `&start`.
+   subroutine read_loads(self, document)
+      type(scene_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      integer :: i
+
+      if (document%count("load") > 0) then
+         self%loads = (0.0_wp, 0.0_wp)
+         self%load_slopes = (0.0_wp, 0.0_wp)
+      end if
+      do i = 1, document%count("load")
+         call read_load(self, document%group("load", i))
+      end do
+      if (document%count("start") > 0) self%start = (0.0_wp, 0.0_wp)
+      do i = 1, document%count("start")
+         call read_amplitude(self, document%group("start", i), self%start)
+      end do
+   end subroutine read_loads
 
    !> What the memory of a scene depends on; laws from the first that has a problem on, and a grid with one, do
    !> not count.
@@ -256,7 +316,7 @@ contains
       call group%finish(error)
       if (allocated(error)) return
       call new_tones(self, omega, error, is_unknown)
-      call annotate(error, group%place())
+      if (allocated(error)) call annotate(error, group%place())
    end subroutine read_tones
 
    !> Reads `&phase`: the conditions that fix the phases of unknown tones.
@@ -383,7 +443,7 @@ contains
       case default
          call new_harmonics(self, reshape(tuples, [n_tones, size(tuples)/n_tones]), error)
       end select
-      call annotate(error, group%place())
+      if (allocated(error)) call annotate(error, group%place())
    end subroutine read_harmonics
 
    !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it.
@@ -399,12 +459,16 @@ contains
       if (power > 0 .and. any(self%tones%is_unknown)) then
          call group%problem("frequency_power", "loads cannot grow with frequencies where some of these are unknown")
       end if
+      if (power == 0) then
+         call read_amplitude(self, group, self%loads)
+         return
+      end if
+      self%has_inertia_loads = .true.
       allocate (amplitudes(size(self%loads, 1), size(self%loads, 2)), source=(0.0_wp, 0.0_wp))
       call read_amplitude(self, group, amplitudes)
       w = self%harmonics%frequencies(self%tones%omega)
       do h = 1, size(w)
          self%loads(:, h) = self%loads(:, h) + abs(w(h))**power*amplitudes(:, h)
-         if (power < 1) cycle
          self%load_slopes(:, h) = self%load_slopes(:, h) + power*abs(w(h))**(power - 1)*sign(1.0_wp, w(h))*amplitudes(:, h)
       end do
    end subroutine read_load

@@ -41,6 +41,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available_memory              !! bytes for this process, the same on all ranks
       type(document_t), target :: first
+      type(document_t) :: points
 
       if (present(available_memory)) self%available_memory = available_memory
       self%input_text = text
@@ -55,6 +56,8 @@ contains
       call read_scene(self%scene, first, error, self%available_memory)
       if (allocated(error)) return
       self%input_complete = first%complete()
+      call self%document%take_groups(group_names, points)            ! the sweep is read by now
+      self%document = points
       call self%document%forget_values()                             ! nobody asks for the texts of single points
       call collect_tuples(self, error)
    end subroutine new_study

@@ -8,6 +8,7 @@ module hb_sweep
    use hb_error, only: error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
    use hb_interruption, only: interruption, interruption_t, new_interruption
+   use hb_kept_scene, only: kept_scene_t
    use hb_kinds, only: wp
    use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, wall_clock, &
       work_counter_t
@@ -46,6 +47,7 @@ module hb_sweep
       type(progress_t) :: progress
       type(interruption_t) :: ending
       type(rank_times_t) :: times
+      type(kept_scene_t) :: kept
       integer :: rank = 0
    end type run_t
 
@@ -195,7 +197,8 @@ contains
       call run%schedule%points_of(unit, first, last)
       do point = first, last
          if (run%ending%is_due()) return
-         call run_point(self%document, self%available_memory, self%plan, run%layout, point, run%rank, neighbour, run%times, result)
+         call run_point(self%document, self%available_memory, self%plan, run%layout, point, run%rank, run%kept, neighbour, &
+            run%times, result)
          call run%ending%note_point(result%solve_seconds)
          started = wall_clock()
          call run%results%write_point(point, result, error)
@@ -203,8 +206,9 @@ contains
          call count_point(summary, result)
          run%times%n_points = run%times%n_points + 1
          run%times%writing = run%times%writing + wall_clock() - started
-         call run%progress%tell_point("point "//to_text(point - 1)//" on rank "//to_text(run%rank)//": "// &
-            outcome_name(result%status)//", "//to_text(result%iterations)//" iterations, "//self%plan%describe(point))
+         if (run%progress%is_debug) call run%progress%tell_point("point "//to_text(point - 1)//" on rank "// &
+            to_text(run%rank)//": "//outcome_name(result%status)//", "//to_text(result%iterations)//" iterations, "// &
+            self%plan%describe(point))
          call run%progress%note(result%status /= outcome%converged, is_report_due)
          if (is_report_due) call report(run%counter, group, run%progress, run%times)
       end do

@@ -16,6 +16,7 @@ module hb_sweep_plan
    !> One parameter and its values along its axis.
    type :: swept_t
       character(:), allocatable :: path                               !! in the input, such as law(1)%gap
+      character(:), allocatable :: group                              !! its name in lower case
       character(:), allocatable :: place                              !! of its group &sweep, for messages
       integer :: axis = 0                                             !! index among the axes of the plan
       logical :: is_text = .false.
@@ -29,7 +30,9 @@ module hb_sweep_plan
       integer, allocatable, private :: length(:)                      ! of each axis
    contains
       procedure :: index_on => sweep_plan_index_on
+      procedure :: agree_in => sweep_plan_agree_in
       procedure :: apply => sweep_plan_apply
+      procedure :: differ_within => sweep_plan_differ_within
       procedure :: describe => sweep_plan_describe
       procedure :: fastest_value => sweep_plan_fastest_value
       procedure :: n_fastest => sweep_plan_n_fastest
@@ -111,7 +114,9 @@ contains
       real(wp) :: first, last
 
       call group%require("parameter", self%path)
+      self%group = ""
       if (allocated(self%path)) then
+         self%group = lower(trim(adjustl(self%path(:scan(self%path//"%", "(% ") - 1))))
          if (index(lower(adjustl(self%path)), "sweep") == 1) then
             call group%problem("parameter", "a sweep cannot vary a sweep; give the path of another group")
          end if
@@ -240,16 +245,49 @@ contains
       sweep_plan_fastest_value = real(modulo(point - 1, self%n_fastest()), wp)
    end function sweep_plan_fastest_value
 
-   !> Sets the values of a point in a document.
-   subroutine sweep_plan_apply(self, point, document, error)
+   !> Whether two points have the same values in a group.
+   pure logical function sweep_plan_agree_in(self, group, first, second) result(agree)
+      class(sweep_plan_t), intent(in) :: self
+      character(*), intent(in) :: group                               !! lower case
+      integer, intent(in) :: first, second                            !! points
+      integer :: i
+
+      agree = .true.
+      do i = 1, size(self%parameters)
+         if (self%parameters(i)%group == group) agree = agree .and. self%index_on(i, first) == self%index_on(i, second)
+      end do
+   end function sweep_plan_agree_in
+
+   !> Whether two points differ in numbers of some groups alone.
+   pure logical function sweep_plan_differ_within(self, groups, first, second) result(is_within)
+      class(sweep_plan_t), intent(in) :: self
+      character(*), intent(in) :: groups(:)                           !! lower case
+      integer, intent(in) :: first, second                            !! points
+      integer :: i
+
+      is_within = .true.
+      do i = 1, size(self%parameters)
+         if (self%index_on(i, first) == self%index_on(i, second)) cycle
+         is_within = is_within .and. .not. self%parameters(i)%is_text .and. any(groups == self%parameters(i)%group)
+      end do
+   end function sweep_plan_differ_within
+
+   !> Sets the values of a point in a document: all, or those that stand in some groups, these in full length.
+   subroutine sweep_plan_apply(self, point, document, error, groups)
       class(sweep_plan_t), intent(in) :: self
       integer, intent(in) :: point                                    !! 1 to n_points
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
+      character(*), intent(in), optional :: groups(:)                 !! lower case
       integer :: i
 
       do i = 1, size(self%parameters)
-         call document%set(self%parameters(i)%path, value_text(self%parameters(i), self%index_on(i, point)), error)
+         if (present(groups)) then
+            if (.not. any(groups == self%parameters(i)%group)) cycle
+            call document%set(self%parameters(i)%path, full_text(self%parameters(i), self%index_on(i, point)), error)
+         else
+            call document%set(self%parameters(i)%path, value_text(self%parameters(i), self%index_on(i, point)), error)
+         end if
          if (allocated(error)) then
             call annotate(error, self%parameters(i)%place)
             return
@@ -281,19 +319,41 @@ contains
       end if
    end function n_values
 
+   !> A value with as many digits as tell it from its neighbours, which is made much faster than the shortest text.
+   function full_text(self, i) result(text)
+      type(swept_t), intent(in) :: self
+      integer, intent(in) :: i
+      character(:), allocatable :: text
+      character(25) :: digits
+
+      text = value_text_of_whole(self, i)
+      if (len(text) > 0) return
+      write (digits, "(es25.16e4)") self%values(i)
+      text = trim(adjustl(digits))
+   end function full_text
+
    !> A value as it would stand in the input; whole numbers without a decimal point, so that they suit integers as well.
    function value_text(self, i) result(text)
       type(swept_t), intent(in) :: self
       integer, intent(in) :: i
       character(:), allocatable :: text
+
+      text = value_text_of_whole(self, i)
+      if (len(text) == 0) text = to_text(self%values(i))
+   end function value_text
+
+   !> A text or a whole number as it would stand in the input, nothing for other values.
+   function value_text_of_whole(self, i) result(text)
+      type(swept_t), intent(in) :: self
+      integer, intent(in) :: i
+      character(:), allocatable :: text
       real(wp), parameter :: largest_whole = 1.0e9_wp
 
+      text = ""
       if (self%is_text) then
          text = quote(self%texts(i)%value)
       else if (abs(self%values(i)) < largest_whole .and. self%values(i) == anint(self%values(i))) then
          text = to_text(nint(self%values(i)))
-      else
-         text = to_text(self%values(i))
       end if
-   end function value_text
+   end function value_text_of_whole
 end module hb_sweep_plan

@@ -4,6 +4,7 @@ module hb_swept_point
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
+   use hb_kept_scene, only: kept_scene_t
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
    use hb_mpi, only: wall_clock
@@ -12,7 +13,7 @@ module hb_swept_point
    use hb_outcome, only: outcome
    use hb_point, only: solve_point
    use hb_results, only: point_result_t, results_layout_t
-   use hb_scene, only: read_scene, scene_t
+   use hb_scene, only: scene_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_timing, only: rank_times_t
    implicit none
@@ -22,44 +23,42 @@ module hb_swept_point
 contains
 
    !> Solves one point; whatever goes wrong becomes its status and message.
-   subroutine run_point(input, available_memory, plan, layout, point, rank, neighbour, times, result)
+   subroutine run_point(input, available_memory, plan, layout, point, rank, kept, neighbour, times, result)
       type(document_t), intent(in) :: input                           !! before values of the sweep are set
       real(wp), intent(in) :: available_memory                        !! bytes
       type(sweep_plan_t), intent(in) :: plan
       type(results_layout_t), intent(in) :: layout
       integer, intent(in) :: point, rank
+      type(kept_scene_t), intent(inout) :: kept                       !! of the point before on this rank
       type(neighbour_t), intent(inout) :: neighbour                   !! solutions of the points before it in its chain
       type(rank_times_t), intent(inout) :: times
       type(point_result_t), intent(out) :: result
-      type(document_t), target :: document
-      type(scene_t) :: scene
       type(error_t), allocatable :: error
       real(wp), allocatable :: start(:), unknowns(:)
       real(wp) :: read, started
+      logical :: is_new
 
       started = wall_clock()
-      document = input
-      call plan%apply(point, document, error)
-      if (.not. allocated(error)) call read_scene(scene, document, error, available_memory)
-      if (.not. allocated(error)) call check_layout(scene, layout, error)
+      call kept%read(input, plan, point, available_memory, is_new, error)
+      if (is_new .and. .not. allocated(error)) call check_layout(kept%scene, layout, error)
       read = wall_clock()
       if (.not. allocated(error)) then
-         if (scene%chain%is_on) call neighbour%predict(plan%fastest_value(point), scene%harmonics%tuples, &
-            scene%chain%secant, start)
-         call solve_point(scene, result, error, start, unknowns)
+         if (kept%scene%chain%is_on) call neighbour%predict(plan%fastest_value(point), kept%scene%harmonics%tuples, &
+            kept%scene%chain%secant, start)
+         call solve_point(kept%scene, result, error, start, unknowns)
       end if
       if (allocated(error)) then
          result%status = outcome%failed
          result%message = error%message
       else
-         call spread_harmonics(scene%harmonics, layout%tuples, result%coefficients)
-         call spread_harmonics(scene%harmonics, layout%tuples, result%force_coefficients)
-         call spread_harmonics(scene%harmonics, layout%tuples, result%corrected_coefficients)
+         call spread_harmonics(kept%scene%harmonics, layout%tuples, result%coefficients)
+         call spread_harmonics(kept%scene%harmonics, layout%tuples, result%force_coefficients)
+         call spread_harmonics(kept%scene%harmonics, layout%tuples, result%corrected_coefficients)
          if (.not. layout%has_improved .and. allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
          call spread_harmonics(result%certificate%wider, layout%tuples, result%improved_coefficients)
       end if
       if (.not. allocated(error) .and. allocated(unknowns)) then
-         call neighbour%keep(plan%fastest_value(point), scene%harmonics%tuples, unknowns)
+         call neighbour%keep(plan%fastest_value(point), kept%scene%harmonics%tuples, unknowns)
       else
          call neighbour%forget()
       end if
@@ -99,6 +98,9 @@ contains
       integer :: h, i
 
       if (.not. allocated(coefficients)) return
+      if (size(tuples, 2) == harmonics%n_harmonics) then
+         if (all(tuples == harmonics%tuples)) return
+      end if
       allocate (all_harmonics(2, size(tuples, 2), size(coefficients, 3)))
       do i = 1, size(tuples, 2)
          h = harmonics%index_of(tuples(:, i))

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from . import __version__, report
+from .bench import KernelTimes
 from .benchmark import Benchmark
 from .errors import NhbmPostError, UsageError
 from .march import read_displacement
@@ -272,6 +273,20 @@ def _parser() -> argparse.ArgumentParser:
                 help="draw also the error of the improved motion (&certificate improvement_steps)",
             )
         _add_output(sub)
+
+    sub = command(
+        "bench",
+        _bench,
+        "time of each kernel over the size of a scene, with its exponent",
+        "Draws what nhbm bench measured (residual, tangent, Newton step, solution, whole point) over harmonics, tones, unknowns, "
+        "samples or a swept parameter, with the yardsticks, and prints the exponents of the larger half of the sizes.",
+        file_help="file of nhbm bench (HDF5)",
+    )
+    sub.add_argument("--also", type=Path, nargs="+", default=[], metavar="FILE", help="further files, such as of other tones")
+    sub.add_argument(
+        "--over", metavar="SIZE", help="n_harmonics, n_tones, ... or the path of a swept parameter (default: what varies)"
+    )
+    _add_output(sub)
     return parser
 
 
@@ -559,6 +574,15 @@ def _cost(arguments):
     what = "unknowns" if benchmark.varying() == "order" else "samples"
     for curve, rate in exponents:
         print(f"{curve.label}: " + (f"time ~ {rate.plain(what)}" if rate else "too few points for an exponent"))
+    _save(fig, arguments)
+
+
+def _bench(arguments):
+    from . import draw
+
+    fig, exponents = draw.draw_bench(KernelTimes(arguments.file, *arguments.also), arguments.over)
+    for kernel, rate in exponents:
+        print(f"{kernel}: " + (f"time ~ {rate.plain('n')}" if rate else "too few points for an exponent"))
     _save(fig, arguments)
 
 

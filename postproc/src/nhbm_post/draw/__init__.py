@@ -1,5 +1,6 @@
 """Pictures of result files and plans, one module a family; every `draw_*` returns a Figure and needs no display."""
 
+from .bench import draw_bench
 from .correction import draw_correction
 from .plan import draw_plan
 from .response import draw_response
@@ -10,6 +11,7 @@ from .time_history import draw_time
 from .work_precision import draw_convergence, draw_cost, draw_work_precision
 
 __all__ = [
+    "draw_bench",
     "draw_convergence",
     "draw_correction",
     "draw_cost",
