@@ -492,8 +492,8 @@ contains
          call group%get("chain_length", self%chain%length, minimum=1, maximum=1000000)
          call group%get("secant", self%chain%secant)
          limit = 0.0_wp
-         call group%get("memory_limit", limit, above=0.0_wp)
-         if (group%given("memory_limit")) self%memory_limit = limit*gib
+         call group%get("memory_limit", limit, minimum=0.0_wp)
+         if (limit > 0.0_wp) self%memory_limit = limit*gib
          solver%method = max(1, findloc(method_names == name, .true., dim=1))
          solver%start_with_tangent = first_jacobian == start_names(2)
          self%chain%is_on = first_guess == first_guess_names(3)
