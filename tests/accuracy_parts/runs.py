@@ -9,6 +9,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from nhbm_post.reader import SOLVED
 from program import BAD_INPUT, command, environment
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -87,7 +88,6 @@ class Balance:
             self.improved = file["improved_coefficients"][()] if "improved_coefficients" in file else None
             self.law_labels = list(file["law_dof"].asstr()[()])
             self.status = file["status"][()]
-            self.seconds = file["solve_seconds"][()]
         self.scene = scene
 
     def pairs(self, point: int = 0, is_improved: bool = False) -> np.ndarray:
@@ -97,6 +97,9 @@ class Balance:
         return sum(w * values[point, labels.index(dof)] for dof, w in zip(scene.dofs, scene.weights))
 
     def at(self, t: np.ndarray, point: int = 0, is_improved: bool = False) -> np.ndarray:
+        """Displacement at times; NaN where the point is not solved."""
+        if self.status[point] not in SOLVED:
+            return np.full_like(t, np.nan)
         return series(t, self.tuples @ self.omega[point], self.pairs(point, is_improved))
 
     def start_groups(self, point: int = 0) -> str:
