@@ -79,6 +79,11 @@ STOP = {"dofs": ("q1", "q3"), "weights": (1.0, -1.0)}
 MIDSPAN = {"dofs": ("v3",), "weights": (1.0,)}
 MASS = {"dofs": ("x1",), "weights": (1.0,)}
 TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+PAPER_BEAM = {
+    "runge_kutta_4": (500, 700, 1000),
+    "central_differences": (700, 2000),
+    "generalized_alpha": (1, 2, 5, 20, 80, 320),
+}
 
 CASES = [
     Case(
@@ -87,7 +92,7 @@ CASES = [
         scene=Scene("benchmark/paper_cubic", **MIDSPAN, sets=("law(1)%stiffness=10",)),
         sample=0.1,
         longest=9.0,
-        marches={"runge_kutta_4": (500, 700, 1000), "central_differences": (700, 2000), "generalized_alpha": (1, 2, 5, 20, 80, 320)},
+        marches=PAPER_BEAM,
         tolerances=(1e-4, 1e-7, 1e-10, 1e-12),
         orders=(1, 3, 5, 7),
         reference_order=9,
@@ -98,7 +103,7 @@ CASES = [
         scene=Scene("benchmark/paper_cubic", **MIDSPAN),
         sample=0.1,
         longest=9.0,
-        marches={"runge_kutta_4": (500, 700, 1000), "central_differences": (700, 2000), "generalized_alpha": (1, 2, 5, 20, 80, 320)},
+        marches=PAPER_BEAM,
         tolerances=(1e-4, 1e-7, 1e-10, 1e-12),
         orders=(3, 5, 7, 9, 11, 13, 15, 17, 19, 21),
         reference_order=25,
@@ -109,7 +114,11 @@ CASES = [
         scene=Scene("benchmark/dynamic_cubic", **STOP),
         sample=0.1,
         longest=16.0,
-        marches={"runge_kutta_4": (50, 100, 200, 400), "central_differences": (80, 400, 2000), "generalized_alpha": (1, 2, 5, 20, 80)},
+        marches={
+            "runge_kutta_4": (50, 100, 200, 400),
+            "central_differences": (80, 400, 2000),
+            "generalized_alpha": (1, 2, 5, 20, 80),
+        },
         tolerances=(1e-4, 1e-7, 1e-10, 1e-12),
         orders=(3, 5, 7, 9, 11, 13, 15, 17, 19, 21),
         reference_order=25,

@@ -46,7 +46,7 @@ def balanced(folder: Path) -> tuple[str, np.ndarray, np.ndarray]:
     nhbm("benchmark", source, result, sets)
     benchmark = Benchmark(result)
     order, error = benchmark.column("order").astype(float), benchmark.error()
-    rate = convergence_rate(order, error)
+    rate = convergence_rate(order, error, "algebraic")
     text = "| order | error of the eight tuples | processor seconds |\n|---|---|---|\n"
     for n, e, s in zip(order, error, benchmark.column("cpu_seconds")):
         text += f"| {n:.0f} | {e:.1e} | {s:.2g} |\n"
