@@ -183,7 +183,7 @@ def draw_tones(found):
         right.set(xlabel="order $N$ of the series", ylabel="relative rms error", title="what a series of order N can do, and does")
         right.set_xticks(SHOWN_ORDERS[::2], [str(n) for n in SHOWN_ORDERS[::2]])
         right.minorticks_off()
-        right.set_ylim(4e-3, 0.6)
+        right.set_ylim(2e-3, 0.6)
         for ax in (left, right):
             ax.grid(True)
             ax.legend(fontsize=7.5)
