@@ -30,6 +30,7 @@ module hb_march
       real(wp), allocatable :: time(:)                                !! [s], (n_stored)
       real(wp), allocatable :: displacement(:, :), velocity(:, :)     !! (n_stored, n_kept_dofs)
       real(wp), allocatable :: force(:, :)                            !! of the laws [N], (n_stored, n_coordinates)
+      real(wp) :: cpu_seconds = 0.0_wp                                !! processor time of the march, set-up of the method included [s]
    end type march_record_t
 
    !> What a record says of the steady motion.
@@ -67,10 +68,14 @@ contains
       type(error_t), allocatable, intent(out) :: error
       class(march_watcher_t), intent(inout), optional :: watcher
       class(integrator_t), allocatable :: integrator
+      real(wp) :: begun, ended
 
+      call cpu_time(begun)
       call new_integrator(integrator, system, config, step, error)
       if (.not. allocated(error)) call integrator%start(state, error)
       if (.not. allocated(error)) call follow(integrator, system, config, step, kept_dofs, state, record, error, watcher)
+      call cpu_time(ended)
+      record%cpu_seconds = ended - begun
       if (allocated(integrator)) call integrator%destroy()
    end subroutine march_from
 

@@ -163,6 +163,8 @@ contains
          rate_units(structure%units(origin%kept_dofs)), "velocity", error, .true.)
       if (.not. allocated(error) .and. size(record%force) > 0) call write_real(self, "force", record%force, &
          [self%time, self%coordinate], "N", "force of the laws on their coordinates, on the left-hand side", error)
+      if (.not. allocated(error)) call write_real(self, "cpu_seconds", record%cpu_seconds, [h5_dataset_t ::], "s", &
+         "processor time of the march", error)
    end subroutine write_record
 
    subroutine write_judgement(self, origin, structure, judgement, error)

@@ -86,6 +86,7 @@ def test_record_opens_in_xarray_with_names_and_units(tmp_path, engine):
         for name, variable in data.variables.items():
             assert variable.attrs.get("long_name"), name
             assert "units" in variable.attrs or variable.dtype.kind in "mM", name
+        assert 0.0 < data.cpu_seconds < 10.0
         np.testing.assert_allclose(data.time, 0.4 * np.arange(51), rtol=1e-13)
         np.testing.assert_allclose(data.force[0], 0.5 * data.displacement[0] ** 3, atol=1e-15)
 

@@ -1,0 +1,315 @@
+"""Error over processor time of marching and of the balance, case by case."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import h5py
+import numpy as np
+from nhbm_post.benchmark import Benchmark
+from runs import Balance, Refused, Scene, march, nhbm, rms, series
+
+# A march is as good as it gets where a longer transient brings its error down by less than this.
+SETTLED = 1.3
+TRIES = 3
+LONG_ENOUGH = 0.1  # processor seconds from which a march is timed once
+WINDOW_PERIODS = 10.0  # of the slowest tone
+
+
+@dataclass(frozen=True)
+class Case:
+    """One scene and what is tried on it."""
+
+    name: str
+    title: str
+    scene: Scene
+    sample: float  # [s], distance of the samples that are compared
+    longest: float  # [s], time after which the start is forgotten to the last digit
+    marches: dict[str, tuple[int, ...]]  # method: steps in one sample
+    orders: tuple[int, ...]
+    reference_order: int
+    tolerances: tuple[float, ...] = ()  # of cvode
+    has_cvode_reference: bool = True  # no: too many degrees of freedom
+    is_smooth: bool = True  # the balance of the reference order is the reference; else cvode, started from it
+    slow_methods: tuple[str, ...] = ()  # solvers that are left out from `slow_order` on
+    slow_order: int = 0
+    improved_method: str = "broyden"
+
+
+@dataclass
+class Point:
+    """One march or one balance: what it costs and how far off it is."""
+
+    label: str
+    seconds: float
+    error: float
+    transient: float = 0.0
+
+
+@dataclass
+class Finding:
+    """All curves of a case."""
+
+    case: Case
+    curves: dict[str, list[Point]] = field(default_factory=dict)
+    agreement: float = float("nan")  # relative rms difference of both ways to the reference
+
+    def cheapest(self, is_march: bool, error: float) -> tuple[str, Point] | None:
+        """Fastest of all marches, or of all balances, with at most this error."""
+        found = [
+            (point.seconds, name, point)
+            for name, points in self.curves.items()
+            for point in points
+            if (name in MARCHES) == is_march and point.error <= error
+        ]
+        return min(found, key=lambda item: item[0])[1:] if found else None
+
+    def least(self, is_march: bool) -> float:
+        return min(p.error for name, points in self.curves.items() for p in points if (name in MARCHES) == is_march)
+
+
+MARCHES = {
+    "runge_kutta_4": "Runge-Kutta 4",
+    "central_differences": "central differences",
+    "generalized_alpha": "generalized alpha",
+    "cvode": "CVODE",
+}
+STOP = {"dofs": ("q1", "q3"), "weights": (1.0, -1.0)}
+MIDSPAN = {"dofs": ("v3",), "weights": (1.0,)}
+MASS = {"dofs": ("x1",), "weights": (1.0,)}
+TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+PAPER_BEAM = {
+    "runge_kutta_4": (500, 700, 1000),
+    "central_differences": (700, 2000),
+    "generalized_alpha": (1, 2, 5, 20, 80, 320),
+}
+
+CASES = [
+    Case(
+        name="cubic_10",
+        title="paper's beam, 10 N/m³",
+        scene=Scene("benchmark/paper_cubic", **MIDSPAN, sets=("law(1)%stiffness=10",)),
+        sample=0.1,
+        longest=9.0,
+        marches=PAPER_BEAM,
+        tolerances=(1e-4, 1e-7, 1e-10, 1e-12),
+        orders=(1, 3, 5, 7),
+        reference_order=9,
+    ),
+    Case(
+        name="cubic_1e10",
+        title="paper's beam, 1e10 N/m³",
+        scene=Scene("benchmark/paper_cubic", **MIDSPAN),
+        sample=0.1,
+        longest=9.0,
+        marches=PAPER_BEAM,
+        tolerances=(1e-4, 1e-7, 1e-10, 1e-12),
+        orders=(3, 5, 7, 9, 11, 13, 15, 17, 19, 21),
+        reference_order=25,
+    ),
+    Case(
+        name="modal_1e10",
+        title="beam of three modes, 1e10 N/m³",
+        scene=Scene("benchmark/dynamic_cubic", **STOP),
+        sample=0.1,
+        longest=16.0,
+        marches={
+            "runge_kutta_4": (50, 100, 200, 400),
+            "central_differences": (80, 400, 2000),
+            "generalized_alpha": (1, 2, 5, 20, 80),
+        },
+        tolerances=(1e-4, 1e-7, 1e-10, 1e-12),
+        orders=(3, 5, 7, 9, 11, 13, 15, 17, 19, 21),
+        reference_order=25,
+    ),
+    Case(
+        name="light_damping",
+        title="lightly damped beam, fast tones",
+        scene=Scene("benchmark/light_damping", **STOP),
+        sample=0.02,
+        longest=1200.0,
+        marches={"runge_kutta_4": (10, 20, 40, 80), "central_differences": (16, 64, 160)},
+        orders=(3, 5, 7, 9, 11, 13, 15),
+        reference_order=21,
+    ),
+    Case(
+        name="long_beam",
+        title="beam of 200 degrees of freedom",
+        scene=Scene("benchmark/long_beam", dofs=("v51",), weights=(1.0,)),
+        sample=0.1,
+        longest=15.0,
+        has_cvode_reference=False,
+        marches={"generalized_alpha": (1, 2, 5, 20, 80, 320)},
+        orders=(3, 5, 7, 9, 11, 13, 15, 17, 19, 21),
+        reference_order=25,
+    ),
+    Case(
+        name="wall",
+        title="paper's beam at a rigid wall",
+        scene=Scene("benchmark/paper_wall", **MIDSPAN, sets=("law(1)%augmentation=1e5",)),
+        sample=0.02,
+        longest=9.0,
+        marches={"central_differences": (40, 80, 160, 320, 640, 1280)},
+        tolerances=TOLERANCES,
+        orders=(3, 5, 7, 9, 11, 13, 17, 21),
+        reference_order=13,
+        is_smooth=False,
+        slow_methods=("newton",),
+        slow_order=15,
+        improved_method="newton",
+    ),
+    Case(
+        name="stop_c2a",
+        title="one mass, elastic stop (C2a)",
+        scene=Scene("benchmark/stop_two_tones", **MASS),
+        sample=0.1,
+        longest=480.0,
+        marches={"runge_kutta_4": (1, 2, 4, 8, 16, 32, 64), "central_differences": (1, 4, 16, 64)},
+        tolerances=TOLERANCES,
+        orders=(3, 5, 7, 9, 13, 17, 21, 25),
+        reference_order=17,
+        is_smooth=False,
+        slow_methods=("newton",),
+        slow_order=21,
+    ),
+    Case(
+        name="dynamic_stop",
+        title="beam of three modes, stop of 1e6 N/m",
+        scene=Scene("benchmark/dynamic_stop", **STOP),
+        sample=0.02,
+        longest=16.0,
+        marches={"runge_kutta_4": (10, 20, 40, 80, 160, 320, 640), "central_differences": (16, 80, 400)},
+        tolerances=TOLERANCES,
+        orders=(3, 5, 7, 9, 13, 17),
+        reference_order=9,
+        is_smooth=False,
+        slow_methods=("newton",),
+        slow_order=15,
+    ),
+    Case(
+        name="jenkins",
+        title="one mass, elastic friction (Jenkins)",
+        scene=Scene("benchmark/jenkins_two_tones", **MASS),
+        sample=0.1,
+        longest=800.0,
+        marches={"runge_kutta_4": (1, 2, 4, 8, 16, 32, 64), "central_differences": (1, 4, 16, 64)},
+        tolerances=TOLERANCES,
+        orders=(3, 5, 7, 9, 11, 13),
+        reference_order=9,
+        is_smooth=False,
+    ),
+]
+
+
+def measure(case: Case, methods: list[str], folder: Path) -> Finding:
+    """All curves of a case."""
+    finding = Finding(case)
+    window, t, reference = _reference(case, folder, finding)
+    size = rms(reference[t >= case.longest])
+    for method, ladder in case.marches.items():
+        rungs = [(f"step {case.sample / n:.2g} s", (f"step={case.sample / n!r}", f"decimation={n}")) for n in ladder]
+        finding.curves[method] = _marches(case, method, rungs, folder, window, t, reference)
+    if case.tolerances:
+        rungs = [(f"tolerance {x:.0e}", (f"step={case.sample!r}", f"tolerance={x!r}")) for x in case.tolerances]
+        finding.curves["cvode"] = _marches(case, "cvode", rungs, folder, window, t, reference)
+    late = t >= case.longest
+    for method in methods:
+        finding.curves[method] = _balances(case, method, folder, t[late], reference[late], size)
+    if not case.is_smooth:
+        finding.curves["improved"] = _improved(case, folder, t[late], reference[late], size)
+    return finding
+
+
+def _reference(case: Case, folder: Path, finding: Finding):
+    """Window [s], times from 0 to its end, and the motion that is taken as true at them."""
+    balance = Balance(case.scene, folder, f"harmonics%order={case.reference_order}", "certificate%is_on=.false.")
+    window = WINDOW_PERIODS * 2.0 * np.pi / balance.omega.min()
+    window = case.sample * np.ceil(window / case.sample)
+    t = case.sample * np.arange(int(round((case.longest + window) / case.sample)) + 1)
+    settings = ("method='cvode'", f"step={case.sample!r}", "tolerance=1e-13")
+    if not case.has_cvode_reference:
+        return window, t, balance.at(t)
+    duration = window if case.is_smooth else t[-1]
+    record = march(case.scene, folder, *settings, f"duration={duration!r}", start=balance.start_groups())
+    if case.is_smooth:
+        reference = balance.at(t)
+        finding.agreement = rms(record.x - reference[: len(record.x)]) / rms(reference)
+        return window, t, reference
+    rest = march(case.scene, folder, *settings, f"duration={t[-1]!r}")
+    apart = np.abs(rest.x - record.x) / rms(record.x)
+    finding.agreement = rms(apart[t >= case.longest])
+    return window, t, record.x
+
+
+def _marches(case: Case, method: str, rungs, folder: Path, window: float, t, reference) -> list[Point]:
+    """Marches from rest, each with the shortest transient after which its error over the window is about what it stays at."""
+    points = []
+    size = rms(reference[t >= case.longest])
+    for label, settings in rungs:
+        seconds: list[float] = []
+        try:
+            while len(seconds) < TRIES and (not seconds or seconds[0] < LONG_ENOUGH):
+                record = march(case.scene, folder, f"method='{method}'", *settings, f"duration={t[-1]!r}")
+                seconds.append(record.cpu)
+        except Refused as refusal:
+            if "not finite" not in str(refusal):
+                raise
+            continue  # the step is beyond the limit of stability
+        errors = _window_errors(record.x - reference, int(round(window / case.sample))) / size
+        first = int(np.argmax(errors <= SETTLED * errors[-1]))
+        share = (t[first] + window) / t[-1]
+        points.append(Point(label, float(np.median(seconds)) * share, float(errors[first]), float(t[first])))
+    return points
+
+
+def _window_errors(difference: np.ndarray, n: int) -> np.ndarray:
+    """Root mean square over n samples from each sample on."""
+    sums = np.concatenate([[0.0], np.cumsum(np.square(difference[::-1]))])  # backwards: late errors are the small ones
+    return np.sqrt((sums[n:] - sums[:-n]) / n)[::-1]
+
+
+def _orders(case: Case, method: str) -> list[int]:
+    return [n for n in case.orders if method not in case.slow_methods or n < case.slow_order]
+
+
+def _balances(case: Case, method: str, folder: Path, t, reference, size: float) -> list[Point]:
+    benchmark = _benchmark(case, method, folder)
+    rates = benchmark.tuples @ _base_frequencies(folder)
+    points = []
+    for rung in np.flatnonzero(benchmark.is_solved):
+        values, scene = benchmark.coefficients[rung], case.scene
+        pairs = sum(w * values[benchmark.dofs.index(dof)] for dof, w in zip(scene.dofs, scene.weights))
+        error = rms(series(t, rates, pairs) - reference) / size
+        points.append(Point(f"order {benchmark.column('order')[rung]}", float(benchmark.column("cpu_seconds")[rung]), error))
+    return points
+
+
+def _benchmark(case: Case, method: str, folder: Path, *sets: str) -> Benchmark:
+    source, result = folder / "benchmark.nml", folder / "benchmark.h5"
+    orders = ",".join(map(str, _orders(case, method)))
+    group = f"&benchmark orders={orders}, methods='{method}', repeats={TRIES} /\n"
+    source.write_text(case.scene.text() + group, encoding="utf-8")
+    nhbm("benchmark", source, result, case.scene.sets + sets)
+    return Benchmark(result)
+
+
+def _base_frequencies(folder: Path) -> np.ndarray:
+    """Base frequencies, from the balance of the reference."""
+    with h5py.File(folder / "balance.h5") as file:
+        return file["frequency"][0]
+
+
+def _improved(case: Case, folder: Path, t, reference, size: float) -> list[Point]:
+    """Motions that are improved by some steps towards twice their order; the time is that of both, of the steps the wall time."""
+    method = case.improved_method
+    steps = "certificate%improvement_steps=8"
+    benchmark = _benchmark(case, method, folder, steps)
+    points = []
+    for rung in np.flatnonzero(benchmark.is_solved):
+        order = int(benchmark.column("order")[rung])
+        balance = Balance(case.scene, folder, f"harmonics%order={order}", steps, f"solver%method='{method}'", name="improved")
+        error = rms(balance.at(t, is_improved=True) - reference) / size
+        seconds = float(benchmark.column("cpu_seconds")[rung] + benchmark.column("certificate_seconds_min")[rung])
+        points.append(Point(f"order {order}", seconds, error))
+    return points

@@ -1,0 +1,141 @@
+"""Runs nhbm on inputs without their sweeps and benchmarks, and reads what comes out as motions over time."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from nhbm_post.reader import SOLVED
+from program import BAD_INPUT, command, environment
+
+ROOT = Path(__file__).resolve().parents[2]
+INPUTS = ROOT / "inputs"
+
+_GROUP_OF_A_STUDY = re.compile(r"^&(?:benchmark|reference|sweep)\b[^\n]*/[^\n]*\n", re.MULTILINE)
+
+
+class Refused(RuntimeError):
+    """The program did not do what it was asked for."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """A march: times, a displacement [m] at each, processor time [s]."""
+
+    t: np.ndarray
+    x: np.ndarray
+    cpu: float
+
+
+@dataclass(frozen=True)
+class Scene:
+    """An input file for one point, values set on top of it, and the displacement looked at as a weighted sum."""
+
+    source: str
+    dofs: tuple[str, ...]
+    weights: tuple[float, ...]
+    sets: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """The input without groups of studies, each of which stands on one line."""
+        text = (INPUTS / f"{self.source}.nml").read_text(encoding="utf-8")
+        return _GROUP_OF_A_STUDY.sub("", text)
+
+    def with_sets(self, *sets: str) -> Scene:
+        return Scene(self.source, self.dofs, self.weights, self.sets + sets)
+
+
+def nhbm(verb: str, source: Path, result: Path, sets: tuple[str, ...], *options: str) -> None:
+    """Runs a verb that writes a file. Points that do not converge are for the caller to notice."""
+    words = command(verb, source, "-o", result, "--overwrite", "--quiet", *options)
+    words += [word for value in sets for word in ("--set", value)]
+    done = subprocess.run(words, cwd=result.parent, env=environment(), capture_output=True, text=True, check=False)
+    if done.returncode >= BAD_INPUT or done.returncode < 0:
+        raise Refused(f"{verb} {source.name}: {done.stderr.strip()}")
+
+
+def march(scene: Scene, folder: Path, *settings: str, start: str = "") -> Record:
+    """Marches a scene with settings of &march, from rest or from the &start groups of a text."""
+    source, result = folder / "march.nml", folder / "march.h5"
+    text = scene.text()
+    if start:
+        settings += ("start='given'",)
+    source.write_text(text + start, encoding="utf-8")
+    sets = scene.sets + ("harmonics%order=1",) + tuple(f"march%{setting}" for setting in settings)
+    nhbm("march", source, result, sets)
+    with h5py.File(result) as file:
+        labels = list(file["dof"].asstr()[()])
+        x = sum(w * file["displacement"][labels.index(dof)] for dof, w in zip(scene.dofs, scene.weights))
+        return Record(file["time"][()], x, float(file["cpu_seconds"][()]))
+
+
+class Balance:
+    """A file of `nhbm solve`: motions of its points."""
+
+    def __init__(self, scene: Scene, folder: Path, *sets: str, addition: str = "", name: str = "balance"):
+        source, self.path = folder / f"{name}.nml", folder / f"{name}.h5"
+        source.write_text(scene.text() + addition, encoding="utf-8")
+        nhbm("solve", source, self.path, scene.sets + sets)
+        with h5py.File(self.path) as file:
+            self.labels = list(file["dof"].asstr()[()])
+            self.tuples = file["tuple"][()]
+            self.omega = file["frequency"][()]
+            self.coefficients = file["coefficients"][()]
+            self.improved = file["improved_coefficients"][()] if "improved_coefficients" in file else None
+            self.law_labels = list(file["law_dof"].asstr()[()])
+            self.status = file["status"][()]
+        self.scene = scene
+
+    def pairs(self, point: int = 0, is_improved: bool = False) -> np.ndarray:
+        """(cos, sin) of the displacement looked at, of each tuple."""
+        values, labels = (self.improved, self.law_labels) if is_improved else (self.coefficients, self.labels)
+        scene = self.scene
+        return sum(w * values[point, labels.index(dof)] for dof, w in zip(scene.dofs, scene.weights))
+
+    def at(self, t: np.ndarray, point: int = 0, is_improved: bool = False) -> np.ndarray:
+        """Displacement at times; NaN where the point is not solved."""
+        if self.status[point] not in SOLVED:
+            return np.full_like(t, np.nan)
+        return series(t, self.tuples @ self.omega[point], self.pairs(point, is_improved))
+
+    def start_groups(self, point: int = 0) -> str:
+        """&start groups whose sum is the state at t = 0: one tuple is enough for displacement and velocity."""
+        rates = self.tuples @ self.omega[point]
+        omega = self.omega[point, 0]
+        rest = ", ".join("0" for _ in self.omega[point][1:])
+        text = ""
+        for label, pairs in zip(self.labels, self.coefficients[point]):
+            x, v = np.nansum(pairs[:, 0]), np.nansum(rates * pairs[:, 1])
+            text += f"&start dof='{label}', tuple=1, {rest}, cos={x:.17e}, sin={v / omega:.17e} /\n"
+        return text
+
+
+def series(t: np.ndarray, rates: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Sum of cosines and sines at times, in blocks that fit into a cache; NaN pairs are tuples outside of the set."""
+    known = ~np.isnan(pairs[:, 0]) & (np.abs(pairs).max(axis=1) > 0.0)
+    rates, pairs = rates[known], pairs[known]
+    x = np.empty_like(t)
+    for i in range(0, len(t), 2000):
+        phases = np.outer(t[i : i + 2000], rates)
+        x[i : i + 2000] = np.cos(phases) @ pairs[:, 0] + np.sin(phases) @ pairs[:, 1]
+    return x
+
+
+def rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))
+
+
+def known_methods(folder: Path) -> list[str]:
+    """Solvers that this program knows, from what it says of one that it does not."""
+    source = folder / "methods.nml"
+    source.write_text(Scene("benchmark/paper_cubic", (), ()).text(), encoding="utf-8")
+    words = command("solve", source, "-o", folder / "methods.h5", "--set", "solver%method='none'")
+    done = subprocess.run(words, cwd=folder, env=environment(), capture_output=True, text=True, check=False)
+    found = re.search(r"known: ([\w, ]+)", done.stderr)
+    if not found:
+        raise Refused(f"the program does not tell its solvers: {done.stderr.strip()}")
+    return found.group(1).split(", ")
