@@ -13,6 +13,7 @@ module hb_kernel_times
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrf
    use hb_law_set, only: law_dofs_of
+   use hb_law_span, only: law_span_t, reduce_to_span
    use hb_mpi, only: wall_clock
    use hb_namelist, only: document_t
    use hb_outcome, only: outcome
@@ -176,7 +177,23 @@ contains
       call read_scene(scene, copy, error)
    end subroutine read_fresh
 
+   !> The balance of what the laws of a scene feel, as a point is solved.
    subroutine make_balance(scene, balance, error)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(inout) :: balance
+      type(error_t), allocatable, intent(out) :: error
+      type(law_span_t) :: span
+      type(scene_t), allocatable :: smaller
+
+      call reduce_to_span(span, scene, smaller)
+      if (span%is_smaller) then
+         call make_balance_of(smaller, balance, error)
+      else
+         call make_balance_of(scene, balance, error)
+      end if
+   end subroutine make_balance
+
+   subroutine make_balance_of(scene, balance, error)
       type(scene_t), intent(in) :: scene
       type(balance_t), intent(inout) :: balance
       type(error_t), allocatable, intent(out) :: error
@@ -186,7 +203,7 @@ contains
          scene%harmonics%frequencies(scene%tones%omega), scene%loads, error)
       if (allocated(error)) return
       call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, scene%laws, scene%planning, error)
-   end subroutine make_balance
+   end subroutine make_balance_of
 
    !> Solves from the first guess of the scene.
    subroutine solve_balance(scene, balance, x, report)
