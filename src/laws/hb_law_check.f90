@@ -190,9 +190,21 @@ contains
       call evaluate(law, moved, lower)
       do a = 1, size(quotient, 2)
          quotient(:, a) = (higher(:, a) - lower(:, a))/(2.0_wp*h)
-         noise(:, a) = units*epsilon(1.0_wp)*(maxval(abs(higher), dim=2) + maxval(abs(lower), dim=2))/h
+         noise(:, a) = units*epsilon(1.0_wp)*(largest(higher) + largest(lower))/h
       end do
    end subroutine central_difference
+
+   !> Largest finite magnitude of each sample.
+   pure function largest(forces)
+      real(wp), intent(in) :: forces(:, :)                            !! (n_samples, n_coordinates)
+      real(wp) :: largest(size(forces, 1))
+      integer :: a
+
+      largest = 0.0_wp
+      do a = 1, size(forces, 2)
+         where (ieee_is_finite(forces(:, a))) largest = max(largest, abs(forces(:, a)))
+      end do
+   end function largest
 
    !> Forces of all samples and, when asked for, their derivatives; sample by sample where a law cannot do all at once, so
    !> that only those are lost that it cannot do.
