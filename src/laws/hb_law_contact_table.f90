@@ -149,7 +149,11 @@ contains
       logical :: is_told
 
       if (.not. allocated(self%turns)) then
-         call press(self, z, f, df_dz)
+         if (present(df_dz)) then
+            call press(self, z, f, df_dz)
+         else
+            call press(self, z, f)
+         end if
          return
       end if
       is_told = allocated(self%cosine)
@@ -161,7 +165,11 @@ contains
       end if
       turned = z                                                      ! (R a).z = a.(R^T z)
       call turn(self, turned, -1.0_wp)
-      call press(self, turned, f, df_dz)
+      if (present(df_dz)) then
+         call press(self, turned, f, df_dz)
+      else
+         call press(self, turned, f)
+      end if
       call turn(self, f, 1.0_wp)
       if (.not. present(df_dz)) return
       do k = 1, size(z, 2)                                            ! R (df/dz) R^T
