@@ -30,7 +30,7 @@ module hb_march
       real(wp), allocatable :: time(:)                                !! [s], (n_stored)
       real(wp), allocatable :: displacement(:, :), velocity(:, :)     !! (n_stored, n_kept_dofs)
       real(wp), allocatable :: force(:, :)                            !! of the laws [N], (n_stored, n_coordinates)
-      real(wp) :: cpu_seconds = 0.0_wp                                !! processor time of the march, set-up of the method included [s]
+      real(wp) :: cpu_seconds = 0.0_wp                                !! of processor, set-up of the method included [s]
    end type march_record_t
 
    !> What a record says of the steady motion.

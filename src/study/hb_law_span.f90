@@ -15,7 +15,7 @@ module hb_law_span
    public :: law_span_t, reduce_to_span
 
    integer, parameter :: most_dofs = 64                                ! of the structure, whose bands are lost
-   real(wp), parameter :: dependent = 1.0e-10_wp                       ! part of a shape outside others, below which it counts as none
+   real(wp), parameter :: dependent = 1.0e-10_wp                       ! part of a shape outside others that counts as none
 
    type :: law_span_t
       logical :: is_smaller = .false.                                 !! than the degrees of freedom; else nothing was reduced

@@ -26,7 +26,8 @@ LAWS = {
     "wall": f"&law type = 'rigid_wall', {POINT}, gap = 0.3 /",
     "rigid friction": f"&law type = 'coulomb_rigid', {POINT}, limit = 0.2 /",
     "slider": f"&law type = 'jenkins', {POINT}, stiffness = 1.0, limit = 0.2 /",
-    "two laws at one point": f"&law type = 'cubic_spring', {POINT}, stiffness = 1.0 /\n&law type = 'van_der_pol', {POINT}, strength = -0.1 /",
+    "two laws at one point": f"&law type = 'cubic_spring', {POINT}, stiffness = 1.0 /\n"
+    f"&law type = 'van_der_pol', {POINT}, strength = -0.1 /",
     "two points": f"&law type = 'elastic_stop', {POINT}, stiffness = 5.0, gap = 0.2 /\n"
     f"&law type = 'quadratic_damping', {OTHER_POINT}, coefficient = 0.2 /",
 }

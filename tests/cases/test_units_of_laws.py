@@ -19,7 +19,12 @@ SAME = 1e-12
 F, L = (1, 0), (0, 1)
 STIFFNESS = (1, -1)
 LAWS = {
-    "annular_clearance": {"dofs": "'x1', 'x2'", "stiffness": (2.0, *STIFFNESS), "clearance": (0.5, *L), "friction_coefficient": 0.1},
+    "annular_clearance": {
+        "dofs": "'x1', 'x2'",
+        "stiffness": (2.0, *STIFFNESS),
+        "clearance": (0.5, *L),
+        "friction_coefficient": 0.1,
+    },
     "blade_contact": {
         "dofs": "'x1', 'x2', 'x3', 'x4'",
         "n_diameters": 1,
