@@ -161,27 +161,8 @@ contains
       real(wp), intent(in), contiguous :: r(:)
       real(wp), intent(out), contiguous :: step(:)
 
-      call solve_linear_of(self, r, step)
+      call self%factors%solve_harmonics(self%harmonics, r, step)
    end subroutine balance_solve_linear
-
-   !> step = S^-1 r, harmonic by harmonic.
-   subroutine solve_linear_of(self, r, step)
-      class(balance_t), intent(in) :: self
-      real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)
-      real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
-      complex(wp) :: c(self%n_dofs)
-      integer :: h, i
-
-      do h = 1, self%harmonics%n_harmonics
-         do i = 1, self%n_dofs
-            c(i) = self%harmonics%amplitude(r(:, i), h)
-         end do
-         call self%factors%solve(h, c)
-         do i = 1, self%n_dofs
-            call self%harmonics%set_amplitude(step(:, i), h, c(i))
-         end do
-      end do
-   end subroutine solve_linear_of
 
    module function balance_rounding_level(self, x) result(level)
       class(balance_t), intent(inout) :: self

@@ -220,18 +220,8 @@ contains
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
-      complex(wp) :: c(self%n_dofs)
-      integer :: h, i
 
-      do h = 1, self%harmonics%n_harmonics
-         do i = 1, self%n_dofs
-            c(i) = self%harmonics%amplitude(r(:, i), h)
-         end do
-         call self%alone%solve(h, c)
-         do i = 1, self%n_dofs
-            call self%harmonics%set_amplitude(step(:, i), h, c(i))
-         end do
-      end do
+      call self%alone%solve_harmonics(self%harmonics, r, step)
       if (.not. allocated(self%coupled)) return
       if (self%coupled%is_usable) call self%coupled%solve(self%harmonics, r, step)
    end subroutine precondition_of

@@ -1,6 +1,7 @@
 !> LU factors of many square complex blocks of one pattern, such as the dynamic stiffness of each harmonic.
 module hb_block_factors
    use hb_block_pattern, only: block_pattern_t
+   use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_lapack, only: zgbtrf, zgbtrs, zgetrf, zgetrs
    implicit none
@@ -14,6 +15,7 @@ module hb_block_factors
    contains
       procedure :: factorise => block_factors_factorise
       procedure :: solve => block_factors_solve
+      procedure :: solve_harmonics => block_factors_solve_harmonics
    end type block_factors_t
 
 contains
@@ -69,4 +71,24 @@ contains
          end if
       end associate
    end subroutine block_factors_solve
+
+   !> Solves for the coefficients of all harmonics, with block h for harmonic h.
+   subroutine block_factors_solve_harmonics(self, set, r, x)
+      class(block_factors_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: r(set%n_coefficients, self%pattern%n)
+      real(wp), intent(out) :: x(set%n_coefficients, self%pattern%n)
+      complex(wp) :: c(self%pattern%n)
+      integer :: h, i
+
+      do h = 1, set%n_harmonics
+         do i = 1, self%pattern%n
+            c(i) = set%amplitude(r(:, i), h)
+         end do
+         call self%solve(h, c)
+         do i = 1, self%pattern%n
+            call set%set_amplitude(x(:, i), h, c(i))
+         end do
+      end do
+   end subroutine block_factors_solve_harmonics
 end module hb_block_factors

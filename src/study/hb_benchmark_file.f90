@@ -2,20 +2,19 @@
 module hb_benchmark_file
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_benchmark, only: benchmark_t, measured_t, part, part_names
-   use hb_benchmark_table, only: add_integers, add_one_text, add_reals, add_texts, median, &
+   use hb_benchmark_table, only: add_integers, add_one_text, add_reals, add_texts, begin_table, end_table, median, &
       table_t, text_length, threads_text
    use hb_coefficient_set, only: coefficient_set_t
-   use hb_error, only: annotate, error_t
+   use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, merge_tuples, new_harmonics
-   use hb_file_place, only: check_place, put_in_place
-   use hb_hdf5, only: create_file, h5_dataset_t
+   use hb_hdf5, only: h5_dataset_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome_names
    use hb_results_file, only: amplitude_convention, describe, schema_version
    use hb_results_plan, only: identifier
    use hb_solver_types, only: rescue_names
    use hb_sweep_plan, only: parameter_units
-   use hb_system, only: process_id, remove_file, utc_now
+   use hb_system, only: utc_now
    use hb_text, only: to_text
    use hb_version, only: git_commit, program_version
    implicit none
@@ -31,23 +30,10 @@ contains
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
       type(table_t) :: table
-      type(error_t), allocatable :: error_in_close
-      character(:), allocatable :: temporary
 
-      call check_place(path, overwrite, error)
-      if (.not. allocated(error)) then
-         temporary = path//"."//to_text(process_id())//".part"
-         call create_file(table%file, temporary, .true., error)
-         if (.not. allocated(error)) then
-            call fill(table, self)
-            call table%file%close(error_in_close)
-            if (allocated(table%error)) call move_alloc(table%error, error)
-            if (allocated(error_in_close) .and. .not. allocated(error)) call move_alloc(error_in_close, error)
-         end if
-         if (.not. allocated(error)) call put_in_place(temporary, path, overwrite, error)
-         if (allocated(error)) call remove_file(temporary)
-      end if
-      call annotate(error, "result file '"//path//"'")
+      call begin_table(table, path, overwrite)
+      if (.not. allocated(table%error)) call fill(table, self)
+      call end_table(table, error)
    end subroutine write_benchmark
 
    subroutine fill(table, self)

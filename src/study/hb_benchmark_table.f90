@@ -1,12 +1,15 @@
 !> Columns of the files of `benchmark` and `bench`: one dataset each, with a value a row. And what both say of times.
 module hb_benchmark_table
-   use hb_error, only: error_t
-   use hb_hdf5, only: h5_dataset_t, h5_file_t
+   use hb_error, only: annotate, error_t
+   use hb_file_place, only: check_place, put_in_place
+   use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t
    use hb_kinds, only: wp
    use hb_results_file, only: describe, set_flags
+   use hb_system, only: process_id, remove_file
+   use hb_text, only: to_text
    implicit none
    private
-   public :: add_integers, add_one_text, add_reals, add_texts, median, table_t, text_length, threads_text
+   public :: add_integers, add_one_text, add_reals, add_texts, begin_table, end_table, median, table_t, text_length, threads_text
 
    integer, parameter :: text_length = 200                            ! longest text of a row
 
@@ -15,9 +18,43 @@ module hb_benchmark_table
       type(h5_file_t) :: file
       type(h5_dataset_t) :: row, tone, harmonic, dof, component, repeat   ! dimension scales
       type(error_t), allocatable :: error
+      character(:), allocatable, private :: path, temporary
+      logical, private :: is_open = .false., overwrite = .false.
    end type table_t
 
 contains
+
+   !> Begins a file under another name than its own.
+   subroutine begin_table(table, path, overwrite)
+      type(table_t), intent(inout) :: table
+      character(*), intent(in) :: path
+      logical, intent(in) :: overwrite                                !! an existing file may be replaced
+
+      table%path = path
+      table%overwrite = overwrite
+      table%temporary = path//"."//to_text(process_id())//".part"
+      call check_place(path, overwrite, table%error)
+      if (allocated(table%error)) return
+      call create_file(table%file, table%temporary, .true., table%error)
+      table%is_open = .not. allocated(table%error)
+      if (.not. table%is_open) call remove_file(table%temporary)
+   end subroutine begin_table
+
+   !> Closes the file and gives it its name; after an error nothing stays of it.
+   subroutine end_table(table, error)
+      type(table_t), intent(inout) :: table
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
+
+      if (allocated(table%error)) call move_alloc(table%error, error)
+      if (table%is_open) then
+         call table%file%close(error_in_close)
+         if (allocated(error_in_close) .and. .not. allocated(error)) call move_alloc(error_in_close, error)
+         if (.not. allocated(error)) call put_in_place(table%temporary, table%path, table%overwrite, error)
+         if (allocated(error)) call remove_file(table%temporary)
+      end if
+      call annotate(error, "result file '"//table%path//"'")
+   end subroutine end_table
 
    !> Adds a column of real numbers.
    subroutine add_reals(table, name, values, units, long_name, parameter)

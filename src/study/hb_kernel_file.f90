@@ -1,9 +1,8 @@
 !> The file of kernel times, one row a point of the input: the only writer of the third schema in docs/schema.md.
 module hb_kernel_file
-   use hb_benchmark_table, only: add_integers, add_one_text, add_reals, add_texts, table_t, text_length, threads_text
-   use hb_error, only: annotate, error_t
-   use hb_file_place, only: check_place, put_in_place
-   use hb_hdf5, only: create_file
+   use hb_benchmark_table, only: add_integers, add_one_text, add_reals, add_texts, begin_table, end_table, table_t, &
+      text_length, threads_text
+   use hb_error, only: error_t
    use hb_kernel_times, only: kernel, kernel_names, kernel_times_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome_names
@@ -11,7 +10,7 @@ module hb_kernel_file
    use hb_results_plan, only: identifier
    use hb_study, only: study_t
    use hb_sweep_plan, only: parameter_units
-   use hb_system, only: process_id, remove_file, utc_now
+   use hb_system, only: utc_now
    use hb_text, only: to_text
    use hb_version, only: git_commit, program_version
    implicit none
@@ -29,23 +28,10 @@ contains
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
       type(table_t) :: table
-      type(error_t), allocatable :: error_in_close
-      character(:), allocatable :: temporary
 
-      call check_place(path, overwrite, error)
-      if (.not. allocated(error)) then
-         temporary = path//"."//to_text(process_id())//".part"
-         call create_file(table%file, temporary, .true., error)
-         if (.not. allocated(error)) then
-            call fill(table, times, study, bandwidth)
-            call table%file%close(error_in_close)
-            if (allocated(table%error)) call move_alloc(table%error, error)
-            if (allocated(error_in_close) .and. .not. allocated(error)) call move_alloc(error_in_close, error)
-         end if
-         if (.not. allocated(error)) call put_in_place(temporary, path, overwrite, error)
-         if (allocated(error)) call remove_file(temporary)
-      end if
-      call annotate(error, "result file '"//path//"'")
+      call begin_table(table, path, overwrite)
+      if (.not. allocated(table%error)) call fill(table, times, study, bandwidth)
+      call end_table(table, error)
    end subroutine write_kernel_times
 
    subroutine fill(table, times, study, bandwidth)
