@@ -73,6 +73,7 @@ contains
       how%retries = options%retries
       how%level = options%level
       how%time_limit = options%time_limit
+      how%status_of_exit = incomplete
       status = success
       is_told = rank_of(comm) == 0 .and. options%level >= log_level%normal
       if (is_told) write (output_unit, "(a)") "nhbm "//options%verb//" "//options%input//": "// &

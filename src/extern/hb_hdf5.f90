@@ -9,6 +9,7 @@
 !> Datasets are contiguous, never compressed. Messages of the library are not printed but put into the error.
 !> Source: HDF5 1.10 Reference Manual; HDF5 Dimension Scale Specification.
 module hb_hdf5
+   use, intrinsic :: iso_fortran_env, only: int64
    use hb_error, only: annotate, error_t
    use hb_hdf5_library, only: check, no_id, start_library, switch_locking_off
    use hb_kinds, only: wp
@@ -43,6 +44,7 @@ module hb_hdf5
       procedure :: attach_scale => dataset_attach_scale
       procedure :: close => dataset_close
       procedure :: get_extents => dataset_get_extents
+      procedure :: get_offset => dataset_get_offset
       procedure :: has_scale => dataset_has_scale
       procedure :: make_scale => dataset_make_scale
       generic :: read => read_integer, read_real, read_texts
@@ -140,6 +142,14 @@ module hb_hdf5
          class(h5_dataset_t), intent(in) :: self
          integer, allocatable :: extents(:)
       end function dataset_get_extents
+
+      !> Gives the byte of the file where the values begin that then follow each other, int32 with the least significant
+      !> byte first (`value_size` 4) or single bytes (1); -1 where the values stand there in another way.
+      module function dataset_get_offset(self, value_size) result(offset)
+         class(h5_dataset_t), intent(in) :: self
+         integer, intent(in) :: value_size                !! [byte]
+         integer(int64) :: offset
+      end function dataset_get_offset
 
       !> Makes the dataset, a vector, a dimension scale of the given name.
       module subroutine dataset_make_scale(self, name, error)

@@ -4,10 +4,11 @@ submodule (hb_hdf5) hb_hdf5_datasets
    use, intrinsic :: iso_c_binding, only: c_char, c_loc, c_null_char, c_null_ptr, c_ptr
    use h5ds, only: h5dsattach_scale_f, h5dsis_attached_f, h5dsset_scale_f
    use hb_hdf5_library, only: new_byte_type, new_space, new_text_type
-   use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, h5dclose_f, h5dcreate_f, h5dget_space_f, &
-      h5dopen_f, h5dwrite_f, H5P_DATASET_CREATE_F, h5pset_alloc_time_f, h5pset_fill_time_f, &
-      h5pset_fill_value_f, h5sclose_f, h5sget_simple_extent_dims_f, h5sget_simple_extent_ndims_f, &
-      H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, H5T_STD_I32LE, h5tclose_f
+   use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, h5dclose_f, h5dcreate_f, h5dget_offset_f, &
+      h5dget_space_f, h5dget_type_f, h5dopen_f, h5dwrite_f, H5P_DATASET_CREATE_F, h5pset_alloc_time_f, &
+      h5pset_fill_time_f, h5pset_fill_value_f, h5sclose_f, h5sget_simple_extent_dims_f, &
+      h5sget_simple_extent_ndims_f, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, H5T_STD_I32LE, &
+      h5tclose_f, h5tequal_f, h5tget_size_f, haddr_t, size_t
    implicit none
 
 contains
@@ -148,6 +149,25 @@ contains
    module procedure dataset_get_extents
       extents = int(self%extents)
    end procedure dataset_get_extents
+
+   module procedure dataset_get_offset
+      integer(hid_t) :: file_type
+      integer(size_t) :: n_bytes
+      integer(haddr_t) :: address
+      integer :: status
+      logical :: is_integer
+
+      offset = -1
+      call h5dget_type_f(self%id, file_type, status)
+      if (status < 0) return
+      call h5tget_size_f(file_type, n_bytes, status)
+      if (status >= 0) call h5tequal_f(file_type, H5T_STD_I32LE, is_integer, status)
+      if (status >= 0 .and. n_bytes == value_size .and. (is_integer .or. value_size == 1)) then
+         call h5dget_offset_f(self%id, address, status)              ! fails unless there is one address for all
+         if (status >= 0) offset = int(address, int64)
+      end if
+      call h5tclose_f(file_type, status)
+   end procedure dataset_get_offset
 
    ! Dimension scales
 

@@ -6,6 +6,7 @@
 !> file in which a status other than 0 means complete.
 module hb_results
    use hb_certificate, only: certificate_t
+   use hb_crash_watch, only: crash_place_t
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_file_t, open_file_parallel
    use hb_held_rows, only: held_rows_t, hold_seconds, new_held_rows, room_for
@@ -63,6 +64,7 @@ module hb_results
       real(wp) :: hold = 0.0_wp, flushed = 0.0_wp       ! [s] how long, and when the last was written
    contains
       procedure :: close => results_close
+      procedure :: crash_place => results_crash_place
       procedure :: flush => results_flush
       procedure :: hold_seconds => results_hold_seconds
       procedure :: write_point => results_write_point
@@ -234,6 +236,16 @@ contains
 
       results_hold_seconds = self%hold
    end function results_hold_seconds
+
+   !> Says where in the file a crash is noted, for hb_crash_watch.
+   type(crash_place_t) function results_crash_place(self) result(place)
+      class(results_t), intent(in) :: self
+
+      place%status = outcome%crashed
+      place%status_offset = self%plan%variables(index_of(self, "status"))%dataset%get_offset(4)
+      place%message_offset = self%plan%variables(index_of(self, "message"))%dataset%get_offset(1)
+      place%message_length = message_length
+   end function results_crash_place
 
    !> Writes what is held back, the statuses last; independent of other ranks. Rows that a run before may have filled are
    !> pending while they are written over, and written whole.

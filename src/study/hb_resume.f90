@@ -3,6 +3,7 @@ module hb_resume
    use hb_error, only: error_t, fail
    use hb_mpi, only: broadcast_integers, comm_t, rank_of, share_error
    use hb_namelist_difference, only: input_differences
+   use hb_outcome, only: outcome
    use hb_results_record, only: open_points, read_record, record_t
    use hb_run_summary, only: count_kept, run_summary_t
    use hb_schedule, only: schedule_t
@@ -21,19 +22,21 @@ contains
 
    !> Leaves in the schedule of all points the units that have a point to solve in the file at `path`; all, where there is no
    !> file. The summary of rank 0 begins with the points that are kept. Collective; an error is the same on all ranks.
-   subroutine choose_units(path, input, retries, comm, schedule, is_there, summary, error)
+   subroutine choose_units(path, input, retries, comm, schedule, crashed, is_there, summary, error)
       character(*), intent(in) :: path
       type(resumed_input_t), intent(in) :: input
       logical, intent(in) :: retries                                  !! points that did not converge are solved again
       type(comm_t), intent(in) :: comm
       type(schedule_t), intent(inout) :: schedule
+      integer, allocatable, intent(out) :: crashed(:)                 !! points of the file, from 1, that are to be passed by
       logical, intent(out) :: is_there                                !! the file
       type(run_summary_t), intent(inout) :: summary
       type(error_t), allocatable, intent(out) :: error
       type(record_t) :: record
       integer, allocatable :: found(:)
+      integer :: i
 
-      allocate (found(0))
+      allocate (crashed(0), found(0))
       if (rank_of(comm) == 0) then
          if (exists(path)) then
             call read_record(record, path, error)
@@ -44,7 +47,10 @@ contains
       is_there = .false.
       call share_error(comm, error)
       if (allocated(error)) return
+      if (rank_of(comm) == 0 .and. size(found) > 0 .and. .not. retries) &
+         crashed = pack([(i, i=1, record%n_points)], record%status == outcome%crashed)
       call broadcast_integers(comm, found)
+      call broadcast_integers(comm, crashed)
       is_there = size(found) > 0                                      ! a 1 and the points, or nothing without a file
       if (.not. is_there) return
       call schedule%keep(found(2:))

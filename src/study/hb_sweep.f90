@@ -5,6 +5,7 @@
 !> numbers for any number of ranks (with FFTW's planning by estimate, which is the default; measured plans may differ in the
 !> last digit).
 module hb_sweep
+   use hb_crash_watch, only: begin_point, crash_place_t, end_point, end_watch, watch_crashes
    use hb_error, only: error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
    use hb_interruption, only: interruption, interruption_t, new_interruption
@@ -36,6 +37,7 @@ module hb_sweep
       logical :: retries = .false.                                    !! ... and its points that did not converge are solved again
       integer :: level = log_level%normal                             !! how much to tell, hb_progress
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s] of wall time
+      integer :: status_of_exit = 1                                   !! exit status where exit() ends the process within a point
    end type run_options_t
 
    !> What a rank works with while it solves points.
@@ -48,6 +50,7 @@ module hb_sweep
       type(interruption_t) :: ending
       type(rank_times_t) :: times
       type(kept_scene_t) :: kept
+      integer, allocatable :: crashed(:)                              !! points to pass by: they have ended a run before
       integer :: rank = 0
    end type run_t
 
@@ -64,6 +67,7 @@ contains
       type(error_t), allocatable :: error_in_close
       type(resumed_input_t) :: input
       type(run_t) :: run
+      type(crash_place_t) :: place
       logical :: is_there
       real(wp) :: started
 
@@ -75,10 +79,11 @@ contains
       call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
          merge(self%scene%chain%length, 1, self%scene%chain%is_on), size_of(comm), block_seconds=0.0_wp)
       is_there = .false.
+      allocate (run%crashed(0))
       if (options%resumes) then
          input%complete = self%input_complete
          input%tuples = self%tuples
-         call choose_units(options%path, input, options%retries, comm, run%schedule, is_there, summary, error)
+         call choose_units(options%path, input, options%retries, comm, run%schedule, run%crashed, is_there, summary, error)
          if (allocated(error)) return
       end if
       if (is_there) then
@@ -90,7 +95,11 @@ contains
       run%schedule%block_seconds = run%results%hold_seconds()
       call new_interruption(run%ending, options%time_limit - (wall_clock() - started), comm, error)
       if (.not. allocated(error)) then
+         place = run%results%crash_place()
+         place%exit_status = options%status_of_exit
+         call watch_crashes(options%path, place)
          call run_points(self, run, options%level, comm, summary, error)
+         call end_watch()
          call share_error(comm, error)
       end if
       call run%results%close(error_in_close)
@@ -197,8 +206,14 @@ contains
       call run%schedule%points_of(unit, first, last)
       do point = first, last
          if (run%ending%is_due()) return
+         if (any(run%crashed == point)) then                          ! of a chain that is solved again
+            call pass_by(run, neighbour, summary)
+            cycle
+         end if
+         call begin_point(point)
          call run_point(self%document, self%available_memory, self%plan, run%layout, point, run%rank, run%kept, neighbour, &
             run%times, result)
+         call end_point()
          call run%ending%note_point(result%solve_seconds)
          started = wall_clock()
          call run%results%write_point(point, result, error)
@@ -213,6 +228,20 @@ contains
          if (is_report_due) call report(run%counter, group, run%progress, run%times)
       end do
    end subroutine run_unit
+
+   !> Counts a point that has ended a run before and is left as it stands in the file; the next has no neighbour.
+   subroutine pass_by(run, neighbour, summary)
+      type(run_t), intent(inout) :: run
+      type(neighbour_t), intent(inout) :: neighbour
+      type(run_summary_t), intent(inout) :: summary
+      type(point_result_t) :: result
+      logical :: is_report_due
+
+      result%status = outcome%crashed
+      call count_point(summary, result)
+      call run%progress%note(.true., is_report_due)
+      call neighbour%forget()
+   end subroutine pass_by
 
    !> Adds the points of this rank to the tallies, and shows those of all ranks where it is time for that.
    subroutine report(counter, group, progress, times)

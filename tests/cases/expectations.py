@@ -35,6 +35,7 @@ STATUSES = (
     "penetrating",
     "collapsed",
     "no_motion",
+    "crashed",
 )
 
 _FORMS = (

@@ -16,7 +16,9 @@ from .text import list_text, number_text, range_text, tuple_text
 
 SCHEMA_VERSION = 1
 
-PENDING, CONVERGED, FAILED = 0, 1, 6
+PENDING, CONVERGED, FAILED, CRASHED = 0, 1, 6, 12
+# No motion was reached that could be looked at.
+EMPTY = (PENDING, FAILED, CRASHED)
 # The balance is solved; 7 to 9 miss a threshold of the certificate.
 SOLVED = (CONVERGED, 7, 8, 9)
 _STATUS_NAMES = {
@@ -32,6 +34,7 @@ _STATUS_NAMES = {
     9: "penetrating",
     10: "collapsed",
     11: "no_motion",
+    CRASHED: "crashed",
 }
 
 _REQUIRED = ("point", "tone", "harmonic", "dof", "tuple", "status", "frequency", "coefficients")
@@ -401,7 +404,7 @@ class Results:
         if not 0 <= point < self.n_points:
             raise ReaderError(f"{self.path}: no point {point}; points: 0 to {self.n_points - 1}")
         status = self.status[point]
-        if status in SOLVED or (allow_unconverged and status not in (PENDING, FAILED)):
+        if status in SOLVED or (allow_unconverged and status not in EMPTY):
             return
         why = f": {self.message(point)}" if self.message(point) else ""
         raise ReaderError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .errors import ReaderError
-from .reader import FAILED, PENDING, SOLVED, Results
+from .reader import CRASHED, EMPTY, PENDING, SOLVED, Results
 from .text import list_text, number_text, tuple_text
 
 _N_AMPLITUDES = 3
@@ -71,7 +71,7 @@ def _point_rows(results: Results, dof: str, shown: int) -> list[list[str]]:
     columns = [results.per_point(name) for name in ("iterations", "residual", "solve_seconds")]
     for point in range(shown):
         row = [str(point), *(number_text(p.values[point]) for p in parameters), results.status_name(point)]
-        if results.status[point] == PENDING:
+        if results.status[point] in (PENDING, CRASHED):
             row += ["-", "-", "-", *("-" for _ in unknown)]
         else:
             iterations, residual, seconds = (column[point] for column in columns)
@@ -94,7 +94,7 @@ def _frequency_text(results: Results, point: int, tone: int) -> str:
 
 def _last_column(results: Results, point: int, dof: str) -> str:
     """Largest amplitudes of a solved point, why a failed one failed."""
-    if results.status[point] in (PENDING, FAILED) or results.status_name(point) in ("collapsed", "no_motion"):
+    if results.status[point] in EMPTY or results.status_name(point) in ("collapsed", "no_motion"):
         return results.message(point) or "-"
     try:
         series = results.series(point, dof, allow_unconverged=True)

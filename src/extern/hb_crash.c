@@ -1,0 +1,175 @@
+#define _XOPEN_SOURCE 700 /* for sigaltstack */
+#include "hb_crash.h"
+
+#include <fcntl.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define MAX_TEXT 512
+#define STACK_SIZE 65536 /* for the handler alone, where the stack of the process has come to its end */
+
+typedef struct {
+   int number;
+   const char *cause;
+} crash_t;
+
+#ifdef __SANITIZE_ADDRESS__
+static const crash_t crashes[] = {{0, NULL}};
+static const size_t n_crashes = 0;
+#else
+static const crash_t crashes[] = {
+   {SIGSEGV, "SIGSEGV (a forbidden address, or the end of the stack)"},
+   {SIGBUS, "SIGBUS (an address that does not exist)"},
+   {SIGFPE, "SIGFPE (a forbidden operation with numbers)"},
+   {SIGILL, "SIGILL (a forbidden instruction)"},
+   {SIGABRT, "SIGABRT (abort)"},
+};
+static const size_t n_crashes = sizeof crashes / sizeof crashes[0];
+#endif
+
+static atomic_llong row_under_way = -1;
+static hb_crash_place_t place;
+static int descriptor = -1;
+static pid_t watched_process;
+static struct sigaction before[sizeof crashes / sizeof crashes[0]];
+static stack_t stack_before;
+static char handler_stack[STACK_SIZE];
+
+/* From here on, nothing but what POSIX allows in a handler. */
+
+static size_t append(char *text, size_t length, const char *words)
+{
+   while (*words != '\0' && length < MAX_TEXT) text[length++] = *words++;
+   return length;
+}
+
+static size_t append_number(char *text, size_t length, long long number)
+{
+   char digits[24];
+   size_t first = sizeof digits - 1;
+   digits[first] = '\0';
+   do {
+      digits[--first] = (char)('0' + number % 10);
+      number /= 10;
+   } while (number > 0 && first > 0);
+   return append(text, length, digits + first);
+}
+
+static int put(const void *bytes, size_t n_bytes, long long offset)
+{
+   return pwrite(descriptor, bytes, n_bytes, (off_t)offset) == (ssize_t)n_bytes;
+}
+
+/* Writes message and status of a point, the status last. */
+static int put_row(long long row, const char *cause)
+{
+   if (place.message_offset >= 0) {
+      char message[MAX_TEXT] = {0};
+      size_t length = append(message, 0, "the process was ended by ");
+      length = append(message, length, cause);
+      append(message, length, " while this point was solved");
+      if (!put(message, (size_t)place.message_length, place.message_offset + row * place.message_length)) return 0;
+   }
+   const unsigned value = (unsigned)place.status;
+   const unsigned char bytes[4] = {(unsigned char)value, (unsigned char)(value >> 8), (unsigned char)(value >> 16),
+                                   (unsigned char)(value >> 24)};
+   return put(bytes, sizeof bytes, place.status_offset + row * (long long)sizeof bytes);
+}
+
+/* Notes that the point under way has crashed, and says so; returns 0 where none is. */
+static int note_crash(const char *cause)
+{
+   if (getpid() != watched_process) return 0; /* a child that the code of a law has made */
+   const long long row = atomic_exchange(&row_under_way, -1);
+   if (row < 0) return 0;
+   const int is_noted = put_row(row, cause);
+   char line[MAX_TEXT];
+   size_t length = append(line, 0, "nhbm: point ");
+   length = append_number(line, length, row);
+   length = append(line, length, " has ended the process by ");
+   length = append(line, length, cause);
+   length = append(line, length, is_noted ? "; its status is crashed, and nhbm resume solves the others\n"
+                                          : "; this could not be noted in the result file\n");
+   return write(STDERR_FILENO, line, length) < 0 ? -1 : 1;
+}
+
+static void on_crash(int number, siginfo_t *information, void *context)
+{
+   (void)context;
+   for (size_t i = 0; i < n_crashes; i++) {
+      if (crashes[i].number != number) continue;
+      note_crash(crashes[i].cause);
+      sigaction(number, &before[i], NULL);
+   }
+   if (information->si_code <= 0) raise(number); /* it was sent; a fault comes again by itself after the return */
+}
+
+/* Lets no other library end its work: some of them would wait here for other ranks. */
+static void on_exit_of_process(void)
+{
+   if (note_crash("exit()") != 0) _exit(place.exit_status);
+}
+
+/* From here on, the usual again. */
+
+static int catch_crashes(void)
+{
+   stack_t stack;
+   memset(&stack, 0, sizeof stack);
+   stack.ss_sp = handler_stack;
+   stack.ss_size = sizeof handler_stack;
+   if (sigaltstack(&stack, &stack_before) != 0) return -1;
+
+   struct sigaction action;
+   memset(&action, 0, sizeof action);
+   action.sa_sigaction = on_crash;
+   action.sa_flags = SA_SIGINFO | SA_ONSTACK;
+   sigfillset(&action.sa_mask);
+   for (size_t i = 0; i < n_crashes; i++) {
+      if (sigaction(crashes[i].number, &action, &before[i]) == 0) continue;
+      while (i-- > 0) sigaction(crashes[i].number, &before[i], NULL);
+      sigaltstack(&stack_before, NULL);
+      return -1;
+   }
+   return 0;
+}
+
+int hb_watch_crashes(const char *path, const hb_crash_place_t *where)
+{
+   static int is_exit_caught = 0;
+
+   hb_end_watch();
+   if (where->status_offset < 0 || where->message_length > MAX_TEXT) return -1;
+   descriptor = open(path, O_WRONLY | O_CLOEXEC);
+   if (descriptor < 0) return -1;
+   place = *where;
+   watched_process = getpid();
+   if (!is_exit_caught) is_exit_caught = atexit(on_exit_of_process) == 0;
+   if (is_exit_caught && catch_crashes() == 0) return 0;
+   close(descriptor);
+   descriptor = -1;
+   return -1;
+}
+
+void hb_begin_point(long long row)
+{
+   if (descriptor >= 0) atomic_store(&row_under_way, row);
+}
+
+void hb_end_point(void)
+{
+   atomic_store(&row_under_way, -1);
+}
+
+void hb_end_watch(void)
+{
+   hb_end_point();
+   if (descriptor < 0) return;
+   for (size_t i = 0; i < n_crashes; i++) sigaction(crashes[i].number, &before[i], NULL);
+   sigaltstack(&stack_before, NULL);
+   close(descriptor);
+   descriptor = -1;
+}

@@ -1,0 +1,32 @@
+/* Notes in the result file that the solution of a point has ended the process: by a fault, abort(), a trap, the end of its
+   stack, exit(). Source: POSIX.1-2017, "Signal Concepts": what a handler may call.
+
+   In the order of use: hb_watch_crashes when the file is open, hb_begin_point and hb_end_point around the solution of each
+   point, hb_end_watch. A point costs two stores. With the address sanitizer, signals are left to that. */
+#ifndef HB_CRASH_H
+#define HB_CRASH_H
+
+/* What is noted, and where: bytes of the file, of the first row each. */
+typedef struct {
+   long long status_offset;  /* of rows of four bytes, least significant first */
+   long long message_offset; /* of rows of message_length bytes; negative: no message is noted */
+   long long message_length;
+   int status;               /* that a crashed point gets */
+   int exit_status;          /* of the process, where it is exit() that ends it within a point */
+} hb_crash_place_t;
+
+/* Opens the file for notes of its own and catches SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT and exit(). A signal that was
+   noted is handed on to whoever caught it before, or ends the process as if nobody did. Returns 0, or -1 where nothing will
+   be noted because the file cannot be opened or a handler cannot be set. */
+int hb_watch_crashes(const char *path, const hb_crash_place_t *place);
+
+/* The point of that row, from 0, is being solved from here on. */
+void hb_begin_point(long long row);
+
+/* No point is being solved any more. */
+void hb_end_point(void);
+
+/* Ends what hb_watch_crashes has begun; safe to call twice. */
+void hb_end_watch(void);
+
+#endif
