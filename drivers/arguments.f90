@@ -1,9 +1,10 @@
 !> The command line of nhbm.
 module arguments
+   use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_progress, only: log_level, log_level_names
-   use hb_text, only: closest_word, join, parse_integer, parse_real, split, string_t, to_text
+   use hb_text, only: join, parse_integer, parse_real, split, string_t, to_text
    implicit none
    private
    public :: argument_list, arguments_t, default_output, read_arguments, read_numbers

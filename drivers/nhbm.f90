@@ -4,9 +4,10 @@ program nhbm
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use arguments, only: argument_list, arguments_t, read_arguments
    use exit_status, only: bad_input, not_all_right, success
+   use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
-   use hb_text, only: closest_word, join, string_t
+   use hb_text, only: join, string_t
    use hb_version, only: git_commit, program_version
    use verb_bench, only: run_bench
    use verb_benchmark, only: run_benchmark_verb

@@ -10,7 +10,8 @@ module verb_benchmark
    use hb_outcome, only: is_solved, outcome, outcome_name
    use hb_file_place, only: check_place
    use hb_progress, only: log_level
-   use hb_text, only: read_text_file, to_text
+   use hb_text, only: to_text
+   use hb_text_file, only: read_text_file
    implicit none
    private
    public :: run_benchmark_verb

@@ -2,6 +2,7 @@
 module verb_plan
    use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t
+   use hb_closest_word, only: closest_word
    use hb_counter_speed, only: measure_counter
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
@@ -11,7 +12,7 @@ module verb_plan
    use hb_schedule, only: new_schedule, ranks_per_counter, schedule_t
    use hb_simulation, only: forecast_t, lognormal_costs, machine_t, simulate, stretched_costs, tasks_t
    use hb_study, only: row_of_study, study_t
-   use hb_text, only: closest_word, join, parse_real, split, string_t, to_text
+   use hb_text, only: join, parse_real, split, string_t, to_text
    use verb_solve, only: load_study
    implicit none
    private

@@ -15,7 +15,8 @@ module verb_solve
    use hb_signals, only: catch_signals, signal_caught, signal_name
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
-   use hb_text, only: join, read_text_file, split, string_t, to_text
+   use hb_text, only: join, split, string_t, to_text
+   use hb_text_file, only: read_text_file
    use hb_timing, only: timing_lines
    use hb_version, only: git_commit, program_version
    implicit none

@@ -5,8 +5,8 @@
 !> untouched.
 module hb_namelist_group
    use hb_kinds, only: wp
+   use hb_namelist_content, only: content_t
    use hb_namelist_order, only: any_length, element_at, matrix_text, pick
-   use hb_namelist_parser, only: content_t
    use hb_namelist_record, only: ask, keep, record_t, value_problem
    use hb_namelist_values, only: integer_range, integers_t, logicals_t, range_t, real_range, reals_t, &
       strings_among, strings_t, texts_of, values_t

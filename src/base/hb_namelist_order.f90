@@ -4,7 +4,7 @@
 !> elements of a list. `pick` puts the numbers of the values in the order of the places.
 module hb_namelist_order
    use hb_kinds, only: int64
-   use hb_namelist_parser, only: element_text, max_values
+   use hb_namelist_content, only: element_text, max_values
    use hb_namelist_record, only: key_problem, record_t, value_problem
    use hb_text, only: to_text
    implicit none

@@ -4,10 +4,12 @@
 !> problems at once, together with the keys of the file that nobody asked for, and `complete` writes the group
 !> back with its defaults.
 module hb_namelist_record
+   use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_namelist_index, only: max_name
-   use hb_namelist_parser, only: content_t, element_text, shown
-   use hb_text, only: closest_word, join, lower, quote, string_t, text_builder_t, to_text
+   use hb_namelist_content, only: content_t, element_text
+   use hb_namelist_scan, only: shown
+   use hb_text, only: join, lower, quote, string_t, text_builder_t, to_text
    implicit none
    private
    public :: ask, keep, key_problem, record_t, value_problem

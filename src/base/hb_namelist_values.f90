@@ -4,9 +4,10 @@
 !> word. `texts_of` gives values as a namelist has them.
 module hb_namelist_values
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_closest_word, only: closest_word
    use hb_kinds, only: int64, wp
-   use hb_namelist_parser, only: shown
-   use hb_text, only: closest_word, join, lower, parse_integer, parse_real, quote, string_t, to_text
+   use hb_namelist_scan, only: shown
+   use hb_text, only: join, lower, parse_integer, parse_real, quote, string_t, to_text
    implicit none
    private
    public :: integer_range, integers_t, logicals_t, range_t, real_range, reals_t, strings_among, strings_t, &

@@ -1,17 +1,12 @@
-!> Work with text: numbers to text and back, lists of words, the closest known word, whole files.
+!> Work with text: numbers to text and back, lists of words.
 module hb_text
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan, ieee_negative_inf, &
-         ieee_positive_inf, &
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan, ieee_negative_inf, ieee_positive_inf, &
       ieee_quiet_nan, ieee_value
-   use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: closest_word, join, lower, parse_integer, parse_real, quote, read_text_file, split, string_t
-   public :: text_builder_t, to_text
+   public :: join, lower, parse_integer, parse_real, quote, split, string_t, text_builder_t, to_text
 
-   integer, parameter :: max_file_bytes = 16*1024**2
-   integer, parameter :: max_word = 63                      !! longest word that closest_word looks at
    character(*), parameter :: digits = "0123456789"
 
    !> One text of a list whose members differ in length.
@@ -37,11 +32,6 @@ module hb_text
    interface join
       module procedure join_strings, join_words
    end interface join
-
-   !> The known word that was probably meant by `word`, ignoring case; empty when none is close.
-   interface closest_word
-      module procedure closest_string, closest_of_words
-   end interface closest_word
 
 contains
 
@@ -213,74 +203,6 @@ contains
       parts(i)%value = text(first:)
    end subroutine split
 
-   pure function closest_string(word, known) result(closest)
-      character(*), intent(in) :: word
-      type(string_t), intent(in) :: known(:)
-      character(:), allocatable :: closest
-      integer :: best, distance, i
-
-      closest = ""
-      best = huge(best)
-      do i = 1, size(known)
-         if (.not. allocated(known(i)%value)) cycle
-         distance = distance_if_close(lower(trim(word)), lower(trim(known(i)%value)))
-         if (distance < best) then
-            best = distance
-            closest = trim(known(i)%value)
-         end if
-      end do
-   end function closest_string
-
-   pure function closest_of_words(word, known) result(closest)
-      character(*), intent(in) :: word
-      character(*), intent(in) :: known(:)
-      character(:), allocatable :: closest
-      integer :: best, distance, i
-
-      closest = ""
-      best = huge(best)
-      do i = 1, size(known)
-         distance = distance_if_close(lower(trim(word)), lower(trim(known(i))))
-         if (distance < best) then
-            best = distance
-            closest = trim(known(i))
-         end if
-      end do
-   end function closest_of_words
-
-   !> Edit distance (insert, delete, replace, swap of neighbours), or huge() when the words are not close;
-   !> close is at most one edit in three letters, or a beginning of three letters and more.
-   pure integer function distance_if_close(word, known) result(distance)
-      character(*), intent(in) :: word, known
-      integer :: rows(-1:max_word, 0:2)                     !! last, last but one and current row, rotating
-      integer :: before, current, i, j, last
-
-      distance = huge(distance)
-      if (len(word) > max_word .or. len(known) > max_word .or. len(word) == 0 .or. len(known) == 0) return
-      rows = 0
-      do j = 0, len(known)
-         rows(j, 0) = j
-      end do
-      do i = 1, len(word)
-         current = mod(i, 3)
-         last = mod(i + 2, 3)
-         before = mod(i + 1, 3)
-         rows(0, current) = i
-         do j = 1, len(known)
-            rows(j, current) = min(rows(j, last) + 1, rows(j - 1, current) + 1, &
-                                   rows(j - 1, last) + merge(0, 1, word(i:i) == known(j:j)))
-            if (i == 1 .or. j == 1) cycle
-            if (word(i:i) == known(j - 1:j - 1) .and. word(i - 1:i - 1) == known(j:j)) then
-               rows(j, current) = min(rows(j, current), rows(j - 2, before) + 1)
-            end if
-         end do
-      end do
-      distance = rows(len(known), mod(len(word), 3))
-      if (distance <= max(len(word), len(known))/3) return
-      if (min(len(word), len(known)) >= 3 .and. (index(known, word) == 1 .or. index(word, known) == 1)) return
-      distance = huge(distance)
-   end function distance_if_close
-
    !> Reads a whole token as a real: sign, digits, point, exponent with e or d. `ok` is false and `value` zero
    !> for anything else and for numbers beyond huge(); `nan` and `inf` are recognised, the caller decides
    !> about them. The range is settled before the runtime converts, which would raise an overflow exception.
@@ -406,47 +328,6 @@ contains
       value = int(number)
       ok = .true.
    end subroutine parse_integer
-
-   !> Reads a whole file as it is, byte by byte; fails for what is no readable file of at most 16 MiB.
-   subroutine read_text_file(path, text, error)
-      character(*), intent(in) :: path
-      character(:), allocatable, intent(out) :: text
-      type(error_t), allocatable, intent(out) :: error
-      character(256) :: reason
-      integer(int64) :: n_bytes
-      integer :: iostat, unit
-      logical :: exists
-
-      if (len_trim(path) == 0) then
-         call fail(error, "the name of the file to read is empty")
-         return
-      end if
-      inquire (file=path, exist=exists)
-      if (.not. exists) then
-         call fail(error, "file '"//trim(path)//"' does not exist")
-         return
-      end if
-      reason = ""
-      open (newunit=unit, file=path, access="stream", form="unformatted", action="read", status="old", &
-            iostat=iostat, iomsg=reason)
-      if (iostat /= 0) then
-         call fail(error, "file '"//trim(path)//"' cannot be opened: "//trim(reason))
-         return
-      end if
-      inquire (unit=unit, size=n_bytes)
-      if (n_bytes < 0) then
-         call fail(error, "'"//trim(path)//"' is not a regular file")
-      else if (n_bytes > max_file_bytes) then
-         call fail(error, "file '"//trim(path)//"' has "//to_text(n_bytes)//" bytes; at most "// &
-                   to_text(max_file_bytes)//" (16 MiB) are read")
-      else
-         allocate (character(n_bytes) :: text)
-         if (n_bytes > 0) read (unit, iostat=iostat, iomsg=reason) text
-         if (iostat /= 0) call fail(error, "file '"//trim(path)//"' cannot be read: "//trim(reason))
-      end if
-      close (unit, iostat=iostat)
-      if (allocated(error) .and. allocated(text)) deallocate (text)
-   end subroutine read_text_file
 
    !> Appends a piece.
    pure subroutine text_builder_add(self, piece)

@@ -3,10 +3,11 @@
 !> D holds all that multiplies the velocity: viscous (symmetric) plus gyroscopic (skew-symmetric) terms.
 module hb_structure
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_lapack, only: dpotrf
-   use hb_text, only: closest_word, join, parse_integer, to_text
+   use hb_text, only: join, parse_integer, to_text
    implicit none
    private
    public :: label_length, max_dofs, new_structure, structure_bytes, structure_t, unit_length

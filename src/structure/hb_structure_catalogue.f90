@@ -2,6 +2,7 @@
 module hb_structure_catalogue
    use hb_beam, only: read_beam
    use hb_chain, only: read_chain
+   use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_jeffcott, only: read_jeffcott
    use hb_kinds, only: wp
@@ -10,7 +11,7 @@ module hb_structure_catalogue
    use hb_namelist, only: group_t
    use hb_rotor_stator, only: read_rotor_stator
    use hb_structure, only: max_dofs, structure_bytes, structure_t
-   use hb_text, only: closest_word, join, lower, to_text
+   use hb_text, only: join, lower, to_text
    implicit none
    private
    public :: known_structures, read_structure

@@ -16,7 +16,8 @@ program fuzz_input
    use hb_results, only: point_result_t
    use hb_scene, only: scene_t
    use hb_study, only: new_study, study_t
-   use hb_text, only: parse_integer, read_text_file, string_t, to_text
+   use hb_text, only: parse_integer, string_t, to_text
+   use hb_text_file, only: read_text_file
    use mutations, only: generator_t, mutant_of, new_generator
    implicit none
 

@@ -1,0 +1,85 @@
+!> The known word that was probably meant by a misspelt one.
+!> Source of the distance: Damerau-Levenshtein, restricted to one swap of neighbours at a place.
+module hb_closest_word
+   use hb_text, only: lower, string_t
+   implicit none
+   private
+   public :: closest_word
+
+   integer, parameter :: max_word = 63                      !! longest word that is looked at
+
+   !> The known word that was probably meant by `word`, ignoring case; empty when none is close.
+   interface closest_word
+      module procedure closest_string, closest_of_words
+   end interface closest_word
+
+contains
+
+   pure function closest_string(word, known) result(closest)
+      character(*), intent(in) :: word
+      type(string_t), intent(in) :: known(:)
+      character(:), allocatable :: closest
+      integer :: best, distance, i
+
+      closest = ""
+      best = huge(best)
+      do i = 1, size(known)
+         if (.not. allocated(known(i)%value)) cycle
+         distance = distance_if_close(lower(trim(word)), lower(trim(known(i)%value)))
+         if (distance < best) then
+            best = distance
+            closest = trim(known(i)%value)
+         end if
+      end do
+   end function closest_string
+
+   pure function closest_of_words(word, known) result(closest)
+      character(*), intent(in) :: word
+      character(*), intent(in) :: known(:)
+      character(:), allocatable :: closest
+      integer :: best, distance, i
+
+      closest = ""
+      best = huge(best)
+      do i = 1, size(known)
+         distance = distance_if_close(lower(trim(word)), lower(trim(known(i))))
+         if (distance < best) then
+            best = distance
+            closest = trim(known(i))
+         end if
+      end do
+   end function closest_of_words
+
+   !> Edit distance (insert, delete, replace, swap of neighbours), or huge() when the words are not close;
+   !> close is at most one edit in three letters, or a beginning of three letters and more.
+   pure integer function distance_if_close(word, known) result(distance)
+      character(*), intent(in) :: word, known
+      integer :: rows(-1:max_word, 0:2)                     !! last, last but one and current row, rotating
+      integer :: before, current, i, j, last
+
+      distance = huge(distance)
+      if (len(word) > max_word .or. len(known) > max_word .or. len(word) == 0 .or. len(known) == 0) return
+      rows = 0
+      do j = 0, len(known)
+         rows(j, 0) = j
+      end do
+      do i = 1, len(word)
+         current = mod(i, 3)
+         last = mod(i + 2, 3)
+         before = mod(i + 1, 3)
+         rows(0, current) = i
+         do j = 1, len(known)
+            rows(j, current) = min(rows(j, last) + 1, rows(j - 1, current) + 1, &
+                                   rows(j - 1, last) + merge(0, 1, word(i:i) == known(j:j)))
+            if (i == 1 .or. j == 1) cycle
+            if (word(i:i) == known(j - 1:j - 1) .and. word(i - 1:i - 1) == known(j:j)) then
+               rows(j, current) = min(rows(j, current), rows(j - 2, before) + 1)
+            end if
+         end do
+      end do
+      distance = rows(len(known), mod(len(word), 3))
+      if (distance <= max(len(word), len(known))/3) return
+      if (min(len(word), len(known)) >= 3 .and. (index(known, word) == 1 .or. index(word, known) == 1)) return
+      distance = huge(distance)
+   end function distance_if_close
+end module hb_closest_word

@@ -1,0 +1,173 @@
+!> The groups of a namelist document: a list in file order, and those of a name by their number.
+module hb_namelist_groups
+   use hb_namelist_content, only: content_t
+   use hb_namelist_group, only: group_t, new_group
+   use hb_namelist_index, only: name_table_t
+   use hb_text, only: lower
+   implicit none
+   private
+   public :: groups_t, max_groups, new_groups
+
+   integer, parameter :: max_groups = 100000
+
+   !> Keeps a group at one address while the list of groups grows.
+   type :: holder_t
+      type(group_t), allocatable :: group
+   end type holder_t
+
+   !> The list; `append` as often as needed, then `sort` before groups are asked for by name.
+   type :: groups_t
+      integer :: n = 0
+      type(holder_t), allocatable :: holders(:)             !! (capacity), file order, then added ones
+      type(name_table_t) :: names                           !! of the groups, each name once
+      logical :: keeps_values = .true.                      !! for `complete`; of groups that are appended
+      integer, allocatable, private :: n_of(:)              !! groups of a name, (names%n)
+      integer, allocatable, private :: first_of(:)          !! where a name begins in `order`, (names%n)
+      integer, allocatable, private :: order(:)             !! groups, those of a name together, (n)
+      integer, allocatable, private :: name_of(:)           !! number of the name of each group, (capacity)
+   contains
+      procedure :: add => groups_add
+      procedure :: append => groups_append
+      procedure :: count => groups_count
+      procedure :: forget_values => groups_forget_values
+      procedure :: position_of => groups_position_of
+      procedure :: sort => groups_sort
+      procedure :: take => groups_take
+   end type groups_t
+
+contains
+
+   !> Empty list.
+   pure subroutine new_groups(self)
+      type(groups_t), intent(out) :: self
+
+      allocate (self%holders(8), self%name_of(8), self%n_of(0), self%first_of(0), self%order(0))
+   end subroutine new_groups
+
+   !> Appends a group; the groups before it keep their addresses.
+   pure subroutine groups_append(self, name, file_name, line, content)
+      class(groups_t), intent(inout) :: self
+      character(*), intent(in) :: name                      !! lower case
+      character(*), intent(in) :: file_name
+      integer, intent(in) :: line                           !! 0: not in the file
+      type(content_t), intent(in), optional :: content
+
+      call make_room(self, name)
+      allocate (self%holders(self%n)%group)
+      call new_group(self%holders(self%n)%group, name, file_name, line, content)
+      self%holders(self%n)%group%keeps_values = self%keeps_values
+   end subroutine groups_append
+
+   !> Makes the list longer by one group of a name, which is to be allocated.
+   pure subroutine make_room(self, name)
+      type(groups_t), intent(inout) :: self
+      character(*), intent(in) :: name
+      type(holder_t), allocatable :: larger(:)
+      integer, allocatable :: larger_name_of(:)
+      integer :: i, i_name
+
+      if (self%n == size(self%holders)) then
+         allocate (larger(2*self%n), larger_name_of(2*self%n))
+         do i = 1, self%n
+            call move_alloc(self%holders(i)%group, larger(i)%group)
+         end do
+         larger_name_of(1:self%n) = self%name_of
+         call move_alloc(larger, self%holders)
+         call move_alloc(larger_name_of, self%name_of)
+      end if
+      i_name = self%names%find(name)
+      if (i_name == 0) then
+         call self%names%add(name)
+         i_name = self%names%n
+      end if
+      self%n = self%n + 1
+      self%name_of(self%n) = i_name
+   end subroutine make_room
+
+   !> Adds the first group of a name, without keys; the list stays sorted.
+   pure subroutine groups_add(self, name, file_name)
+      class(groups_t), intent(inout) :: self
+      character(*), intent(in) :: name                      !! lower case
+      character(*), intent(in) :: file_name
+
+      call self%append(name, file_name, 0)
+      self%n_of = [self%n_of, 1]
+      self%first_of = [self%first_of, self%n]
+      self%order = [self%order, self%n]
+   end subroutine groups_add
+
+   !> Sorts the groups by name in linear time, file order within a name, and numbers them.
+   pure subroutine groups_sort(self)
+      class(groups_t), intent(inout) :: self
+      integer :: i, k, next(self%names%n)
+
+      deallocate (self%n_of, self%first_of, self%order)
+      allocate (self%n_of(self%names%n), source=0)
+      allocate (self%first_of(self%names%n), self%order(self%n))
+      do i = 1, self%n
+         self%n_of(self%name_of(i)) = self%n_of(self%name_of(i)) + 1
+      end do
+      k = 1
+      do i = 1, self%names%n
+         self%first_of(i) = k
+         k = k + self%n_of(i)
+      end do
+      next = self%first_of
+      do i = 1, self%n
+         k = self%name_of(i)
+         self%order(next(k)) = i
+         self%holders(i)%group%number = next(k) - self%first_of(k) + 1
+         self%holders(i)%group%is_repeated = self%n_of(k) > 1
+         next(k) = next(k) + 1
+      end do
+   end subroutine groups_sort
+
+   !> Number of groups of a name.
+   pure integer function groups_count(self, name) result(n)
+      class(groups_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer :: i_name
+
+      n = 0
+      i_name = self%names%find(lower(trim(name)))
+      if (i_name > 0) n = self%n_of(i_name)
+   end function groups_count
+
+   !> Position of the i-th group of a name, which must exist.
+   pure integer function groups_position_of(self, name, i) result(position)
+      class(groups_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: i
+
+      position = self%order(self%first_of(self%names%find(lower(trim(name)))) + i - 1)
+   end function groups_position_of
+
+   !> Keeps no text of the values that are read from now on: `complete` is not asked for, reading is faster by a quarter.
+   !> Copies behave likewise.
+   pure subroutine groups_forget_values(self)
+      class(groups_t), intent(inout) :: self
+      integer :: i
+
+      self%keeps_values = .false.
+      do i = 1, self%n
+         self%holders(i)%group%keeps_values = .false.
+      end do
+   end subroutine groups_forget_values
+
+   !> Copies the groups of some names, as they are, into a list of their own.
+   pure subroutine groups_take(self, names, other)
+      class(groups_t), intent(in) :: self
+      character(*), intent(in) :: names(:)                  !! lower case
+      type(groups_t), intent(out) :: other
+      integer :: i
+
+      call new_groups(other)
+      other%keeps_values = self%keeps_values
+      do i = 1, self%n
+         if (.not. any(names == self%holders(i)%group%name)) cycle
+         call make_room(other, self%holders(i)%group%name)
+         other%holders(other%n)%group = self%holders(i)%group
+      end do
+      call other%sort()
+   end subroutine groups_take
+end module hb_namelist_groups

@@ -1,0 +1,123 @@
+!> Paths to keys of a namelist document, such as law(2)%gap: their parts, and which group they name.
+module hb_namelist_path
+   use hb_closest_word, only: closest_word
+   use hb_error, only: error_t, fail
+   use hb_namelist_group, only: group_t
+   use hb_namelist_groups, only: groups_t
+   use hb_namelist_scan, only: shown
+   use hb_text, only: lower, parse_integer, quote, string_t, to_text
+   implicit none
+   private
+   public :: path_help, select_group, split_path
+
+   character(*), parameter :: path_help = &
+      "a path is like solver%tolerance, law(2)%gap, law(label)%gap or tones%frequency(2)"
+
+contains
+
+   !> Cuts name(selector)%key into its parts; the selector is empty without brackets, the key in a wrong path.
+   pure subroutine split_path(path, name, selector, key)
+      character(*), intent(in) :: path
+      character(:), allocatable, intent(out) :: name, selector, key
+      integer :: close, first
+
+      selector = ""
+      key = ""
+      first = scan(path, "(%")
+      name = lower(trim(path(1:max(0, first - 1))))
+      if (first == 0) return
+      if (path(first:first) == "%") then
+         key = trim(adjustl(path(first + 1:)))
+         return
+      end if
+      close = index(path, ")%")
+      if (close <= first + 1) return
+      selector = trim(adjustl(path(first + 1:close - 1)))
+      if (len(selector) > 0) key = trim(adjustl(path(close + 2:)))
+   end subroutine split_path
+
+   !> Number of the group that a path names; fails when there is none, or more than one.
+   pure subroutine select_group(groups, name, selector, i_group, error)
+      type(groups_t), intent(in) :: groups
+      character(*), intent(in) :: name                      !! of groups that there are, lower case
+      character(*), intent(in) :: selector                  !! number, label, or empty for the only one
+      integer, intent(out) :: i_group
+      type(error_t), allocatable, intent(out) :: error
+      type(string_t), allocatable :: labels(:)
+      character(:), allocatable :: text
+      integer :: i, n, n_matches, number
+      logical :: is_number
+
+      i_group = 0
+      n = groups%count(name)
+      if (len(selector) == 0) then
+         i_group = groups%position_of(name, 1)
+         if (n > 1) call fail(error, &
+               "there are "//to_text(n)//" groups &"//name//"; write "//name//"(1) to "//name// &
+                              "("//to_text(n)//"), or "//name//"(label)")
+         return
+      end if
+      call parse_integer(selector, number, is_number)
+      if (is_number) then
+         if (number < 1 .or. number > n) then
+            call fail(error, &
+                  "there is no "//name//"("//shown(selector)//"); the file has "//name//"(1) to "//name// &
+                      "("//to_text(n)//")")
+         else
+            i_group = groups%position_of(name, number)
+         end if
+         return
+      end if
+      allocate (labels(n))
+      n_matches = 0
+      do i = 1, n
+         labels(i)%value = label_of(groups%holders(groups%position_of(name, i))%group)
+         if (labels(i)%value /= selector) cycle
+         n_matches = n_matches + 1
+         i_group = groups%position_of(name, i)
+      end do
+      if (n_matches > 1) then
+         call fail(error, &
+                   to_text(n_matches)//" groups &"//name//" have the label "//quote(shown(selector))// &
+                   "; use their numbers")
+      else if (n_matches == 0) then
+         text = closest_word(selector, labels)
+         if (text /= "") text = " did you mean "//quote(text)//"?"
+         call fail(error, "no group &"//name//" has the label "//quote(shown(selector))//";"//text// &
+                   labels_text(labels))
+      end if
+   end subroutine select_group
+
+   !> The first twenty labels that are not empty, for a message.
+   pure function labels_text(labels) result(text)
+      type(string_t), intent(in) :: labels(:)
+      character(:), allocatable :: text
+      integer :: i, n
+
+      text = ""
+      n = 0
+      do i = 1, size(labels)
+         if (len(labels(i)%value) == 0 .or. n == 20) cycle
+         n = n + 1
+         if (n > 1) text = text//", "
+         text = text//quote(shown(labels(i)%value))
+      end do
+      if (n == 0) then
+         text = " none has one, use their numbers"
+      else
+         text = " labels: "//text
+      end if
+   end function labels_text
+
+   !> Value of the key `label` of a group, empty when it has none.
+   pure function label_of(group) result(label)
+      type(group_t), intent(in) :: group
+      character(:), allocatable :: label
+      integer :: i_key
+
+      label = ""
+      i_key = group%content%names%find("label")
+      if (.not. group%content%is_given(i_key)) return
+      if (group%content%keys(i_key)%head > 0) label = trim(group%content%word(group%content%keys(i_key)%head))
+   end function label_of
+end module hb_namelist_path
