@@ -6,7 +6,7 @@
 !> Source: docs/theory.md, section 6.2; Broyden, Math. Comp. 19 (1965) 577-593; Kelley, Iterative Methods for Linear and
 !> Nonlinear Equations, SIAM 1995, chapter 7.
 module hb_broyden
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_ending, only: end_at_point, end_without_step
    use hb_kinds, only: wp
    use hb_line_search, only: line_search_t, new_line_search
    use hb_outcome, only: outcome
@@ -47,15 +47,7 @@ contains
       report%residual = problem%norm(r)
       call search%remember(report%residual)
       report%evaluations = 1
-      if (.not. ieee_is_finite(report%residual)) then
-         report%status = outcome%not_finite
-         return
-      end if
-      if (report%residual <= config%tolerance) then
-         report%status = outcome%converged
-      else if (config%max_iterations == 0) then
-         report%status = outcome%out_of_budget
-      end if
+      call end_at_point(config, report)
       if (report%status /= outcome%pending) return
       allocate (inverse%a(problem%n_unknowns, config%memory), inverse%s(problem%n_unknowns, config%memory))
       if (config%start_with_tangent) then
@@ -68,14 +60,10 @@ contains
          call search%advance(problem, step, x, r, report%residual, fraction)
          report%iterations = report%iterations + 1
          report%evaluations = 1 + search%n_residuals
-         if (report%residual <= config%tolerance) then
-            report%status = outcome%converged
-         else if (fraction <= 0.0_wp .and. inverse%n_updates == 0 .and. inverse%with_tangent) then
-            report%status = outcome%stalled
-            if (search%met_only_nan) report%status = outcome%not_finite
-            if (report%residual <= problem%rounding_level(x)) report%status = outcome%converged
-         else if (report%iterations >= config%max_iterations) then
-            report%status = outcome%out_of_budget
+         if (fraction <= 0.0_wp .and. inverse%n_updates == 0 .and. inverse%with_tangent) then
+            call end_without_step(problem, x, search%failure, report)
+         else
+            call end_at_point(config, report)
          end if
          if (report%status /= outcome%pending) return
 

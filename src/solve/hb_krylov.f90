@@ -3,7 +3,7 @@
 !> Source: docs/theory.md, section 6.6; Dembo, Eisenstat, Steihaug, SIAM J. Numer. Anal. 19 (1982) 400-408; Eisenstat and
 !> Walker, SIAM J. Sci. Comput. 17 (1996) 16-32 (accuracy of the steps, second choice).
 module hb_krylov
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_ending, only: end_at_point, end_without_step
    use hb_kinds, only: wp
    use hb_line_search, only: line_search_t, new_line_search
    use hb_outcome, only: outcome
@@ -40,13 +40,7 @@ contains
       accuracy = lowest_accuracy
       do
          report%evaluations = 1 + search%n_residuals
-         if (.not. ieee_is_finite(report%residual)) then
-            report%status = outcome%not_finite
-         else if (report%residual <= config%tolerance) then
-            report%status = outcome%converged
-         else if (report%iterations >= config%max_iterations) then
-            report%status = outcome%out_of_budget
-         end if
+         call end_at_point(config, report)
          if (report%status /= outcome%pending) return
 
          if (report%iterations == 0) call new_tangent_krylov(tangent, problem%n_unknowns, config%krylov_vectors, &
@@ -56,8 +50,7 @@ contains
          report%factorizations = tangent%n_preconditioners
          report%products = tangent%n_products
          if (.not. tangent%residual < useless) then
-            report%status = outcome%singular
-            if (report%residual <= problem%rounding_level(x)) report%status = outcome%converged
+            call end_without_step(problem, x, outcome%singular, report)
             return
          end if
          step = -step
@@ -66,9 +59,7 @@ contains
          report%iterations = report%iterations + 1
          if (fraction <= 0.0_wp) then
             report%evaluations = 1 + search%n_residuals
-            report%status = outcome%stalled
-            if (search%met_only_nan) report%status = outcome%not_finite
-            if (report%residual <= problem%rounding_level(x)) report%status = outcome%converged
+            call end_without_step(problem, x, search%failure, report)
             return
          end if
          accuracy = min(lowest_accuracy, 0.9_wp*(report%residual/norm_before)**2)  ! what quadratic convergence can use

@@ -2,9 +2,11 @@
 !>
 !> Comparing with a few past residuals lets the iteration cross kinks of contact laws, where the residual may rise for a
 !> step or two. Source: Grippo, Lampariello, Lucidi, SIAM J. Numer. Anal. 23 (1986) 707-716, with the residual as merit.
+!> Where the residual is bounded, that comparison alone lets the unknowns run away; so trials too far off are not looked at.
 module hb_line_search
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp
+   use hb_outcome, only: outcome
    use hb_problem, only: problem_t
    implicit none
    private
@@ -12,12 +14,14 @@ module hb_line_search
 
    integer, parameter :: window = 6                                   ! past residuals to compare with
    integer, parameter :: most_halvings = 12
+   real(wp), parameter :: runaway = 1.0e8_wp                          ! of the unknowns: half of their digits are lost there
    real(wp), parameter :: decrease = 1.0e-4_wp                        ! share of the decrease that a full step promises
 
    type :: line_search_t
       logical :: is_on = .true.                                       !! off: full steps always
       integer :: n_residuals = 0                                      !! residuals evaluated so far
-      logical :: met_only_nan = .false.                               !! no trial of the last step was finite
+      integer :: failure = outcome%pending                            !! why no trial of the last step was accepted, hb_outcome
+      real(wp), private :: farthest = 0.0_wp                          ! trial that is tried, in units of x_scale
       real(wp), private :: past(window) = 0.0_wp
       integer, private :: n_past = 0
       real(wp), allocatable, private :: x_trial(:), r_trial(:)        ! latest trial
@@ -48,7 +52,8 @@ contains
    end subroutine line_search_remember
 
    !> Moves x along `step`, halving it until the residual is small enough; on success x, r and norm are those of the new
-   !> point and `fraction` tells how much of the step was taken; otherwise they stay and `fraction` is 0.
+   !> point and `fraction` tells how much of the step was taken; otherwise they stay, `fraction` is 0 and `failure` says why.
+   !> The first x is that from which distances are judged.
    subroutine line_search_advance(self, problem, step, x, r, norm, fraction)
       class(line_search_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -58,27 +63,36 @@ contains
       real(wp), intent(out) :: fraction
       real(wp) :: reference, trial_norm
       integer :: halving
+      logical :: met_finite, met_near
 
       reference = maxval(self%past(1:min(self%n_past, window)))
       fraction = 1.0_wp
-      self%met_only_nan = .true.
+      if (self%n_residuals == 0) self%farthest = runaway*max(1.0_wp, maxval(abs(x/problem%x_scale)))
+      met_finite = .false.
+      met_near = .false.
       do halving = 0, most_halvings
          self%x_trial = x + fraction*step
-         call problem%residual(self%x_trial, self%r_trial)
-         self%n_residuals = self%n_residuals + 1
-         trial_norm = problem%norm(self%r_trial)
-         if (ieee_is_finite(trial_norm)) then
-            self%met_only_nan = .false.
-            if (.not. self%is_on .or. trial_norm <= (1.0_wp - decrease*fraction)*reference) then
-               x = self%x_trial
-               r = self%r_trial
-               norm = trial_norm
-               call self%remember(norm)
-               return
+         if (.not. any(abs(self%x_trial/problem%x_scale) > self%farthest)) then  ! NaN is not far, but not finite
+            met_near = .true.
+            call problem%residual(self%x_trial, self%r_trial)
+            self%n_residuals = self%n_residuals + 1
+            trial_norm = problem%norm(self%r_trial)
+            if (ieee_is_finite(trial_norm)) then
+               met_finite = .true.
+               if (.not. self%is_on .or. trial_norm <= (1.0_wp - decrease*fraction)*reference) then
+                  x = self%x_trial
+                  r = self%r_trial
+                  norm = trial_norm
+                  call self%remember(norm)
+                  return
+               end if
             end if
          end if
          fraction = 0.5_wp*fraction
       end do
       fraction = 0.0_wp
+      self%failure = outcome%stalled
+      if (.not. met_finite) self%failure = outcome%not_finite
+      if (.not. met_near) self%failure = outcome%diverged
    end subroutine line_search_advance
 end module hb_line_search

@@ -3,7 +3,7 @@
 !> For contact laws the tangent is one element of the generalised derivative (semi-smooth Newton).
 !> Source: docs/theory.md, section 6.1; Qi and Sun, Math. Programming 58 (1993) 353-367.
 module hb_newton
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_ending, only: end_at_point, end_without_step
    use hb_kinds, only: wp
    use hb_line_search, only: line_search_t, new_line_search
    use hb_outcome, only: outcome
@@ -35,13 +35,7 @@ contains
       call search%remember(report%residual)
       do
          report%evaluations = 1 + search%n_residuals
-         if (.not. ieee_is_finite(report%residual)) then
-            report%status = outcome%not_finite
-         else if (report%residual <= config%tolerance) then
-            report%status = outcome%converged
-         else if (report%iterations >= config%max_iterations) then
-            report%status = outcome%out_of_budget
-         end if
+         call end_at_point(config, report)
          if (report%status /= outcome%pending) return
 
          if (report%iterations == 0) call new_tangent_factor(factor, problem%n_unknowns)
@@ -57,9 +51,7 @@ contains
          report%iterations = report%iterations + 1
          if (fraction <= 0.0_wp) then
             report%evaluations = 1 + search%n_residuals
-            report%status = outcome%stalled
-            if (search%met_only_nan) report%status = outcome%not_finite
-            if (report%residual <= problem%rounding_level(x)) report%status = outcome%converged
+            call end_without_step(problem, x, search%failure, report)
             return
          end if
       end do

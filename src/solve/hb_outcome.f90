@@ -22,16 +22,17 @@ module hb_outcome
       integer :: collapsed = 10                        !! an unknown tone died out: the motion has fewer tones
       integer :: no_motion = 11                        !! no self-excited motion was found
       integer :: crashed = 12                          !! the solution of the point has ended the process
+      integer :: diverged = 13                         !! the steps run away from anything of the size of the problem
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:12) = [character(13) :: &
+   character(*), parameter :: outcome_names(0:13) = [character(13) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
-      "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed"]
+      "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed", "diverged"]
 
-   character(*), parameter :: texts(0:12) = [character(64) :: &
+   character(*), parameter :: texts(0:13) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
@@ -44,7 +45,8 @@ module hb_outcome
       "penetrating: solved, but too far inside a rigid wall", &
       "collapsed: an unknown tone died out, the motion has fewer tones", &
       "no motion: no self-excited motion was found", &
-      "crashed: its solution has ended the process, see the message"]
+      "crashed: its solution has ended the process, see the message", &
+      "diverged: the steps run away from the size of the problem"]
 
 contains
 

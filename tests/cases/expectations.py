@@ -36,6 +36,7 @@ STATUSES = (
     "collapsed",
     "no_motion",
     "crashed",
+    "diverged",
 )
 
 _FORMS = (

@@ -35,6 +35,7 @@ _STATUS_NAMES = {
     10: "collapsed",
     11: "no_motion",
     CRASHED: "crashed",
+    13: "diverged",
 }
 
 _REQUIRED = ("point", "tone", "harmonic", "dof", "tuple", "status", "frequency", "coefficients")
