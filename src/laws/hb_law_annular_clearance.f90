@@ -22,6 +22,8 @@ module hb_law_annular_clearance
    contains
       procedure :: read => annular_clearance_read
       procedure :: evaluate => annular_clearance_evaluate
+      procedure :: has_potential => annular_clearance_has_potential
+      procedure :: potential => annular_clearance_potential
       procedure :: length_scale => annular_clearance_length_scale
       procedure :: n_switches => annular_clearance_n_switches
       procedure :: switches => annular_clearance_switches
@@ -158,4 +160,27 @@ contains
 
       call at_sample(self, z(1), z(2), all(is_positive), f(1), f(2), slope)
    end subroutine annular_clearance_evaluate_held
+
+   !> Friction is no gradient.
+   pure logical function annular_clearance_has_potential(self)
+      class(annular_clearance_t), intent(in) :: self
+
+      annular_clearance_has_potential = .not. abs(self%friction) > 0.0_wp
+   end function annular_clearance_has_potential
+
+   !> k max(r - clearance, 0)**2/2, without friction.
+   subroutine annular_clearance_potential(self, z, energy, gradient)
+      class(annular_clearance_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :)
+      real(wp), intent(out) :: energy(:), gradient(:, :)
+      real(wp) :: slope(2, 2)
+      integer :: i
+
+      do i = 1, size(z, 1)
+         associate (r => hypot(z(i, 1) - self%center(1), z(i, 2) - self%center(2)))
+            energy(i) = 0.5_wp*self%stiffness*max(r - self%clearance, 0.0_wp)**2
+         end associate
+         call at_sample(self, z(i, 1), z(i, 2), is_closed(self, z(i, :)), gradient(i, 1), gradient(i, 2), slope)
+      end do
+   end subroutine annular_clearance_potential
 end module hb_law_annular_clearance

@@ -83,7 +83,8 @@ contains
       result%frequency = start%omega
       result%n_harmonics = scene%harmonics%n_harmonics
       call new_dynamic_stiffness(stiffness, scene%structure, law_dofs, scene%harmonics%frequencies(start%omega), scene%loads, &
-                                 error, with_slopes=is_autonomous, load_slopes=scene%load_slopes)
+                                 error, with_slopes=is_autonomous, load_slopes=scene%load_slopes, &
+                                 with_motion_slopes=scene%normal_mode%has_energy)
       if (allocated(error)) return
       if (size(law_dofs) == 0) then
          result%setup_seconds = wall_clock() - started
