@@ -21,16 +21,17 @@ module hb_outcome
       integer :: penetrating = 9                       !! solved, but the motion goes too far into a rigid wall
       integer :: collapsed = 10                        !! an unknown tone died out: the motion has fewer tones
       integer :: no_motion = 11                        !! no self-excited motion was found
+      integer :: locked = 12                           !! the tones are multiples of one: the motion has one tone
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:11) = [character(13) :: &
+   character(*), parameter :: outcome_names(0:12) = [character(13) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
-      "truncated", "aliased", "penetrating", "collapsed", "no_motion"]
+      "truncated", "aliased", "penetrating", "collapsed", "no_motion", "locked"]
 
-   character(*), parameter :: texts(0:11) = [character(64) :: &
+   character(*), parameter :: texts(0:12) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
@@ -42,7 +43,8 @@ module hb_outcome
       "aliased: solved, but the samples are too few", &
       "penetrating: solved, but too far inside a rigid wall", &
       "collapsed: an unknown tone died out, the motion has fewer tones", &
-      "no motion: no self-excited motion was found"]
+      "no motion: no self-excited motion was found", &
+      "locked: the tones are multiples of one, the motion has one tone"]
 
 contains
 

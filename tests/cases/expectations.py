@@ -35,6 +35,7 @@ STATUSES = (
     "penetrating",
     "collapsed",
     "no_motion",
+    "locked",
 )
 
 _FORMS = (

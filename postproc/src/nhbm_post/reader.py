@@ -32,6 +32,7 @@ _STATUS_NAMES = {
     9: "penetrating",
     10: "collapsed",
     11: "no_motion",
+    12: "locked",
 }
 
 _REQUIRED = ("point", "tone", "harmonic", "dof", "tuple", "status", "frequency", "coefficients")
