@@ -136,7 +136,7 @@ contains
       logical, intent(in) :: is_closed                                !! the rotor touches the ring
       real(wp), intent(out) :: f(2)
       real(wp), intent(out) :: df_dz(2, 2), df_dv(2, 2)               !! last axis: what is differentiated by
-      real(wp) :: along(2), friction, r, ratio, secant, slope, tangent(2), z(2)
+      real(wp) :: friction, r, ratio, secant, slope, tangent(2), turned(2), z(2)
       integer :: k
 
       f = 0.0_wp
@@ -144,9 +144,8 @@ contains
       df_dv = 0.0_wp
       if (.not. is_closed) return
       z = position - self%center
-      r = max(norm2(z), tiny(r))                                      ! r = 0 gets here without clearance only
-      z = z/r
-      tangent = [-z(2), z(1)]
+      r = max(hypot(z(1), z(2)), tiny(r))                             ! r = 0 gets here without clearance only
+      tangent = [-z(2), z(1)]/r
       friction = self%friction
       slope = 0.0_wp
       if (self%slip_velocity > 0.0_wp) then
@@ -156,12 +155,13 @@ contains
       end if
       ratio = self%clearance/r
       secant = self%stiffness*(1.0_wp - ratio)
-      along = z + friction*tangent
-      f = secant*r*along
+      turned = [z(1) - friction*z(2), z(2) + friction*z(1)]
+      f = secant*turned
+      ratio = self%stiffness*ratio
       df_dz(:, 1) = secant*[1.0_wp, friction]
       df_dz(:, 2) = secant*[-friction, 1.0_wp]
       do k = 1, 2                                                     ! d(e_t)/dz = -e_r e_t^T/r
-         df_dz(:, k) = df_dz(:, k) + self%stiffness*ratio*along*z(k) - secant*slope*dot_product(z, rate)*tangent*tangent(k)
+         df_dz(:, k) = df_dz(:, k) + ratio*(turned/r)*(z(k)/r) - secant*slope*dot_product(z/r, rate)*tangent*tangent(k)
          df_dv(:, k) = secant*r*slope*tangent*tangent(k)
       end do
    end subroutine at_sample
