@@ -237,6 +237,8 @@ contains
       type(phase_problem_t), intent(inout) :: phase
       real(wp), intent(in) :: u(:, :)
       real(wp), intent(in) :: size_of_motion                          !! [m]
+      integer, parameter :: most_iterations = 30
+      real(wp), parameter :: same_motion = 0.5_wp                     ! size relative to the motion; less is on the way to the rest
       type(report_t) :: report
       type(solver_config_t) :: config
       real(wp) :: x(phase%n_unknowns), x_half(phase%n_unknowns)
@@ -247,10 +249,11 @@ contains
       call phase%hold_above(maxval(sum(abs(phase%balance%harmonics%tuples), dim=1))/2)
       if (.not. allocated(phase%is_held)) return                      ! order 0
       where (phase%is_held) x_half(:size(u)) = 0.0_wp
+      config%max_iterations = most_iterations
       call solve_newton(phase, config, x_half, report)
       call phase%hold_above(huge(1))
       call phase%move_to(x, is_possible)
-      if (report%status /= outcome%converged) return
+      if (report%status /= outcome%converged .or. norm2(x_half(:size(u))) < same_motion*norm2(u)) return
       x_half = x_half - x
       self%truncation = max(self%truncation, norm2(x_half(:size(u)))/size_of_motion)
       associate (first => size(u) + 1, last => size(u) + size(phase%tones))

@@ -18,6 +18,7 @@ module hb_locking
 
    integer, parameter :: highest_part = 6                             ! of a tone that the common base frequency is
    integer, parameter :: most_multiples = 80
+   integer, parameter :: largest_structure = 64                       ! degrees of freedom that are marched unasked
    real(wp), parameter :: all_power = 1.0_wp - 1.0e-5_wp
    real(wp), parameter :: close = 0.05_wp                             ! |q w_m - p w_l| relative to the larger tone
 
@@ -50,7 +51,8 @@ contains
       end do
    end function may_be_locked
 
-   !> Marches, and looks for a common frequency of all that moves. Where marching fails nothing is known, and nothing said.
+   !> Marches, and looks for a common frequency of all that moves. Where marching fails nothing is known, and nothing said; nor
+   !> of a large structure, which may take longer to march than the search took.
    subroutine find_locking(self, scene, omega, law_dofs)
       type(locking_t), intent(out) :: self
       type(scene_t), intent(in) :: scene
@@ -61,6 +63,7 @@ contains
       real(wp) :: leading
       integer :: part
 
+      if (scene%structure%n_dofs > largest_structure) return
       call march_once(scene, omega, law_dofs, first_kick, record, error)
       if (allocated(error)) return
       if (change_of(record) > steady) return
