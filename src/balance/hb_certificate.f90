@@ -11,7 +11,10 @@ module hb_certificate
    use hb_kinds, only: wp
    use hb_law, only: defects_t, law_box_t
    use hb_law_set, only: law_dofs_of
+   use hb_newton, only: solve_newton
+   use hb_outcome, only: outcome
    use hb_phase, only: phase_problem_t
+   use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: structure_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_tones, only: new_tones, tones_t
@@ -152,7 +155,7 @@ contains
       type(phase_problem_t), intent(inout), optional :: phase
       type(tangent_solver_t) :: tangent
       real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), size_of_motion
-      integer :: n
+      integer :: i, n
       logical :: is_singular
 
       if (all(u == 0.0_wp)) return
@@ -192,6 +195,8 @@ contains
          associate (first => size(u) + 1, last => size(u) + size(phase%tones))
             self%frequency_error(phase%tones) = hypot(change(first:last), alias(first:last))
          end associate
+         if (any([(balance%law_set%laws(i)%law%is_multiplier, i=1, size(balance%law_set%laws))])) &
+            call compare_with_half(self, phase, u, size_of_motion)
          return                                                       ! the improvement holds the frequencies
       end if
       if (n_steps == 0) return
@@ -222,6 +227,39 @@ contains
          end if
       end subroutine solve_tangent
    end subroutine estimate_errors
+
+   !> Motion of its own against rigid laws: raises the estimates to the change from the solution of half the order. A wall that is
+   !> struck pushes with all harmonics alike, and those left out move the place where it is struck by sum 1/j**2 = 1/order: the
+   !> error falls with the first power, so that it is as large as this change. The harmonics just outside show little of that:
+   !> the force of the truncated motion has a width, not the spectrum of a blow. Without a solution nothing is raised.
+   subroutine compare_with_half(self, phase, u, size_of_motion)
+      type(certificate_t), intent(inout) :: self
+      type(phase_problem_t), intent(inout) :: phase
+      real(wp), intent(in) :: u(:, :)
+      real(wp), intent(in) :: size_of_motion                          !! [m]
+      integer, parameter :: most_iterations = 30
+      real(wp), parameter :: same_motion = 0.5_wp                     ! size relative to the motion; less is on the way to the rest
+      type(report_t) :: report
+      type(solver_config_t) :: config
+      real(wp) :: x(phase%n_unknowns), x_half(phase%n_unknowns)
+      logical :: is_possible
+
+      x = phase%unknowns(u)
+      x_half = x
+      call phase%hold_above(maxval(sum(abs(phase%balance%harmonics%tuples), dim=1))/2)
+      if (.not. allocated(phase%is_held)) return                      ! order 0
+      where (phase%is_held) x_half(:size(u)) = 0.0_wp
+      config%max_iterations = most_iterations
+      call solve_newton(phase, config, x_half, report)
+      call phase%hold_above(huge(1))
+      call phase%move_to(x, is_possible)
+      if (report%status /= outcome%converged .or. norm2(x_half(:size(u))) < same_motion*norm2(u)) return
+      x_half = x_half - x
+      self%truncation = max(self%truncation, norm2(x_half(:size(u)))/size_of_motion)
+      associate (first => size(u) + 1, last => size(u) + size(phase%tones))
+         self%frequency_error(phase%tones) = max(self%frequency_error(phase%tones), abs(x_half(first:last)))
+      end associate
+   end subroutine compare_with_half
 
    !> Rigid contact and friction on the finer grid, and the power that each law takes there.
    subroutine check_contact(self, balance, wide, u)

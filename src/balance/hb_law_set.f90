@@ -63,6 +63,7 @@ module hb_law_set
       procedure :: correct => law_set_correct
       procedure :: defects => law_set_defects
       procedure :: isolate_force => law_set_isolate_force
+      procedure :: potential => law_set_potential
       procedure :: mean_slopes => law_set_mean_slopes
       procedure :: slope_variations => law_set_slope_variations
       procedure :: destroy => law_set_destroy
@@ -508,6 +509,25 @@ contains
       self%f%values = 0.0_wp
       call self%slots(i)%scatter(self%laws(i)%law, self%f)
    end subroutine law_set_isolate_force
+
+   !> Mean over the torus of the potentials of all laws at the samples q; their gradients take the place of the force f.
+   subroutine law_set_potential(self, mean_energy)
+      class(law_set_t), intent(inout) :: self
+      real(wp), intent(out) :: mean_energy                            !! [J]
+      real(wp) :: energy(size(self%q%values, 1))
+      integer :: i
+
+      mean_energy = 0.0_wp
+      self%f%values = 0.0_wp
+      do i = 1, size(self%laws)
+         associate (law => self%laws(i)%law, slot => self%slots(i))
+            call slot%gather(law, self%q, self%v, self%s, self%f)
+            call law%potential(slot%z, energy, slot%f)
+            call slot%scatter(law, self%f)
+         end associate
+         mean_energy = mean_energy + sum(energy)/size(energy)
+      end do
+   end subroutine law_set_potential
 
    !> Means over the torus of df/dq, df/dv and df/ds, after `differentiate`.
    subroutine law_set_mean_slopes(self, df_dq, df_dv, df_ds)

@@ -1,21 +1,22 @@
-!> Nonlinear normal modes: periodic motion of a prescribed amplitude, continued from a linear mode.
+!> Nonlinear normal modes: periodic motion of a prescribed amplitude or energy, continued from a linear mode.
 !>
 !> The frequency and one artificial damping xi (forces -xi M x', negative damping) are unknown beside the coefficients; the
-!> conditions are an amplitude and a phase. xi makes up for the damping of the scene; without any it comes out as zero, and
-!> takes up the equation that a conservative scene has too many. Source: docs/theory.md, section 6.5; Krack, Computers and
+!> conditions are an amplitude or an energy, and a phase. xi makes up for the damping of the scene; without any it comes out as
+!> zero, and takes up the equation that a conservative scene has too many. Source: docs/theory.md, section 6.5; Krack, Computers and
 !> Structures 154 (2015) 59-71.
 module hb_normal_mode
+   use hb_energy, only: energy_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
-   use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form
+   use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, shift_form
    use hb_search, only: climb_orders, fundamental, search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: find_normal_mode, measure_names, normal_mode_t
+   public :: find_mode_of_energy, find_normal_mode, measure_names, normal_mode_t
 
    character(8), parameter :: measure_names(2) = [character(8) :: "peak", "harmonic"]
    real(wp), parameter :: first_share = 1.0e-3_wp                     ! of the amplitude, where the way begins
@@ -27,12 +28,23 @@ module hb_normal_mode
 
    type :: normal_mode_t
       logical :: is_asked = .false.
+      logical :: has_energy = .false.                                 !! prescribed, in place of an amplitude
       integer :: dof = 0                                              !! of the structure, where the amplitude is measured
       integer :: mode = 0                                             !! linear mode to start from, by frequency; 0: nearest
                                                                       !! to the first guess of the frequency, else the first
       real(wp) :: amplitude = 0.0_wp                                  !! [m], of either sign
+      real(wp) :: energy = 0.0_wp                                     !! [J], > 0
       logical :: is_peak = .true.                                     !! displacement at rest at tau = 0, else first harmonic
    end type normal_mode_t
+
+   !> What the motion is to have: an amplitude with its condition for the phase, or an energy. Half way there is half of the
+   !> amplitude and a quarter of the energy.
+   type :: goal_t
+      real(wp) :: value = 0.0_wp                                      ! [m] or [J]
+      integer :: dof = 0                                              ! of the amplitude, among those of the laws
+      real(wp), allocatable :: forms(:, :)                            ! phase and amplitude, (coefficients of all dofs, 2)
+      type(energy_t), allocatable :: energy                           ! else an amplitude
+   end type goal_t
 
 contains
 
@@ -45,22 +57,47 @@ contains
       integer, intent(in) :: dof                                      !! among those of the laws
       logical, intent(in) :: has_start                                !! u and the balance are a first guess
       real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs)
-      real(wp), allocatable :: forms(:, :)
+      type(goal_t) :: goal
       integer :: h
 
+      goal%value = amplitude
+      goal%dof = dof
       associate (set => search%balance%harmonics, tone => search%tones(1), n_dofs => size(u, 2))
          h = fundamental(set, tone)
-         allocate (forms(size(u), 2))
+         allocate (goal%forms(size(u), 2))
          if (is_peak) then
-            forms(:, 1) = peak_rate_form(set, n_dofs, dof, tone)
-            forms(:, 2) = peak_form(set, n_dofs, dof)
+            goal%forms(:, 1) = peak_rate_form(set, n_dofs, dof, tone)
+            goal%forms(:, 2) = peak_form(set, n_dofs, dof)
          else
-            forms(:, 1) = coefficient_form(set, n_dofs, set%sin_at(h), dof)
-            forms(:, 2) = coefficient_form(set, n_dofs, set%cos_at(h), dof)
+            goal%forms(:, 1) = coefficient_form(set, n_dofs, set%sin_at(h), dof)
+            goal%forms(:, 2) = coefficient_form(set, n_dofs, set%cos_at(h), dof)
          end if
       end associate
+      call find(search, goal, has_start, u)
+   end subroutine find_normal_mode
+
+   !> Finds the motion with the given energy above that of the rest, as `find_normal_mode` does one of an amplitude.
+   subroutine find_mode_of_energy(search, energy, value, has_start, u)
+      type(search_t), intent(inout) :: search
+      type(energy_t), intent(in) :: energy
+      real(wp), intent(in) :: value                                   !! [J], > 0
+      logical, intent(in) :: has_start                                !! u and the balance are a first guess
+      real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs)
+      type(goal_t) :: goal
+
+      goal%value = value
+      goal%energy = energy
+      call find(search, goal, has_start, u)
+   end subroutine find_mode_of_energy
+
+   subroutine find(search, goal, has_start, u)
+      type(search_t), intent(inout) :: search
+      type(goal_t), intent(in) :: goal
+      logical, intent(in) :: has_start
+      real(wp), intent(inout) :: u(:, :)
+
       if (has_start) then
-         call solve_at(search, forms, amplitude, search%config, .false., u)
+         call solve_at(search, goal, 1.0_wp, search%config, .false., u)
          if (search%report%status == outcome%converged) return
       end if
       if (size(search%modes) == 0) then
@@ -68,33 +105,25 @@ contains
          search%message = "there is no linear mode to start from, or none of that number; give a &start"
          return
       end if
-      call continue_from_mode(search, forms, amplitude, dof, h, u)
-   end subroutine find_normal_mode
+      call continue_from_mode(search, goal, u)
+   end subroutine find
 
    !> Follows the amplitude from nearly nothing, by steps of its logarithm with a secant predictor.
-   subroutine continue_from_mode(search, forms, amplitude, dof, h, u)
+   subroutine continue_from_mode(search, goal, u)
       type(search_t), intent(inout) :: search
-      real(wp), intent(in) :: forms(:, :)
-      real(wp), intent(in) :: amplitude
-      integer, intent(in) :: dof, h
+      type(goal_t), intent(in) :: goal
       real(wp), intent(inout) :: u(:, :)
       type(solver_config_t) :: config
       complex(wp) :: form(size(u, 2))
       real(wp), allocatable :: last(:), before(:), now(:)
-      real(wp) :: goal, growth, reached, reached_before
-      integer :: iterations, step
+      real(wp) :: growth, next, reached, reached_before
+      integer :: h, iterations, step
       type(error_t), allocatable :: error
       real(wp) :: omega(size(search%balance%omega)), xi(size(search%balance%omega))
 
       config = search%path_config()
+      h = fundamental(search%balance%harmonics, search%tones(1))
       associate (modes => search%rest%modes, mode => search%modes(1), set => search%balance%harmonics, tone => search%tones(1))
-         form = modes%shapes(:, mode)
-         if (.not. abs(form(dof)) > 1.0e-8_wp*maxval(abs(form))) then
-            search%report%status = outcome%no_motion
-            search%message = "the linear mode does not move where the amplitude is measured; choose another mode or dof"
-            return
-         end if
-         form = form/form(dof)*amplitude
          omega = search%balance%omega
          xi = 0.0_wp
          omega(tone) = modes%frequency(mode)
@@ -105,6 +134,8 @@ contains
             search%message = error%message
             return
          end if
+         call scale_mode(search, goal, h, form)
+         if (search%report%status == outcome%no_motion) return
          u = search%rest%u
          before = [reshape(u, [size(u)]), omega(tone), xi(tone)]
          u(set%cos_at(h), :) = u(set%cos_at(h), :) + first_share*real(form)
@@ -115,22 +146,22 @@ contains
       reached_before = 0.0_wp
       reached = first_share
       growth = 0.1_wp*longest_growth
-      goal = first_share
+      next = first_share
       do step = 1, most_steps
          if (step == 1) then
             now = last
          else
-            goal = min(1.0_wp, reached*exp(growth))
-            now = last + (last - before)*(goal - reached)/(reached - reached_before)
+            next = min(1.0_wp, reached*exp(growth))
+            now = last + (last - before)*(next - reached)/(reached - reached_before)
          end if
-         call step_to(goal)
+         call step_to(next)
          if (search%report%status == outcome%converged) then
             if (step > 1) then
                before = last
                reached_before = reached
             end if
             last = now
-            reached = goal
+            reached = next
             if (reached >= 1.0_wp) exit
             if (iterations <= easy_iterations) growth = min(longest_growth, 1.6_wp*growth)
          else
@@ -140,12 +171,16 @@ contains
          end if
       end do
       if (reached < 1.0_wp .or. search%report%status /= outcome%converged) then
-         search%message = "the way from the linear mode ended at amplitude "//to_text(reached*amplitude)
+         if (allocated(goal%energy)) then
+            search%message = "the way from the linear mode ended at an energy of "//to_text(reached**2*goal%value)
+         else
+            search%message = "the way from the linear mode ended at amplitude "//to_text(reached*goal%value)
+         end if
          u = reshape(last(:size(u)), shape(u))
          return
       end if
       call put(last)
-      call solve_at(search, forms, amplitude, search%config, .false., u)
+      call solve_at(search, goal, 1.0_wp, search%config, .false., u)
 
    contains
 
@@ -160,7 +195,7 @@ contains
          if (.not. is_possible) return
          effort_before = search%report%iterations
          call put(now)
-         call solve_at(search, forms, share*amplitude, config, step == 1, u)
+         call solve_at(search, goal, share, config, step == 1, u)
          iterations = search%report%iterations - effort_before
          now = search%phase%unknowns(u)
          associate (set => search%balance%harmonics)                   ! the same motion counted as a higher harmonic?
@@ -179,20 +214,70 @@ contains
       end subroutine put
    end subroutine continue_from_mode
 
-   !> Solves at one amplitude from u and the frequencies of the balance, by orders or as a whole.
-   subroutine solve_at(search, forms, amplitude, config, by_orders, u)
+   !> Shape of the linear mode where the laws act [m], as large as it would be at the goal if the laws were linear; with the
+   !> balance at the frequency of the mode. The status is `no_motion` where that cannot be said.
+   subroutine scale_mode(search, goal, h, form)
       type(search_t), intent(inout) :: search
-      real(wp), intent(in) :: forms(:, :)
-      real(wp), intent(in) :: amplitude
+      type(goal_t), intent(in) :: goal
+      integer, intent(in) :: h                                        !! the fundamental
+      complex(wp), intent(out) :: form(:)                             !! (n_dofs)
+      real(wp) :: energy, length
+      real(wp), allocatable :: u(:, :)
+
+      form = search%rest%modes%shapes(:, search%modes(1))
+      if (.not. allocated(goal%energy)) then
+         if (abs(form(goal%dof)) > 1.0e-8_wp*maxval(abs(form))) then
+            form = form/form(goal%dof)*goal%value
+         else
+            search%report%status = outcome%no_motion
+            search%message = "the linear mode does not move where the amplitude is measured; choose another mode or dof"
+         end if
+         return
+      end if
+      if (.not. search%rest%is_at_laws(search%modes(1))) then
+         search%report%status = outcome%no_motion
+         search%message = "the linear mode does not move where laws act; choose another mode"
+         return
+      end if
+      length = first_share*search%length
+      form = length*form/form(maxloc(abs(form), dim=1))
+      u = search%rest%u
+      associate (set => search%balance%harmonics)
+         u(set%cos_at(h), :) = u(set%cos_at(h), :) + real(form)
+         u(set%sin_at(h), :) = u(set%sin_at(h), :) - aimag(form)
+      end associate
+      energy = goal%energy%value(search%balance, u)
+      if (energy > 0.0_wp) then
+         form = sqrt(goal%value/energy)*form
+      else
+         search%report%status = outcome%no_motion
+         search%message = "a small motion in the linear mode has no more energy than the rest; choose another mode"
+      end if
+   end subroutine scale_mode
+
+   !> Solves at a share of the goal from u and the frequencies of the balance, by orders or as a whole.
+   subroutine solve_at(search, goal, share, config, by_orders, u)
+      type(search_t), intent(inout) :: search
+      type(goal_t), intent(in) :: goal
+      real(wp), intent(in) :: share                                   !! of the way, > 0
       type(solver_config_t), intent(in) :: config
       logical, intent(in) :: by_orders
       real(wp), intent(inout) :: u(:, :)
       type(report_t) :: report
-      real(wp), allocatable :: x(:)
+      real(wp), allocatable :: forms(:, :), x(:)
       logical :: is_possible
 
-      call search%set_scales(abs(amplitude))
-      call new_phase_problem(search%phase, search%balance, search%tones, .true., forms, [0.0_wp, amplitude])
+      if (allocated(goal%energy)) then
+         call search%set_scales(maxval(norm2(u - search%rest%u, dim=1)))
+         allocate (forms(size(u) + 2, 2), source=0.0_wp)
+         forms(:size(u), 1) = shift_form(search%balance%harmonics, search%tones(1), u, &
+                                         reshape(search%balance%x_scale, shape(u)))
+         call new_phase_problem(search%phase, search%balance, search%tones, .true., forms, [0.0_wp, share**2*goal%value], &
+                                goal%energy)
+      else
+         call search%set_scales(abs(share*goal%value))
+         call new_phase_problem(search%phase, search%balance, search%tones, .true., goal%forms, [0.0_wp, share*goal%value])
+      end if
       x = search%phase%unknowns(u)
       if (by_orders) then
          call climb_orders(search%phase, config, x, report)

@@ -1,11 +1,13 @@
 !> The balance with unknown base frequencies: x = (u, omega of the unknown tones, and where asked for, artificial damping).
 !>
 !> Each further unknown brings one equation, a linear form of the coefficients u that has a given value: phase conditions,
-!> which pick one of the motions that differ by a shift of an unknown phase alone, and amplitudes. Solvers see one more
-!> abstract problem. Source: docs/theory.md, section 6.5.
+!> which pick one of the motions that differ by a shift of an unknown phase alone, and amplitudes. The last one may be an energy
+!> instead, whose derivatives then take the place of its form. Solvers see one more abstract problem. Source: docs/theory.md,
+!> section 6.5.
 module hb_phase
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_balance, only: balance_t
+   use hb_energy, only: energy_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
@@ -21,6 +23,7 @@ module hb_phase
       real(wp), allocatable :: forms(:, :)                            !! (coefficients of all dofs, or all unknowns; equations
                                                                       !! added)
       real(wp), allocatable :: values(:)                              !! of the forms, (equations added)
+      type(energy_t), allocatable :: energy                           !! has the last of the values; its form is found anew
       logical, allocatable :: is_held(:)                              !! coefficients held at zero, none if not allocated
       integer, private :: n_u = 0                                     ! coefficients of all degrees of freedom
       real(wp), allocatable, private :: border(:, :)                  ! derivatives by the further unknowns, (n_u, those)
@@ -35,6 +38,7 @@ module hb_phase
       procedure :: update_preconditioner => phase_problem_update_preconditioner
       procedure :: precondition => phase_problem_precondition
       procedure, private :: find_border => phase_problem_find_border
+      procedure, private :: find_energy_form => phase_problem_find_energy_form
       procedure :: solve_linear => phase_problem_solve_linear
       procedure :: rounding_level => phase_problem_rounding_level
       procedure :: deform => phase_problem_deform
@@ -73,8 +77,8 @@ module hb_phase
 contains
 
    !> Problem on a balance whose stiffness has slopes. Its scales are those of the balance, frequencies are scaled by their
-   !> present values. There must be as many forms as further unknowns.
-   subroutine new_phase_problem(self, balance, tones, with_damping, forms, values)
+   !> present values. There must be as many forms as further unknowns, of all unknowns where the last is that of an energy.
+   subroutine new_phase_problem(self, balance, tones, with_damping, forms, values, energy)
       type(phase_problem_t), intent(out) :: self
       type(balance_t), intent(in), target :: balance
       integer, intent(in) :: tones(:)                                 !! unknown ones
@@ -82,6 +86,7 @@ contains
       real(wp), intent(in) :: forms(:, :)                             !! (coefficients of all dofs, or all unknowns; equations
                                                                       !! added)
       real(wp), intent(in) :: values(:)                               !! (further unknowns)
+      type(energy_t), intent(in), optional :: energy                  !! has the last value; what its form holds does not matter
       integer :: i
 
       self%balance => balance
@@ -96,6 +101,9 @@ contains
       self%x_scale = [balance%x_scale, balance%omega(tones)]
       if (with_damping) self%x_scale = [self%x_scale, balance%omega(tones)]
       self%r_scale = [balance%r_scale, (norm2(forms(:, i)*self%x_scale(:size(forms, 1))), i=1, size(values))]
+      if (.not. present(energy)) return
+      self%energy = energy
+      self%r_scale(self%n_unknowns) = abs(values(size(values)))
    end subroutine new_phase_problem
 
    !> The state of the balance as a vector of unknowns.
@@ -167,6 +175,9 @@ contains
       associate (n => self%n_u)
          call self%balance%residual(x(:n), r(:n))
          r(n + 1:) = matmul(x(:size(self%forms, 1)), self%forms) - self%values
+         if (allocated(self%energy)) r(self%n_unknowns) = &
+            self%energy%value(self%balance, reshape(x(:n), [self%balance%harmonics%n_coefficients, self%balance%n_dofs])) &
+            - self%values(size(self%values))
          if (allocated(self%is_held)) then
             where (self%is_held) r(:n) = x(:n)*self%r_scale(:n)/self%x_scale(:n)
          end if
@@ -188,6 +199,7 @@ contains
          allocate (block(n, n))
          call self%balance%tangent(x(:n), block)
          jacobian(:n, :n) = block
+         call self%find_energy_form(x)
          jacobian(n + 1:, :size(self%forms, 1)) = transpose(self%forms)
          call self%find_border(x, jacobian(:n, n + 1:))
          if (.not. allocated(self%is_held)) return
@@ -220,6 +232,18 @@ contains
          if (.not. allocated(error)) border(:, n_tones + i) = reshape(column, [self%n_u])
       end do
    end subroutine phase_problem_find_border
+
+   !> The derivatives of the energy by all unknowns, as the last form; nothing without an energy.
+   subroutine phase_problem_find_energy_form(self, x)
+      class(phase_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), allocatable :: by_omega(:), by_u(:, :), by_xi(:)
+
+      if (.not. allocated(self%energy)) return
+      call self%energy%differentiate(self%balance, reshape(x(:self%n_u), [self%balance%harmonics%n_coefficients, &
+                                                                          self%balance%n_dofs]), by_u, by_omega, by_xi)
+      self%forms(:, size(self%values)) = [by_u, by_omega(self%tones), by_xi(self%tones(:n_damped(self)))]
+   end subroutine phase_problem_find_energy_form
 
    !> The linear part of the balance, and nothing that couples it to the further unknowns.
    subroutine phase_problem_solve_linear(self, r, step)

@@ -20,6 +20,7 @@ contains
       call self%move_to(x, is_ready)
       if (.not. is_ready) return
       call self%find_border(x, self%border)
+      call self%find_energy_form(x)
       call self%balance%linearise(x(:self%n_u), is_ready)
    end subroutine phase_problem_linearise
 

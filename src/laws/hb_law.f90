@@ -38,6 +38,8 @@ module hb_law
       procedure :: correct => law_correct
       procedure :: defects => law_defects
       procedure :: length_scale => law_length_scale
+      procedure :: has_potential => law_has_potential
+      procedure :: potential => law_potential
       procedure :: explain => law_explain
       procedure :: n_switches => law_n_switches
       procedure :: switches => law_switches
@@ -120,6 +122,25 @@ contains
 
       law_length_scale = 0.0_wp
    end function law_length_scale
+
+   !> Whether the force at rest is the gradient of a potential, so that a motion has a mechanical energy. What the force has
+   !> beyond that while the law moves, such as damping, stores nothing.
+   pure logical function law_has_potential(self)
+      class(law_t), intent(in) :: self
+
+      law_has_potential = .false.
+   end function law_has_potential
+
+   !> The potential of a law that has one, and its gradient, the force at rest; this one stores nothing.
+   subroutine law_potential(self, z, energy, gradient)
+      class(law_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :)                     !! [m], (n_samples, n_coordinates)
+      real(wp), intent(out) :: energy(:)                              !! [J], (n_samples)
+      real(wp), intent(out) :: gradient(:, :)                         !! [N], as z
+
+      energy = 0.0_wp
+      gradient = 0.0_wp
+   end subroutine law_potential
 
    !> Says why forces or derivatives at these samples are not finite; empty when the law does not know.
    subroutine law_explain(self, z, v, text, is_fatal)

@@ -1,7 +1,9 @@
 !> Rotor in a ring: f = N (e_r + s mu e_t), N = k max(0, r - clearance), r the distance of the rotor from the ring's centre.
 !>
 !> e_r points outwards, e_t = (-y, x)/r; s = 1 for a rotor that spins from x towards y, whose surface slides along e_t.
-!> The spin is taken to outrun the whirl, so that friction never changes its direction.
+!> The spin is taken to outrun the whirl, so that friction never changes its direction. Where the radius R and the speed Omega of
+!> the rotor are given, its surface slides at v_s = R Omega + e_t.v, against which friction acts: s mu = mu_0 tanh(v_s/v_0). A
+!> backward whirl then goes no faster than the rotor rolls.
 !> Source: docs/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side; on the rotor acts -f.
 module hb_law_annular_clearance
    use hb_kinds, only: wp
@@ -10,7 +12,7 @@ module hb_law_annular_clearance
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: annular_clearance_t, new_annular_clearance
+   public :: annular_clearance_t, new_annular_clearance, set_sliding
 
    character(8), parameter :: spin_names(2) = [character(8) :: "positive", "negative"]
 
@@ -19,9 +21,13 @@ module hb_law_annular_clearance
       real(wp) :: clearance = 0.0_wp                                  !! [m]
       real(wp) :: friction = 0.0_wp                                   !! s mu
       real(wp) :: center(2) = 0.0_wp                                  !! of the ring at rest [m]
+      real(wp) :: surface_speed = 0.0_wp                              !! R Omega [m/s], from x towards y
+      real(wp) :: slip_velocity = 0.0_wp                              !! v_0 [m/s]; 0: friction keeps its direction
    contains
       procedure :: read => annular_clearance_read
       procedure :: evaluate => annular_clearance_evaluate
+      procedure :: has_potential => annular_clearance_has_potential
+      procedure :: potential => annular_clearance_potential
       procedure :: length_scale => annular_clearance_length_scale
       procedure :: n_switches => annular_clearance_n_switches
       procedure :: switches => annular_clearance_switches
@@ -45,6 +51,17 @@ contains
       self%center = center
    end subroutine new_annular_clearance
 
+   !> Lets friction follow the velocity at which the surface of the rotor slides along the ring.
+   pure subroutine set_sliding(self, surface_speed, slip_velocity)
+      class(annular_clearance_t), intent(inout) :: self
+      real(wp), intent(in) :: surface_speed                           !! R Omega [m/s]
+      real(wp), intent(in) :: slip_velocity                           !! v_0 [m/s], > 0
+
+      self%surface_speed = surface_speed
+      self%slip_velocity = slip_velocity
+      self%needs_velocity = .true.
+   end subroutine set_sliding
+
    !> Reads a `&law type = 'annular_clearance'` group. `dofs` are x and y of the rotor, followed by x and y of the ring
    !> where that moves too.
    subroutine annular_clearance_read(self, group, structure)
@@ -53,7 +70,7 @@ contains
       type(structure_t), intent(in) :: structure
       character(:), allocatable :: spin
       real(wp), allocatable :: center(:)
-      real(wp) :: clearance, friction, stiffness
+      real(wp) :: clearance, friction, radius, slip_velocity, speed, stiffness
 
       stiffness = 0.0_wp
       clearance = 0.0_wp
@@ -63,7 +80,17 @@ contains
       call group%require("stiffness", stiffness, minimum=0.0_wp)
       call group%require("clearance", clearance, minimum=0.0_wp)
       call group%get("friction_coefficient", friction, minimum=0.0_wp)
-      call group%get("spin", spin, choices=spin_names)
+      if (group%given("rotor_radius")) then
+         radius = 0.0_wp
+         speed = 0.0_wp
+         slip_velocity = 0.0_wp
+         call group%require("rotor_radius", radius, above=0.0_wp)
+         call group%require("rotor_speed", speed)
+         call group%require("slip_velocity", slip_velocity, above=0.0_wp)
+         if (slip_velocity > 0.0_wp) call set_sliding(self, radius*speed, slip_velocity)
+      else
+         call group%get("spin", spin, choices=spin_names)
+      end if
       call group%get("center", center, n=2)
       if (spin == spin_names(2)) friction = -friction
       if (size(center) == 2) call new_annular_clearance(self, stiffness, clearance, friction, center)
@@ -83,12 +110,15 @@ contains
       real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
-      real(wp) :: slope(2, 2)
+      real(wp) :: by_v(2, 2), by_z(2, 2), rate(2)
       integer :: i
 
+      rate = 0.0_wp
       do i = 1, size(z, 1)
-         call at_sample(self, z(i, 1), z(i, 2), is_closed(self, z(i, :)), f(i, 1), f(i, 2), slope)
-         if (present(df_dz)) df_dz(i, :, :) = slope
+         if (self%needs_velocity) rate = v(i, :)
+         call at_sample(self, z(i, :), rate, is_closed(self, z(i, :)), f(i, :), by_z, by_v)
+         if (present(df_dz)) df_dz(i, :, :) = by_z
+         if (self%needs_velocity .and. present(df_dv)) df_dv(i, :, :) = by_v
       end do
    end subroutine annular_clearance_evaluate
 
@@ -99,34 +129,41 @@ contains
       is_closed = hypot(z(1) - self%center(1), z(2) - self%center(2)) >= self%clearance
    end function is_closed
 
-   !> f = secant T (x, y), T = ((1, -s mu), (s mu, 1)), secant = k (1 - clearance/r).
-   pure subroutine at_sample(self, rotor_x, rotor_y, is_closed, force_x, force_y, slope)
+   !> f = secant (z + m J z), J z = (-y, x), secant = k (1 - clearance/r), and m = s mu or mu_0 tanh(v_s/v_0).
+   pure subroutine at_sample(self, position, rate, is_closed, f, df_dz, df_dv)
       class(annular_clearance_t), intent(in) :: self
-      real(wp), intent(in) :: rotor_x, rotor_y
+      real(wp), intent(in) :: position(2), rate(2)
       logical, intent(in) :: is_closed                                !! the rotor touches the ring
-      real(wp), intent(out) :: force_x, force_y
-      real(wp), intent(out) :: slope(2, 2)                            !! last axis: the coordinate differentiated by
-      real(wp) :: r, ratio, secant, turned_x, turned_y, x, y
+      real(wp), intent(out) :: f(2)
+      real(wp), intent(out) :: df_dz(2, 2), df_dv(2, 2)               !! last axis: what is differentiated by
+      real(wp) :: friction, r, ratio, secant, slope, tangent(2), turned(2), z(2)
+      integer :: k
 
-      x = rotor_x - self%center(1)
-      y = rotor_y - self%center(2)
-      r = hypot(x, y)
-      force_x = 0.0_wp
-      force_y = 0.0_wp
-      slope = 0.0_wp
+      f = 0.0_wp
+      df_dz = 0.0_wp
+      df_dv = 0.0_wp
       if (.not. is_closed) return
-      r = max(r, tiny(r))                                             ! r = 0 gets here without clearance only
+      z = position - self%center
+      r = max(hypot(z(1), z(2)), tiny(r))                             ! r = 0 gets here without clearance only
+      tangent = [-z(2), z(1)]/r
+      friction = self%friction
+      slope = 0.0_wp
+      if (self%slip_velocity > 0.0_wp) then
+         friction = tanh((self%surface_speed + dot_product(tangent, rate))/self%slip_velocity)
+         slope = self%friction*(1.0_wp - friction**2)/self%slip_velocity
+         friction = self%friction*friction
+      end if
       ratio = self%clearance/r
       secant = self%stiffness*(1.0_wp - ratio)
-      turned_x = x - self%friction*y
-      turned_y = y + self%friction*x
-      force_x = secant*turned_x
-      force_y = secant*turned_y
+      turned = [z(1) - friction*z(2), z(2) + friction*z(1)]
+      f = secant*turned
       ratio = self%stiffness*ratio
-      slope(1, 1) = secant + ratio*(turned_x/r)*(x/r)
-      slope(2, 1) = secant*self%friction + ratio*(turned_y/r)*(x/r)
-      slope(1, 2) = -secant*self%friction + ratio*(turned_x/r)*(y/r)
-      slope(2, 2) = secant + ratio*(turned_y/r)*(y/r)
+      df_dz(:, 1) = secant*[1.0_wp, friction]
+      df_dz(:, 2) = secant*[-friction, 1.0_wp]
+      do k = 1, 2                                                     ! d(e_t)/dz = -e_r e_t^T/r
+         df_dz(:, k) = df_dz(:, k) + ratio*(turned/r)*(z(k)/r) - secant*slope*dot_product(z/r, rate)*tangent*tangent(k)
+         df_dv(:, k) = secant*r*slope*tangent*tangent(k)
+      end do
    end subroutine at_sample
 
    pure real(wp) function annular_clearance_length_scale(self)
@@ -154,8 +191,33 @@ contains
       real(wp), intent(in) :: z(:), v(:)
       logical, intent(in) :: is_positive(:)
       real(wp), intent(out) :: f(:)
-      real(wp) :: slope(2, 2)
+      real(wp) :: by_v(2, 2), by_z(2, 2), rate(2)
 
-      call at_sample(self, z(1), z(2), all(is_positive), f(1), f(2), slope)
+      rate = 0.0_wp
+      if (self%needs_velocity) rate = v
+      call at_sample(self, z, rate, all(is_positive), f, by_z, by_v)
    end subroutine annular_clearance_evaluate_held
+
+   !> Friction is no gradient.
+   pure logical function annular_clearance_has_potential(self)
+      class(annular_clearance_t), intent(in) :: self
+
+      annular_clearance_has_potential = .not. abs(self%friction) > 0.0_wp
+   end function annular_clearance_has_potential
+
+   !> k max(r - clearance, 0)**2/2, without friction.
+   subroutine annular_clearance_potential(self, z, energy, gradient)
+      class(annular_clearance_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :)
+      real(wp), intent(out) :: energy(:), gradient(:, :)
+      real(wp) :: by_v(2, 2), by_z(2, 2)
+      integer :: i
+
+      do i = 1, size(z, 1)
+         associate (r => hypot(z(i, 1) - self%center(1), z(i, 2) - self%center(2)))
+            energy(i) = 0.5_wp*self%stiffness*max(r - self%clearance, 0.0_wp)**2
+         end associate
+         call at_sample(self, z(i, :), [0.0_wp, 0.0_wp], is_closed(self, z(i, :)), gradient(i, :), by_z, by_v)
+      end do
+   end subroutine annular_clearance_potential
 end module hb_law_annular_clearance

@@ -33,6 +33,8 @@ module hb_law_contact_table
       procedure :: read => contact_table_read
       procedure :: set_phase => contact_table_set_phase
       procedure :: evaluate => contact_table_evaluate
+      procedure :: has_potential => contact_table_has_potential
+      procedure :: potential => contact_table_potential
       procedure :: length_scale => contact_table_length_scale
       procedure :: n_switches => contact_table_n_switches
       procedure :: switches => contact_table_switches
@@ -285,4 +287,32 @@ contains
       call turn(self, turned, -1.0_wp)
       seen = turned(1, :)
    end function seen_by_contacts
+
+   !> Neither friction nor contacts that run past the coordinates are a gradient.
+   pure logical function contact_table_has_potential(self)
+      class(contact_table_t), intent(in) :: self
+
+      contact_table_has_potential = .true.
+      if (.not. allocated(self%pushes)) return                        ! not read for a problem
+      contact_table_has_potential = all(abs(self%pushes - self%shapes) <= 0.0_wp) .and. .not. allocated(self%turns)
+   end function contact_table_has_potential
+
+   !> Sum of k_i min(g_i, 0)**2/2, without friction.
+   subroutine contact_table_potential(self, z, energy, gradient)
+      class(contact_table_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :)
+      real(wp), intent(out) :: energy(:), gradient(:, :)
+      real(wp) :: pressed(size(z, 1))
+      integer :: a, i
+
+      energy = 0.0_wp
+      gradient = 0.0_wp
+      do i = 1, size(self%gaps)
+         pressed = min(self%gaps(i) + matmul(z, self%shapes(i, :)), 0.0_wp)
+         energy = energy + 0.5_wp*self%stiffness(i)*pressed**2
+         do a = 1, size(z, 2)
+            gradient(:, a) = gradient(:, a) + self%stiffness(i)*self%shapes(i, a)*pressed
+         end do
+      end do
+   end subroutine contact_table_potential
 end module hb_law_contact_table

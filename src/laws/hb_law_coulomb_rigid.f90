@@ -19,6 +19,7 @@ module hb_law_coulomb_rigid
    contains
       procedure :: read => coulomb_rigid_read
       procedure :: evaluate => coulomb_rigid_evaluate
+      procedure :: has_potential => coulomb_rigid_has_potential
       procedure :: prepare_rate => coulomb_rigid_prepare_rate
       procedure :: defects => coulomb_rigid_defects
    end type coulomb_rigid_t
@@ -81,4 +82,11 @@ contains
 
       defects%slip = maxval(self%limit*abs(v) - min(max(p, -self%limit), self%limit)*v)
    end function coulomb_rigid_defects
+
+   !> Without motion there is no force: nothing is stored.
+   pure logical function coulomb_rigid_has_potential(self)
+      class(coulomb_rigid_t), intent(in) :: self
+
+      coulomb_rigid_has_potential = .true.
+   end function coulomb_rigid_has_potential
 end module hb_law_coulomb_rigid

@@ -18,6 +18,7 @@ module hb_law_cubic_damping
    contains
       procedure :: read => cubic_damping_read
       procedure :: evaluate => cubic_damping_evaluate
+      procedure :: has_potential => cubic_damping_has_potential
    end type cubic_damping_t
 
 contains
@@ -86,4 +87,11 @@ contains
          end do
       end do
    end subroutine cubic_damping_evaluate
+
+   !> Nothing is stored, but in a frame that turns there is a force at rest, which is no gradient.
+   pure logical function cubic_damping_has_potential(self)
+      class(cubic_damping_t), intent(in) :: self
+
+      cubic_damping_has_potential = .not. abs(self%rate) > 0.0_wp
+   end function cubic_damping_has_potential
 end module hb_law_cubic_damping

@@ -14,6 +14,8 @@ module hb_law_cubic_spring
    contains
       procedure :: read => cubic_spring_read
       procedure :: evaluate => cubic_spring_evaluate
+      procedure :: has_potential => cubic_spring_has_potential
+      procedure :: potential => cubic_spring_potential
    end type cubic_spring_t
 
 contains
@@ -49,4 +51,20 @@ contains
       f = self%stiffness*z**3
       if (present(df_dz)) df_dz(:, :, 1) = 3.0_wp*self%stiffness*z**2
    end subroutine cubic_spring_evaluate
+
+   pure logical function cubic_spring_has_potential(self)
+      class(cubic_spring_t), intent(in) :: self
+
+      cubic_spring_has_potential = .true.
+   end function cubic_spring_has_potential
+
+   !> k3 z**4/4.
+   subroutine cubic_spring_potential(self, z, energy, gradient)
+      class(cubic_spring_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :)
+      real(wp), intent(out) :: energy(:), gradient(:, :)
+
+      energy = 0.25_wp*self%stiffness*z(:, 1)**4
+      gradient = self%stiffness*z**3
+   end subroutine cubic_spring_potential
 end module hb_law_cubic_spring

@@ -16,6 +16,8 @@ module hb_law_elastic_stop
    contains
       procedure :: read => elastic_stop_read
       procedure :: evaluate => elastic_stop_evaluate
+      procedure :: has_potential => elastic_stop_has_potential
+      procedure :: potential => elastic_stop_potential
       procedure :: length_scale => elastic_stop_length_scale
       procedure :: n_switches => elastic_stop_n_switches
       procedure :: switches => elastic_stop_switches
@@ -99,4 +101,23 @@ contains
       if (.not. self%two_sided) return
       if (is_positive(2)) f = f + self%stiffness*(z + self%gap)
    end subroutine elastic_stop_evaluate_held
+
+   pure logical function elastic_stop_has_potential(self)
+      class(elastic_stop_t), intent(in) :: self
+
+      elastic_stop_has_potential = .true.
+   end function elastic_stop_has_potential
+
+   !> k max(z - g, 0)**2/2, two-sided also k min(z + g, 0)**2/2; while both press, their sum.
+   subroutine elastic_stop_potential(self, z, energy, gradient)
+      class(elastic_stop_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :)
+      real(wp), intent(out) :: energy(:), gradient(:, :)
+
+      energy = 0.5_wp*self%stiffness*max(z(:, 1) - self%gap, 0.0_wp)**2
+      gradient = self%stiffness*max(z - self%gap, 0.0_wp)
+      if (.not. self%two_sided) return
+      energy = energy + 0.5_wp*self%stiffness*min(z(:, 1) + self%gap, 0.0_wp)**2
+      gradient = gradient + self%stiffness*min(z + self%gap, 0.0_wp)
+   end subroutine elastic_stop_potential
 end module hb_law_elastic_stop

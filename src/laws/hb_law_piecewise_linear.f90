@@ -17,6 +17,8 @@ module hb_law_piecewise_linear
    contains
       procedure :: read => piecewise_linear_read
       procedure :: evaluate => piecewise_linear_evaluate
+      procedure :: has_potential => piecewise_linear_has_potential
+      procedure :: potential => piecewise_linear_potential
       procedure :: length_scale => piecewise_linear_length_scale
       procedure :: n_switches => piecewise_linear_n_switches
       procedure :: switches => piecewise_linear_switches
@@ -119,4 +121,30 @@ contains
 
       f(1) = force_at(self, count(is_positive), z(1))
    end subroutine piecewise_linear_evaluate_held
+
+   pure logical function piecewise_linear_has_potential(self)
+      class(piecewise_linear_t), intent(in) :: self
+
+      piecewise_linear_has_potential = .true.
+   end function piecewise_linear_has_potential
+
+   !> Trapezoids from the first breakpoint on.
+   subroutine piecewise_linear_potential(self, z, energy, gradient)
+      class(piecewise_linear_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :)
+      real(wp), intent(out) :: energy(:), gradient(:, :)
+      real(wp) :: at_nodes(size(self%breakpoints))
+      integer :: i, node, piece
+
+      at_nodes(1) = 0.0_wp
+      do i = 2, size(at_nodes)
+         at_nodes(i) = at_nodes(i - 1) + 0.5_wp*sum(self%forces(i - 1:i))*(self%breakpoints(i) - self%breakpoints(i - 1))
+      end do
+      do i = 1, size(z, 1)
+         piece = interval_of(self%breakpoints, z(i, 1))
+         node = max(piece, 1)
+         gradient(i, 1) = force_at(self, piece, z(i, 1))
+         energy(i) = at_nodes(node) + 0.5_wp*(self%forces(node) + gradient(i, 1))*(z(i, 1) - self%breakpoints(node))
+      end do
+   end subroutine piecewise_linear_potential
 end module hb_law_piecewise_linear

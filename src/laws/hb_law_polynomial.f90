@@ -15,6 +15,8 @@ module hb_law_polynomial
    contains
       procedure :: read => polynomial_read
       procedure :: evaluate => polynomial_evaluate
+      procedure :: has_potential => polynomial_has_potential
+      procedure :: potential => polynomial_potential
    end type polynomial_t
 
 contains
@@ -97,4 +99,25 @@ contains
          horner_slope = n*c(n) + x*horner_slope
       end do
    end function horner_slope
+
+   pure logical function polynomial_has_potential(self)
+      class(polynomial_t), intent(in) :: self
+
+      polynomial_has_potential = .true.
+   end function polynomial_has_potential
+
+   !> Sum of k_n z**(n + 1)/(n + 1); powers of the rate store nothing.
+   subroutine polynomial_potential(self, z, energy, gradient)
+      class(polynomial_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :)
+      real(wp), intent(out) :: energy(:), gradient(:, :)
+      real(wp) :: weights(size(self%stiffness))
+      integer :: i, n
+
+      weights = [(self%stiffness(n)/(n + 1), n=1, size(self%stiffness))]
+      do i = 1, size(z, 1)
+         energy(i) = z(i, 1)*horner(weights, z(i, 1))
+         gradient(i, 1) = horner(self%stiffness, z(i, 1))
+      end do
+   end subroutine polynomial_potential
 end module hb_law_polynomial

@@ -23,6 +23,8 @@ module hb_law_polynomial_coupled
    contains
       procedure :: read => polynomial_coupled_read
       procedure :: evaluate => polynomial_coupled_evaluate
+      procedure :: has_potential => polynomial_coupled_has_potential
+      procedure :: potential => polynomial_coupled_potential
    end type polynomial_coupled_t
 
 contains
@@ -177,4 +179,70 @@ contains
          term = term*x**n
       end if
    end subroutine multiply
+
+   !> Whether the terms without a rate are a gradient: each derivative of the candidate below must give back the terms that
+   !> act on its coordinate.
+   pure logical function polynomial_coupled_has_potential(self)
+      class(polynomial_coupled_t), intent(in) :: self
+      real(wp), parameter :: digits = 1.0e-12_wp                      ! coefficients come from a file
+      integer :: exponents(size(self%z_exponents, 2)), a, b, i, k
+      real(wp) :: candidate, given, largest
+
+      polynomial_coupled_has_potential = .true.
+      if (.not. allocated(self%coefficients)) return                  ! not read for a problem
+      do i = 1, size(self%coefficients)
+         if (any(self%v_exponents(i, :) > 0)) cycle
+         exponents = self%z_exponents(i, :)
+         exponents(self%acts_on(i)) = exponents(self%acts_on(i)) + 1
+         do b = 1, size(exponents)
+            if (exponents(b) == 0) cycle
+            candidate = 0.0_wp
+            given = 0.0_wp
+            largest = 0.0_wp
+            do k = 1, size(self%coefficients)
+               if (any(self%v_exponents(k, :) > 0)) cycle
+               a = self%acts_on(k)
+               if (any(self%z_exponents(k, :) /= exponents - unit(a))) cycle
+               largest = max(largest, abs(self%coefficients(k)))
+               candidate = candidate + exponents(b)*self%coefficients(k)/sum(exponents)
+               if (a == b) given = given + self%coefficients(k)
+            end do
+            if (abs(candidate - given) > digits*largest) polynomial_coupled_has_potential = .false.
+         end do
+      end do
+
+   contains
+
+      pure function unit(place)
+         integer, intent(in) :: place
+         integer :: unit(size(exponents))
+
+         unit = 0
+         unit(place) = 1
+      end function unit
+   end function polynomial_coupled_has_potential
+
+   !> Sum of z_a c z**a/(degree + 1) over the terms without a rate, a the coordinate on which each acts: by Euler's theorem on
+   !> homogeneous functions the potential, where there is one.
+   subroutine polynomial_coupled_potential(self, z, energy, gradient)
+      class(polynomial_coupled_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :)
+      real(wp), intent(out) :: energy(:), gradient(:, :)
+      real(wp) :: term(size(z, 1))
+      integer :: c, i
+
+      energy = 0.0_wp
+      gradient = 0.0_wp
+      do i = 1, size(self%coefficients)
+         if (any(self%v_exponents(i, :) > 0)) cycle
+         term = self%coefficients(i)
+         do c = 1, size(z, 2)
+            call multiply(term, z(:, c), self%z_exponents(i, c), .false.)
+         end do
+         associate (a => self%acts_on(i))
+            energy = energy + z(:, a)*term/(sum(self%z_exponents(i, :)) + 1)
+            gradient(:, a) = gradient(:, a) + term
+         end associate
+      end do
+   end subroutine polynomial_coupled_potential
 end module hb_law_polynomial_coupled

@@ -14,6 +14,7 @@ module hb_law_quadratic_damping
    contains
       procedure :: read => quadratic_damping_read
       procedure :: evaluate => quadratic_damping_evaluate
+      procedure :: has_potential => quadratic_damping_has_potential
       procedure :: n_switches => quadratic_damping_n_switches
       procedure :: switches => quadratic_damping_switches
       procedure :: evaluate_held => quadratic_damping_evaluate_held
@@ -76,4 +77,11 @@ contains
 
       f = merge(self%coefficient, -self%coefficient, is_positive)*v**2
    end subroutine quadratic_damping_evaluate_held
+
+   !> Without motion there is no force: nothing is stored.
+   pure logical function quadratic_damping_has_potential(self)
+      class(quadratic_damping_t), intent(in) :: self
+
+      quadratic_damping_has_potential = .true.
+   end function quadratic_damping_has_potential
 end module hb_law_quadratic_damping

@@ -20,6 +20,7 @@ module hb_law_rigid_wall
    contains
       procedure :: read => rigid_wall_read
       procedure :: evaluate => rigid_wall_evaluate
+      procedure :: has_potential => rigid_wall_has_potential
       procedure :: prepare => rigid_wall_prepare
       procedure :: correct => rigid_wall_correct
       procedure :: defects => rigid_wall_defects
@@ -114,4 +115,11 @@ contains
 
       rigid_wall_length_scale = abs(self%gap)
    end function rigid_wall_length_scale
+
+   !> A wall that does not yield stores nothing.
+   pure logical function rigid_wall_has_potential(self)
+      class(rigid_wall_t), intent(in) :: self
+
+      rigid_wall_has_potential = .true.
+   end function rigid_wall_has_potential
 end module hb_law_rigid_wall

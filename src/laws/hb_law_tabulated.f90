@@ -23,6 +23,8 @@ module hb_law_tabulated
    contains
       procedure :: read => tabulated_read
       procedure :: evaluate => tabulated_evaluate
+      procedure :: has_potential => tabulated_has_potential
+      procedure :: potential => tabulated_potential
       procedure :: length_scale => tabulated_length_scale
       procedure :: n_switches => tabulated_n_switches
       procedure :: switches => tabulated_switches
@@ -169,4 +171,44 @@ contains
 
       call on_interval(self, count(is_positive), z(1), f(1), slope)
    end subroutine tabulated_evaluate_held
+
+   pure logical function tabulated_has_potential(self)
+      class(tabulated_t), intent(in) :: self
+
+      tabulated_has_potential = .true.
+   end function tabulated_has_potential
+
+   !> Integral of the cubics from the first point on. Simpson's rule is exact for them.
+   subroutine tabulated_potential(self, z, energy, gradient)
+      class(tabulated_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :)
+      real(wp), intent(out) :: energy(:), gradient(:, :)
+      real(wp) :: at_nodes(size(self%nodes)), slope
+      integer :: i, interval
+
+      at_nodes(1) = 0.0_wp
+      do i = 2, size(at_nodes)
+         at_nodes(i) = at_nodes(i - 1) + work(i - 1, self%nodes(i))
+      end do
+      do i = 1, size(z, 1)
+         interval = interval_of(self%nodes, z(i, 1))
+         call on_interval(self, interval, z(i, 1), gradient(i, 1), slope)
+         energy(i) = at_nodes(max(interval, 1)) + work(interval, z(i, 1))
+      end do
+
+   contains
+
+      !> Work from the lower end of an interval, or from the first point for the one before it.
+      pure real(wp) function work(interval, to)
+         integer, intent(in) :: interval
+         real(wp), intent(in) :: to
+         real(wp) :: at_end, at_middle, at_start, from, slope
+
+         from = self%nodes(max(interval, 1))
+         call on_interval(self, interval, from, at_start, slope)
+         call on_interval(self, interval, 0.5_wp*(from + to), at_middle, slope)
+         call on_interval(self, interval, to, at_end, slope)
+         work = (to - from)*(at_start + 4.0_wp*at_middle + at_end)/6.0_wp
+      end function work
+   end subroutine tabulated_potential
 end module hb_law_tabulated

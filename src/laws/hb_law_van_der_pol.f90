@@ -16,6 +16,7 @@ module hb_law_van_der_pol
    contains
       procedure :: read => van_der_pol_read
       procedure :: evaluate => van_der_pol_evaluate
+      procedure :: has_potential => van_der_pol_has_potential
       procedure :: length_scale => van_der_pol_length_scale
    end type van_der_pol_t
 
@@ -66,4 +67,11 @@ contains
 
       van_der_pol_length_scale = self%threshold
    end function van_der_pol_length_scale
+
+   !> Without motion there is no force: nothing is stored.
+   pure logical function van_der_pol_has_potential(self)
+      class(van_der_pol_t), intent(in) :: self
+
+      van_der_pol_has_potential = .true.
+   end function van_der_pol_has_potential
 end module hb_law_van_der_pol

@@ -23,16 +23,17 @@ module hb_outcome
       integer :: no_motion = 11                        !! no self-excited motion was found
       integer :: crashed = 12                          !! the solution of the point has ended the process
       integer :: diverged = 13                         !! the steps run away from anything of the size of the problem
+      integer :: locked = 14                           !! the tones are multiples of one: the motion has one tone
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:13) = [character(13) :: &
+   character(*), parameter :: outcome_names(0:14) = [character(13) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
-      "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed", "diverged"]
+      "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed", "diverged", "locked"]
 
-   character(*), parameter :: texts(0:13) = [character(64) :: &
+   character(*), parameter :: texts(0:14) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
@@ -46,7 +47,8 @@ module hb_outcome
       "collapsed: an unknown tone died out, the motion has fewer tones", &
       "no motion: no self-excited motion was found", &
       "crashed: its solution has ended the process, see the message", &
-      "diverged: the steps run away from the size of the problem"]
+      "diverged: the steps run away from the size of the problem", &
+      "locked: the tones are multiples of one, the motion has one tone"]
 
 contains
 

@@ -49,11 +49,15 @@ module hb_dynamic_stiffness
       integer, allocatable, private :: law_dofs(:), interior(:)
       complex(wp), allocatable, private :: transfer(:, :, :) !! T, (n_interior, n_law, n_harmonics)
       complex(wp), allocatable, private :: held_motion(:, :) !! y, motion with the law dofs held still
+      complex(wp), allocatable, private :: motion_slope(:, :, :, :)   ! dT, dy by frequency and by drive,
+                                                             ! (n_interior, n_law + 1, 2, n_harmonics), or not allocated
       type(parts_t), allocatable, private :: parts           !! kept with slopes
    contains
       procedure :: move => dynamic_stiffness_move
       procedure :: linear_amplitudes => dynamic_stiffness_linear_amplitudes
       procedure :: recover => dynamic_stiffness_recover
+      procedure :: recover_slope => dynamic_stiffness_recover_slope
+      procedure :: hand_to_laws => dynamic_stiffness_hand_to_laws
    end type dynamic_stiffness_t
 
 contains
@@ -63,7 +67,8 @@ contains
    !> Fails for law dofs that do not exist or occur twice, for sizes that disagree, and where the interior is
    !> singular to working precision: at w = 0 a rigid-body motion, else an undamped resonance, that the law
    !> dofs do not hold.
-   subroutine new_dynamic_stiffness(self, structure, law_dofs, frequencies, loads, error, with_slopes, drives, load_slopes)
+   subroutine new_dynamic_stiffness(self, structure, law_dofs, frequencies, loads, error, with_slopes, drives, load_slopes, &
+                                    with_motion_slopes)
       type(dynamic_stiffness_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: law_dofs(:)                              !! (n_law)
@@ -74,6 +79,7 @@ contains
       real(wp), intent(in), optional :: drives(:)                     !! [rad**2/s**2], (n_harmonics), else zero
       complex(wp), intent(in), optional :: load_slopes(:, :)          !! dP/dw [N s] of loads that grow with the frequency, as
                                                                       !! loads, else zero; `move` leaves the loads as they are
+      logical, intent(in), optional :: with_motion_slopes             !! with slopes, also room for `recover_slope`
       type(parts_t), allocatable :: parts
       integer :: n_interior, n_law
 
@@ -103,6 +109,9 @@ contains
          if (with_slopes) then
             allocate (self%condensed_slope, self%condensed_drive_slope, mold=self%condensed)
             allocate (self%load_slope, self%load_drive_slope, mold=self%load)
+            if (present(with_motion_slopes)) then
+               if (with_motion_slopes) allocate (self%motion_slope(n_interior, n_law + 1, 2, self%n_harmonics))
+            end if
          end if
       end if
       if (present(drives)) then
@@ -182,8 +191,10 @@ contains
             if (allocated(self%condensed_slope)) then
                call find_slopes(self, h, frequencies(h), drives(h), parts, .false., self%condensed_slope(:, :, h), &
                                 self%load_slope(:, h))
+               if (allocated(self%motion_slope)) self%motion_slope(:, :, 1, h) = solver%rhs(:, :n_law + 1)
                call find_slopes(self, h, frequencies(h), drives(h), parts, .true., self%condensed_drive_slope(:, :, h), &
                                 self%load_drive_slope(:, h))
+               if (allocated(self%motion_slope)) self%motion_slope(:, :, 2, h) = solver%rhs(:, :n_law + 1)
             end if
          end do
       end associate
@@ -336,6 +347,37 @@ contains
                                           - matmul(self%transfer(:, :, h), law_coefficients(:, h))
       end do
    end subroutine dynamic_stiffness_recover
+
+   !> How the motion of all degrees of freedom changes with the frequency of each harmonic, and with its drive, while that of the
+   !> laws stays, dy - dT x_l; only for a stiffness with motion slopes.
+   pure subroutine dynamic_stiffness_recover_slope(self, law_coefficients, by_drive, slope)
+      class(dynamic_stiffness_t), intent(in) :: self
+      complex(wp), intent(in) :: law_coefficients(:, :)               !! [m], (n_law, n_harmonics)
+      logical, intent(in) :: by_drive
+      complex(wp), intent(out) :: slope(:, :)                         !! [m s] or [m s**2], (n_dofs, n_harmonics)
+      integer :: h
+
+      slope(self%law_dofs, :) = (0.0_wp, 0.0_wp)
+      do h = 1, self%n_harmonics
+         associate (change => self%motion_slope(:, :, merge(2, 1, by_drive), h))
+            slope(self%interior, h) = change(:, self%n_law + 1) - matmul(change(:, :self%n_law), law_coefficients(:, h))
+         end associate
+      end do
+   end subroutine dynamic_stiffness_recover_slope
+
+   !> Turns a gradient by the motion of all degrees of freedom into one by that of the laws, which the others follow:
+   !> g_l - T^H g_r, for functions with the differential Re(g^H dx).
+   pure subroutine dynamic_stiffness_hand_to_laws(self, gradient, law_gradient)
+      class(dynamic_stiffness_t), intent(in) :: self
+      complex(wp), intent(in) :: gradient(:, :)                       !! (n_dofs, n_harmonics)
+      complex(wp), intent(out) :: law_gradient(:, :)                  !! (n_law, n_harmonics)
+      integer :: h
+
+      do h = 1, self%n_harmonics
+         law_gradient(:, h) = gradient(self%law_dofs, h) &
+                              - matmul(transpose(conjg(self%transfer(:, :, h))), gradient(self%interior, h))
+      end do
+   end subroutine dynamic_stiffness_hand_to_laws
 
    !> Solves S_c c = P_c: the motion of the law dofs without any law.
    !>

@@ -4,9 +4,10 @@
 !> guesses `scene%tones%omega`; it is tried before any mode.
 module hb_autonomous
    use hb_balance, only: balance_t
+   use hb_energy, only: energy_t, new_energy
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_normal_mode, only: find_normal_mode
+   use hb_normal_mode, only: find_mode_of_energy, find_normal_mode
    use hb_outcome, only: outcome
    use hb_rest, only: find_rest, rest_t
    use hb_scene, only: scene_t
@@ -112,6 +113,7 @@ contains
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs): the start given
       type(search_t), intent(out) :: search
+      type(energy_t) :: energy
       real(wp) :: length
       integer :: i
       logical :: is_found
@@ -125,7 +127,11 @@ contains
       call new_search(search, balance, start%rest, start%tones, start%modes, &
                       [(findloc(law_dofs, scene%phase_dofs(i), dim=1), i=1, size(scene%phase_dofs))], length, scene%solver)
       u = u + start%rest%u
-      if (scene%normal_mode%is_asked) then
+      if (scene%normal_mode%has_energy) then
+         call new_energy(energy, scene%structure, constant_load(scene), balance, start%rest%u)
+         call find_mode_of_energy(search, energy, scene%normal_mode%energy, start%has_motion, u)
+         return
+      else if (scene%normal_mode%is_asked) then
          call find_normal_mode(search, scene%normal_mode%amplitude, scene%normal_mode%is_peak, &
                                findloc(law_dofs, scene%normal_mode%dof, dim=1), start%has_motion, u)
          return
@@ -194,4 +200,15 @@ contains
          search%message = "damped from each of "//to_text(k - 1)//" modes, up to an amplitude of "//to_text(reached)//" or more"
       end subroutine search_all_modes
    end subroutine find_motion
+
+   !> Constant forces on all degrees of freedom [N], the loads in the zero tuple.
+   pure function constant_load(scene) result(load)
+      type(scene_t), intent(in) :: scene
+      real(wp) :: load(scene%structure%n_dofs)
+      integer :: h
+
+      load = 0.0_wp
+      h = scene%harmonics%index_of(spread(0, 1, scene%tones%n_tones))
+      if (h > 0) load = real(scene%loads(:, h))
+   end function constant_load
 end module hb_autonomous

@@ -15,12 +15,13 @@ module hb_marched_start
    use hb_scene, only: scene_t
    implicit none
    private
-   public :: marched_guess
+   public :: change_of, first_kick, march_once, marched_guess, steady
 
    integer, parameter :: periods_of_transient = 200, periods_of_record = 50   ! of the slowest tone, unless &march says
    integer, parameter :: samples_of_harmonic = 8                      ! of the highest one in its period, at least
    real(wp), parameter :: kicks(4) = [3.0_wp, 30.0_wp, 0.3_wp, 300.0_wp]   ! of the length of the laws
-   real(wp), parameter :: steady = 0.02_wp                            ! change of the power from one half to the other
+   real(wp), parameter :: first_kick = kicks(1)
+   real(wp), parameter :: steady = 0.02_wp                            !! change of the power from one half to the other
    real(wp), parameter :: runaway = 1.0e4_wp                          ! relative to the first displacement
    real(wp), parameter :: dead = 1.0e-3_wp                            ! relative to the kick
 
@@ -69,6 +70,7 @@ contains
       end do
    end subroutine marched_guess
 
+   !> Marches through the transient and the record of `&march`, or of as many periods as stand above.
    subroutine march_once(scene, omega, law_dofs, kick, record, error)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: omega(:)

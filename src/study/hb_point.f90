@@ -11,6 +11,7 @@ module hb_point
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
    use hb_law_span, only: law_span_t, reduce_to_span
+   use hb_locking, only: find_locking, locking_t, may_be_locked
    use hb_marched_start, only: marched_guess
    use hb_mpi, only: wall_clock
    use hb_outcome, only: outcome
@@ -83,7 +84,8 @@ contains
       result%frequency = start%omega
       result%n_harmonics = scene%harmonics%n_harmonics
       call new_dynamic_stiffness(stiffness, scene%structure, law_dofs, scene%harmonics%frequencies(start%omega), scene%loads, &
-                                 error, with_slopes=is_autonomous, load_slopes=scene%load_slopes)
+                                 error, with_slopes=is_autonomous, load_slopes=scene%load_slopes, &
+                                 with_motion_slopes=scene%normal_mode%has_energy)
       if (allocated(error)) return
       if (size(law_dofs) == 0) then
          result%setup_seconds = wall_clock() - started
@@ -175,8 +177,35 @@ contains
          result%certificate_cpu_seconds = cpu_ended - cpu_begun
          if (allocated(error)) return
       end if
+      if (count(scene%tones%is_unknown) > 0 .and. scene%tones%n_tones > 1) call look_for_locking(scene, start, law_dofs, result)
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)
    end subroutine solve_balance
+
+   !> Where the search for a torus was lost, or its motion is no better than a guess and its tones are nearly commensurate, the
+   !> tones may have locked: there is no torus then.
+   subroutine look_for_locking(scene, start, law_dofs, result)
+      type(scene_t), intent(in) :: scene
+      type(autonomous_start_t), intent(in) :: start
+      integer, intent(in) :: law_dofs(:)
+      type(point_result_t), intent(inout) :: result
+      type(locking_t) :: locking
+
+      select case (result%status)
+      case (outcome%stalled)
+         call find_locking(locking, scene, start%omega, law_dofs)
+      case (outcome%truncated)
+         if (may_be_locked(result%frequency, scene%tones%is_unknown)) call find_locking(locking, scene, result%frequency, law_dofs)
+      case (outcome%collapsed)                                        ! to a part of a given tone? else the motion has no other
+         if (all(scene%tones%is_unknown) .or. .not. may_be_locked(start%omega, scene%tones%is_unknown)) return
+         call find_locking(locking, scene, start%omega, law_dofs)
+         if (.not. locking%is_locked) return
+         locking%is_locked = any(locking%multiples > 1 .and. .not. scene%tones%is_unknown)
+      end select
+      if (.not. locking%is_locked) return
+      result%status = outcome%locked
+      result%message = locking%message()
+      where (scene%tones%is_unknown) result%frequency = locking%multiples*locking%base
+   end subroutine look_for_locking
 
    !> The tones found; unknown ones that the motion does not have are no numbers.
    subroutine keep_tones(scene, balance, report, result)

@@ -301,6 +301,7 @@ contains
       type(error_t), allocatable, intent(inout) :: error
 
       associate (found => point%certificate)
+         if (allocated(found%frequency_error)) call put(self, "frequency_estimate", found%frequency_error, error)
          call put(self, "truncation_estimate", [found%truncation], error)
          call put(self, "aliasing_estimate", [found%aliasing], error)
          call put(self, "penetration", [found%defects%penetration], error)

@@ -358,7 +358,7 @@ contains
       end if
    end subroutine find_law_dof
 
-   !> Reads `&normal_mode`: which amplitude the motion has, and the linear mode from which it starts.
+   !> Reads `&normal_mode`: which amplitude or energy the motion has, and the linear mode from which it starts.
    subroutine read_normal_mode(self, group)
       type(scene_t), intent(inout) :: self
       type(group_t), intent(inout) :: group
@@ -367,10 +367,16 @@ contains
       measure = trim(measure_names(merge(1, 2, self%normal_mode%is_peak)))
       associate (mode => self%normal_mode)
          mode%is_asked = .true.
-         call group%require("amplitude", mode%amplitude)
-         call group%require("dof", dof)
-         call group%get("measure", measure, choices=measure_names)
+         mode%has_energy = group%given("energy")
          call group%get("mode", mode%mode, minimum=0)
+         if (mode%has_energy) then
+            call group%require("energy", mode%energy, above=0.0_wp)
+            call check_energy(self, group)
+         else
+            call group%require("amplitude", mode%amplitude)
+            call group%require("dof", dof)
+            call group%get("measure", measure, choices=measure_names)
+         end if
          mode%is_peak = measure == measure_names(1)
          if (allocated(dof)) call find_law_dof(self, group, "dof", dof, mode%dof)
          if (group%given("amplitude") .and. mode%amplitude == 0.0_wp) call group%problem("amplitude", "must not be 0")
@@ -379,10 +385,37 @@ contains
          "&solver first_guess = 'march' does not find it")
       if (count(self%tones%is_unknown) /= 1) then
          call group%problem_as_is(group%place()//": a normal mode needs one unknown tone: give 'unknown' in &tones")
+      else if (self%normal_mode%has_energy) then
+         if (self%tones%n_tones > 1) call group%problem("energy", "with several tones the energy is not that of one motion")
       else if (self%normal_mode%is_peak .and. self%tones%n_tones > 1) then
          call group%problem("measure", "with several tones there is no common peak; use 'harmonic'")
       end if
    end subroutine read_normal_mode
+
+   !> Refuses what leaves a free motion without a mechanical energy: laws without a potential, loads that vary, a stiffness
+   !> that is not symmetric.
+   subroutine check_energy(self, group)
+      type(scene_t), intent(in) :: self
+      type(group_t), intent(inout) :: group
+      real(wp), parameter :: digits = 1.0e-12_wp                      ! relative to the largest stiffness
+      integer :: h, i
+
+      do i = 1, size(self%laws)
+         if (.not. allocated(self%laws(i)%law)) cycle                  ! a problem by now
+         if (.not. self%laws(i)%law%has_potential()) call group%problem("energy", "law '"//self%laws(i)%law%label// &
+            "' has no potential, so that there is no energy to prescribe; give 'amplitude' and 'dof'")
+      end do
+      do h = 1, self%harmonics%n_harmonics
+         if (any(self%harmonics%tuples(:, h) /= 0) .and. any(abs(self%loads(:, h)) > 0.0_wp)) &
+            call group%problem("energy", "the energy of a motion under a &load that varies is not constant; give 'amplitude' "// &
+                               "and 'dof'")
+      end do
+      associate (k => self%structure%stiffness)
+         if (maxval(abs(k - transpose(k))) > digits*maxval(abs(k))) &
+            call group%problem("energy", "the stiffness is not symmetric, so that there is no strain energy; give 'amplitude' "// &
+                               "and 'dof'")
+      end associate
+   end subroutine check_energy
 
    !> Refuses a scene without laws, and a set of harmonics that lacks the fundamental of an unknown tone.
    subroutine check_fundamentals(self, group)

@@ -37,6 +37,7 @@ STATUSES = (
     "no_motion",
     "crashed",
     "diverged",
+    "locked",
 )
 
 _FORMS = (

@@ -96,6 +96,16 @@ def test_thresholds_give_the_status_and_keep_the_coefficients(tmp_path):
     assert (coefficients == coefficients[-1]).all()
 
 
+def test_error_of_an_unknown_frequency_is_stored(tmp_path):
+    """Free vibration on two springs, 11 : 1, with the frequency 2 w1 w2/(w1 + w2)."""
+    scene = "&structure type='matrices', n_dofs=1, mass=1, stiffness=1 /\n&tones unknown=.true. /\n"
+    scene += "&harmonics order=8 /\n&sampling samples=2048 /\n&normal_mode dof='x1', amplitude=-2 /\n"
+    scene += "&law type='elastic_stop', dof='x1', stiffness=10, gap=0 /\n"
+    frequency, estimate = (values[0, 0] for values in read(solve(scene, tmp_path), "frequency", "frequency_estimate"))
+    error = abs(frequency - 2 * 11**0.5 / (1 + 11**0.5))
+    assert error / FACTOR <= estimate <= FACTOR * error
+
+
 def test_powers_balance(tmp_path):
     scene = CASES["rigid wall"][0] + "&harmonics order = 8 /\n"
     names = ("power_in", "power_damping", "power_laws", "truncation_estimate")

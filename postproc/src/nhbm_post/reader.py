@@ -36,6 +36,7 @@ _STATUS_NAMES = {
     11: "no_motion",
     CRASHED: "crashed",
     13: "diverged",
+    14: "locked",
 }
 
 _REQUIRED = ("point", "tone", "harmonic", "dof", "tuple", "status", "frequency", "coefficients")

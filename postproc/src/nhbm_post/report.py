@@ -94,7 +94,7 @@ def _frequency_text(results: Results, point: int, tone: int) -> str:
 
 def _last_column(results: Results, point: int, dof: str) -> str:
     """Largest amplitudes of a solved point, why a failed one failed."""
-    if results.status[point] in EMPTY or results.status_name(point) in ("collapsed", "no_motion"):
+    if results.status[point] in EMPTY or results.status_name(point) in ("collapsed", "no_motion", "locked"):
         return results.message(point) or "-"
     try:
         series = results.series(point, dof, allow_unconverged=True)

@@ -1,0 +1,138 @@
+!> Mechanical energy of a free periodic motion, its mean over the torus, above that of the rest.
+!>
+!>     E = <x'^T M x' + x^T K x>/2 - p_0^T <x> + sum over the laws of <V(z)>, minus the same at rest,
+!>
+!> with constant loads p_0 and the potentials V of the laws. The energy of a conservative motion is constant; of the truncated
+!> motion the mean is known best, see docs/theory.md, section 6.5. x holds all degrees of freedom, those outside of the laws by
+!> the same condensation as in the balance.
+module hb_energy
+   use hb_balance, only: balance_t
+   use hb_kinds, only: wp
+   use hb_structure, only: structure_t
+   use hb_structure_block, only: new_structure_block, structure_block_t
+   implicit none
+   private
+   public :: energy_t, new_energy
+
+   type :: energy_t
+      type(structure_block_t), private :: matrices                    ! mass and stiffness of all degrees of freedom
+      real(wp), allocatable, private :: load(:)                       ! constant [N], (all dofs)
+      real(wp), private :: at_rest = 0.0_wp                           ! [J]
+   contains
+      procedure :: value => energy_value
+      procedure :: differentiate => energy_differentiate
+   end type energy_t
+
+contains
+
+   !> Energy of motions of a balance whose stiffness has motion slopes and whose laws have potentials; the stiffness of the
+   !> structure is symmetric and no load varies.
+   subroutine new_energy(self, structure, load, balance, rest)
+      type(energy_t), intent(out) :: self
+      type(structure_t), intent(in) :: structure
+      real(wp), intent(in) :: load(:)                                 !! constant [N], (all dofs)
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(in) :: rest(:, :)                              !! the motion of no energy [m], (n_coefficients, n_dofs)
+      integer :: all_dofs(structure%n_dofs), i
+
+      all_dofs = [(i, i=1, structure%n_dofs)]
+      call new_structure_block(self%matrices, structure, all_dofs, all_dofs)
+      self%load = load
+      self%at_rest = self%value(balance, rest)
+   end subroutine new_energy
+
+   !> Energy [J] of a motion at the frequencies of the balance; leaves the samples of its laws changed.
+   real(wp) function energy_value(self, balance, u)
+      class(energy_t), intent(in) :: self
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+      real(wp), allocatable :: law_gradient(:, :), by_omega(:), by_xi(:)
+
+      call find(self, balance, u, .false., energy_value, law_gradient, by_omega, by_xi)
+   end function energy_value
+
+   !> Its exact derivatives by the coefficients [N], by the base frequencies and by the artificial damping of all tones [J s].
+   subroutine energy_differentiate(self, balance, u, by_u, by_omega, by_xi)
+      class(energy_t), intent(in) :: self
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+      real(wp), allocatable, intent(out) :: by_u(:, :)                !! as u
+      real(wp), allocatable, intent(out) :: by_omega(:), by_xi(:)     !! (n_tones)
+      real(wp) :: energy
+
+      call find(self, balance, u, .true., energy, by_u, by_omega, by_xi)
+   end subroutine energy_differentiate
+
+   !> Energy of the structure harmonic by harmonic, (w**2 c^H M c + c^H K c)/4, of the zero tuple c^T K c/2 - p_0^T c, then that
+   !> of the laws. With g = (w**2 M + K) c/2, of the zero tuple K c - p_0, dE = Re(g^H dc) at constant w.
+   subroutine find(self, balance, u, with_derivatives, energy, by_u, by_omega, by_xi)
+      class(energy_t), intent(in) :: self
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(in) :: u(:, :)
+      logical, intent(in) :: with_derivatives
+      real(wp), intent(out) :: energy
+      real(wp), allocatable, intent(out) :: by_u(:, :), by_omega(:), by_xi(:)
+      complex(wp), dimension(size(self%load), balance%harmonics%n_harmonics) :: c, inertia, gradient
+      real(wp) :: of_laws
+      integer :: e, h
+
+      call balance%all_dofs(u, c)
+      inertia = (0.0_wp, 0.0_wp)
+      gradient = (0.0_wp, 0.0_wp)
+      associate (matrices => self%matrices)
+         do h = 1, size(c, 2)
+            do e = 1, matrices%n_entries
+               associate (row => matrices%row(e), column => matrices%column(e))
+                  inertia(row, h) = inertia(row, h) + matrices%mass(e)*c(column, h)
+                  gradient(row, h) = gradient(row, h) + matrices%stiffness(e)*c(column, h)
+               end associate
+            end do
+         end do
+      end associate
+      energy = -self%at_rest
+      do h = 1, size(c, 2)
+         if (balance%harmonics%sin_at(h) == 0) then
+            energy = energy + real(dot_product(c(:, h), 0.5_wp*gradient(:, h) - self%load))
+            gradient(:, h) = gradient(:, h) - self%load
+         else
+            gradient(:, h) = 0.5_wp*(balance%frequencies(h)**2*inertia(:, h) + gradient(:, h))
+            energy = energy + 0.5_wp*real(dot_product(c(:, h), gradient(:, h)))
+         end if
+      end do
+      call balance%sample(u)
+      call balance%law_set%potential(of_laws)
+      energy = energy + of_laws
+      if (with_derivatives) call find_derivatives()
+
+   contains
+
+      subroutine find_derivatives()
+         complex(wp) :: at_laws(balance%n_dofs, size(c, 2)), change(size(c, 1), size(c, 2))
+         real(wp), dimension(size(c, 2)) :: by_drive, by_frequency
+         real(wp) :: of_harmonics(size(u, 1), size(u, 2))
+         integer :: i
+
+         by_u = u
+         associate (set => balance%harmonics)
+            call balance%project(balance%law_set%f%values, by_u)      ! of a function of mean f, f_c and f_s: f, f_c/2, f_s/2
+            call balance%stiffness%hand_to_laws(gradient, at_laws)
+            do i = 1, balance%n_dofs
+               do h = 1, set%n_harmonics
+                  call set%set_amplitude(of_harmonics(:, i), h, at_laws(i, h))
+                  if (set%sin_at(h) == 0) cycle
+                  by_u([set%cos_at(h), set%sin_at(h)], i) = 0.5_wp*by_u([set%cos_at(h), set%sin_at(h)], i)
+               end do
+            end do
+            by_u = by_u + of_harmonics
+            at_laws = reshape([((set%amplitude(u(:, i), h), i=1, balance%n_dofs), h=1, set%n_harmonics)], shape(at_laws))
+            call balance%stiffness%recover_slope(at_laws, .false., change)
+            by_frequency = real(sum(conjg(gradient)*change, dim=1)) + &
+                           0.5_wp*balance%frequencies*real(sum(conjg(c)*inertia, dim=1))   ! none of the mean, where w = 0
+            call balance%stiffness%recover_slope(at_laws, .true., change)
+            by_drive = real(sum(conjg(gradient)*change, dim=1))
+            by_omega = matmul(set%tuples, by_frequency) + balance%xi*matmul(set%tuples, by_drive)
+            by_xi = balance%omega*matmul(set%tuples, by_drive)
+         end associate
+      end subroutine find_derivatives
+   end subroutine find
+end module hb_energy

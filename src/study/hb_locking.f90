@@ -1,0 +1,144 @@
+!> Locked tones: whether a scene with several tones ends in a periodic motion when it is followed through time.
+!>
+!> Where two tones lock, the motion is periodic, and there is no torus to be found: a search for one loses its way, or ends in
+!> harmonics that the set cannot hold. Marching says so. The record counts as periodic when multiples of one frequency carry all
+!> of its power; a beat, however slow, takes from that before its period is as long as twenty records.
+module hb_locking
+   use hb_birkhoff, only: bump_weights, coefficients_at
+   use hb_error, only: error_t
+   use hb_frequency_analysis, only: find_frequencies
+   use hb_kinds, only: wp
+   use hb_march, only: march_record_t
+   use hb_marched_start, only: change_of, first_kick, march_once, steady
+   use hb_scene, only: scene_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: find_locking, locking_t, may_be_locked
+
+   integer, parameter :: highest_part = 6                             ! of a tone that the common base frequency is
+   integer, parameter :: most_multiples = 80
+   integer, parameter :: largest_structure = 64                       ! degrees of freedom that are marched unasked
+   real(wp), parameter :: all_power = 1.0_wp - 1.0e-5_wp
+   real(wp), parameter :: close = 0.05_wp                             ! |q w_m - p w_l| relative to the larger tone
+
+   type :: locking_t
+      logical :: is_locked = .false.
+      real(wp) :: base = 0.0_wp                                       !! common frequency [rad/s]
+      integer, allocatable :: multiples(:)                            !! of it, one for each tone
+   contains
+      procedure :: message => locking_message
+   end type locking_t
+
+contains
+
+   !> Whether two tones, one of them unknown, are close to a ratio of small numbers.
+   pure logical function may_be_locked(omega, is_unknown)
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
+      logical, intent(in) :: is_unknown(:)                            !! (n_tones)
+      integer :: l, m, p, q
+
+      may_be_locked = .false.
+      do m = 2, size(omega)
+         do l = 1, m - 1
+            if (.not. (is_unknown(l) .or. is_unknown(m))) cycle
+            do p = 1, highest_part
+               do q = 1, highest_part - p + 1
+                  if (abs(q*omega(m) - p*omega(l)) < close*max(omega(l), omega(m))) may_be_locked = .true.
+               end do
+            end do
+         end do
+      end do
+   end function may_be_locked
+
+   !> Marches, and looks for a common frequency of all that moves. Where marching fails nothing is known, and nothing said; nor
+   !> of a large structure, which may take longer to march than the search took.
+   subroutine find_locking(self, scene, omega, law_dofs)
+      type(locking_t), intent(out) :: self
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), as far as known, > 0
+      integer, intent(in) :: law_dofs(:)
+      type(march_record_t) :: record
+      type(error_t), allocatable :: error
+      real(wp) :: leading
+      integer :: part
+
+      if (scene%structure%n_dofs > largest_structure) return
+      call march_once(scene, omega, law_dofs, first_kick, record, error)
+      if (allocated(error)) return
+      if (change_of(record) > steady) return
+      if (all(scene%tones%is_unknown)) then
+         call find_leading_line(record, leading, error)
+         if (allocated(error) .or. leading <= 0.0_wp) return
+      else
+         leading = omega(findloc(scene%tones%is_unknown, .false., dim=1))
+      end if
+      do part = 1, highest_part
+         self%base = leading/part
+         self%is_locked = share_of_multiples(record, self%base, maxval(abs(scene%harmonics%frequencies(omega)))) >= all_power
+         if (self%is_locked) exit
+      end do
+      if (self%is_locked) self%multiples = max(1, nint(omega/self%base))
+   end subroutine find_locking
+
+   !> Says what to do about it.
+   pure function locking_message(self) result(text)
+      class(locking_t), intent(in) :: self
+      character(:), allocatable :: text
+      integer :: m
+
+      text = to_text(self%multiples(1))
+      do m = 2, size(self%multiples)
+         text = text//":"//to_text(self%multiples(m))
+      end do
+      text = "the tones lock in the ratio "//text//", as marching shows: use one tone, near "//to_text(self%base)//" rad/s"
+   end function locking_message
+
+   !> Frequency of the largest line of all [rad/s]; 0 where nothing moves.
+   subroutine find_leading_line(record, leading, error)
+      type(march_record_t), intent(in) :: record
+      real(wp), intent(out) :: leading
+      type(error_t), allocatable, intent(out) :: error
+      complex(wp) :: amplitude(1)
+      real(wp) :: frequency(1), largest
+      integer :: k
+
+      leading = 0.0_wp
+      largest = 0.0_wp
+      associate (x => record%every_displacement)
+         do k = 1, size(x, 2)
+            call find_frequencies(x(:, k) - sum(x(:, k))/size(x, 1), record%start, record%step, frequency, amplitude, error)
+            if (allocated(error)) return
+            if (.not. abs(amplitude(1)) > largest) cycle
+            largest = abs(amplitude(1))
+            leading = frequency(1)
+         end do
+      end associate
+   end subroutine find_leading_line
+
+   !> Share of the power of a record, its mean left out, that multiples of one frequency carry up to the highest.
+   real(wp) function share_of_multiples(record, base, highest) result(share)
+      type(march_record_t), intent(in) :: record
+      real(wp), intent(in) :: base, highest                           !! [rad/s]
+      complex(wp), allocatable :: c(:)
+      real(wp), allocatable :: deviation(:), weights(:)
+      real(wp) :: all_of_it, explained
+      integer :: i, k, n
+
+      n = max(1, min(most_multiples, ceiling(highest/base)))
+      allocate (c(n))
+      all_of_it = 0.0_wp
+      explained = 0.0_wp
+      associate (x => record%every_displacement)
+         weights = bump_weights(size(x, 1))
+         do k = 1, size(x, 2)
+            deviation = x(:, k) - sum(weights*x(:, k))
+            call coefficients_at(deviation, record%start, record%step, [(i*base, i=1, n)], c)
+            all_of_it = all_of_it + sum(weights*deviation**2)
+            explained = explained + 0.5_wp*sum(abs(c)**2)
+         end do
+      end associate
+      share = 0.0_wp
+      if (all_of_it > 0.0_wp) share = explained/all_of_it
+   end function share_of_multiples
+end module hb_locking
