@@ -7,7 +7,7 @@ module hb_problem
    private
    public :: default_largest_dense, deformation, problem_t
 
-   integer, parameter :: default_largest_dense = 400                  !! unknowns up to which the dense tangent is as fast as products
+   integer, parameter :: default_largest_dense = 400                  !! unknowns up to which the dense tangent is cheaper
 
    !> Ways to deform a problem from an easy one, at 0, to the one asked for, at 1.
    type :: deformation_t
@@ -20,7 +20,7 @@ module hb_problem
    type, abstract :: problem_t
       integer :: n_unknowns = 0
       logical :: has_products = .false.                               !! with the tangent, by `linearise` and `apply_tangent`
-      integer :: largest_dense = default_largest_dense                !! unknowns up to which the dense tangent is the cheaper
+      integer :: largest_dense = default_largest_dense                !! unknowns up to which the dense tangent is cheaper
       real(wp), allocatable :: x_scale(:)                             !! typical magnitude of each unknown, > 0
       real(wp), allocatable :: r_scale(:)                             !! typical magnitude of each equation, > 0
    contains
