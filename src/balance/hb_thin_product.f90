@@ -10,7 +10,7 @@ module hb_thin_product
    use hb_kinds, only: wp
    use hb_law_pairs, only: add_slopes_along
    use hb_law_set, only: law_set_t
-   use hb_torus, only: fast_size, new_torus, torus_t
+   use hb_torus, only: cheap_size, new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
    implicit none
    private
@@ -51,7 +51,8 @@ contains
       if (.not. self%is_thinner) return
       call new_box(band, 2*harmonics%highest, .false., error)
       if (allocated(error)) return
-      call new_torus(thin, [(min(torus%n_samples(m), fast_size(4*harmonics%highest(m) + 1)), m=1, harmonics%n_tones)], band, error)
+      call new_torus(thin, [(min(torus%n_samples(m), cheap_size(4*harmonics%highest(m) + 1, harmonics%n_tones)), &
+                             m=1, harmonics%n_tones)], band, error)
       if (allocated(error)) return
       self%is_thinner = thin%n_total < torus%n_total
       if (.not. self%is_thinner) return

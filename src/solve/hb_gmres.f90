@@ -1,7 +1,7 @@
 !> GMRES: solves J s = b from products with J alone, preconditioned from the right, restarted.
 !>
 !> Works on b/r_scale, so that the residual it makes small is the one that Newton's method measures. Orthogonalises by
-!> classical Gram-Schmidt done twice, as good as the modified form and fit for matrix-vector products.
+!> classical Gram-Schmidt, done twice where the first time cancels: as good as the modified form, fit for matrix-vector products.
 !> Source: docs/theory.md, section 6.6; Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869; Giraud, Langou,
 !> Rozloznik, van den Eshof, Numer. Math. 101 (2005) 87-100 (twice is enough).
 module hb_gmres
@@ -15,8 +15,11 @@ module hb_gmres
 
    real(wp), parameter :: exhausted = 100*epsilon(1.0_wp)             ! what is left of a product that adds no direction
 
+   real(wp), parameter :: cancelled = 0.1_wp                          ! what is left of a product that is made orthogonal again
+
    type :: gmres_t
       integer :: n_products = 0                                       !! of the last `solve`
+      logical :: is_slow = .false.                                    !! the last `solve` ended because of `fewer_than`
       real(wp) :: residual = 0.0_wp                                   !! |b - J s|/|b| of the last `solve`, scaled; 1: no step helps
       real(wp), allocatable, private :: basis(:, :)                   ! (n_unknowns, n_vectors + 1), orthonormal
       real(wp), allocatable, private :: h(:, :)                       ! (n_vectors + 1, n_vectors) triangular after rotations
@@ -44,17 +47,23 @@ contains
    !> Solves with the tangent of the last `problem%linearise`, from the given s, to |b - J s| <= tolerance |b| or as far as
    !> `most_products` go.
    !>
-   !> Ends early where a whole cycle gains next to nothing: J is singular, or the preconditioner too weak.
-   subroutine gmres_solve(self, problem, b, tolerance, most_products, s)
+   !> Ends early where a whole cycle gains next to nothing: J is singular, or the preconditioner too weak; and, with
+   !> `fewer_than`, once the pace of the last products says that clearly more would be needed than that.
+   subroutine gmres_solve(self, problem, b, tolerance, most_products, s, fewer_than)
       class(gmres_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: b(:)                        !! (n_unknowns)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: most_products
       real(wp), intent(inout), contiguous :: s(:)                     !! (n_unknowns)
+      integer, intent(in), optional :: fewer_than                     !! products
       real(wp), parameter :: stagnation = 0.9_wp                      ! gain of a cycle that is worth another
       real(wp) :: before, norm, norm_of_b
+      integer :: slow_from
 
+      slow_from = huge(1)/4
+      if (present(fewer_than)) slow_from = (3*fewer_than)/2           ! with a margin: a pace is no promise
+      self%is_slow = .false.
       self%n_products = 0
       self%residual = 0.0_wp
       self%work = b/problem%r_scale
@@ -73,8 +82,9 @@ contains
          if (norm <= tolerance*norm_of_b .or. self%n_products >= most_products) return
          before = norm
          self%basis(:, 1) = self%work/norm
-         call self%cycle(problem, norm, tolerance*norm_of_b, most_products, s)
+         call self%cycle(problem, norm, tolerance*norm_of_b, most_products, slow_from, s)
          self%residual = norm/norm_of_b
+         if (self%is_slow) return
          if (norm <= tolerance*norm_of_b .or. self%n_products >= most_products) return
          if (.not. norm <= stagnation*before) return
          call find_residual()                                         ! afresh: what rotations say drifts from the truth
@@ -91,15 +101,17 @@ contains
    end subroutine gmres_solve
 
    !> One cycle: from a residual of length `norm` along the first vector to the smallest that the space reaches; adds to s.
-   subroutine gmres_cycle(self, problem, norm, target, most_products, s)
+   subroutine gmres_cycle(self, problem, norm, target, most_products, slow_from, s)
       class(gmres_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
       real(wp), intent(inout) :: norm
       real(wp), intent(in) :: target
       integer, intent(in) :: most_products
+      integer, intent(in) :: slow_from                                !! products expected of all: too many
       real(wp), intent(inout) :: s(:)
+      integer, parameter :: stretch = 6                               ! products that a pace is taken from, after as many others
       integer :: i, j, n
-      real(wp) :: a, length
+      real(wp) :: a, length, pace
 
       n = size(self%basis, 1)
       self%g = 0.0_wp
@@ -117,10 +129,13 @@ contains
          associate (h => self%h(:, j))
             call dgemv("T", n, j, 1.0_wp, self%basis, n, self%work, 1, 0.0_wp, h, 1)
             call dgemv("N", n, j, -1.0_wp, self%basis, n, h, 1, 1.0_wp, self%work, 1)
-            call dgemv("T", n, j, 1.0_wp, self%basis, n, self%work, 1, 0.0_wp, self%again, 1)
-            call dgemv("N", n, j, -1.0_wp, self%basis, n, self%again, 1, 1.0_wp, self%work, 1)
-            h(1:j) = h(1:j) + self%again(1:j)
             h(j + 1) = dnrm2(n, self%work, 1)
+            if (h(j + 1) < cancelled*length) then
+               call dgemv("T", n, j, 1.0_wp, self%basis, n, self%work, 1, 0.0_wp, self%again, 1)
+               call dgemv("N", n, j, -1.0_wp, self%basis, n, self%again, 1, 1.0_wp, self%work, 1)
+               h(1:j) = h(1:j) + self%again(1:j)
+               h(j + 1) = dnrm2(n, self%work, 1)
+            end if
             if (h(j + 1) <= exhausted*length) h(j + 1) = 0.0_wp
             if (h(j + 1) > 0.0_wp) self%basis(:, j + 1) = self%work/h(j + 1)
             do i = 1, j - 1
@@ -142,6 +157,10 @@ contains
          self%g(j) = self%cosine(j)*self%g(j)
          norm = abs(self%g(j + 1))
          if (length <= 0.0_wp) exit                                   ! the space holds the solution
+         if (j < 2*stretch .or. norm <= target) cycle
+         pace = -sum(log(max(tiny(1.0_wp), abs(self%sine(j - stretch + 1:j)))))/stretch   ! sines: how the residual fell
+         self%is_slow = log(norm/target) > pace*(slow_from - self%n_products)
+         if (self%is_slow) exit
       end do
       if (j > 0) call self%add_solution(problem, j, s)
    end subroutine gmres_cycle

@@ -1,7 +1,7 @@
 !> Newton's method without a matrix: steps by GMRES from products with the exact tangent, as accurate as they pay.
 !>
 !> Source: docs/theory.md, section 6.6; Dembo, Eisenstat, Steihaug, SIAM J. Numer. Anal. 19 (1982) 400-408; Eisenstat and
-!> Walker, SIAM J. Sci. Comput. 17 (1996) 16-32 (accuracy of the steps, second choice).
+!> Walker, SIAM J. Sci. Comput. 17 (1996) 16-32 (accuracy of the steps, the rougher of both choices).
 module hb_krylov
    use hb_ending, only: end_at_point, end_without_step
    use hb_kinds, only: wp
@@ -62,7 +62,9 @@ contains
             call end_without_step(problem, x, search%failure, report)
             return
          end if
-         accuracy = min(lowest_accuracy, 0.9_wp*(report%residual/norm_before)**2)  ! what quadratic convergence can use
+         associate (gain => report%residual/norm_before)              ! what quadratic convergence can use, or kinks leave of it
+            accuracy = min(lowest_accuracy, max(0.9_wp*gain**2, abs(gain - tangent%residual)))
+         end associate
       end do
    end subroutine solve_krylov
 end module hb_krylov

@@ -2,9 +2,12 @@
 module hb_problem
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
+   use hb_solver_types, only: report_t, solver_config_t
    implicit none
    private
-   public :: deformation, problem_t
+   public :: default_largest_dense, deformation, problem_t
+
+   integer, parameter :: default_largest_dense = 400                  !! unknowns up to which the dense tangent is cheaper
 
    !> Ways to deform a problem from an easy one, at 0, to the one asked for, at 1.
    type :: deformation_t
@@ -17,6 +20,7 @@ module hb_problem
    type, abstract :: problem_t
       integer :: n_unknowns = 0
       logical :: has_products = .false.                               !! with the tangent, by `linearise` and `apply_tangent`
+      integer :: largest_dense = default_largest_dense                !! unknowns up to which the dense tangent is cheaper
       real(wp), allocatable :: x_scale(:)                             !! typical magnitude of each unknown, > 0
       real(wp), allocatable :: r_scale(:)                             !! typical magnitude of each equation, > 0
    contains
@@ -29,6 +33,7 @@ module hb_problem
       procedure :: apply_tangent => problem_apply_tangent
       procedure :: update_preconditioner => problem_update_preconditioner
       procedure :: precondition => problem_precondition
+      procedure :: coarse_guess => problem_coarse_guess
       procedure :: norm => problem_norm
    end type problem_t
 
@@ -113,6 +118,17 @@ contains
 
       call self%solve_linear(r, step)
    end subroutine problem_precondition
+
+   !> Improves a first guess by solving a smaller problem that resembles this one; most problems know of none.
+   recursive subroutine problem_coarse_guess(self, config, x, report, is_found)
+      class(problem_t), intent(inout) :: self
+      type(solver_config_t), intent(in) :: config
+      real(wp), intent(inout), contiguous :: x(:)                     !! (n_unknowns), a first guess and then the better one
+      type(report_t), intent(out) :: report                           !! the work that it took
+      logical, intent(out) :: is_found                                !! false: x is as it was
+
+      is_found = .false.
+   end subroutine problem_coarse_guess
 
    !> Euclidean norm of r/r_scale; NaN or infinity if any entry is.
    pure real(wp) function problem_norm(self, r)

@@ -7,18 +7,22 @@ module hb_solver
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_problem, only: deformation, problem_t
-   use hb_solver_types, only: largest_affordable, largest_dense, method, report_t, rescue, solver_config_t
+   use hb_solver_types, only: largest_affordable, method, report_t, rescue, solver_config_t
    implicit none
    private
    public :: solve
 
    real(wp), parameter :: shares(8) = [0.5_wp, 0.2_wp, 0.1_wp, 0.05_wp, 0.02_wp, -0.5_wp, 1.5_wp, -0.1_wp] ! of the linear solution
 
+   integer, parameter :: ways(7) = [rescue%other_guess, rescue%fewer_harmonics, rescue%other_method, rescue%both_other, &
+                                    rescue%nonlinearity, rescue%load, rescue%several_guesses]   ! in the order of trial
+   integer, parameter :: n_ways_without_matrix = 2
+
 contains
 
-   !> Solves r(x) = 0 from the given x. When the direct attempt fails and rescue is on: another first guess, the other
-   !> method, both, homotopy in the nonlinearity from the linear solution, homotopy in the load from zero, several guesses.
-   !> The report adds up all attempts and says which one succeeded; if none did, x and the status are those of the direct
+   !> Solves r(x) = 0 from the given x. When the direct attempt fails and rescue is on: another first guess, the solution of a
+   !> smaller problem as first guess, the other method, the other guess with it, homotopy in the nonlinearity from the linear
+   !> solution, homotopy in the load from zero, several guesses. The report adds up all attempts and says which one succeeded; if none did, x and the status are those of the direct
    !> attempt.
    subroutine solve(problem, config, linear_solution, x, report)
       class(problem_t), intent(inout) :: problem
@@ -28,19 +32,27 @@ contains
       type(report_t), intent(out) :: report
       type(report_t) :: attempt
       real(wp), allocatable :: first_guess(:), other_guess(:), trial(:)
-      integer :: chosen, other_method, way
+      integer :: chosen, i, other_method, way
+      logical :: is_found
 
       allocate (first_guess, source=x)
       allocate (other_guess, source=linear_solution)
       if (all(x == linear_solution)) other_guess = 0.0_wp
       chosen = config%method
       if (chosen == method%auto) chosen = merge(method%krylov, method%newton, &
-                                                problem%has_products .and. problem%n_unknowns > largest_dense)
+                                                problem%has_products .and. problem%n_unknowns > problem%largest_dense)
       other_method = merge(method%broyden, method%newton, chosen == method%newton)
       call solve_directly(problem, config, chosen, x, report)
       if (report%status == outcome%converged .or. .not. config%rescue) return
-      do way = rescue%other_guess, merge(rescue%several_guesses, rescue%other_guess, problem%n_unknowns <= largest_affordable)
+      do i = 1, merge(size(ways), n_ways_without_matrix, problem%n_unknowns <= largest_affordable)
+         way = ways(i)
          select case (way)
+         case (rescue%fewer_harmonics)
+            trial = first_guess
+            call problem%coarse_guess(config, trial, attempt, is_found)
+            call add_effort(report, attempt)
+            if (.not. is_found) cycle
+            call solve_directly(problem, config, chosen, trial, attempt)
          case (rescue%other_guess)
             trial = other_guess
             call solve_directly(problem, config, chosen, trial, attempt)

@@ -4,7 +4,7 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: largest_affordable, largest_dense, method, method_names, report_t, rescue, rescue_names, solver_config_t, start_names
+   public :: largest_affordable, method, method_names, report_t, rescue, rescue_names, solver_config_t, start_names
 
    type :: method_t
       integer :: newton = 1
@@ -16,7 +16,6 @@ module hb_solver_types
    character(7), parameter :: method_names(4) = [character(7) :: "newton", "broyden", "krylov", "auto"]
    character(7), parameter :: start_names(2) = [character(7) :: "linear", "tangent"]
 
-   integer, parameter :: largest_dense = 400                          !! unknowns up to which dense tangents are as fast as products
    integer, parameter :: largest_affordable = 10000                   !! unknowns up to which a dense tangent fits at all, in 0.8 GB
 
    !> What was needed beside the direct attempt; numbers as in the result file.
@@ -28,11 +27,12 @@ module hb_solver_types
       integer :: nonlinearity = 4                                     !! homotopy in the strength of the laws
       integer :: load = 5                                             !! homotopy in the loads
       integer :: several_guesses = 6                                  !! from shares of the linear motion
+      integer :: fewer_harmonics = 7                                  !! from the solution of a smaller problem; tried second
    end type rescue_t
    type(rescue_t), parameter :: rescue = rescue_t()
-   character(*), parameter :: rescue_names(0:6) = [character(22) :: &
+   character(*), parameter :: rescue_names(0:7) = [character(22) :: &
       "none", "other_guess", "other_method", "other_guess_and_method", "nonlinearity_homotopy", "load_homotopy", &
-      "several_guesses"]
+      "several_guesses", "fewer_harmonics"]
 
    !> Settings of a solver; the component initialisers are the defaults of the input group `&solver`.
    type :: solver_config_t

@@ -63,7 +63,11 @@ contains
       s = 0.0_wp
       products = 0
       do
-         call self%gmres%solve(problem, b, accuracy, merge(self%most_products - products, patience, self%is_strongest), s)
+         if (self%is_strongest) then
+            call self%gmres%solve(problem, b, accuracy, self%most_products - products, s)
+         else
+            call self%gmres%solve(problem, b, accuracy, patience, s, fewer_than=patience)
+         end if
          products = products + self%gmres%n_products
          if (self%gmres%residual <= accuracy .or. products >= self%most_products) exit
          if (self%is_strongest .and. self%is_fresh) exit
@@ -72,7 +76,7 @@ contains
       end do
       self%residual = self%gmres%residual
       self%n_products = self%n_products + products
-      self%is_tired = products > easy
+      self%is_tired = self%gmres%n_products > easy
    end subroutine tangent_krylov_solve
 
    subroutine tangent_krylov_renew(self, problem)

@@ -1,8 +1,8 @@
 !> Solves with the tangent of a problem at one point: by its factors, or from products where it is large.
 module hb_tangent_solver
    use hb_kinds, only: wp
-   use hb_problem, only: problem_t
-   use hb_solver_types, only: largest_dense, solver_config_t
+   use hb_problem, only: default_largest_dense, problem_t
+   use hb_solver_types, only: solver_config_t
    use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
    use hb_tangent_krylov, only: new_tangent_krylov, tangent_krylov_t
    implicit none
@@ -29,7 +29,7 @@ contains
       type(solver_config_t) :: config
       logical :: is_ready
 
-      if (problem%has_products .and. problem%n_unknowns > largest_dense) then
+      if (problem%has_products .and. problem%n_unknowns > default_largest_dense) then
          allocate (self%krylov)
          call new_tangent_krylov(self%krylov, problem%n_unknowns, config%krylov_vectors, config%krylov_products)
          call self%krylov%update(problem, x, is_ready)

@@ -10,7 +10,8 @@ module hb_block_factors
 
    type :: block_factors_t
       type(block_pattern_t), private :: pattern              ! of the blocks
-      complex(wp), allocatable, private :: matrix(:, :, :)   ! (rows, n, n_blocks); a band with room for row exchanges
+      complex(wp), allocatable, private :: matrix(:, :, :)   ! (rows, n, n_blocks); a band with room for row exchanges;
+                                                             ! for n = 1 the inverse
       integer, allocatable, private :: pivots(:, :)          ! (n, n_blocks)
    contains
       procedure :: factorise => block_factors_factorise
@@ -42,7 +43,11 @@ contains
       integer :: info
 
       associate (n => self%pattern%n, reach => self%pattern%reach, n_rows => size(self%matrix, 1))
-         if (self%pattern%is_banded) then
+         if (n == 1) then
+            info = merge(1, 0, abs(block(1, 1)) <= 0.0_wp)
+            self%matrix(1, 1, h) = (0.0_wp, 0.0_wp)
+            if (info == 0) self%matrix(1, 1, h) = (1.0_wp, 0.0_wp)/block(1, 1)
+         else if (self%pattern%is_banded) then
             self%matrix(:reach, :, h) = (0.0_wp, 0.0_wp)
             self%matrix(reach + 1:, :, h) = block
             call zgbtrf(n, n, reach, reach, self%matrix(:, :, h), n_rows, self%pivots(:, h), info)
@@ -63,7 +68,7 @@ contains
 
       associate (n => self%pattern%n, reach => self%pattern%reach, n_rows => size(self%matrix, 1))
          if (n == 1) then
-            b(1) = b(1)/self%matrix(1, 1, h)
+            b(1) = self%matrix(1, 1, h)*b(1)
          else if (self%pattern%is_banded) then
             call zgbtrs("N", n, reach, reach, 1, self%matrix(:, :, h), n_rows, self%pivots(:, h), b, n, info)
          else
@@ -81,6 +86,10 @@ contains
       complex(wp) :: c(self%pattern%n)
       integer :: h, i
 
+      if (self%pattern%n == 1) then
+         call scale_harmonics(set, self%matrix(1, 1, :), r(:, 1), x(:, 1))
+         return
+      end if
       do h = 1, set%n_harmonics
          do i = 1, self%pattern%n
             c(i) = set%amplitude(r(:, i), h)
@@ -91,4 +100,24 @@ contains
          end do
       end do
    end subroutine block_factors_solve_harmonics
+
+   !> The same for one degree of freedom: each amplitude times its factor.
+   pure subroutine scale_harmonics(set, factor, r, x)
+      type(harmonics_t), intent(in) :: set
+      complex(wp), intent(in) :: factor(:)                   !! (n_harmonics)
+      real(wp), intent(in) :: r(:)                           !! (n_coefficients)
+      real(wp), intent(out) :: x(:)                          !! as r
+      integer :: h
+
+      do h = 1, set%n_harmonics
+         associate (c => set%cos_at(h), s => set%sin_at(h), a => real(factor(h)), b => aimag(factor(h)))
+            if (s > 0) then                                  ! (a + i b) (r_c - i r_s)
+               x(c) = a*r(c) + b*r(s)
+               x(s) = a*r(s) - b*r(c)
+            else
+               x(c) = a*r(c)
+            end if
+         end associate
+      end do
+   end subroutine scale_harmonics
 end module hb_block_factors

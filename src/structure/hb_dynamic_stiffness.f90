@@ -54,6 +54,7 @@ module hb_dynamic_stiffness
       type(parts_t), allocatable, private :: parts           !! kept with slopes
    contains
       procedure :: move => dynamic_stiffness_move
+      procedure :: restricted_to => dynamic_stiffness_restricted_to
       procedure :: linear_amplitudes => dynamic_stiffness_linear_amplitudes
       procedure :: recover => dynamic_stiffness_recover
       procedure :: recover_slope => dynamic_stiffness_recover_slope
@@ -139,6 +140,22 @@ contains
       call condense(self, parts, frequencies, drives, error)
       call move_alloc(parts, self%parts)
    end subroutine dynamic_stiffness_move
+
+   !> The condensed part of some harmonics alone, without slopes and without what `recover` needs.
+   pure function dynamic_stiffness_restricted_to(self, kept) result(part)
+      class(dynamic_stiffness_t), intent(in) :: self
+      integer, intent(in) :: kept(:)                                  !! numbers of the harmonics
+      type(dynamic_stiffness_t) :: part
+
+      part%n_dofs = self%n_dofs
+      part%n_law = self%n_law
+      part%n_harmonics = size(kept)
+      part%pattern = self%pattern
+      part%law_dofs = self%law_dofs
+      part%condensed = self%condensed(:, :, kept)
+      part%load = self%load(:, kept)
+      part%magnitude = self%magnitude(:, kept)
+   end function dynamic_stiffness_restricted_to
 
    !> Condenses each harmonic, with slopes if there is room for them.
    subroutine condense(self, parts, frequencies, drives, error)

@@ -11,7 +11,7 @@ module hb_memory_estimate
    use hb_kinds, only: wp
    use hb_memory_sizes, only: sizes_t
    use hb_memory_tangent, only: width
-   use hb_solver_types, only: largest_affordable, largest_dense, method
+   use hb_solver_types, only: largest_affordable, method
    use hb_text, only: to_text
    use hb_torus, only: fast_size
    implicit none
@@ -216,7 +216,7 @@ contains
       type(sizes_t), intent(in) :: s
 
       from_products = .not. s%has_unknown_tones .and. &
-                      (s%solver%method == method%krylov .or. unknowns(s, s%n_harmonics) > largest_dense)
+                      (s%solver%method == method%krylov .or. unknowns(s, s%n_harmonics) > s%largest_dense)
    end function from_products
 
    !> Vectors of GMRES, see hb_gmres and hb_krylov.

@@ -10,6 +10,7 @@ module hb_memory_sizes
    use hb_solver_types, only: solver_config_t
    use hb_structure, only: structure_t
    use hb_torus, only: torus_t
+   use hb_tangent_choice, only: largest_dense_tangent
    implicit none
    private
    public :: new_sizes, sizes_t
@@ -26,6 +27,7 @@ module hb_memory_sizes
       real(wp) :: answers_per_sample = 0                              !! of laws with memory, for a tangent
       real(wp) :: states = 0                                          !! coordinates times states, of laws with memory
       logical :: needs_velocity = .false., needs_reaction = .false., has_memory = .false.
+      integer :: largest_dense = 0                                    !! unknowns up to which the tangent is a matrix
       real(wp) :: n_stored_dofs = 0
       integer, allocatable :: highest(:), samples(:)                  !! (n_tones)
       integer, allocatable :: stored_samples(:)                       !! of surfaces, size 0: none
@@ -60,6 +62,7 @@ contains
       self%solver = solver
       self%has_certificate = has_certificate .and. size(laws) > 0
       self%has_unknown_tones = has_unknown_tones
+      self%largest_dense = largest_dense_tangent(laws)
       call scan_structure(self, structure)
       do i = 1, size(laws)
          call add_law(self, laws, i)
