@@ -39,6 +39,7 @@ module hb_law
       procedure :: defects => law_defects
       procedure :: length_scale => law_length_scale
       procedure :: explain => law_explain
+      procedure :: is_odd => law_is_odd
       procedure :: n_switches => law_n_switches
       procedure :: switches => law_switches
       procedure :: evaluate_held => law_evaluate_held
@@ -131,6 +132,14 @@ contains
       text = ""
       is_fatal = .false.
    end subroutine law_explain
+
+   !> Whether the force is odd, f(-z, -v, -p) = -f(z, v, p), of a law with memory with the mirrored past; false where that is
+   !> not sure. Motions of the opposite sign then are motions too, see hb_odd_motion.
+   pure logical function law_is_odd(self)
+      class(law_t), intent(in) :: self
+
+      law_is_odd = .false.
+   end function law_is_odd
 
    !> Number of functions of the motion at whose zeros the force has a kink, such as the distance to a stop; 0 for a smooth law.
    pure integer function law_n_switches(self)

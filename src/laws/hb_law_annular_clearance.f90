@@ -26,6 +26,7 @@ module hb_law_annular_clearance
       procedure :: n_switches => annular_clearance_n_switches
       procedure :: switches => annular_clearance_switches
       procedure :: evaluate_held => annular_clearance_evaluate_held
+      procedure :: is_odd => annular_clearance_is_odd
    end type annular_clearance_t
 
 contains
@@ -158,4 +159,11 @@ contains
 
       call at_sample(self, z(1), z(2), all(is_positive), f(1), f(2), slope)
    end subroutine annular_clearance_evaluate_held
+
+   !> Odd where the rotor hangs in the middle of the ring at rest.
+   pure logical function annular_clearance_is_odd(self)
+      class(annular_clearance_t), intent(in) :: self
+
+      annular_clearance_is_odd = all(abs(self%center) <= 0.0_wp)
+   end function annular_clearance_is_odd
 end module hb_law_annular_clearance

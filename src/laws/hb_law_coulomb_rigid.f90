@@ -21,6 +21,7 @@ module hb_law_coulomb_rigid
       procedure :: evaluate => coulomb_rigid_evaluate
       procedure :: prepare_rate => coulomb_rigid_prepare_rate
       procedure :: defects => coulomb_rigid_defects
+      procedure :: is_odd => coulomb_rigid_is_odd
    end type coulomb_rigid_t
 
 contains
@@ -81,4 +82,11 @@ contains
 
       defects%slip = maxval(self%limit*abs(v) - min(max(p, -self%limit), self%limit)*v)
    end function coulomb_rigid_defects
+
+   !> Odd whatever its limit.
+   pure logical function coulomb_rigid_is_odd(self)
+      class(coulomb_rigid_t), intent(in) :: self
+
+      coulomb_rigid_is_odd = .true.
+   end function coulomb_rigid_is_odd
 end module hb_law_coulomb_rigid

@@ -17,6 +17,7 @@ module hb_law_coulomb_tanh
    contains
       procedure :: read => coulomb_tanh_read
       procedure :: evaluate => coulomb_tanh_evaluate
+      procedure :: is_odd => coulomb_tanh_is_odd
    end type coulomb_tanh_t
 
 contains
@@ -57,4 +58,11 @@ contains
       if (present(df_dz)) df_dz = 0.0_wp
       if (present(df_dv)) df_dv(:, :, 1) = self%limit/self%velocity*(1.0_wp - tanh(v/self%velocity)**2)
    end subroutine coulomb_tanh_evaluate
+
+   !> Odd whatever limit and velocity are.
+   pure logical function coulomb_tanh_is_odd(self)
+      class(coulomb_tanh_t), intent(in) :: self
+
+      coulomb_tanh_is_odd = .true.
+   end function coulomb_tanh_is_odd
 end module hb_law_coulomb_tanh

@@ -18,6 +18,7 @@ module hb_law_cubic_damping
    contains
       procedure :: read => cubic_damping_read
       procedure :: evaluate => cubic_damping_evaluate
+      procedure :: is_odd => cubic_damping_is_odd
    end type cubic_damping_t
 
 contains
@@ -86,4 +87,11 @@ contains
          end do
       end do
    end subroutine cubic_damping_evaluate
+
+   !> Odd, in a frame that turns as well.
+   pure logical function cubic_damping_is_odd(self)
+      class(cubic_damping_t), intent(in) :: self
+
+      cubic_damping_is_odd = .true.
+   end function cubic_damping_is_odd
 end module hb_law_cubic_damping

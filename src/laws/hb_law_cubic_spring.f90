@@ -14,6 +14,7 @@ module hb_law_cubic_spring
    contains
       procedure :: read => cubic_spring_read
       procedure :: evaluate => cubic_spring_evaluate
+      procedure :: is_odd => cubic_spring_is_odd
    end type cubic_spring_t
 
 contains
@@ -49,4 +50,11 @@ contains
       f = self%stiffness*z**3
       if (present(df_dz)) df_dz(:, :, 1) = 3.0_wp*self%stiffness*z**2
    end subroutine cubic_spring_evaluate
+
+   !> Odd whatever its stiffness.
+   pure logical function cubic_spring_is_odd(self)
+      class(cubic_spring_t), intent(in) :: self
+
+      cubic_spring_is_odd = .true.
+   end function cubic_spring_is_odd
 end module hb_law_cubic_spring

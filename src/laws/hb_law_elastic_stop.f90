@@ -20,6 +20,7 @@ module hb_law_elastic_stop
       procedure :: n_switches => elastic_stop_n_switches
       procedure :: switches => elastic_stop_switches
       procedure :: evaluate_held => elastic_stop_evaluate_held
+      procedure :: is_odd => elastic_stop_is_odd
    end type elastic_stop_t
 
 contains
@@ -99,4 +100,11 @@ contains
       if (.not. self%two_sided) return
       if (is_positive(2)) f = f + self%stiffness*(z + self%gap)
    end subroutine elastic_stop_evaluate_held
+
+   !> Odd with a stop on both sides.
+   pure logical function elastic_stop_is_odd(self)
+      class(elastic_stop_t), intent(in) :: self
+
+      elastic_stop_is_odd = self%two_sided
+   end function elastic_stop_is_odd
 end module hb_law_elastic_stop

@@ -31,6 +31,7 @@ module hb_law_jenkins
       procedure :: bounds => jenkins_bounds
       procedure :: n_switches => jenkins_n_switches
       procedure :: switches => jenkins_switches
+      procedure :: is_odd => jenkins_is_odd
    end type jenkins_t
 
 contains
@@ -215,4 +216,11 @@ contains
 
       if (self%normal_load_varies) values = self%preload + self%normal_stiffness*z(2)
    end subroutine jenkins_switches
+
+   !> Odd under a constant normal load; one that varies pushes to one side.
+   pure logical function jenkins_is_odd(self)
+      class(jenkins_t), intent(in) :: self
+
+      jenkins_is_odd = .not. self%normal_load_varies
+   end function jenkins_is_odd
 end module hb_law_jenkins

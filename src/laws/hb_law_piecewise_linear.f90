@@ -21,6 +21,7 @@ module hb_law_piecewise_linear
       procedure :: n_switches => piecewise_linear_n_switches
       procedure :: switches => piecewise_linear_switches
       procedure :: evaluate_held => piecewise_linear_evaluate_held
+      procedure :: is_odd => piecewise_linear_is_odd
    end type piecewise_linear_t
 
 contains
@@ -119,4 +120,15 @@ contains
 
       f(1) = force_at(self, count(is_positive), z(1))
    end subroutine piecewise_linear_evaluate_held
+
+   !> Odd where breakpoints and slopes mirror at zero and there is no force there.
+   pure logical function piecewise_linear_is_odd(self)
+      class(piecewise_linear_t), intent(in) :: self
+
+      associate (n => size(self%breakpoints), rounding => 8*epsilon(1.0_wp))
+         piecewise_linear_is_odd = all(abs(self%breakpoints + self%breakpoints(n:1:-1)) <= rounding*abs(self%breakpoints)) .and. &
+                                   all(abs(self%slopes - self%slopes(n + 1:1:-1)) <= rounding*abs(self%slopes)) .and. &
+                                   all(abs(self%forces + self%forces(n:1:-1)) <= rounding*maxval(abs(self%forces)))
+      end associate
+   end function piecewise_linear_is_odd
 end module hb_law_piecewise_linear

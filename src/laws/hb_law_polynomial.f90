@@ -15,6 +15,7 @@ module hb_law_polynomial
    contains
       procedure :: read => polynomial_read
       procedure :: evaluate => polynomial_evaluate
+      procedure :: is_odd => polynomial_is_odd
    end type polynomial_t
 
 contains
@@ -97,4 +98,11 @@ contains
          horner_slope = n*c(n) + x*horner_slope
       end do
    end function horner_slope
+
+   !> Odd where all coefficients of even powers are zero.
+   pure logical function polynomial_is_odd(self)
+      class(polynomial_t), intent(in) :: self
+
+      polynomial_is_odd = all(abs(self%stiffness(2::2)) <= 0.0_wp) .and. all(abs(self%damping(2::2)) <= 0.0_wp)
+   end function polynomial_is_odd
 end module hb_law_polynomial

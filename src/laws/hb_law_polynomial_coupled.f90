@@ -23,6 +23,7 @@ module hb_law_polynomial_coupled
    contains
       procedure :: read => polynomial_coupled_read
       procedure :: evaluate => polynomial_coupled_evaluate
+      procedure :: is_odd => polynomial_coupled_is_odd
    end type polynomial_coupled_t
 
 contains
@@ -177,4 +178,12 @@ contains
          term = term*x**n
       end if
    end subroutine multiply
+
+   !> Odd where the exponents of each term sum to an odd number.
+   pure logical function polynomial_coupled_is_odd(self)
+      class(polynomial_coupled_t), intent(in) :: self
+
+      polynomial_coupled_is_odd = all(modulo(sum(self%z_exponents, dim=2) + sum(self%v_exponents, dim=2), 2) == 1 .or. &
+                                      abs(self%coefficients) <= 0.0_wp)
+   end function polynomial_coupled_is_odd
 end module hb_law_polynomial_coupled

@@ -17,6 +17,7 @@ module hb_law_quadratic_damping
       procedure :: n_switches => quadratic_damping_n_switches
       procedure :: switches => quadratic_damping_switches
       procedure :: evaluate_held => quadratic_damping_evaluate_held
+      procedure :: is_odd => quadratic_damping_is_odd
    end type quadratic_damping_t
 
 contains
@@ -76,4 +77,11 @@ contains
 
       f = merge(self%coefficient, -self%coefficient, is_positive)*v**2
    end subroutine quadratic_damping_evaluate_held
+
+   !> Odd whatever its coefficient.
+   pure logical function quadratic_damping_is_odd(self)
+      class(quadratic_damping_t), intent(in) :: self
+
+      quadratic_damping_is_odd = .true.
+   end function quadratic_damping_is_odd
 end module hb_law_quadratic_damping

@@ -24,6 +24,7 @@ module hb_law_rigid_wall
       procedure :: correct => rigid_wall_correct
       procedure :: defects => rigid_wall_defects
       procedure :: length_scale => rigid_wall_length_scale
+      procedure :: is_odd => rigid_wall_is_odd
    end type rigid_wall_t
 
 contains
@@ -114,4 +115,11 @@ contains
 
       rigid_wall_length_scale = abs(self%gap)
    end function rigid_wall_length_scale
+
+   !> Odd with a wall on both sides.
+   pure logical function rigid_wall_is_odd(self)
+      class(rigid_wall_t), intent(in) :: self
+
+      rigid_wall_is_odd = self%two_sided
+   end function rigid_wall_is_odd
 end module hb_law_rigid_wall

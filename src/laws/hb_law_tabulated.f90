@@ -27,6 +27,7 @@ module hb_law_tabulated
       procedure :: n_switches => tabulated_n_switches
       procedure :: switches => tabulated_switches
       procedure :: evaluate_held => tabulated_evaluate_held
+      procedure :: is_odd => tabulated_is_odd
    end type tabulated_t
 
 contains
@@ -169,4 +170,14 @@ contains
 
       call on_interval(self, count(is_positive), z(1), f(1), slope)
    end subroutine tabulated_evaluate_held
+
+   !> Odd where the table mirrors at zero.
+   pure logical function tabulated_is_odd(self)
+      class(tabulated_t), intent(in) :: self
+
+      associate (n => size(self%nodes), rounding => 8*epsilon(1.0_wp))
+         tabulated_is_odd = all(abs(self%nodes + self%nodes(n:1:-1)) <= rounding*abs(self%nodes)) .and. &
+                            all(abs(self%forces + self%forces(n:1:-1)) <= rounding*abs(self%forces))
+      end associate
+   end function tabulated_is_odd
 end module hb_law_tabulated

@@ -17,6 +17,7 @@ module hb_law_van_der_pol
       procedure :: read => van_der_pol_read
       procedure :: evaluate => van_der_pol_evaluate
       procedure :: length_scale => van_der_pol_length_scale
+      procedure :: is_odd => van_der_pol_is_odd
    end type van_der_pol_t
 
 contains
@@ -66,4 +67,11 @@ contains
 
       van_der_pol_length_scale = self%threshold
    end function van_der_pol_length_scale
+
+   !> Odd whatever strength and threshold are.
+   pure logical function van_der_pol_is_odd(self)
+      class(van_der_pol_t), intent(in) :: self
+
+      van_der_pol_is_odd = .true.
+   end function van_der_pol_is_odd
 end module hb_law_van_der_pol
