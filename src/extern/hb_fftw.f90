@@ -159,10 +159,11 @@ contains
       type(line_plan_t), intent(inout) :: self
       integer, intent(in) :: n, stride, n_rows, n_blocks, block_stride
       integer, intent(in) :: effort                                   !! one of `planning`
-      complex(wp), intent(inout), contiguous :: spectrum(:, :)        !! from `new_complex_block`; overwritten
+      complex(wp), intent(inout), contiguous, target :: spectrum(:, :)   !! from `new_complex_block`; overwritten
       integer, intent(in) :: n_batch
       type(error_t), allocatable, intent(out) :: error
       type(fftw_iodim) :: line(1), others(3)
+      complex(wp), pointer, contiguous :: same(:, :)                  ! in place
       integer(c_int) :: flags
       integer, allocatable :: key(:)
 
@@ -173,13 +174,14 @@ contains
       if (self%slot == 0) then
          self%slot = free_slot()
          if (self%slot > 0) then
+            call c_f_pointer(c_loc(spectrum), same, shape(spectrum))
             line(1) = fftw_iodim(n, stride, stride)
             others(1) = fftw_iodim(n_rows, 1, 1)
             others(2) = fftw_iodim(n_blocks, block_stride, block_stride)
             others(3) = fftw_iodim(n_batch, size(spectrum, 1), size(spectrum, 1))
             associate (stored => store(self%slot))
-               stored%backward = fftw_plan_guru_dft(1, line, 3, others, spectrum, spectrum, FFTW_BACKWARD, flags)
-               stored%forward = fftw_plan_guru_dft(1, line, 3, others, spectrum, spectrum, FFTW_FORWARD, flags)
+               stored%backward = fftw_plan_guru_dft(1, line, 3, others, spectrum, same, FFTW_BACKWARD, flags)
+               stored%forward = fftw_plan_guru_dft(1, line, 3, others, spectrum, same, FFTW_FORWARD, flags)
                if (c_associated(stored%backward) .and. c_associated(stored%forward)) then
                   stored%key = key
                else

@@ -15,6 +15,7 @@ module hb_scene
    use hb_memory_sizes, only: new_sizes, sizes_t
    use hb_namelist, only: document_t, group_t
    use hb_normal_mode, only: measure_names, normal_mode_t
+   use hb_odd_symmetry, only: why_not_odd
    use hb_solver_types, only: method_names, solver_config_t, start_names
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
@@ -24,7 +25,7 @@ module hb_scene
    implicit none
    private
    public :: group_names, groups_read_again, output_config_t, read_again, read_harmonics, read_scene, read_tones, scene_t
-   public :: sizes_of
+   public :: sizes_of, symmetry, symmetry_names
 
    !> Every group that an input file may have.
    character(11), parameter :: group_names(13) = [character(11) :: &
@@ -37,6 +38,15 @@ module hb_scene
    character(8), parameter :: phase_names(2) = [character(8) :: "integral", "sine"]
 
    character(9), parameter :: first_guess_names(4) = [character(9) :: "linear", "zero", "neighbour", "march"]
+
+   !> Among which motions a scene is solved.
+   type :: symmetry_t
+      integer :: auto = 1                                             !! odd ones where equations and first guess are odd
+      integer :: none = 2                                             !! all
+      integer :: odd = 3                                              !! odd ones; refused where equations are not
+   end type symmetry_t
+   type(symmetry_t), parameter :: symmetry = symmetry_t()
+   character(4), parameter :: symmetry_names(3) = [character(4) :: "auto", "none", "odd"]
 
    !> What is kept of a result.
    type :: output_config_t
@@ -69,6 +79,7 @@ module hb_scene
                                                                       !! integral phase conditions
       type(normal_mode_t) :: normal_mode
       type(harmonics_t) :: harmonics
+      integer :: symmetry = symmetry%auto
       type(torus_t) :: torus
       type(law_box_t), allocatable :: laws(:)
       complex(wp), allocatable :: loads(:, :)                         !! cos - i sin [N], (n_dofs, n_harmonics)
@@ -117,7 +128,7 @@ contains
       if (allocated(error)) return
       call read_tones(self%tones, document, error)
       if (allocated(error)) return
-      call read_harmonics(self%harmonics, document, self%tones%n_tones, error)
+      call read_harmonics(self%harmonics, document, self%tones%n_tones, error, self%symmetry)
       if (allocated(error)) return
 
       allocate (self%laws(document%count("law")))
@@ -142,6 +153,7 @@ contains
       allocate (self%loads(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
       allocate (self%load_slopes, self%start, source=self%loads)
       call read_loads(self, document)
+      call check_symmetry(self, document%optional_group("harmonics"))
       if (any(self%tones%is_unknown)) then
          if (self%certificate%improvement_steps > 0) then
             group => document%optional_group("certificate")
@@ -166,7 +178,7 @@ contains
       integer :: i
 
       is_read = .false.
-      if (any(self%tones%is_unknown)) return
+      if (any(self%tones%is_unknown) .or. self%symmetry == symmetry%odd) return
       if (document%count("tones") > 0) then
          call read_tones(tones, document, error)
          if (allocated(error)) return
@@ -401,15 +413,30 @@ contains
       end do
    end subroutine check_fundamentals
 
-   !> Reads `&harmonics`: `set` = box, diamond or list, with `order`, `odd_only`, `tuples`.
-   subroutine read_harmonics(self, document, n_tones, error)
+   !> Refuses `symmetry = 'odd'` where the equations are not odd.
+   subroutine check_symmetry(self, group)
+      type(scene_t), intent(in) :: self
+      type(group_t), intent(inout) :: group
+      character(:), allocatable :: reason
+      integer :: i
+
+      if (self%symmetry /= symmetry%odd .or. .not. allocated(self%torus%n_samples)) return
+      if (.not. all([(allocated(self%laws(i)%law%dofs), i=1, size(self%laws))])) return   ! a problem by now
+      reason = why_not_odd(self%laws, self%harmonics, self%torus, self%loads)
+      if (len(reason) > 0) call group%problem("symmetry", "must not be 'odd': "//reason// &
+                                              "; 'auto' uses the symmetry where there is one")
+   end subroutine check_symmetry
+
+   !> Reads `&harmonics`: `set` = box, diamond or list, with `order`, `odd_only`, `tuples`; and `symmetry` where asked for.
+   subroutine read_harmonics(self, document, n_tones, error, chosen_symmetry)
       type(harmonics_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
       integer, intent(in) :: n_tones
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(inout), optional :: chosen_symmetry             !! one of `symmetry_t`
       type(group_t), pointer :: group
       integer, allocatable :: order(:), tuples(:)
-      character(:), allocatable :: set
+      character(:), allocatable :: set, symmetry_name
       logical :: odd_only
       character(7), parameter :: sets(3) = [character(7) :: "box", "diamond", "list"]
 
@@ -417,7 +444,10 @@ contains
       if (allocated(error)) return
       set = "box"
       odd_only = .false.
+      symmetry_name = trim(symmetry_names(1))
       call group%get("set", set, choices=sets)
+      call group%get("symmetry", symmetry_name, choices=symmetry_names)
+      if (present(chosen_symmetry)) chosen_symmetry = max(1, findloc(symmetry_names == symmetry_name, .true., dim=1))
       if (set == "list") then
          call group%require("tuples", tuples)
          if (allocated(tuples)) then
