@@ -171,13 +171,14 @@ contains
       call on_interval(self, count(is_positive), z(1), f(1), slope)
    end subroutine tabulated_evaluate_held
 
-   !> Odd where the table mirrors at zero.
+   !> Odd where the table mirrors at zero, and so do its slopes: those that were shrunk may not.
    pure logical function tabulated_is_odd(self)
       class(tabulated_t), intent(in) :: self
 
       associate (n => size(self%nodes), rounding => 8*epsilon(1.0_wp))
          tabulated_is_odd = all(abs(self%nodes + self%nodes(n:1:-1)) <= rounding*abs(self%nodes)) .and. &
-                            all(abs(self%forces + self%forces(n:1:-1)) <= rounding*abs(self%forces))
+                            all(abs(self%forces + self%forces(n:1:-1)) <= rounding*abs(self%forces)) .and. &
+                            all(abs(self%slopes - self%slopes(n:1:-1)) <= rounding*abs(self%slopes))
       end associate
    end function tabulated_is_odd
 end module hb_law_tabulated
