@@ -59,7 +59,7 @@ contains
       if (even_part > 0.0_wp) even_part = even_part/maxval(abs(u))
    end function even_part
 
-   !> Whether any law has a memory, whose walk takes the whole grid.
+   !> Whether any law has a memory, whose walk takes the whole grid under several tones.
    pure logical function has_memory(laws)
       type(law_box_t), intent(in) :: laws(:)
       integer :: i

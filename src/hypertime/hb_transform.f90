@@ -25,6 +25,7 @@ module hb_transform
       integer, private :: parity = 0                                  ! of the sums of tuples, on half a torus
       type(grid_fft_t), private :: batch                              ! of all channels
       type(grid_fft_t), private :: single                             ! of one, on half a torus of slopes
+      type(grid_fft_t), allocatable, private :: single_odd            ! of one odd function on half a torus, where batch has more
    contains
       procedure :: to_samples => transform_to_samples
       procedure :: to_rate_samples => transform_to_rate_samples
@@ -69,6 +70,11 @@ contains
       if (allocated(error)) return
       call new_grid_fft(self%single, torus, 0, 2*harmonics%highest(1), 1, effort, .true., error)
       if (allocated(error)) return
+      if (torus%is_half .and. self%parity == 1 .and. n_channels > 1) then
+         allocate (self%single_odd)
+         call new_grid_fft(self%single_odd, torus, 1, harmonics%highest(1), 1, effort, .true., error)
+         if (allocated(error)) return
+      end if
       if (allocated(self%at)) deallocate (self%at, self%mirror_at, self%is_conjugate)
       allocate (self%at(harmonics%n_harmonics), self%mirror_at(harmonics%n_harmonics), self%is_conjugate(harmonics%n_harmonics))
       do h = 1, harmonics%n_harmonics
@@ -144,14 +150,28 @@ contains
       end do
    end subroutine transform_to_coefficients
 
-   !> The same of one function alone, whatever the number of channels. On half a torus it and all tuples are even.
+   !> The same of one function alone, whatever the number of channels.
    subroutine transform_to_coefficients_of_one(self, samples, x)
       class(transform_t), intent(inout) :: self
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, 1), aligned; unchanged
       real(wp), intent(out) :: x(:)                                   !! (n_coefficients)
 
-      call self%single%to_spectrum(samples)
-      call read_spectrum(self, self%single%spectra%values(:, 1), x)
+      if (.not. self%torus%is_half .or. self%parity == 0) then
+         call project(self%single)
+      else if (allocated(self%single_odd)) then
+         call project(self%single_odd)
+      else
+         call project(self%batch)
+      end if
+
+   contains
+
+      subroutine project(plan)
+         type(grid_fft_t), intent(inout) :: plan
+
+         call plan%to_spectrum(samples)
+         call read_spectrum(self, plan%spectra%values(:, 1), x)
+      end subroutine project
    end subroutine transform_to_coefficients_of_one
 
    !> Coefficients from the spectrum of one channel.
@@ -273,5 +293,8 @@ contains
 
       call self%batch%destroy()
       call self%single%destroy()
+      if (.not. allocated(self%single_odd)) return
+      call self%single_odd%destroy()
+      deallocate (self%single_odd)
    end subroutine transform_destroy
 end module hb_transform

@@ -64,7 +64,8 @@ contains
       call take_odd(scene%start, self%start)
       if (present(guess)) call take_odd_guess(guess)
       scene%harmonics = odd
-      if (scene%torus%can_be_halved() .and. .not. self%has_memory) scene%torus = scene%torus%half()
+      if (.not. scene%torus%can_be_halved()) return
+      if (.not. self%has_memory .or. scene%tones%n_tones == 1) scene%torus = scene%torus%half()
 
    contains
 

@@ -288,7 +288,7 @@ contains
          call fail(error, trouble)
          return
       end if
-      if (balance%law_set%has_memory .and. all(modulo(sum(harmonics%tuples, dim=1), 2) == 1) &
+      if (balance%law_set%has_memory .and. .not. torus%is_half .and. all(modulo(sum(harmonics%tuples, dim=1), 2) == 1) &
           .and. all(modulo(torus%n_samples, 2) == 0)) result%asymmetry = asymmetry(torus, balance%law_set%f%values)
       result%n_full_stick = count([(balance%law_set%full_stick(i), i=1, size(balance%law_set%laws))])
       call balance%project(balance%law_set%f%values, coefficients)
