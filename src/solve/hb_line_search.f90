@@ -83,7 +83,8 @@ contains
       fraction = 0.0_wp
    end subroutine line_search_advance
 
-   !> Moves x along the full step if that makes the residual smaller; otherwise x, r and norm stay.
+   !> Moves x along the full step if that makes the residual smaller; otherwise x, r and norm stay. Later steps are not compared
+   !> with it.
    subroutine line_search_try_step(self, problem, step, x, r, norm)
       class(line_search_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -100,6 +101,5 @@ contains
       x = self%x_trial
       r = self%r_trial
       norm = trial_norm
-      call self%remember(norm)
    end subroutine line_search_try_step
 end module hb_line_search

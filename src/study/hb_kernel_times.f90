@@ -2,8 +2,8 @@
 !>
 !> A repetition runs a kernel and its yardstick one after the other, so that what else the machine does hits both alike; the
 !> ratio is the median over repetitions. Apart from that, the very first run of each is kept: nothing is planned, no memory is
-!> warm. Yardsticks: the bare FFTW pair (spectrum to samples and back) of the same grid, batch
-!> and planning, and LAPACK's LU factorisation of a full matrix of the same size.
+!> warm. Yardsticks: the bare FFTW pair (spectrum to samples and back) of the same grid, batch and planning (of the whole grid
+!> where odd motions are solved on half of it), and LAPACK's LU factorisation of a full matrix of the same size.
 module hb_kernel_times
    use hb_balance, only: balance_t, new_balance
    use hb_benchmark_table, only: median

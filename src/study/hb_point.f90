@@ -53,7 +53,11 @@ contains
          if (odd%is_proven(result)) then
             call odd%restore_result(result, error)
          else
-            first_guess = found                                       ! balances the odd harmonics alone
+            if (allocated(found)) then                                ! balances the odd harmonics alone
+               call move_alloc(found, first_guess)
+            else if (present(guess)) then
+               if (allocated(guess)) first_guess = guess
+            end if
             call solve_all(scene, result, error, first_guess, found)
          end if
       end if
