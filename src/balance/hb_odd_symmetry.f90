@@ -20,7 +20,7 @@ contains
       type(law_box_t), intent(in) :: laws(:)
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus                              !! of the laws
-      complex(wp), intent(in) :: loads(:, :)                          !! [N], (any, n_harmonics)
+      complex(wp), intent(in), optional :: loads(:, :)                !! [N], (any, n_harmonics)
       character(:), allocatable :: reason
       integer :: h, i
 
@@ -29,6 +29,7 @@ contains
          if (.not. laws(i)%law%is_odd()) reason = "the force of law '"//laws(i)%law%label//"' is not odd"
       end do
       do h = 1, harmonics%n_harmonics
+         if (.not. present(loads)) exit
          if (.not. is_even(harmonics, h)) cycle
          if (any(abs(loads(:, h)) > 0.0_wp)) reason = "there is a load of the even tuple "//tuple_text(harmonics%tuples(:, h))
       end do

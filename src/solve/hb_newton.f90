@@ -73,8 +73,8 @@ contains
             if (report%residual <= problem%rounding_level(x)) report%status = outcome%converged
             return
          end if
-         if (problem%n_unknowns >= fewest_unknowns .and. fraction >= 1.0_wp .and. report%residual <= fast*before) &
-            call repeat_tangent()
+         if (.not. config%repeats_tangent .or. problem%n_unknowns < fewest_unknowns) cycle
+         if (fraction >= 1.0_wp .and. report%residual <= fast*before) call repeat_tangent()
       end do
 
    contains

@@ -7,9 +7,9 @@ module hb_odd_motion
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_of_parity
    use hb_kinds, only: wp
-   use hb_odd_symmetry, only: even_part, has_memory, why_not_odd
+   use hb_odd_symmetry, only: even_part, has_memory
    use hb_results, only: point_result_t
-   use hb_scene, only: scene_t, symmetry
+   use hb_scene, only: half_of_odd, is_solved_odd, scene_t, symmetry
    use hb_torus, only: torus_t
    use hb_two_level, only: exchange
    implicit none
@@ -43,16 +43,10 @@ contains
       real(wp), allocatable, intent(inout), optional :: guess(:)
       type(harmonics_t) :: odd
 
-      if (scene%symmetry == symmetry%none .or. size(scene%laws) == 0) return
-      if (scene%symmetry == symmetry%auto) then
-         if (scene%start_from_march) return
-         if (even_part_of(scene%start) > 0.0_wp) return
-         if (changes_rigid_laws()) return
-         if (present(guess)) then
-            if (.not. is_odd_guess(guess)) return
-         end if
+      if (.not. is_solved_odd(scene)) return
+      if (present(guess) .and. scene%symmetry == symmetry%auto) then
+         if (.not. is_odd_guess(guess)) return
       end if
-      if (len(why_not_odd(scene%laws, scene%harmonics, scene%torus, scene%loads)) > 0) return
       call new_of_parity(odd, scene%harmonics, 1, error)
       if (allocated(error)) return
       self%is_used = .true.
@@ -64,29 +58,9 @@ contains
       call take_odd(scene%start, self%start)
       if (present(guess)) call take_odd_guess(guess)
       scene%harmonics = odd
-      if (.not. scene%torus%can_be_halved()) return
-      if (.not. self%has_memory .or. scene%tones%n_tones == 1) scene%torus = scene%torus%half()
+      scene%torus = half_of_odd(scene)
 
    contains
-
-      !> Whether a rigid law may take its augmentation from tuples that would go.
-      logical function changes_rigid_laws()
-         integer :: i
-
-         changes_rigid_laws = any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))]) .and. &
-                              any(modulo(sum(scene%harmonics%tuples, dim=1), 2) == 0)
-      end function changes_rigid_laws
-
-      !> Largest amplitude of even tuples.
-      real(wp) function even_part_of(amplitudes) result(largest)
-         complex(wp), intent(in) :: amplitudes(:, :)
-         integer :: h
-
-         largest = 0.0_wp
-         do h = 1, scene%harmonics%n_harmonics
-            if (modulo(sum(scene%harmonics%tuples(:, h)), 2) == 0) largest = max(largest, maxval(abs(amplitudes(:, h))))
-         end do
-      end function even_part_of
 
       logical function is_odd_guess(guess)
          real(wp), allocatable, intent(in) :: guess(:)

@@ -4,7 +4,7 @@
 module hb_scene
    use hb_error, only: annotate, error_t
    use hb_fftw, only: planning, planning_names
-   use hb_harmonics, only: harmonics_t, new_box, new_diamond, new_harmonics, tuple_text
+   use hb_harmonics, only: harmonics_t, new_box, new_diamond, new_harmonics, new_of_parity, tuple_text
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t, law_t
    use hb_law_catalogue, only: read_law
@@ -15,7 +15,7 @@ module hb_scene
    use hb_memory_sizes, only: new_sizes, sizes_t
    use hb_namelist, only: document_t, group_t
    use hb_normal_mode, only: measure_names, normal_mode_t
-   use hb_odd_symmetry, only: why_not_odd
+   use hb_odd_symmetry, only: has_memory, why_not_odd
    use hb_solver_types, only: method_names, solver_config_t, start_names
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
@@ -25,7 +25,7 @@ module hb_scene
    implicit none
    private
    public :: group_names, groups_read_again, output_config_t, read_again, read_harmonics, read_scene, read_tones, scene_t
-   public :: sizes_of, symmetry, symmetry_names
+   public :: half_of_odd, is_solved_odd, sizes_of, symmetry, symmetry_names
 
    !> Every group that an input file may have.
    character(11), parameter :: group_names(13) = [character(11) :: &
@@ -154,6 +154,11 @@ contains
       allocate (self%load_slopes, self%start, source=self%loads)
       call read_loads(self, document)
       call check_symmetry(self, document%optional_group("harmonics"))
+      call check_memory(sizes_of(self), self%memory_limit, error)     ! again: loads tell whether motions are odd
+      if (allocated(error)) then
+         call annotate(error, document%file_name)
+         return
+      end if
       if (any(self%tones%is_unknown)) then
          if (self%certificate%improvement_steps > 0) then
             group => document%optional_group("certificate")
@@ -227,19 +232,69 @@ contains
       end do
    end subroutine read_loads
 
+   !> Whether the motion is sought among odd ones, unless a first guess from elsewhere is not odd. Loads and first guess that
+   !> are not read yet count as none.
+   logical function is_solved_odd(self)
+      type(scene_t), intent(in) :: self
+      logical :: is_even(self%harmonics%n_harmonics)
+      integer :: i
+
+      is_solved_odd = .false.
+      if (self%symmetry == symmetry%none .or. size(self%laws) == 0) return
+      is_even = modulo(sum(self%harmonics%tuples, dim=1), 2) == 0
+      if (self%symmetry == symmetry%auto) then
+         if (self%start_from_march) return
+         ! a rigid law may take its augmentation from tuples that would go
+         if (any(is_even) .and. any([(self%laws(i)%law%is_multiplier, i=1, size(self%laws))])) return
+         if (allocated(self%start)) then
+            do i = 1, size(is_even)
+               if (.not. is_even(i)) cycle
+               if (any(abs(self%start(:, i)) > 0.0_wp)) return
+            end do
+         end if
+      end if
+      if (allocated(self%loads)) then
+         is_solved_odd = len(why_not_odd(self%laws, self%harmonics, self%torus, self%loads)) == 0
+      else
+         is_solved_odd = len(why_not_odd(self%laws, self%harmonics, self%torus)) == 0
+      end if
+   end function is_solved_odd
+
+   !> The grid on which odd motions are solved: half of it, but whole for what cannot be halved.
+   type(torus_t) function half_of_odd(self) result(torus)
+      type(scene_t), intent(in) :: self
+
+      torus = self%torus
+      if (.not. torus%can_be_halved()) return
+      if (.not. has_memory(self%laws) .or. self%tones%n_tones == 1) torus = torus%half()
+   end function half_of_odd
+
    !> What the memory of a scene depends on; laws from the first that has a problem on, and a grid with one, do
-   !> not count.
+   !> not count. Neighbours may ask for all tuples.
    type(sizes_t) function sizes_of(self) result(sizes)
       type(scene_t), intent(in) :: self
+      type(harmonics_t) :: set
       type(torus_t) :: torus
+      type(error_t), allocatable :: error
       integer :: n
 
       do n = 0, size(self%laws) - 1
          if (.not. (allocated(self%laws(n + 1)%law%dofs) .and. allocated(self%laws(n + 1)%law%shape))) exit
       end do
       torus = self%torus
-      if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(self%harmonics, 1)
-      call new_sizes(sizes, self%structure, self%harmonics, torus, self%laws(:n), law_dofs_of(self%laws(:n)), &
+      set = self%harmonics
+      if (.not. allocated(torus%n_samples)) then
+         torus%n_samples = default_samples(self%harmonics, 1)
+      else if (n == size(self%laws) .and. .not. self%chain%is_on) then
+         if (is_solved_odd(self)) then
+            call new_of_parity(set, self%harmonics, 1, error)         ! that has odd tuples
+            torus = half_of_odd(self)
+            associate (last => torus%n_samples(size(torus%n_samples)))
+               if (torus%is_half) last = last/2
+            end associate
+         end if
+      end if
+      call new_sizes(sizes, self%structure, set, torus, self%laws(:n), law_dofs_of(self%laws(:n)), &
                      size(self%output%dofs), self%output%samples, self%solver, self%certificate%is_on, any(self%tones%is_unknown))
    end function sizes_of
 
