@@ -134,7 +134,7 @@ contains
    end subroutine law_explain
 
    !> Whether the force is odd, f(-z, -v, -p) = -f(z, v, p), of a law with memory with the mirrored past; false where that is
-   !> not sure. Motions of the opposite sign then are motions too, see hb_odd_motion.
+   !> not sure, and for a law that could not be read. Motions of the opposite sign then are motions too, see hb_odd_motion.
    pure logical function law_is_odd(self)
       class(law_t), intent(in) :: self
 

@@ -125,6 +125,8 @@ contains
    pure logical function piecewise_linear_is_odd(self)
       class(piecewise_linear_t), intent(in) :: self
 
+      piecewise_linear_is_odd = .false.
+      if (.not. allocated(self%breakpoints)) return                   ! not read
       associate (n => size(self%breakpoints), rounding => 8*epsilon(1.0_wp))
          piecewise_linear_is_odd = all(abs(self%breakpoints + self%breakpoints(n:1:-1)) <= rounding*abs(self%breakpoints)) .and. &
                                    all(abs(self%slopes - self%slopes(n + 1:1:-1)) <= rounding*abs(self%slopes)) .and. &

@@ -103,6 +103,8 @@ contains
    pure logical function polynomial_is_odd(self)
       class(polynomial_t), intent(in) :: self
 
+      polynomial_is_odd = .false.
+      if (.not. allocated(self%stiffness)) return                     ! not read
       polynomial_is_odd = all(abs(self%stiffness(2::2)) <= 0.0_wp) .and. all(abs(self%damping(2::2)) <= 0.0_wp)
    end function polynomial_is_odd
 end module hb_law_polynomial

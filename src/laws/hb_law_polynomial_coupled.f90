@@ -183,6 +183,8 @@ contains
    pure logical function polynomial_coupled_is_odd(self)
       class(polynomial_coupled_t), intent(in) :: self
 
+      polynomial_coupled_is_odd = .false.
+      if (.not. allocated(self%coefficients)) return                  ! not read
       polynomial_coupled_is_odd = all(modulo(sum(self%z_exponents, dim=2) + sum(self%v_exponents, dim=2), 2) == 1 .or. &
                                       abs(self%coefficients) <= 0.0_wp)
    end function polynomial_coupled_is_odd

@@ -175,6 +175,8 @@ contains
    pure logical function tabulated_is_odd(self)
       class(tabulated_t), intent(in) :: self
 
+      tabulated_is_odd = .false.
+      if (.not. allocated(self%nodes)) return                         ! not read
       associate (n => size(self%nodes), rounding => 8*epsilon(1.0_wp))
          tabulated_is_odd = all(abs(self%nodes + self%nodes(n:1:-1)) <= rounding*abs(self%nodes)) .and. &
                             all(abs(self%forces + self%forces(n:1:-1)) <= rounding*abs(self%forces)) .and. &
