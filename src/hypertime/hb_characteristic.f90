@@ -16,7 +16,8 @@ module hb_characteristic
 
    type :: characteristic_t
       integer :: tone = 0                                             !! that leads
-      integer :: n_steps = 0                                          !! once around: slices of that tone; of half a torus half of them
+      integer :: n_steps = 0                                          !! once around: slices of that tone, half of them
+                                                                      !! on half a torus
       real(wp) :: closing = 1.0_wp                                    !! what states are multiplied by as the last step closes the
                                                                       !! round: -1 on half a torus, whose motions are odd
       integer :: n_slice = 0                                          !! samples of a slice

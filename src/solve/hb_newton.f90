@@ -21,7 +21,6 @@ module hb_newton
    real(wp), parameter :: fast = 0.2_wp                               ! residual after a step, relative to that before
    integer, parameter :: most_repeats = 12                            ! of steps with one tangent
    integer, parameter :: fewest_unknowns = 24                         ! where a tangent costs much more than a residual
-   real(wp), parameter :: spare = 1.0e-2_wp                           ! of the tolerance, which cheap steps reach on the way
 
 contains
 
@@ -79,15 +78,18 @@ contains
 
    contains
 
-      !> Goes on with the tangent at hand while each step reduces the residual as fast; any that reduces it is taken.
+      !> Goes on with the tangent at hand while each step reduces the residual as fast; any that reduces it is taken. One more
+      !> follows on the one that meets the tolerance: an exact step would have gone beyond it as well.
       subroutine repeat_tangent()
          real(wp) :: along
          integer :: i, k
+         logical :: is_last
 
          if (.not. allocated(steps)) allocate (steps(size(x), 0:most_repeats))
          steps(:, 0) = step/problem%x_scale
+         if (report%residual <= config%tolerance) return
          do k = 1, most_repeats
-            if (report%residual <= spare*config%tolerance) return
+            is_last = report%residual <= config%tolerance
             step = -r
             call factor%solve(problem, step)
             step = step/problem%x_scale
@@ -100,7 +102,7 @@ contains
             step = steps(:, k)*problem%x_scale
             before = report%residual
             call search%try_step(problem, step, x, r, report%residual)
-            if (report%residual > fast*before) return
+            if (is_last .or. report%residual > fast*before) return
          end do
       end subroutine repeat_tangent
    end subroutine solve_newton
