@@ -11,6 +11,7 @@ module verb_check
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text
    use hb_mpi, only: comm_t, rank_of
    use hb_namelist, only: document_t
+   use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_scene, only: read_scene, scene_t, sizes_of
    use hb_study, only: study_t
    use hb_text, only: join, to_text
@@ -74,12 +75,27 @@ contains
          write (output_unit, "(a, *(a, :, ' x '))") "samples     ", &
             (to_text(scene%torus%n_samples(i)), i=1, scene%tones%n_tones)
          write (output_unit, "(a)") "unknowns    "//to_text(scene%harmonics%n_coefficients*size(law_dofs))
+         call describe_symmetry(scene, size(law_dofs))
          call describe_memory(scene)
          do i = 1, size(scene%laws)
             write (output_unit, "(a)") "law         "//scene%laws(i)%law%label
          end do
       end associate
    end subroutine describe
+
+   !> Says how many unknowns are left where the motion is sought among odd ones.
+   subroutine describe_symmetry(scene, n_law_dofs)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: n_law_dofs
+      type(scene_t) :: reduced
+      type(odd_motion_t) :: odd
+      type(error_t), allocatable :: error
+
+      reduced = scene
+      call reduce_to_odd(odd, reduced, error)
+      if (odd%is_used) write (output_unit, "(a)") "symmetry    odd motions, "// &
+         to_text(reduced%harmonics%n_coefficients*n_law_dofs)//" unknowns"
+   end subroutine describe_symmetry
 
    !> Says what the memory of a point is estimated at, and what takes most of it.
    subroutine describe_memory(scene)

@@ -7,7 +7,7 @@ module hb_certificate
    use hb_balance, only: balance_t, new_balance
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
-   use hb_harmonics, only: canonical_sign, harmonics_t, new_box
+   use hb_harmonics, only: canonical_sign, harmonics_t, new_box, new_of_parity
    use hb_kinds, only: wp
    use hb_law, only: defects_t, law_box_t
    use hb_law_set, only: law_dofs_of
@@ -107,17 +107,23 @@ contains
       call new_box(set, orders, .false., error)
    end subroutine choose_wider_set
 
-   !> The wider set, and a grid with four times the samples of the solution or more.
+   !> The wider set, and a grid with four times the samples of the solution or more. Half of a grid holds odd motions of odd
+   !> equations, which do not answer in even tuples.
    subroutine choose_wider(narrow, torus, set, grid, error)
       type(harmonics_t), intent(in) :: narrow
       type(torus_t), intent(in) :: torus
       type(harmonics_t), intent(out) :: set
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: box
 
       call choose_wider_set(narrow, set, error)
       if (allocated(error)) return
       call new_torus(grid, wider_samples(torus%n_samples, set%highest), set, error)
+      if (allocated(error) .or. .not. torus%is_half) return
+      box = set
+      call new_of_parity(set, box, 1, error)
+      if (grid%can_be_halved()) grid = grid%half()
    end subroutine choose_wider
 
    !> Orders of the wider box, for the orders of the solution.

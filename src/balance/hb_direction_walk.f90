@@ -97,6 +97,7 @@ contains
          associate (now => self%states(:, :, 1 + modulo(i - 1, characteristic%n_steps)), &
                     slice => 1 + modulo(i - 1, characteristic%n_steps))
             call characteristic%interpolate(self%states(:, :, last), self%start)
+            if (slice == 1) self%start = characteristic%closing*self%start
             if (last == 1) then
                call add_shift(memory%before)
             else

@@ -26,7 +26,8 @@ module hb_line_tangent
       complex(wp), allocatable :: pushed(:, :)                        !! motion where it was pushed before, as `stuck`
       integer, allocatable, private :: order(:)                       ! (n_harmonics) entry of the tuple
       integer, private :: n_steps = 0
-      complex(wp), allocatable, private :: half_turn(:)               ! exp(i pi m/n_steps), m = 0 to 2 n_steps - 1
+      integer, private :: n_period = 0                                ! steps of a whole period, twice those of half a torus
+      complex(wp), allocatable, private :: half_turn(:)               ! exp(i pi m/n_period), m = 0 to 2 n_period - 1
       complex(wp), allocatable, private :: factor(:, :)               ! (n_harmonics, n_path_parts) path of exp(i j tau)
       real(wp), allocatable, private :: df_dz(:, :, :), df_ds(:, :, :)   ! (n_steps, n_coordinates, any)
    contains
@@ -46,12 +47,13 @@ contains
       integer :: h, m
 
       self%n_steps = characteristic%n_steps
+      self%n_period = merge(1, 2, characteristic%closing > 0.0_wp)*self%n_steps
       self%order = harmonics%tuples(1, :)
-      allocate (self%half_turn(0:2*self%n_steps - 1), self%factor(harmonics%n_harmonics, n_path_parts))
+      allocate (self%half_turn(0:2*self%n_period - 1), self%factor(harmonics%n_harmonics, n_path_parts))
       allocate (self%stuck(harmonics%n_harmonics, most_runs), self%pushed(harmonics%n_harmonics, most_runs))
       allocate (self%g(self%n_steps))
-      do m = 0, 2*self%n_steps - 1
-         angle = 0.5_wp*two_pi*m/self%n_steps
+      do m = 0, 2*self%n_period - 1
+         angle = 0.5_wp*two_pi*m/self%n_period
          self%half_turn(m) = cmplx(cos(angle), sin(angle), wp)
       end do
       do h = 1, harmonics%n_harmonics
@@ -164,13 +166,15 @@ contains
       real(wp), intent(in) :: slope
       integer, intent(in) :: k, c, push, from, n
       complex(wp) :: path
-      integer :: h, part
+      integer :: h, part, pushed_at
 
+      pushed_at = push
+      if (from < push) pushed_at = push - self%n_steps                ! before the samples of the run, in the round before
       self%n_runs = self%n_runs + 1
       do h = 1, size(self%order)
          associate (j => self%order(h))
-            ! sum of exp(i j theta s) over s = from - 1, ..., from + n - 2 by Dirichlet's kernel, theta = 2 pi/n_steps
-            if (modulo(j, self%n_steps) == 0) then
+            ! sum of exp(i j theta s) over s = from - 1, ..., from + n - 2 by Dirichlet's kernel, theta = 2 pi/n_period
+            if (modulo(j, self%n_period) == 0) then
                self%stuck(h, self%n_runs) = slope*n
             else
                self%stuck(h, self%n_runs) = slope*turned_by(self, j*(2*from + n - 3))* &
@@ -180,16 +184,16 @@ contains
             do part = 1, n_path_parts
                path = path + memory%ds_dpath(1, k, c, part, push)*self%factor(h, part)
             end do
-            self%pushed(h, self%n_runs) = path*turned_by(self, 2*j*(push - 1))
+            self%pushed(h, self%n_runs) = path*turned_by(self, 2*j*(pushed_at - 1))
          end associate
       end do
    end subroutine add_run
 
-   !> exp(i pi m/n_steps)
+   !> exp(i pi m/n_period)
    pure complex(wp) function turned_by(self, m)
       type(line_tangent_t), intent(in) :: self
       integer, intent(in) :: m
 
-      turned_by = self%half_turn(modulo(m, 2*self%n_steps))
+      turned_by = self%half_turn(modulo(m, 2*self%n_period))
    end function turned_by
 end module hb_line_tangent

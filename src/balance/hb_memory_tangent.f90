@@ -195,6 +195,7 @@ contains
 
       do i = 2, characteristic%n_steps + 1
          slice = 1 + modulo(i - 1, characteristic%n_steps)
+         if (slice == 1) self%before = characteristic%closing*self%before
          do p = 1, characteristic%n_slice
             wave = times(self%lead(:, :, slice, block), self%across(:, :, p, block))
             call step(self, memory, characteristic, slice, p, coordinate, self%factor(:, :, :, block), wave)

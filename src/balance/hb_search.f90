@@ -84,6 +84,7 @@ contains
       self%length = length
       self%config = config
       self%config%rescue = .false.
+      self%config%repeats_tangent = .false.                           ! of several motions the way decides which is found
       self%config%start_with_tangent = .true.
    end subroutine new_search
 

@@ -112,7 +112,7 @@ contains
       largest_move = 0.0_wp
       self%before = self%states(:, :, 1)
       if (characteristic%n_slice == 1 .and. .not. with_derivatives) then
-         call law%advance_line(size(self%path, 2), n, self%path, self%states, largest_move)
+         call law%advance_line(size(self%path, 2), n, characteristic%closing, self%path, self%states, largest_move)
          change = maxval(abs(self%states(:, :, 1) - self%before))
          return
       end if
@@ -120,6 +120,7 @@ contains
          last = i - 1
          associate (now => 1 + modulo(i - 1, n))
             call characteristic%interpolate(self%states(:, :, last), self%start)
+            if (now == 1) self%start = characteristic%closing*self%start
             if (with_derivatives) then
                call law%advance(self%start, self%path(:, :, :, now), self%states(:, :, now), &
                                 self%ds_ds_old(:, :, :, now), self%ds_dpath(:, :, :, :, now))

@@ -6,7 +6,7 @@
 module hb_thin_product
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
-   use hb_harmonics, only: harmonics_t, new_box
+   use hb_harmonics, only: harmonics_t, new_box, new_of_parity
    use hb_kinds, only: wp
    use hb_law_pairs, only: add_slopes_along
    use hb_law_set, only: law_set_t
@@ -42,18 +42,25 @@ contains
       type(law_set_t), intent(in) :: law_set
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
-      type(harmonics_t) :: band
+      type(harmonics_t) :: band, box
       type(torus_t) :: thin
       integer :: m, n
 
       call self%destroy()
       self%is_thinner = .not. law_set%has_memory .and. all(torus%n_samples >= 4*harmonics%highest + 1)
       if (.not. self%is_thinner) return
-      call new_box(band, 2*harmonics%highest, .false., error)
+      call new_box(box, 2*harmonics%highest, .false., error)
       if (allocated(error)) return
+      if (torus%is_half) then                                         ! slopes of odd forces are even
+         call new_of_parity(band, box, 0, error)
+         if (allocated(error)) return
+      else
+         band = box
+      end if
       call new_torus(thin, [(min(torus%n_samples(m), cheap_size(4*harmonics%highest(m) + 1, harmonics%n_tones)), &
                              m=1, harmonics%n_tones)], band, error)
       if (allocated(error)) return
+      if (torus%is_half .and. thin%can_be_halved()) thin = thin%half()
       self%is_thinner = thin%n_total < torus%n_total
       if (.not. self%is_thinner) return
       call new_transform(self%transform, harmonics, thin, law_set%n_dofs, effort, error)

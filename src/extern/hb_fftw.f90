@@ -7,8 +7,8 @@ module hb_fftw
    use hb_kinds, only: wp
    implicit none
    private
-   public :: complex_block_t, export_wisdom, fft_plan_t, forget_plans, import_wisdom, new_complex_block, new_fft_plan
-   public :: new_real_block, planning, planning_names, real_block_t
+   public :: complex_block_t, export_wisdom, fft_plan_t, forget_plans, import_wisdom, line_plan_t, new_complex_block, new_fft_plan
+   public :: new_line_plan, new_real_block, planning, planning_names, real_block_t
 
    include 'fftw3.f03'
 
@@ -49,9 +49,20 @@ module hb_fftw
       procedure :: destroy => fft_plan_destroy
    end type fft_plan_t
 
+   !> A pair of plans of complex transforms in place, along one axis of a spectrum.
+   type :: line_plan_t
+      type(c_ptr), private :: backward = c_null_ptr
+      type(c_ptr), private :: forward = c_null_ptr
+      integer, private :: slot = 0                                    ! in the store, 0: none
+   contains
+      procedure :: run_backward => line_plan_run_backward
+      procedure :: run_forward => line_plan_run_forward
+      procedure :: destroy => line_plan_destroy
+   end type line_plan_t
+
    !> A pair of plans as it is kept from scene to scene: planning takes longer than many a solution.
    type :: stored_plan_t
-      integer, allocatable :: key(:)                                  ! flags, n_batch, n_samples
+      integer, allocatable :: key(:)                                  ! flags, n_batch, n_samples; of lines -1, flags, shape
       type(c_ptr) :: backward = c_null_ptr
       type(c_ptr) :: forward = c_null_ptr
       integer :: n_users = 0
@@ -139,14 +150,67 @@ contains
          call fail(error, "FFTW could not plan the transform")
          return
       end if
-      associate (stored => store(self%slot))
-         self%backward = stored%backward
-         self%forward = stored%forward
+      call take_pair(self%slot, self%backward, self%forward)
+   end subroutine new_fft_plan
+
+   !> Plans complex transforms of length `n` in place along an axis of stride `stride`: those that begin in the first `n_rows`
+   !> elements of each of `n_blocks` blocks `block_stride` apart, for `n_batch` spectra, each a column of the array.
+   subroutine new_line_plan(self, n, stride, n_rows, n_blocks, block_stride, effort, spectrum, n_batch, error)
+      type(line_plan_t), intent(inout) :: self
+      integer, intent(in) :: n, stride, n_rows, n_blocks, block_stride
+      integer, intent(in) :: effort                                   !! one of `planning`
+      complex(wp), intent(inout), contiguous, target :: spectrum(:, :)   !! from `new_complex_block`; overwritten
+      integer, intent(in) :: n_batch
+      type(error_t), allocatable, intent(out) :: error
+      type(fftw_iodim) :: line(1), others(3)
+      complex(wp), pointer, contiguous :: same(:, :)                  ! in place
+      integer(c_int) :: flags
+      integer, allocatable :: key(:)
+
+      call self%destroy()
+      flags = effort
+      key = [-1, int(flags), n, stride, n_rows, n_blocks, block_stride, n_batch, size(spectrum, 1)]
+      self%slot = slot_of(key)
+      if (self%slot == 0) then
+         self%slot = free_slot()
+         if (self%slot > 0) then
+            call c_f_pointer(c_loc(spectrum), same, shape(spectrum))
+            line(1) = fftw_iodim(n, stride, stride)
+            others(1) = fftw_iodim(n_rows, 1, 1)
+            others(2) = fftw_iodim(n_blocks, block_stride, block_stride)
+            others(3) = fftw_iodim(n_batch, size(spectrum, 1), size(spectrum, 1))
+            associate (stored => store(self%slot))
+               stored%backward = fftw_plan_guru_dft(1, line, 3, others, spectrum, same, FFTW_BACKWARD, flags)
+               stored%forward = fftw_plan_guru_dft(1, line, 3, others, spectrum, same, FFTW_FORWARD, flags)
+               if (c_associated(stored%backward) .and. c_associated(stored%forward)) then
+                  stored%key = key
+               else
+                  call empty_slot(self%slot)
+                  self%slot = 0
+               end if
+            end associate
+         end if
+      end if
+      if (self%slot == 0) then
+         call fail(error, "FFTW could not plan the transform")
+         return
+      end if
+      call take_pair(self%slot, self%backward, self%forward)
+   end subroutine new_line_plan
+
+   !> One more user of a stored pair.
+   subroutine take_pair(slot, backward, forward)
+      integer, intent(in) :: slot
+      type(c_ptr), intent(out) :: backward, forward
+
+      associate (stored => store(slot))
+         backward = stored%backward
+         forward = stored%forward
          stored%n_users = stored%n_users + 1
          n_uses = n_uses + 1
          stored%last_use = n_uses
       end associate
-   end subroutine new_fft_plan
+   end subroutine take_pair
 
    !> Place of a pair of plans in the store, 0 where it is not there.
    pure integer function slot_of(key)
@@ -168,16 +232,9 @@ contains
       real(wp), intent(inout), contiguous :: samples(:, :)
       complex(wp), intent(inout), contiguous :: spectrum(:, :)
       integer(c_int) :: rank, shape_c(size(n_samples)), n_total, n_spectrum
-      integer :: i
 
-      slot = 0
-      do i = 1, size(store)
-         if (store(i)%n_users > 0) cycle
-         if (slot == 0) slot = i
-         if (store(i)%last_use < store(slot)%last_use) slot = i
-      end do
+      slot = free_slot()
       if (slot == 0) return
-      call empty_slot(slot)
       rank = size(n_samples)
       shape_c = n_samples(rank:1:-1)                                  ! C order: last axis fastest
       n_total = product(n_samples)
@@ -204,6 +261,19 @@ contains
          n(rank) = n_samples(1)/2 + 1
       end function shape_spectrum
    end subroutine fill_slot
+
+   !> An empty place of the store, made by giving up the pair not used for longest; 0 where all are in use.
+   integer function free_slot() result(slot)
+      integer :: i
+
+      slot = 0
+      do i = 1, size(store)
+         if (store(i)%n_users > 0) cycle
+         if (slot == 0) slot = i
+         if (store(i)%last_use < store(slot)%last_use) slot = i
+      end do
+      if (slot > 0) call empty_slot(slot)
+   end function free_slot
 
    subroutine empty_slot(slot)
       integer, intent(in) :: slot
@@ -242,6 +312,32 @@ contains
       self%backward = c_null_ptr
       self%forward = c_null_ptr
    end subroutine fft_plan_destroy
+
+   !> Transforms with exp(+i), unnormalised.
+   subroutine line_plan_run_backward(self, spectrum)
+      class(line_plan_t), intent(in) :: self
+      complex(wp), intent(inout), contiguous :: spectrum(:, :)        !! shaped as that of the plan
+
+      call fftw_execute_dft(self%backward, spectrum, spectrum)
+   end subroutine line_plan_run_backward
+
+   !> Transforms with exp(-i), unnormalised.
+   subroutine line_plan_run_forward(self, spectrum)
+      class(line_plan_t), intent(in) :: self
+      complex(wp), intent(inout), contiguous :: spectrum(:, :)        !! shaped as that of the plan
+
+      call fftw_execute_dft(self%forward, spectrum, spectrum)
+   end subroutine line_plan_run_forward
+
+   !> Gives the plans back to the store; safe to call twice.
+   subroutine line_plan_destroy(self)
+      class(line_plan_t), intent(inout) :: self
+
+      if (self%slot > 0) store(self%slot)%n_users = store(self%slot)%n_users - 1
+      self%slot = 0
+      self%backward = c_null_ptr
+      self%forward = c_null_ptr
+   end subroutine line_plan_destroy
 
    !> Forgets all plans that nobody uses and what was learnt while planning, so that the next plans take as long as the
    !> first ones.

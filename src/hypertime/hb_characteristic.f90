@@ -16,7 +16,10 @@ module hb_characteristic
 
    type :: characteristic_t
       integer :: tone = 0                                             !! that leads
-      integer :: n_steps = 0                                          !! once around: slices of that tone
+      integer :: n_steps = 0                                          !! once around: slices of that tone, half of them
+                                                                      !! on half a torus
+      real(wp) :: closing = 1.0_wp                                    !! what states are multiplied by as the last step closes the
+                                                                      !! round: -1 on half a torus, whose motions are odd
       integer :: n_slice = 0                                          !! samples of a slice
       real(wp) :: step = 0.0_wp                                       !! time from slice to slice [s]
       integer, allocatable :: sample(:, :)                            !! (n_slice, n_steps) place among those of the torus
@@ -35,7 +38,7 @@ contains
    !> path between the ends of a step that they tell well.
    subroutine new_characteristic(self, torus, omega, tone)
       type(characteristic_t), intent(out) :: self
-      type(torus_t), intent(in) :: torus
+      type(torus_t), intent(in) :: torus                              !! half of one with a single tone alone
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0
       integer, intent(in), optional :: tone                           !! that leads, instead
       integer :: i, inner, outer, p
@@ -45,8 +48,12 @@ contains
       end associate
       if (present(tone)) self%tone = tone
       self%n_steps = torus%n_samples(self%tone)
-      self%n_slice = torus%n_total/self%n_steps
       self%step = two_pi/(omega(self%tone)*self%n_steps)
+      if (torus%is_half) then
+         self%n_steps = self%n_steps/2
+         self%closing = -1.0_wp
+      end if
+      self%n_slice = torus%n_total/self%n_steps
       self%omega = omega
       inner = product(torus%n_samples(:self%tone - 1))
       outer = product(torus%n_samples(self%tone + 1:))

@@ -8,7 +8,7 @@ module hb_harmonics
    use hb_text, only: to_text
    implicit none
    private
-   public :: canonical_sign, harmonics_t, merge_tuples, new_box, new_diamond, new_harmonics, tuple_text
+   public :: canonical_sign, harmonics_t, merge_tuples, new_box, new_diamond, new_harmonics, new_of_parity, tuple_text
 
    integer(int64), parameter :: largest_set = 20000000_int64         ! tuples of the box around a set; its table has one entry each
    integer, parameter :: most_harmonics = 4000000                     ! tuples of a set
@@ -84,6 +84,27 @@ contains
       call index_coefficients(self, error)
    end subroutine new_harmonics
 
+   !> Those tuples of a set whose entries sum to an even (`parity` 0) or an odd number (1); its largest entries stay, so that
+   !> what is chosen by them, such as grids, is that of the whole set.
+   subroutine new_of_parity(self, set, parity, error)
+      type(harmonics_t), intent(out) :: self
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: parity
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: kept(:)
+      integer :: h
+
+      kept = pack([(h, h=1, set%n_harmonics)], modulo(sum(set%tuples, dim=1), 2) == parity)
+      if (size(kept) == 0) then
+         call fail(error, "the set of harmonics has no tuple of this parity")
+         return
+      end if
+      self%n_tones = set%n_tones
+      self%n_harmonics = size(kept)
+      self%tuples = set%tuples(:, kept)
+      call index_coefficients(self, error, set%highest)
+   end subroutine new_of_parity
+
    !> Fills the set with the tuples of a box cut by sum |j_m| <= largest_sum.
    subroutine enumerate(self, orders, largest_sum, odd_only, error)
       type(harmonics_t), intent(inout) :: self
@@ -157,12 +178,14 @@ contains
    end subroutine enumerate
 
    !> Derives from the tuples all that is looked up later.
-   subroutine index_coefficients(self, error)
+   subroutine index_coefficients(self, error, highest)
       type(harmonics_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: highest(:)                     !! (n_tones), else those of the tuples
       integer :: h, key
 
       self%highest = maxval(abs(self%tuples), dim=2)
+      if (present(highest)) self%highest = highest
       if (product(2*real(self%highest, wp) + 1) > real(largest_set, wp)) then
          call fail(error, "the largest entries of the tuples span more than "//to_text(largest_set)//" tuples")
          return

@@ -12,11 +12,15 @@ module hb_torus
    integer, parameter :: smallest_grid = 8                            ! samples of a tone with few harmonics
    integer(int64), parameter :: largest_grid = 500000000_int64       ! samples, 4 GB for one degree of freedom
 
-   !> Equidistant grid tau_m = 2 pi i/n_m, i = 0..n_m - 1; tone 1 runs fastest.
+   !> Equidistant grid tau_m = 2 pi i/n_m, i = 0..n_m - 1; tone 1 runs fastest. Half of it, the first half of the last tone,
+   !> tells all of a motion that changes its sign, or of a slope that does not, when all phases shift by pi.
    type :: torus_t
-      integer :: n_total = 0
-      integer, allocatable :: n_samples(:)                            !! (n_tones)
+      integer :: n_total = 0                                          !! samples, of the half where it is one
+      integer, allocatable :: n_samples(:)                            !! of the whole, (n_tones)
+      logical :: is_half = .false.
    contains
+      procedure :: can_be_halved => torus_can_be_halved
+      procedure :: half => torus_half
       procedure :: phases => torus_phases
       procedure :: refined => torus_refined
    end type torus_t
@@ -128,6 +132,23 @@ contains
       end do
    end function torus_phases
 
+   !> Whether half a period later is a sample again in each tone; a single tone is halved once more within its transform.
+   pure logical function torus_can_be_halved(self)
+      class(torus_t), intent(in) :: self
+
+      torus_can_be_halved = all(modulo(self%n_samples, 2) == 0)
+      if (size(self%n_samples) == 1) torus_can_be_halved = modulo(self%n_samples(1), 4) == 0
+   end function torus_can_be_halved
+
+   !> Half of a whole grid that can be halved.
+   pure type(torus_t) function torus_half(self) result(half)
+      class(torus_t), intent(in) :: self
+
+      half = self
+      half%is_half = .true.
+      half%n_total = self%n_total/2
+   end function torus_half
+
    !> Grid with `factor` times the samples in each tone.
    pure function torus_refined(self, factor) result(finer)
       class(torus_t), intent(in) :: self
@@ -136,5 +157,6 @@ contains
 
       finer%n_samples = factor*self%n_samples
       finer%n_total = product(finer%n_samples)
+      if (self%is_half) finer = finer%half()
    end function torus_refined
 end module hb_torus

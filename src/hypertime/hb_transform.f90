@@ -2,10 +2,11 @@
 !>
 !> With c = a - i b a motion is Re sum c_j exp(i j.tau); its discrete spectrum holds c/2 at j and conj(c)/2 at -j. Because
 !> the first non-zero entry of a kept tuple is positive, all j fall into the half spectrum that a real FFT keeps (j_1 >= 0);
-!> in its plane j_1 = 0 both j and -j are stored. Source: docs/theory.md, section 3.
+!> in its plane j_1 = 0 both j and -j are stored. On half a torus all tuples have sums of one parity. Source: docs/theory.md,
+!> section 3.
 module hb_transform
    use hb_error, only: error_t
-   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, real_block_t
+   use hb_grid_fft, only: grid_fft_t, new_grid_fft
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_torus, only: torus_t
@@ -19,9 +20,12 @@ module hb_transform
       type(torus_t) :: torus
       integer :: n_channels = 0                                       !! transforms done at once
       integer, allocatable, private :: at(:)                          ! (n_harmonics) place of j in the half spectrum
+      logical, allocatable, private :: is_conjugate(:)                ! where that place holds the conjugate
       integer, allocatable, private :: mirror_at(:)                   ! place of -j, 0 where the half spectrum leaves it out
-      type(fft_plan_t), private :: batch_plan, single_plan
-      type(complex_block_t), private :: spectra
+      integer, private :: parity = 0                                  ! of the sums of tuples, on half a torus
+      type(grid_fft_t), private :: batch                              ! of all channels
+      type(grid_fft_t), private :: single                             ! of one, on half a torus of slopes
+      type(grid_fft_t), allocatable, private :: single_odd            ! of one odd function on half a torus, where batch has more
    contains
       procedure :: to_samples => transform_to_samples
       procedure :: to_rate_samples => transform_to_rate_samples
@@ -37,6 +41,7 @@ module hb_transform
       integer :: centre = 0                                           !! place of tuple zero in the tables
       integer, allocatable :: offset(:)                               !! (n_harmonics) place of j, relative to the centre
       real(wp), allocatable :: cosine(:), sine(:)                     !! mean of g cos(m.tau), g sin(m.tau)
+      integer, allocatable, private :: entry(:)                       ! of the tables that are filled
       integer, allocatable, private :: source(:)                      ! place in the half spectrum, negative: conjugate
    contains
       procedure :: columns => product_table_columns
@@ -48,38 +53,35 @@ contains
    !> Plans the transforms of `n_channels` functions at once.
    subroutine new_transform(self, harmonics, torus, n_channels, effort, error)
       type(transform_t), intent(inout) :: self
-      type(harmonics_t), intent(in) :: harmonics
+      type(harmonics_t), intent(in) :: harmonics                      !! on half a torus with sums of one parity
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: n_channels                               !! >= 1
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
-      type(real_block_t) :: scratch
-      integer :: h, n_spectrum
+      integer :: h
+      logical :: is_conjugate
 
       call self%destroy()
       self%harmonics = harmonics
       self%torus = torus
       self%n_channels = n_channels
-      n_spectrum = (torus%n_samples(1)/2 + 1)*product(torus%n_samples(2:))
-      call new_complex_block(self%spectra, n_spectrum, n_channels, error)
+      self%parity = modulo(sum(harmonics%tuples(:, 1)), 2)
+      call new_grid_fft(self%batch, torus, self%parity, harmonics%highest(1), n_channels, effort, .false., error)
       if (allocated(error)) return
-      call new_real_block(scratch, torus%n_total, n_channels, error)
+      call new_grid_fft(self%single, torus, 0, 2*harmonics%highest(1), 1, effort, .true., error)
       if (allocated(error)) return
-      call new_fft_plan(self%batch_plan, torus%n_samples, n_channels, effort, .false., &
-         scratch%values, self%spectra%values, error)
-      if (.not. allocated(error)) then
-         call new_fft_plan(self%single_plan, torus%n_samples, 1, effort, .true., &
-            scratch%values, self%spectra%values, error)
+      if (torus%is_half .and. self%parity == 1 .and. n_channels > 1) then
+         allocate (self%single_odd)
+         call new_grid_fft(self%single_odd, torus, 1, harmonics%highest(1), 1, effort, .true., error)
+         if (allocated(error)) return
       end if
-      call scratch%destroy()
-      if (allocated(error)) return
-      if (allocated(self%at)) deallocate (self%at, self%mirror_at)
-      allocate (self%at(harmonics%n_harmonics), self%mirror_at(harmonics%n_harmonics))
+      if (allocated(self%at)) deallocate (self%at, self%mirror_at, self%is_conjugate)
+      allocate (self%at(harmonics%n_harmonics), self%mirror_at(harmonics%n_harmonics), self%is_conjugate(harmonics%n_harmonics))
       do h = 1, harmonics%n_harmonics
          associate (j => harmonics%tuples(:, h))
-            self%at(h) = spectrum_place(j, torus%n_samples)
+            call self%batch%find_place(j, self%at(h), self%is_conjugate(h))
             self%mirror_at(h) = 0
-            if (j(1) == 0 .and. any(j /= 0)) self%mirror_at(h) = spectrum_place(-j, torus%n_samples)
+            if (j(1) == 0 .and. any(j /= 0)) call self%batch%find_place(-j, self%mirror_at(h), is_conjugate)
          end associate
       end do
    end subroutine new_transform
@@ -91,7 +93,7 @@ contains
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned
       integer :: channel, h
 
-      associate (set => self%harmonics, spectra => self%spectra%values)
+      associate (set => self%harmonics, spectra => self%batch%spectra%values)
          spectra = (0.0_wp, 0.0_wp)
          do channel = 1, self%n_channels
             if (set%has_zero) spectra(self%at(1), channel) = x(1, channel)
@@ -99,7 +101,7 @@ contains
                call store(self, channel, h, 0.5_wp*cmplx(x(set%cos_at(h), channel), -x(set%sin_at(h), channel), wp))
             end do
          end do
-         call self%batch_plan%to_samples(spectra, samples)
+         call self%batch%to_samples(samples)
       end associate
    end subroutine transform_to_samples
 
@@ -111,7 +113,7 @@ contains
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned
       integer :: channel, h
 
-      associate (set => self%harmonics, spectra => self%spectra%values)
+      associate (set => self%harmonics, spectra => self%batch%spectra%values)
          spectra = (0.0_wp, 0.0_wp)
          do channel = 1, self%n_channels
             do h = merge(2, 1, set%has_zero), set%n_harmonics
@@ -119,7 +121,7 @@ contains
                   0.5_wp*frequencies(h)*cmplx(x(set%sin_at(h), channel), x(set%cos_at(h), channel), wp))
             end do
          end do
-         call self%batch_plan%to_samples(spectra, samples)
+         call self%batch%to_samples(samples)
       end associate
    end subroutine transform_to_rate_samples
 
@@ -129,8 +131,10 @@ contains
       integer, intent(in) :: channel, h
       complex(wp), intent(in) :: value
 
-      self%spectra%values(self%at(h), channel) = value
-      if (self%mirror_at(h) > 0) self%spectra%values(self%mirror_at(h), channel) = conjg(value)
+      associate (spectra => self%batch%spectra%values)
+         spectra(self%at(h), channel) = merge(conjg(value), value, self%is_conjugate(h))
+         if (self%mirror_at(h) > 0) spectra(self%mirror_at(h), channel) = conjg(value)
+      end associate
    end subroutine store
 
    !> Coefficients of the sampled functions in the kept harmonics (their projection).
@@ -140,9 +144,9 @@ contains
       real(wp), intent(out) :: x(:, :)                                !! (n_coefficients, n_channels)
       integer :: channel
 
-      call self%batch_plan%to_spectrum(samples, self%spectra%values)
+      call self%batch%to_spectrum(samples)
       do channel = 1, self%n_channels
-         call read_spectrum(self, channel, x(:, channel))
+         call read_spectrum(self, self%batch%spectra%values(:, channel), x(:, channel))
       end do
    end subroutine transform_to_coefficients
 
@@ -152,24 +156,38 @@ contains
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, 1), aligned; unchanged
       real(wp), intent(out) :: x(:)                                   !! (n_coefficients)
 
-      call self%single_plan%to_spectrum(samples, self%spectra%values)
-      call read_spectrum(self, 1, x)
+      if (.not. self%torus%is_half .or. self%parity == 0) then
+         call project(self%single)
+      else if (allocated(self%single_odd)) then
+         call project(self%single_odd)
+      else
+         call project(self%batch)
+      end if
+
+   contains
+
+      subroutine project(plan)
+         type(grid_fft_t), intent(inout) :: plan
+
+         call plan%to_spectrum(samples)
+         call read_spectrum(self, plan%spectra%values(:, 1), x)
+      end subroutine project
    end subroutine transform_to_coefficients_of_one
 
    !> Coefficients from the spectrum of one channel.
-   pure subroutine read_spectrum(self, channel, x)
+   pure subroutine read_spectrum(self, spectrum, x)
       type(transform_t), intent(in) :: self
-      integer, intent(in) :: channel
+      complex(wp), intent(in) :: spectrum(:)
       real(wp), intent(out) :: x(:)
       integer :: h
       real(wp) :: weight
 
       weight = 2.0_wp/self%torus%n_total
-      associate (set => self%harmonics, spectra => self%spectra%values)
-         if (set%has_zero) x(1) = 0.5_wp*weight*real(spectra(self%at(1), channel))
+      associate (set => self%harmonics)
+         if (set%has_zero) x(1) = 0.5_wp*weight*real(spectrum(self%at(1)))
          do h = merge(2, 1, set%has_zero), set%n_harmonics
-            x(set%cos_at(h)) = weight*real(spectra(self%at(h), channel))
-            x(set%sin_at(h)) = -weight*aimag(spectra(self%at(h), channel))
+            x(set%cos_at(h)) = weight*real(spectrum(self%at(h)))
+            x(set%sin_at(h)) = merge(weight, -weight, self%is_conjugate(h))*aimag(spectrum(self%at(h)))
          end do
       end associate
    end subroutine read_spectrum
@@ -187,46 +205,50 @@ contains
 
       if (.not. allocated(table%source)) call index_table(self, table)
       weight = factor/self%torus%n_total
-      call self%single_plan%to_spectrum(samples(:, column:column), self%spectra%values)
+      call self%single%to_spectrum(samples(:, column:column))
       do i = 1, size(table%source)
          place = abs(table%source(i))
-         table%cosine(i) = weight*real(self%spectra%values(place, 1))
-         table%sine(i) = -sign(weight, real(table%source(i), wp))*aimag(self%spectra%values(place, 1))
+         table%cosine(table%entry(i)) = weight*real(self%single%spectra%values(place, 1))
+         table%sine(table%entry(i)) = -sign(weight, real(table%source(i), wp))*aimag(self%single%spectra%values(place, 1))
       end do
    end subroutine transform_tabulate_product
 
    !> Lays out the table over all m with |m_n| <= 2 N_n, wrapped onto the grid, so that what it holds is the exact
-   !> derivative of the discrete projection, aliases included.
+   !> derivative of the discrete projection, aliases included. On half a torus those of odd sums are zero and left out.
    subroutine index_table(self, table)
       type(transform_t), intent(in) :: self
       type(product_table_t), intent(inout) :: table
       integer :: extent(self%harmonics%n_tones), stride(self%harmonics%n_tones), j(self%harmonics%n_tones)
-      integer :: h, i, m, rest
+      integer :: h, i, m, n_entries, place, rest
+      logical :: is_conjugate
 
-      associate (set => self%harmonics, n => self%torus%n_samples)
+      associate (set => self%harmonics)
          extent = 4*set%highest + 1
          stride(1) = 1
          do m = 2, set%n_tones
             stride(m) = stride(m - 1)*extent(m - 1)
          end do
          table%centre = 1 + dot_product(2*set%highest, stride)
-         allocate (table%offset(set%n_harmonics), table%source(product(extent)))
+         allocate (table%offset(set%n_harmonics), table%source(product(extent)), table%entry(product(extent)))
          do h = 1, set%n_harmonics
             table%offset(h) = dot_product(set%tuples(:, h), stride)
          end do
-         do i = 1, size(table%source)
+         n_entries = 0
+         do i = 1, product(extent)
             rest = i - 1
             do m = 1, set%n_tones
-               j(m) = modulo(modulo(rest, extent(m)) - 2*set%highest(m), n(m))
+               j(m) = modulo(rest, extent(m)) - 2*set%highest(m)
                rest = rest/extent(m)
             end do
-            if (j(1) <= n(1)/2) then
-               table%source(i) = spectrum_place(j, n)
-            else
-               table%source(i) = -spectrum_place(-j, n)
-            end if
+            if (self%torus%is_half .and. modulo(sum(j), 2) == 1) cycle
+            n_entries = n_entries + 1
+            call self%single%find_place(j, place, is_conjugate)
+            table%entry(n_entries) = i
+            table%source(n_entries) = merge(-place, place, is_conjugate)
          end do
-         allocate (table%cosine(size(table%source)), table%sine(size(table%source)))
+         table%entry = table%entry(:n_entries)
+         table%source = table%source(:n_entries)
+         allocate (table%cosine(product(extent)), table%sine(product(extent)), source=0.0_wp)
       end associate
    end subroutine index_table
 
@@ -269,20 +291,10 @@ contains
    subroutine transform_destroy(self)
       class(transform_t), intent(inout) :: self
 
-      call self%batch_plan%destroy()
-      call self%single_plan%destroy()
-      call self%spectra%destroy()
+      call self%batch%destroy()
+      call self%single%destroy()
+      if (.not. allocated(self%single_odd)) return
+      call self%single_odd%destroy()
+      deallocate (self%single_odd)
    end subroutine transform_destroy
-
-   !> Place of tuple j (wrapped modulo the grid, its first entry then at most n_1/2) in the half spectrum.
-   pure integer function spectrum_place(j, n)
-      integer, intent(in) :: j(:), n(:)
-      integer :: m
-
-      spectrum_place = 0
-      do m = size(n), 2, -1
-         spectrum_place = spectrum_place*n(m) + modulo(j(m), n(m))
-      end do
-      spectrum_place = spectrum_place*(n(1)/2 + 1) + modulo(j(1), n(1)) + 1
-   end function spectrum_place
 end module hb_transform

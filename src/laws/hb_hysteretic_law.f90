@@ -60,11 +60,12 @@ module hb_hysteretic_law
 
 contains
 
-   !> Goes once round a closed line of samples, from the states of the first to those of the second and on, back to the first.
-   !> Laws may know a faster way to the same states.
-   subroutine advance_step_by_step(self, n_coordinates, n_steps, path, states, largest_move)
+   !> Goes once round a closed line of samples, from the states of the first to those of the second and on, back to the first,
+   !> which has those of the last times `closing` as its past. Laws may know a faster way to the same states.
+   subroutine advance_step_by_step(self, n_coordinates, n_steps, closing, path, states, largest_move)
       class(hysteretic_law_t), intent(in) :: self
       integer, intent(in) :: n_coordinates, n_steps
+      real(wp), intent(in) :: closing                                 !! 1, or -1 where the line is half of an odd motion
       real(wp), intent(in) :: path(n_coordinates, n_path_parts, n_steps)  !! [m]
       real(wp), intent(inout) :: states(self%n_states, n_steps)
       real(wp), intent(out) :: largest_move                           !! of any state within a step
@@ -75,6 +76,7 @@ contains
       s_new(1, :) = states(:, 1)
       do i = 2, n_steps + 1
          s_old = s_new
+         if (i > n_steps) s_old = closing*s_old
          step_path(1, :, :) = path(:, :, 1 + modulo(i - 1, n_steps))
          call self%advance(s_old, step_path, s_new)
          states(:, 1 + modulo(i - 1, n_steps)) = s_new(1, :)

@@ -41,6 +41,7 @@ module hb_law
       procedure :: has_potential => law_has_potential
       procedure :: potential => law_potential
       procedure :: explain => law_explain
+      procedure :: is_odd => law_is_odd
       procedure :: n_switches => law_n_switches
       procedure :: switches => law_switches
       procedure :: evaluate_held => law_evaluate_held
@@ -152,6 +153,14 @@ contains
       text = ""
       is_fatal = .false.
    end subroutine law_explain
+
+   !> Whether the force is odd, f(-z, -v, -p) = -f(z, v, p), of a law with memory with the mirrored past; false where that is
+   !> not sure, and for a law that could not be read. Motions of the opposite sign then are motions too, see hb_odd_motion.
+   pure logical function law_is_odd(self)
+      class(law_t), intent(in) :: self
+
+      law_is_odd = .false.
+   end function law_is_odd
 
    !> Number of functions of the motion at whose zeros the force has a kink, such as the distance to a stop; 0 for a smooth law.
    pure integer function law_n_switches(self)

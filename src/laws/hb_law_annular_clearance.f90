@@ -32,6 +32,7 @@ module hb_law_annular_clearance
       procedure :: n_switches => annular_clearance_n_switches
       procedure :: switches => annular_clearance_switches
       procedure :: evaluate_held => annular_clearance_evaluate_held
+      procedure :: is_odd => annular_clearance_is_odd
    end type annular_clearance_t
 
 contains
@@ -220,4 +221,11 @@ contains
          call at_sample(self, z(i, :), [0.0_wp, 0.0_wp], is_closed(self, z(i, :)), gradient(i, :), by_z, by_v)
       end do
    end subroutine annular_clearance_potential
+
+   !> Odd where the rotor hangs in the middle of the ring at rest.
+   pure logical function annular_clearance_is_odd(self)
+      class(annular_clearance_t), intent(in) :: self
+
+      annular_clearance_is_odd = all(abs(self%center) <= 0.0_wp)
+   end function annular_clearance_is_odd
 end module hb_law_annular_clearance

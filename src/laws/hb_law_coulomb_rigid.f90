@@ -22,6 +22,7 @@ module hb_law_coulomb_rigid
       procedure :: has_potential => coulomb_rigid_has_potential
       procedure :: prepare_rate => coulomb_rigid_prepare_rate
       procedure :: defects => coulomb_rigid_defects
+      procedure :: is_odd => coulomb_rigid_is_odd
    end type coulomb_rigid_t
 
 contains
@@ -89,4 +90,11 @@ contains
 
       coulomb_rigid_has_potential = .true.
    end function coulomb_rigid_has_potential
+
+   !> Odd whatever its limit.
+   pure logical function coulomb_rigid_is_odd(self)
+      class(coulomb_rigid_t), intent(in) :: self
+
+      coulomb_rigid_is_odd = .true.
+   end function coulomb_rigid_is_odd
 end module hb_law_coulomb_rigid

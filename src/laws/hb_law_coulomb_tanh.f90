@@ -18,6 +18,7 @@ module hb_law_coulomb_tanh
       procedure :: read => coulomb_tanh_read
       procedure :: evaluate => coulomb_tanh_evaluate
       procedure :: has_potential => coulomb_tanh_has_potential
+      procedure :: is_odd => coulomb_tanh_is_odd
    end type coulomb_tanh_t
 
 contains
@@ -65,4 +66,11 @@ contains
 
       coulomb_tanh_has_potential = .true.
    end function coulomb_tanh_has_potential
+
+   !> Odd whatever limit and velocity are.
+   pure logical function coulomb_tanh_is_odd(self)
+      class(coulomb_tanh_t), intent(in) :: self
+
+      coulomb_tanh_is_odd = .true.
+   end function coulomb_tanh_is_odd
 end module hb_law_coulomb_tanh

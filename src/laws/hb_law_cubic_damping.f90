@@ -19,6 +19,7 @@ module hb_law_cubic_damping
       procedure :: read => cubic_damping_read
       procedure :: evaluate => cubic_damping_evaluate
       procedure :: has_potential => cubic_damping_has_potential
+      procedure :: is_odd => cubic_damping_is_odd
    end type cubic_damping_t
 
 contains
@@ -94,4 +95,11 @@ contains
 
       cubic_damping_has_potential = .not. abs(self%rate) > 0.0_wp
    end function cubic_damping_has_potential
+
+   !> Odd, in a frame that turns as well.
+   pure logical function cubic_damping_is_odd(self)
+      class(cubic_damping_t), intent(in) :: self
+
+      cubic_damping_is_odd = .true.
+   end function cubic_damping_is_odd
 end module hb_law_cubic_damping

@@ -16,6 +16,7 @@ module hb_law_cubic_spring
       procedure :: evaluate => cubic_spring_evaluate
       procedure :: has_potential => cubic_spring_has_potential
       procedure :: potential => cubic_spring_potential
+      procedure :: is_odd => cubic_spring_is_odd
    end type cubic_spring_t
 
 contains
@@ -67,4 +68,11 @@ contains
       energy = 0.25_wp*self%stiffness*z(:, 1)**4
       gradient = self%stiffness*z**3
    end subroutine cubic_spring_potential
+
+   !> Odd whatever its stiffness.
+   pure logical function cubic_spring_is_odd(self)
+      class(cubic_spring_t), intent(in) :: self
+
+      cubic_spring_is_odd = .true.
+   end function cubic_spring_is_odd
 end module hb_law_cubic_spring

@@ -22,6 +22,7 @@ module hb_law_elastic_stop
       procedure :: n_switches => elastic_stop_n_switches
       procedure :: switches => elastic_stop_switches
       procedure :: evaluate_held => elastic_stop_evaluate_held
+      procedure :: is_odd => elastic_stop_is_odd
    end type elastic_stop_t
 
 contains
@@ -120,4 +121,11 @@ contains
       energy = energy + 0.5_wp*self%stiffness*min(z(:, 1) + self%gap, 0.0_wp)**2
       gradient = gradient + self%stiffness*min(z + self%gap, 0.0_wp)
    end subroutine elastic_stop_potential
+
+   !> Odd with a stop on both sides.
+   pure logical function elastic_stop_is_odd(self)
+      class(elastic_stop_t), intent(in) :: self
+
+      elastic_stop_is_odd = self%two_sided
+   end function elastic_stop_is_odd
 end module hb_law_elastic_stop

@@ -23,6 +23,7 @@ module hb_law_iwan
       procedure :: length_scale => iwan_length_scale
       procedure :: has_bounds => iwan_has_bounds
       procedure :: bounds => iwan_bounds
+      procedure :: is_odd => iwan_is_odd
    end type iwan_t
 
 contains
@@ -121,4 +122,11 @@ contains
       lower_rate = v(1)
       upper_rate = v(1)
    end subroutine iwan_bounds
+
+   !> Odd: all limits are constant.
+   pure logical function iwan_is_odd(self)
+      class(iwan_t), intent(in) :: self
+
+      iwan_is_odd = .true.
+   end function iwan_is_odd
 end module hb_law_iwan

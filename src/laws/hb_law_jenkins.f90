@@ -31,6 +31,7 @@ module hb_law_jenkins
       procedure :: bounds => jenkins_bounds
       procedure :: n_switches => jenkins_n_switches
       procedure :: switches => jenkins_switches
+      procedure :: is_odd => jenkins_is_odd
    end type jenkins_t
 
 contains
@@ -110,9 +111,10 @@ contains
       end do
    end subroutine jenkins_advance
 
-   subroutine jenkins_advance_line(self, n_coordinates, n_steps, path, states, largest_move)
+   subroutine jenkins_advance_line(self, n_coordinates, n_steps, closing, path, states, largest_move)
       class(jenkins_t), intent(in) :: self
       integer, intent(in) :: n_coordinates, n_steps
+      real(wp), intent(in) :: closing
       real(wp), intent(in) :: path(n_coordinates, n_path_parts, n_steps)
       real(wp), intent(inout) :: states(self%n_states, n_steps)
       real(wp), intent(out) :: largest_move
@@ -120,7 +122,7 @@ contains
       integer :: i
 
       if (self%normal_load_varies) then
-         call advance_step_by_step(self, n_coordinates, n_steps, path, states, largest_move)
+         call advance_step_by_step(self, n_coordinates, n_steps, closing, path, states, largest_move)
          return
       end if
       half_width = self%limit/self%stiffness
@@ -132,6 +134,7 @@ contains
          states(1, i) = w
          largest_move = max(largest_move, abs(w - w_old))
       end do
+      w = closing*w
       states(1, 1) = move_steadily(w, path(1, :, 1), half_width)
       largest_move = max(largest_move, abs(states(1, 1) - w))
    end subroutine jenkins_advance_line
@@ -215,4 +218,11 @@ contains
 
       if (self%normal_load_varies) values = self%preload + self%normal_stiffness*z(2)
    end subroutine jenkins_switches
+
+   !> Odd under a constant normal load; one that varies pushes to one side.
+   pure logical function jenkins_is_odd(self)
+      class(jenkins_t), intent(in) :: self
+
+      jenkins_is_odd = .not. self%normal_load_varies
+   end function jenkins_is_odd
 end module hb_law_jenkins

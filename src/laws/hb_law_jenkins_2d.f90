@@ -23,6 +23,7 @@ module hb_law_jenkins_2d
       procedure :: advance => jenkins_2d_advance
       procedure :: force => jenkins_2d_force
       procedure :: length_scale => jenkins_2d_length_scale
+      procedure :: is_odd => jenkins_2d_is_odd
    end type jenkins_2d_t
 
 contains
@@ -196,4 +197,11 @@ contains
 
       jenkins_2d_length_scale = self%limit/self%stiffness
    end function jenkins_2d_length_scale
+
+   !> Odd: stiffness and limit are the same in all directions.
+   pure logical function jenkins_2d_is_odd(self)
+      class(jenkins_2d_t), intent(in) :: self
+
+      jenkins_2d_is_odd = .true.
+   end function jenkins_2d_is_odd
 end module hb_law_jenkins_2d

@@ -23,6 +23,7 @@ module hb_law_piecewise_linear
       procedure :: n_switches => piecewise_linear_n_switches
       procedure :: switches => piecewise_linear_switches
       procedure :: evaluate_held => piecewise_linear_evaluate_held
+      procedure :: is_odd => piecewise_linear_is_odd
    end type piecewise_linear_t
 
 contains
@@ -147,4 +148,17 @@ contains
          energy(i) = at_nodes(node) + 0.5_wp*(self%forces(node) + gradient(i, 1))*(z(i, 1) - self%breakpoints(node))
       end do
    end subroutine piecewise_linear_potential
+
+   !> Odd where breakpoints and slopes mirror at zero and there is no force there.
+   pure logical function piecewise_linear_is_odd(self)
+      class(piecewise_linear_t), intent(in) :: self
+
+      piecewise_linear_is_odd = .false.
+      if (.not. allocated(self%breakpoints)) return                   ! not read
+      associate (n => size(self%breakpoints), rounding => 8*epsilon(1.0_wp))
+         piecewise_linear_is_odd = all(abs(self%breakpoints + self%breakpoints(n:1:-1)) <= rounding*abs(self%breakpoints)) .and. &
+                                   all(abs(self%slopes - self%slopes(n + 1:1:-1)) <= rounding*abs(self%slopes)) .and. &
+                                   all(abs(self%forces + self%forces(n:1:-1)) <= rounding*maxval(abs(self%forces)))
+      end associate
+   end function piecewise_linear_is_odd
 end module hb_law_piecewise_linear

@@ -17,6 +17,7 @@ module hb_law_polynomial
       procedure :: evaluate => polynomial_evaluate
       procedure :: has_potential => polynomial_has_potential
       procedure :: potential => polynomial_potential
+      procedure :: is_odd => polynomial_is_odd
    end type polynomial_t
 
 contains
@@ -120,4 +121,13 @@ contains
          gradient(i, 1) = horner(self%stiffness, z(i, 1))
       end do
    end subroutine polynomial_potential
+
+   !> Odd where all coefficients of even powers are zero.
+   pure logical function polynomial_is_odd(self)
+      class(polynomial_t), intent(in) :: self
+
+      polynomial_is_odd = .false.
+      if (.not. allocated(self%stiffness)) return                     ! not read
+      polynomial_is_odd = all(abs(self%stiffness(2::2)) <= 0.0_wp) .and. all(abs(self%damping(2::2)) <= 0.0_wp)
+   end function polynomial_is_odd
 end module hb_law_polynomial

@@ -25,6 +25,7 @@ module hb_law_polynomial_coupled
       procedure :: evaluate => polynomial_coupled_evaluate
       procedure :: has_potential => polynomial_coupled_has_potential
       procedure :: potential => polynomial_coupled_potential
+      procedure :: is_odd => polynomial_coupled_is_odd
    end type polynomial_coupled_t
 
 contains
@@ -245,4 +246,14 @@ contains
          end associate
       end do
    end subroutine polynomial_coupled_potential
+
+   !> Odd where the exponents of each term sum to an odd number.
+   pure logical function polynomial_coupled_is_odd(self)
+      class(polynomial_coupled_t), intent(in) :: self
+
+      polynomial_coupled_is_odd = .false.
+      if (.not. allocated(self%coefficients)) return                  ! not read
+      polynomial_coupled_is_odd = all(modulo(sum(self%z_exponents, dim=2) + sum(self%v_exponents, dim=2), 2) == 1 .or. &
+                                      abs(self%coefficients) <= 0.0_wp)
+   end function polynomial_coupled_is_odd
 end module hb_law_polynomial_coupled

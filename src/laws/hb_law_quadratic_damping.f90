@@ -18,6 +18,7 @@ module hb_law_quadratic_damping
       procedure :: n_switches => quadratic_damping_n_switches
       procedure :: switches => quadratic_damping_switches
       procedure :: evaluate_held => quadratic_damping_evaluate_held
+      procedure :: is_odd => quadratic_damping_is_odd
    end type quadratic_damping_t
 
 contains
@@ -84,4 +85,11 @@ contains
 
       quadratic_damping_has_potential = .true.
    end function quadratic_damping_has_potential
+
+   !> Odd whatever its coefficient.
+   pure logical function quadratic_damping_is_odd(self)
+      class(quadratic_damping_t), intent(in) :: self
+
+      quadratic_damping_is_odd = .true.
+   end function quadratic_damping_is_odd
 end module hb_law_quadratic_damping

@@ -25,6 +25,7 @@ module hb_law_rigid_wall
       procedure :: correct => rigid_wall_correct
       procedure :: defects => rigid_wall_defects
       procedure :: length_scale => rigid_wall_length_scale
+      procedure :: is_odd => rigid_wall_is_odd
    end type rigid_wall_t
 
 contains
@@ -122,4 +123,11 @@ contains
 
       rigid_wall_has_potential = .true.
    end function rigid_wall_has_potential
+
+   !> Odd with a wall on both sides.
+   pure logical function rigid_wall_is_odd(self)
+      class(rigid_wall_t), intent(in) :: self
+
+      rigid_wall_is_odd = self%two_sided
+   end function rigid_wall_is_odd
 end module hb_law_rigid_wall

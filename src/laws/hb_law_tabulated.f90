@@ -29,6 +29,7 @@ module hb_law_tabulated
       procedure :: n_switches => tabulated_n_switches
       procedure :: switches => tabulated_switches
       procedure :: evaluate_held => tabulated_evaluate_held
+      procedure :: is_odd => tabulated_is_odd
    end type tabulated_t
 
 contains
@@ -211,4 +212,17 @@ contains
          work = (to - from)*(at_start + 4.0_wp*at_middle + at_end)/6.0_wp
       end function work
    end subroutine tabulated_potential
+
+   !> Odd where the table mirrors at zero, and so do its slopes: those that were shrunk may not.
+   pure logical function tabulated_is_odd(self)
+      class(tabulated_t), intent(in) :: self
+
+      tabulated_is_odd = .false.
+      if (.not. allocated(self%nodes)) return                         ! not read
+      associate (n => size(self%nodes), rounding => 8*epsilon(1.0_wp))
+         tabulated_is_odd = all(abs(self%nodes + self%nodes(n:1:-1)) <= rounding*abs(self%nodes)) .and. &
+                            all(abs(self%forces + self%forces(n:1:-1)) <= rounding*abs(self%forces)) .and. &
+                            all(abs(self%slopes - self%slopes(n:1:-1)) <= rounding*abs(self%slopes))
+      end associate
+   end function tabulated_is_odd
 end module hb_law_tabulated

@@ -18,12 +18,14 @@ module hb_law_user
    type, extends(law_t) :: user_law_t
       character(:), allocatable :: name                               !! prefix of the functions
       real(wp), allocatable :: parameters(:)
+      logical :: is_declared_odd = .false.                            !! by the user: nobody can see it
       type(user_library_t), private :: library
    contains
       procedure :: read => user_law_read
       procedure :: evaluate => user_law_evaluate
       procedure :: explain => user_law_explain
       procedure :: length_scale => user_law_length_scale
+      procedure :: is_odd => user_is_odd
    end type user_law_t
 
 contains
@@ -68,6 +70,7 @@ contains
       call group%require("library", library)
       call group%require("name", name)
       call group%get("parameters", parameters)
+      call group%get("odd", self%is_declared_odd)
       if (.not. (allocated(library) .and. allocated(name))) return
       call load_user_law(self, beside(group%file_name, library), name, parameters, error)
       if (allocated(error)) then
@@ -142,4 +145,11 @@ contains
 
       user_law_length_scale = self%library%length_scale
    end function user_law_length_scale
+
+   !> Odd where the user says so.
+   pure logical function user_is_odd(self)
+      class(user_law_t), intent(in) :: self
+
+      user_is_odd = self%is_declared_odd
+   end function user_is_odd
 end module hb_law_user

@@ -18,6 +18,7 @@ module hb_law_van_der_pol
       procedure :: evaluate => van_der_pol_evaluate
       procedure :: has_potential => van_der_pol_has_potential
       procedure :: length_scale => van_der_pol_length_scale
+      procedure :: is_odd => van_der_pol_is_odd
    end type van_der_pol_t
 
 contains
@@ -74,4 +75,11 @@ contains
 
       van_der_pol_has_potential = .true.
    end function van_der_pol_has_potential
+
+   !> Odd whatever strength and threshold are.
+   pure logical function van_der_pol_is_odd(self)
+      class(van_der_pol_t), intent(in) :: self
+
+      van_der_pol_is_odd = .true.
+   end function van_der_pol_is_odd
 end module hb_law_van_der_pol

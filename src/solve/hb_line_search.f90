@@ -28,6 +28,7 @@ module hb_line_search
    contains
       procedure :: remember => line_search_remember
       procedure :: advance => line_search_advance
+      procedure :: try_step => line_search_try_step
    end type line_search_t
 
 contains
@@ -95,4 +96,24 @@ contains
       if (.not. met_finite) self%failure = outcome%not_finite
       if (.not. met_near) self%failure = outcome%diverged
    end subroutine line_search_advance
+
+   !> Moves x along the full step if that makes the residual smaller; otherwise x, r and norm stay. Later steps are not compared
+   !> with it.
+   subroutine line_search_try_step(self, problem, step, x, r, norm)
+      class(line_search_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in) :: step(:)                                 !! (n_unknowns)
+      real(wp), intent(inout), contiguous :: x(:), r(:)               !! (n_unknowns)
+      real(wp), intent(inout) :: norm
+      real(wp) :: trial_norm
+
+      self%x_trial = x + step
+      call problem%residual(self%x_trial, self%r_trial)
+      self%n_residuals = self%n_residuals + 1
+      trial_norm = problem%norm(self%r_trial)
+      if (.not. trial_norm < norm) return                             ! nor where it is not a number
+      x = self%x_trial
+      r = self%r_trial
+      norm = trial_norm
+   end subroutine line_search_try_step
 end module hb_line_search

@@ -1,7 +1,11 @@
 !> Newton's method with the exact tangent, LU factorised by LAPACK, and backtracking.
 !>
+!> A factorised tangent costs as much as many residuals. So after each full step that brings the residual down fast, others with
+!> the tangent at hand follow as long as they do the same, corrected by Broyden's updates since then. Iterations are counted by
+!> their tangents.
 !> For contact laws the tangent is one element of the generalised derivative (semi-smooth Newton).
-!> Source: docs/theory.md, section 6.1; Qi and Sun, Math. Programming 58 (1993) 353-367.
+!> Source: docs/theory.md, section 6.1; Qi and Sun, Math. Programming 58 (1993) 353-367; Kelley, Iterative methods for
+!> linear and nonlinear equations, SIAM 1995, section 7.3.
 module hb_newton
    use hb_ending, only: end_at_point, end_without_step
    use hb_kinds, only: wp
@@ -14,6 +18,10 @@ module hb_newton
    private
    public :: solve_newton
 
+   real(wp), parameter :: fast = 0.2_wp                               ! residual after a step, relative to that before
+   integer, parameter :: most_repeats = 12                            ! of steps with one tangent
+   integer, parameter :: fewest_unknowns = 24                         ! where a tangent costs much more than a residual
+
 contains
 
    !> Solves r(x) = 0 from the given x; x is the last point reached, whatever the outcome.
@@ -25,7 +33,8 @@ contains
       type(tangent_factor_t) :: factor
       type(line_search_t) :: search
       real(wp), allocatable :: r(:), step(:)
-      real(wp) :: fraction
+      real(wp), allocatable :: steps(:, :)                            ! since the tangent, (n_unknowns, any), in units of the scale
+      real(wp) :: before, fraction
       logical :: is_singular
 
       allocate (r(problem%n_unknowns), step(problem%n_unknowns))
@@ -47,6 +56,7 @@ contains
          end if
          step = -r
          call factor%solve(problem, step)
+         before = report%residual
          call search%advance(problem, step, x, r, report%residual, fraction)
          report%iterations = report%iterations + 1
          if (fraction <= 0.0_wp) then
@@ -54,6 +64,38 @@ contains
             call end_without_step(problem, x, search%failure, report)
             return
          end if
+         if (.not. config%repeats_tangent .or. problem%n_unknowns < fewest_unknowns) cycle
+         if (fraction >= 1.0_wp .and. report%residual <= fast*before) call repeat_tangent()
       end do
+
+   contains
+
+      !> Goes on with the tangent at hand while each step reduces the residual as fast; any that reduces it is taken. One more
+      !> follows on the one that meets the tolerance: an exact step would have gone beyond it as well.
+      subroutine repeat_tangent()
+         real(wp) :: along
+         integer :: i, k
+         logical :: is_last
+
+         if (.not. allocated(steps)) allocate (steps(size(x), 0:most_repeats))
+         steps(:, 0) = step/problem%x_scale
+         if (report%residual <= config%tolerance) return
+         do k = 1, most_repeats
+            is_last = report%residual <= config%tolerance
+            step = -r
+            call factor%solve(problem, step)
+            step = step/problem%x_scale
+            do i = 1, k - 1
+               step = step + steps(:, i)*(dot_product(steps(:, i - 1), step)/sum(steps(:, i - 1)**2))
+            end do
+            along = dot_product(steps(:, k - 1), step)/sum(steps(:, k - 1)**2)
+            if (.not. along < 0.5_wp) return                          ! the update is not to be trusted
+            steps(:, k) = step/(1.0_wp - along)
+            step = steps(:, k)*problem%x_scale
+            before = report%residual
+            call search%try_step(problem, step, x, r, report%residual)
+            if (is_last .or. report%residual > fast*before) return
+         end do
+      end subroutine repeat_tangent
    end subroutine solve_newton
 end module hb_newton

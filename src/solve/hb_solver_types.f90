@@ -40,6 +40,7 @@ module hb_solver_types
       real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces
       integer :: max_iterations = 100
       logical :: line_search = .true.
+      logical :: repeats_tangent = .true.                             !! Newton: steps with the factors at hand, where that will do
       integer :: memory = 40                                          !! updates that Broyden keeps before it takes a new tangent
       logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: tangent, else linear part
       logical :: rescue = .true.                                      !! try other ways when the direct attempt fails

@@ -283,6 +283,7 @@ contains
       rung%samples = scene%torus%n_samples
       rung%method = trim(method_names(scene%solver%method))
       rung%n_unknowns = scene%harmonics%n_coefficients*size(law_dofs)
+      if (result%is_odd) rung%n_unknowns = 2*count(modulo(sum(scene%harmonics%tuples, dim=1), 2) == 1)*size(law_dofs)
       if (allocated(result%coefficients)) then
          call new_coefficient_set(rung%motion, scene%harmonics%tuples, result%coefficients, error)
          rung%has_motion = .not. allocated(error)

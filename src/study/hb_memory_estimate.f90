@@ -286,7 +286,7 @@ contains
       real(wp) :: blocks, kinds, n_slice, n_steps, per_sample
 
       blocks = 2 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction) + merge(3, 0, s%has_memory)
-      per_sample = s%n_law_dofs*(blocks + 1 + 2.0_wp/samples(1)) + s%laws_per_sample
+      per_sample = s%n_law_dofs*blocks + (s%n_law_dofs + 1)*(1 + 2.0_wp/samples(1)) + s%laws_per_sample
       if (s%has_memory) per_sample = per_sample + 1.5_wp              ! order of the walk, one answer
       if (with_derivatives) then
          kinds = 1 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction)

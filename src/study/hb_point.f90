@@ -14,6 +14,8 @@ module hb_point
    use hb_locking, only: find_locking, locking_t, may_be_locked
    use hb_marched_start, only: marched_guess
    use hb_mpi, only: wall_clock
+   use hb_odd_motion, only: odd_motion_t, reduce_to_odd
+   use hb_odd_symmetry, only: asymmetry
    use hb_outcome, only: outcome
    use hb_results, only: point_result_t
    use hb_scene, only: scene_t
@@ -28,14 +30,48 @@ module hb_point
 contains
 
    !> Solves the scene. An `error` is trouble that belongs to this point alone, such as a singular interior; a solver that
-   !> does not converge is told by the status of the result.
+   !> does not converge is told by the status of the result. The scene is as before at the end.
    subroutine solve_point(scene, result, error, guess, unknowns)
-      type(scene_t), intent(in) :: scene
+      type(scene_t), intent(inout) :: scene
       type(point_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in), optional :: guess(:)         !! in place of that of the scene: coefficients of what the
                                                                       !! laws feel, then all base frequencies
       real(wp), allocatable, intent(out), optional :: unknowns(:)     !! of a converged solution, as `guess`; none without laws
+      type(odd_motion_t) :: odd
+      real(wp), allocatable :: first_guess(:), found(:)
+
+      if (present(guess)) then
+         if (allocated(guess)) first_guess = guess
+      end if
+      call reduce_to_odd(odd, scene, error, first_guess)
+      if (allocated(error)) return
+      call solve_all(scene, result, error, first_guess, found)
+      if (odd%is_used) then
+         call odd%restore(scene)
+         if (allocated(error)) return
+         call odd%restore_unknowns(scene%tones%n_tones, found)
+         if (odd%is_proven(result)) then
+            call odd%restore_result(result, error)
+         else
+            if (allocated(found)) then                                ! balances the odd harmonics alone
+               call move_alloc(found, first_guess)
+            else if (present(guess)) then
+               if (allocated(guess)) first_guess = guess
+            end if
+            call solve_all(scene, result, error, first_guess, found)
+         end if
+      end if
+      if (present(unknowns)) call move_alloc(found, unknowns)
+   end subroutine solve_point
+
+   !> The same among the motions that the scene has.
+   subroutine solve_all(scene, result, error, guess, unknowns)
+      type(scene_t), intent(in) :: scene
+      type(point_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable, intent(in) :: guess(:)
+      real(wp), allocatable, intent(out) :: unknowns(:)
       type(law_span_t) :: span
       type(scene_t), allocatable :: smaller
 
@@ -46,7 +82,7 @@ contains
       else
          call solve_scene(scene, result, error, guess, unknowns)
       end if
-   end subroutine solve_point
+   end subroutine solve_all
 
    !> The same for a scene as it stands.
    subroutine solve_scene(scene, result, error, guess, unknowns)
@@ -166,7 +202,7 @@ contains
       allocate (c(scene%structure%n_dofs, scene%harmonics%n_harmonics))
       call balance%all_dofs(u, c)
       call keep_motion(scene, c, result)
-      call keep_forces(scene%harmonics, balance, u, result, error)
+      call keep_forces(scene%harmonics, scene%torus, balance, u, result, error)
       if (allocated(error)) return
       if (scene%certificate%is_on .and. result%status == outcome%converged) then
          begun = wall_clock()
@@ -265,8 +301,9 @@ contains
    end subroutine keep_motion
 
    !> Forces of the laws and the motion corrected to walls, on the grid of the solution.
-   subroutine keep_forces(harmonics, balance, u, result, error)
+   subroutine keep_forces(harmonics, torus, balance, u, result, error)
       type(harmonics_t), intent(in) :: harmonics
+      type(torus_t), intent(in) :: torus
       type(balance_t), intent(inout) :: balance
       real(wp), intent(in) :: u(:, :)
       type(point_result_t), intent(inout) :: result
@@ -284,6 +321,8 @@ contains
          call fail(error, trouble)
          return
       end if
+      if (balance%law_set%has_memory .and. .not. torus%is_half .and. all(modulo(sum(harmonics%tuples, dim=1), 2) == 1) &
+          .and. all(modulo(torus%n_samples, 2) == 0)) result%asymmetry = asymmetry(torus, balance%law_set%f%values)
       result%n_full_stick = count([(balance%law_set%full_stick(i), i=1, size(balance%law_set%laws))])
       call balance%project(balance%law_set%f%values, coefficients)
       result%force_coefficients = as_pairs(harmonics, coefficients)

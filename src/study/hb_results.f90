@@ -43,6 +43,8 @@ module hb_results
       real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of certificate%wider, n_law_dofs)
+      logical :: is_odd = .false.                       !! sought among motions of odd tuples alone
+      real(wp) :: asymmetry = 0.0_wp                    !! of forces with memory, where only odd tuples are kept
       integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
       type(certificate_t) :: certificate                !! zero and without combination where none was made
       logical :: is_near_commensurate = .false.
@@ -210,6 +212,7 @@ contains
       call put(self, "solve_seconds", [point%solve_seconds], error)
       call put(self, "rank", [point%rank], error)
       call put(self, "n_harmonics", [point%n_harmonics], error)
+      call put(self, "is_odd", [merge(1, 0, point%is_odd)], error)
       call put(self, "n_full_stick", [point%n_full_stick], error)
       if (allocated(point%frequency)) call put(self, "frequency", point%frequency, error)
       if (allocated(point%artificial_damping)) call put(self, "artificial_damping", point%artificial_damping, error)

@@ -4,7 +4,7 @@
 module hb_scene
    use hb_error, only: annotate, error_t
    use hb_fftw, only: planning, planning_names
-   use hb_harmonics, only: harmonics_t, new_box, new_diamond, new_harmonics, tuple_text
+   use hb_harmonics, only: harmonics_t, new_box, new_diamond, new_harmonics, new_of_parity, tuple_text
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t, law_t
    use hb_law_catalogue, only: read_law
@@ -15,6 +15,7 @@ module hb_scene
    use hb_memory_sizes, only: new_sizes, sizes_t
    use hb_namelist, only: document_t, group_t
    use hb_normal_mode, only: measure_names, normal_mode_t
+   use hb_odd_symmetry, only: has_memory, why_not_odd
    use hb_solver_types, only: method_names, solver_config_t, start_names
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
@@ -24,7 +25,7 @@ module hb_scene
    implicit none
    private
    public :: group_names, groups_read_again, output_config_t, read_again, read_harmonics, read_scene, read_tones, scene_t
-   public :: sizes_of
+   public :: half_of_odd, is_solved_odd, sizes_of, symmetry, symmetry_names
 
    !> Every group that an input file may have.
    character(11), parameter :: group_names(13) = [character(11) :: &
@@ -37,6 +38,15 @@ module hb_scene
    character(8), parameter :: phase_names(2) = [character(8) :: "integral", "sine"]
 
    character(9), parameter :: first_guess_names(4) = [character(9) :: "linear", "zero", "neighbour", "march"]
+
+   !> Among which motions a scene is solved.
+   type :: symmetry_t
+      integer :: auto = 1                                             !! odd ones where equations and first guess are odd
+      integer :: none = 2                                             !! all
+      integer :: odd = 3                                              !! odd ones; refused where equations are not
+   end type symmetry_t
+   type(symmetry_t), parameter :: symmetry = symmetry_t()
+   character(4), parameter :: symmetry_names(3) = [character(4) :: "auto", "none", "odd"]
 
    !> What is kept of a result.
    type :: output_config_t
@@ -69,6 +79,7 @@ module hb_scene
                                                                       !! integral phase conditions
       type(normal_mode_t) :: normal_mode
       type(harmonics_t) :: harmonics
+      integer :: symmetry = symmetry%auto
       type(torus_t) :: torus
       type(law_box_t), allocatable :: laws(:)
       complex(wp), allocatable :: loads(:, :)                         !! cos - i sin [N], (n_dofs, n_harmonics)
@@ -117,7 +128,7 @@ contains
       if (allocated(error)) return
       call read_tones(self%tones, document, error)
       if (allocated(error)) return
-      call read_harmonics(self%harmonics, document, self%tones%n_tones, error)
+      call read_harmonics(self%harmonics, document, self%tones%n_tones, error, self%symmetry)
       if (allocated(error)) return
 
       allocate (self%laws(document%count("law")))
@@ -142,6 +153,12 @@ contains
       allocate (self%loads(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
       allocate (self%load_slopes, self%start, source=self%loads)
       call read_loads(self, document)
+      call check_symmetry(self, document%optional_group("harmonics"))
+      call check_memory(sizes_of(self), self%memory_limit, error)     ! again: loads tell whether motions are odd
+      if (allocated(error)) then
+         call annotate(error, document%file_name)
+         return
+      end if
       if (any(self%tones%is_unknown)) then
          if (self%certificate%improvement_steps > 0) then
             group => document%optional_group("certificate")
@@ -166,7 +183,7 @@ contains
       integer :: i
 
       is_read = .false.
-      if (any(self%tones%is_unknown)) return
+      if (any(self%tones%is_unknown) .or. self%symmetry == symmetry%odd) return
       if (document%count("tones") > 0) then
          call read_tones(tones, document, error)
          if (allocated(error)) return
@@ -215,19 +232,69 @@ contains
       end do
    end subroutine read_loads
 
+   !> Whether the motion is sought among odd ones, unless a first guess from elsewhere is not odd. Loads and first guess that
+   !> are not read yet count as none.
+   logical function is_solved_odd(self)
+      type(scene_t), intent(in) :: self
+      logical :: is_even(self%harmonics%n_harmonics)
+      integer :: i
+
+      is_solved_odd = .false.
+      if (self%symmetry == symmetry%none .or. size(self%laws) == 0) return
+      is_even = modulo(sum(self%harmonics%tuples, dim=1), 2) == 0
+      if (self%symmetry == symmetry%auto) then
+         if (self%start_from_march) return
+         ! a rigid law may take its augmentation from tuples that would go
+         if (any(is_even) .and. any([(self%laws(i)%law%is_multiplier, i=1, size(self%laws))])) return
+         if (allocated(self%start)) then
+            do i = 1, size(is_even)
+               if (.not. is_even(i)) cycle
+               if (any(abs(self%start(:, i)) > 0.0_wp)) return
+            end do
+         end if
+      end if
+      if (allocated(self%loads)) then
+         is_solved_odd = len(why_not_odd(self%laws, self%harmonics, self%torus, self%loads)) == 0
+      else
+         is_solved_odd = len(why_not_odd(self%laws, self%harmonics, self%torus)) == 0
+      end if
+   end function is_solved_odd
+
+   !> The grid on which odd motions are solved: half of it, but whole for what cannot be halved.
+   type(torus_t) function half_of_odd(self) result(torus)
+      type(scene_t), intent(in) :: self
+
+      torus = self%torus
+      if (.not. torus%can_be_halved()) return
+      if (.not. has_memory(self%laws) .or. self%tones%n_tones == 1) torus = torus%half()
+   end function half_of_odd
+
    !> What the memory of a scene depends on; laws from the first that has a problem on, and a grid with one, do
-   !> not count.
+   !> not count. Neighbours may ask for all tuples.
    type(sizes_t) function sizes_of(self) result(sizes)
       type(scene_t), intent(in) :: self
+      type(harmonics_t) :: set
       type(torus_t) :: torus
+      type(error_t), allocatable :: error
       integer :: n
 
       do n = 0, size(self%laws) - 1
          if (.not. (allocated(self%laws(n + 1)%law%dofs) .and. allocated(self%laws(n + 1)%law%shape))) exit
       end do
       torus = self%torus
-      if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(self%harmonics, 1)
-      call new_sizes(sizes, self%structure, self%harmonics, torus, self%laws(:n), law_dofs_of(self%laws(:n)), &
+      set = self%harmonics
+      if (.not. allocated(torus%n_samples)) then
+         torus%n_samples = default_samples(self%harmonics, 1)
+      else if (n == size(self%laws) .and. .not. self%chain%is_on) then
+         if (is_solved_odd(self)) then
+            call new_of_parity(set, self%harmonics, 1, error)         ! that has odd tuples
+            torus = half_of_odd(self)
+            associate (last => torus%n_samples(size(torus%n_samples)))
+               if (torus%is_half) last = last/2
+            end associate
+         end if
+      end if
+      call new_sizes(sizes, self%structure, set, torus, self%laws(:n), law_dofs_of(self%laws(:n)), &
                      size(self%output%dofs), self%output%samples, self%solver, self%certificate%is_on, any(self%tones%is_unknown))
    end function sizes_of
 
@@ -434,15 +501,30 @@ contains
       end do
    end subroutine check_fundamentals
 
-   !> Reads `&harmonics`: `set` = box, diamond or list, with `order`, `odd_only`, `tuples`.
-   subroutine read_harmonics(self, document, n_tones, error)
+   !> Refuses `symmetry = 'odd'` where the equations are not odd.
+   subroutine check_symmetry(self, group)
+      type(scene_t), intent(in) :: self
+      type(group_t), intent(inout) :: group
+      character(:), allocatable :: reason
+      integer :: i
+
+      if (self%symmetry /= symmetry%odd .or. .not. allocated(self%torus%n_samples)) return
+      if (.not. all([(allocated(self%laws(i)%law%dofs), i=1, size(self%laws))])) return   ! a problem by now
+      reason = why_not_odd(self%laws, self%harmonics, self%torus, self%loads)
+      if (len(reason) > 0) call group%problem("symmetry", "must not be 'odd': "//reason// &
+                                              "; 'auto' uses the symmetry where there is one")
+   end subroutine check_symmetry
+
+   !> Reads `&harmonics`: `set` = box, diamond or list, with `order`, `odd_only`, `tuples`; and `symmetry` where asked for.
+   subroutine read_harmonics(self, document, n_tones, error, chosen_symmetry)
       type(harmonics_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
       integer, intent(in) :: n_tones
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(inout), optional :: chosen_symmetry             !! one of `symmetry_t`
       type(group_t), pointer :: group
       integer, allocatable :: order(:), tuples(:)
-      character(:), allocatable :: set
+      character(:), allocatable :: set, symmetry_name
       logical :: odd_only
       character(7), parameter :: sets(3) = [character(7) :: "box", "diamond", "list"]
 
@@ -450,7 +532,10 @@ contains
       if (allocated(error)) return
       set = "box"
       odd_only = .false.
+      symmetry_name = trim(symmetry_names(1))
       call group%get("set", set, choices=sets)
+      call group%get("symmetry", symmetry_name, choices=symmetry_names)
+      if (present(chosen_symmetry)) chosen_symmetry = max(1, findloc(symmetry_names == symmetry_name, .true., dim=1))
       if (set == "list") then
          call group%require("tuples", tuples)
          if (allocated(tuples)) then

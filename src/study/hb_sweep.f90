@@ -20,6 +20,7 @@ module hb_sweep
    use hb_results, only: create_results, open_results, point_result_t, results_layout_t, results_t
    use hb_resume, only: choose_units, resumed_input_t
    use hb_run_summary, only: count_point, run_summary_t, sum_up
+   use hb_scene, only: scene_t
    use hb_schedule, only: new_schedule, schedule_t, way_t
    use hb_study, only: describe_layout, study_t
    use hb_swept_point, only: run_point
@@ -114,11 +115,13 @@ contains
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
       type(point_result_t) :: trial
+      type(scene_t) :: scene
 
       if (.not. allocated(self%scene%wisdom)) return
       if (rank_of(comm) == 0) then
          if (.not. import_wisdom(self%scene%wisdom)) then
-            call solve_point(self%scene, trial, error)                ! plans every transform of the first point
+            scene = self%scene
+            call solve_point(scene, trial, error)                     ! plans every transform of the first point
             if (allocated(error)) deallocate (error)                  ! told again when the point is solved
             if (.not. export_wisdom(self%scene%wisdom)) then
                call fail(error, "&sampling: wisdom: cannot write '"//self%scene%wisdom//"'; give a path in a writable folder")

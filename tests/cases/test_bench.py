@@ -53,9 +53,9 @@ def test_rows_say_what_was_timed(tmp_path):
     data = bench(FOLDER / "duffing.nml", tmp_path)
     np.testing.assert_array_equal(data.parameter_tones_frequency.values, [2.0, 0.9])
     assert data.parameter_tones_frequency.attrs["parameter"] == "tones%frequency"
-    assert data.n_unknowns.values.tolist() == [15, 15]
+    assert data.n_unknowns.values.tolist() == [8, 8], "an odd motion: harmonics 1, 3, 5, 7"
     assert data.n_samples.values.tolist() == [64, 64]
-    assert data.n_harmonics.values.tolist() == [8, 8]
+    assert data.n_harmonics.values.tolist() == [4, 4]
     assert data.n_tones.values.tolist() == [1, 1]
     assert (data.residual_norm.values < 1e-12).all() and (data.evaluations.values > data.iterations.values).all()
     assert str(data.input_text.values) == (FOLDER / "duffing.nml").read_text()

@@ -10,7 +10,7 @@ from program import BAD_INPUT, command, environment, run
 LARGE = """&structure
    type = 'chain', n_masses = 3, mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.1 /
 &tones frequency = 1.0, 1.4142 /
-&harmonics order = 28 /
+&harmonics order = 28, symmetry = 'none' /
 &load dof = 'x1', tuple = 1, 0, cos = 0.1 /
 &law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /
 &law type = 'cubic_spring', dof = 'x2', stiffness = 0.1 /

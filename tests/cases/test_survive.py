@@ -122,8 +122,8 @@ def test_comments_and_blanks_do_not_change_an_input(tmp_path):
 
 def test_retry_solves_again_what_did_not_converge(tmp_path):
     text = QUICK + (
-        "&sweep parameter = 'law(1)%gap', values = 1.5e-3, 0.2e-3, -1.0e-3, 1.0e-3 /\n"
-        "&solver max_iterations = 1, rescue = .false. /\n"
+        "&sweep parameter = 'law(1)%gap', values = 1.0, 0.2e-3, -1.0e-3, 1.0e-3 /\n"
+        "&solver method = 'broyden', max_iterations = 1, rescue = .false. /\n"
     )
     text = text.replace("augmentation = 100000.0", "augmentation = 1.0e5, two_sided = .true.")
     source = write(tmp_path, text)
