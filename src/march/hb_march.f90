@@ -89,7 +89,16 @@ contains
       type(central_differences_t), allocatable :: central_differences
       type(generalized_alpha_t), allocatable :: generalized_alpha
       type(march_cvode_t), allocatable :: cvode
+      integer :: i
 
+      do i = 1, size(system%laws%laws)
+         associate (law => system%laws%laws(i)%law)
+            if (.not. law%is_multiplier .or. size(law%shape, 2) == 1) cycle
+            call fail(error, "no method of &march holds several rigid contacts on the same coordinates: for marching give law '"// &
+                      law%label//"' contact = 'elastic' and a large stiffness")
+            return
+         end associate
+      end do
       select case (config%method)
       case (march_method%runge_kutta_4)
          allocate (runge_kutta_4)
