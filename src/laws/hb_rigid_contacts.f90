@@ -48,12 +48,13 @@ contains
       if (len(trouble) == 0) self%force = -pushes(self%polygon%contact, :)
    end subroutine new_rigid_contacts
 
-   !> Orthonormal basis of the shapes: the longest, then what is left of the one that is farthest from it.
+   !> Orthonormal basis of the shapes: the longest, then what is left of the one that is farthest from it, both turned so that
+   !> the first one lies along a coordinate as far as it can. Coordinates that do not mix then do so not even by rounding.
    pure subroutine find_plane(self, shapes, trouble)
       type(rigid_contacts_t), intent(inout) :: self
       real(wp), intent(in) :: shapes(:, :)
       character(:), allocatable, intent(out) :: trouble
-      real(wp) :: left(size(shapes, 1), size(shapes, 2)), largest
+      real(wp) :: left(size(shapes, 1), size(shapes, 2)), largest, reach(size(shapes, 2)), turn(2)
       integer :: i, k, pass
 
       trouble = ""
@@ -62,12 +63,16 @@ contains
       largest = sqrt(maxval(sum(left**2, dim=2)))
       do i = 1, 2
          k = maxloc(sum(left**2, dim=2), dim=1)
-         if (norm2(left(k, :)) <= dependent*largest) return
+         if (norm2(left(k, :)) <= dependent*largest) exit
          self%plane(i, :) = left(k, :)/norm2(left(k, :))
          do pass = 1, 2
             left = left - matmul(matmul(left, transpose(self%plane(:i, :))), self%plane(:i, :))
          end do
       end do
+      reach = norm2(self%plane, dim=1)
+      k = findloc(reach >= maxval(reach) - dependent, .true., dim=1)
+      turn = self%plane(:, k)/reach(k)
+      self%plane = matmul(reshape([turn(1), -turn(2), turn(2), turn(1)], [2, 2]), self%plane)
       if (sqrt(maxval(sum(left**2, dim=2))) > dependent*largest) trouble = "rigid contacts may feel two independent "// &
          "combinations of 'dofs', and these feel more (blades with different 'shares' do)"
    end subroutine find_plane
