@@ -314,8 +314,8 @@ contains
       if (allocated(self%rigid)) call self%rigid%propose(static_stiffness)
    end subroutine contact_table_prepare
 
-   !> Takes eps of rigid contacts from the structure unless the user gave it, where there is motion: its dynamic stiffness in the fastest harmonic, in
-   !> which contacts take over from one another.
+   !> Takes eps of rigid contacts from the structure unless the user gave it, where there is motion: its dynamic stiffness in
+   !> the fastest harmonic, in which contacts take over from one another.
    subroutine contact_table_prepare_rate(self, impedance, frequency)
       class(contact_table_t), intent(inout) :: self
       real(wp), intent(in) :: impedance, frequency

@@ -10,6 +10,7 @@ module hb_march
    use hb_generalized_alpha, only: generalized_alpha_t, new_generalized_alpha
    use hb_integrator, only: integrator_t
    use hb_kinds, only: wp
+   use hb_law_contact_table, only: contact_table_t
    use hb_march_config, only: march_config_t, march_method
    use hb_march_cvode, only: march_cvode_t, new_march_cvode
    use hb_march_state, only: march_state_t
@@ -92,12 +93,13 @@ contains
       integer :: i
 
       do i = 1, size(system%laws%laws)
-         associate (law => system%laws%laws(i)%law)
-            if (.not. law%is_multiplier .or. size(law%shape, 2) == 1) cycle
-            call fail(error, "no method of &march holds several rigid contacts on the same coordinates: for marching give law '"// &
+         select type (law => system%laws%laws(i)%law)
+         class is (contact_table_t)
+            if (.not. allocated(law%rigid)) cycle
+            call fail(error, "no method of &march holds rigid contacts of a table or of blades: for marching give law '"// &
                       law%label//"' contact = 'elastic' and a large stiffness")
             return
-         end associate
+         end select
       end do
       select case (config%method)
       case (march_method%runge_kutta_4)
