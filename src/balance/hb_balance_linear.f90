@@ -68,8 +68,10 @@ contains
          compliance = compliance_of(self, i, h)
          if (compliance > 0.0_wp) call law%prepare(1.0_wp/compliance)
          fastest = maxloc(abs(self%frequencies), dim=1)
-         mobility = abs(self%frequencies(fastest))*compliance_of(self, i, fastest)
-         if (mobility > 0.0_wp) call law%prepare_rate(1.0_wp/mobility)
+         associate (frequency => abs(self%frequencies(fastest)))
+            mobility = frequency*compliance_of(self, i, fastest)
+            if (mobility > 0.0_wp) call law%prepare_rate(1.0_wp/mobility, frequency)
+         end associate
       end associate
    end subroutine prepare_law
 

@@ -24,7 +24,7 @@ contains
       integer, intent(in) :: k                                        !! one of `answering_dofs`
       real(wp), intent(out) :: samples(:)                             !! [N/m], (n_samples)
       real(wp), allocatable :: asked(:)
-      integer :: m, n, own
+      integer :: a, b, m, n, own
 
       samples = 0.0_wp
       call add_force_on(k, 1.0_wp, samples)
@@ -32,12 +32,17 @@ contains
          if (.not. laws(m)%law%is_multiplier) cycle
          own = findloc(slots(m)%columns, k, dim=1)
          if (own == 0) cycle
-         allocate (asked(size(samples)), source=0.0_wp)
-         associate (w => laws(m)%law%shape(:, 1), columns => slots(m)%columns)
-            do n = 1, size(columns)
-               call add_force_on(columns(n), -w(n)/sum(w**2), asked)
+         allocate (asked(size(samples)))
+         associate (shape => laws(m)%law%shape, columns => slots(m)%columns)
+            do b = 1, size(shape, 2)
+               asked = 0.0_wp
+               do n = 1, size(columns)
+                  if (shape(n, b) /= 0.0_wp) call add_force_on(columns(n), -shape(n, b)/sum(shape(:, b)**2), asked)
+               end do
+               do a = 1, size(shape, 2)
+                  if (shape(own, a) /= 0.0_wp) samples = samples + shape(own, a)*slots(m)%df_dp(:, a, b)*asked
+               end do
             end do
-            samples = samples + w(own)*slots(m)%df_dp(:, 1, 1)*asked
          end associate
          return                                                       ! no other multiplier acts there
       end do
@@ -87,19 +92,27 @@ contains
       type(law_box_t), intent(in) :: laws(:)
       type(slot_t), intent(in) :: slots(:)
       type(real_block_t), intent(inout) :: f                          !! (n_samples, n_dofs)
-      real(wp), allocatable :: asked(:)
-      integer :: k, m
+      real(wp), allocatable :: asked(:, :)
+      integer :: a, b, k, m
 
-      allocate (asked(size(f%values, 1)))
       do m = 1, size(laws)
          if (.not. laws(m)%law%is_multiplier) cycle
-         associate (w => laws(m)%law%shape(:, 1), columns => slots(m)%columns)
-            asked = 0.0_wp
-            do k = 1, size(w)
-               asked = asked - w(k)/sum(w**2)*f%values(:, columns(k))
+         associate (shape => laws(m)%law%shape, columns => slots(m)%columns)
+            if (allocated(asked)) deallocate (asked)
+            allocate (asked(size(f%values, 1), size(shape, 2)), source=0.0_wp)
+            do b = 1, size(shape, 2)
+               do k = 1, size(columns)
+                  if (shape(k, b) /= 0.0_wp) &
+                     asked(:, b) = asked(:, b) - shape(k, b)/sum(shape(:, b)**2)*f%values(:, columns(k))
+               end do
             end do
-            do k = 1, size(w)
-               f%values(:, columns(k)) = f%values(:, columns(k)) + w(k)*slots(m)%df_dp(:, 1, 1)*asked
+            do b = 1, size(shape, 2)
+               do a = 1, size(shape, 2)
+                  do k = 1, size(columns)
+                     if (shape(k, a) /= 0.0_wp) &
+                        f%values(:, columns(k)) = f%values(:, columns(k)) + shape(k, a)*slots(m)%df_dp(:, a, b)*asked(:, b)
+                  end do
+               end do
             end do
          end associate
       end do

@@ -1,7 +1,7 @@
 !> Pairs (i, k) of degrees of freedom with d force_i/d motion_k not zero at the same sample, and these derivatives.
 !>
-!> Explicit laws come first. A multiplier law then sees the reaction p = w.(s - f_explicit)/w.w, with the weights w of its
-!> one coordinate; it passes on what the explicit laws beside it depend on. Laws with memory have no pairs: their forces
+!> Explicit laws come first. A multiplier law then sees the reaction p = w.(s - f_explicit)/w.w of each of its coordinates,
+!> with the weights w; it passes on what the explicit laws beside it depend on. Laws with memory have no pairs: their forces
 !> depend on all samples. Source: docs/theory.md, sections 5.3 and 5.4.
 module hb_law_pairs
    use hb_fftw, only: real_block_t
@@ -98,51 +98,68 @@ contains
       end do
    end subroutine add_slopes_along
 
-   !> Chain rule through p = w.(s - f_explicit)/w.w for a law of one coordinate with weights w.
-   !> Its degrees of freedom belong to no other multiplier, so what stands in their rows so far is explicit.
+   !> Chain rule through p_b = w_b.(s - f_explicit)/w_b.w_b for a law of coordinates with the weights w_b, orthogonal to each
+   !> other. Its degrees of freedom belong to no other multiplier, so what stands in their rows so far is explicit.
    subroutine add_multiplier_derivatives(law, slot, pair_at, needs_velocity, df_dq, df_dv, df_ds)
       class(law_t), intent(in) :: law
       type(slot_t), intent(in) :: slot                                !! differentiated
       integer, intent(in) :: pair_at(:, :)                            !! (n_dofs, n_dofs)
       logical, intent(in) :: needs_velocity                           !! of any law; else df_dv is empty
       type(real_block_t), intent(inout) :: df_dq, df_dv, df_ds        !! (n_samples, n_pairs)
-      integer :: i, k, own, pair
-      real(wp) :: w_k
-      real(wp), allocatable :: slope_q(:), slope_v(:)
+      integer :: a, b, i, k, own, pair
+      real(wp), dimension(size(law%shape, 2)) :: square, w_k
+      real(wp), allocatable :: explicit_q(:, :), explicit_v(:, :), slope_q(:), slope_v(:), slope_s(:)
 
-      associate (w => law%shape(:, 1), df_dp => slot%df_dp(:, 1, 1))
+      associate (shape => law%shape, columns => slot%columns)
+         square = sum(shape**2, dim=1)
          do k = 1, size(pair_at, 2)
-            if (pair_at(slot%columns(1), k) == 0) cycle
-            own = findloc(slot%columns, k, dim=1)
+            if (pair_at(columns(1), k) == 0) cycle
+            own = findloc(columns, k, dim=1)
             w_k = 0.0_wp
-            if (own > 0) w_k = w(own)
-            slope_q = w_k*slot%df_dz(:, 1, 1) - df_dp*explicit_slope(df_dq%values, k)
-            if (needs_velocity) slope_v = -df_dp*explicit_slope(df_dv%values, k)
-            if (size(slot%v, 2) > 0) slope_v = slope_v + w_k*slot%df_dv(:, 1, 1)
-            do i = 1, size(slot%columns)
-               pair = pair_at(slot%columns(i), k)
-               df_dq%values(:, pair) = df_dq%values(:, pair) + w(i)*slope_q
-               if (needs_velocity) df_dv%values(:, pair) = df_dv%values(:, pair) + w(i)*slope_v
-               df_ds%values(:, pair) = df_ds%values(:, pair) + w(i)*w_k/sum(w**2)*df_dp
+            if (own > 0) w_k = shape(own, :)
+            explicit_q = explicit_slopes(df_dq%values, k)
+            if (needs_velocity) explicit_v = explicit_slopes(df_dv%values, k)
+            do a = 1, size(shape, 2)
+               slope_q = spread(0.0_wp, 1, size(slot%f, 1))
+               slope_s = slope_q
+               if (needs_velocity) slope_v = slope_q
+               do b = 1, size(shape, 2)
+                  slope_q = slope_q - slot%df_dp(:, a, b)*explicit_q(:, b)
+                  if (needs_velocity) slope_v = slope_v - slot%df_dp(:, a, b)*explicit_v(:, b)
+                  if (w_k(b) == 0.0_wp) cycle                          ! most of them where coordinates are degrees of freedom
+                  slope_q = slope_q + w_k(b)*slot%df_dz(:, a, b)
+                  if (size(slot%v, 2) > 0) slope_v = slope_v + w_k(b)*slot%df_dv(:, a, b)
+                  slope_s = slope_s + w_k(b)/square(b)*slot%df_dp(:, a, b)
+               end do
+               do i = 1, size(columns)
+                  if (shape(i, a) == 0.0_wp) cycle
+                  pair = pair_at(columns(i), k)
+                  df_dq%values(:, pair) = df_dq%values(:, pair) + shape(i, a)*slope_q
+                  if (needs_velocity) df_dv%values(:, pair) = df_dv%values(:, pair) + shape(i, a)*slope_v
+                  df_ds%values(:, pair) = df_ds%values(:, pair) + shape(i, a)*slope_s
+               end do
             end do
          end do
       end associate
 
    contains
 
-      !> w.(d f_explicit/d motion_k)/w.w
-      function explicit_slope(derivative, k) result(slope)
+      !> w_b.(d f_explicit/d motion_k)/w_b.w_b of all coordinates b.
+      function explicit_slopes(derivative, k) result(slopes)
          real(wp), intent(in) :: derivative(:, :)
          integer, intent(in) :: k
-         real(wp) :: slope(size(derivative, 1))
-         integer :: m
+         real(wp) :: slopes(size(derivative, 1), size(law%shape, 2))
+         integer :: c, m
 
-         slope = 0.0_wp
-         associate (w => law%shape(:, 1), columns => slot%columns)
-            do m = 1, size(columns)
-               slope = slope + w(m)/sum(w**2)*derivative(:, pair_at(columns(m), k))
+         slopes = 0.0_wp
+         associate (shape => law%shape, columns => slot%columns)
+            do c = 1, size(shape, 2)
+               do m = 1, size(columns)
+                  if (shape(m, c) == 0.0_wp) cycle
+                  slopes(:, c) = slopes(:, c) + shape(m, c)/square(c)*derivative(:, pair_at(columns(m), k))
+               end do
             end do
          end associate
-      end function explicit_slope
+      end function explicit_slopes
    end subroutine add_multiplier_derivatives
 end module hb_law_pairs

@@ -464,21 +464,25 @@ contains
       if (allocated(self%slots(i)%memory)) law_set_full_stick = self%slots(i)%memory%walk%full_stick
    end function law_set_full_stick
 
-   !> Motion of the degrees of freedom as the laws allow it, from the samples q. A law of one coordinate z moves its degrees
-   !> of freedom by w (corrected - z)/w.w.
+   !> Motion of the degrees of freedom as the laws allow it, from the samples q. A law moves its degrees of freedom by
+   !> w (corrected - z)/w.w for each of its coordinates z, w its weights.
    subroutine law_set_correct(self, corrected)
       class(law_set_t), intent(inout) :: self
       real(wp), intent(out) :: corrected(:, :)                        !! [m], (n_samples, n_dofs)
-      integer :: i, k
+      integer :: c, i, k
 
       corrected = self%q%values
       do i = 1, size(self%laws)
          if (.not. self%laws(i)%law%is_multiplier) cycle
-         associate (w => self%laws(i)%law%shape(:, 1), slot => self%slots(i))
+         associate (shape => self%laws(i)%law%shape, slot => self%slots(i))
             call slot%gather(self%laws(i)%law, self%q, self%v, self%s, self%f)
             call self%laws(i)%law%correct(slot%z, slot%f)
-            do k = 1, size(w)
-               corrected(:, slot%columns(k)) = corrected(:, slot%columns(k)) + w(k)/sum(w**2)*(slot%f(:, 1) - slot%z(:, 1))
+            do c = 1, size(shape, 2)
+               do k = 1, size(shape, 1)
+                  if (shape(k, c) == 0.0_wp) cycle
+                  corrected(:, slot%columns(k)) = corrected(:, slot%columns(k)) + &
+                     shape(k, c)/sum(shape(:, c)**2)*(slot%f(:, c) - slot%z(:, c))
+               end do
             end do
          end associate
       end do

@@ -85,10 +85,13 @@ contains
             end do
          end if
          if (size(self%p, 2) > 0) then
-            self%p(:, 1) = 0.0_wp
-            do k = 1, size(columns)
-               self%p(:, 1) = self%p(:, 1) + shape(k, 1)/sum(shape(:, 1)**2)* &
-                              (s%values(:, columns(k)) - f%values(:, columns(k)))
+            self%p = 0.0_wp
+            do c = 1, size(shape, 2)
+               do k = 1, size(columns)
+                  if (shape(k, c) == 0.0_wp) cycle
+                  self%p(:, c) = self%p(:, c) + shape(k, c)/sum(shape(:, c)**2)* &
+                                 (s%values(:, columns(k)) - f%values(:, columns(k)))
+               end do
             end do
          end if
       end associate

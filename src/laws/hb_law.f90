@@ -27,7 +27,7 @@ module hb_law
       real(wp), allocatable :: shape(:, :)                            !! (n_dofs, n_coordinates)
       integer :: degree = 0                                           !! of a polynomial law; 0: not smooth
       logical :: needs_velocity = .false.
-      logical :: is_multiplier = .false.                              !! wants the reaction p; one coordinate
+      logical :: is_multiplier = .false.                              !! wants the reaction p; columns of shape are orthogonal
       integer :: phase_tone = 0                                       !! tone whose phase the law wants by `set_phase`; 0: none
    contains
       procedure(read_law), deferred :: read
@@ -84,10 +84,12 @@ contains
       real(wp), intent(in) :: static_stiffness                        !! > 0; dynamic where the structure is free to move
    end subroutine law_prepare
 
-   !> Tells the law the impedance [N s/m] of the structure against its first coordinate; most laws do not need it.
-   subroutine law_prepare_rate(self, impedance)
+   !> Tells the law the impedance [N s/m] of the structure against its first coordinate in the fastest kept harmonic, and the
+   !> frequency of that; most laws do not need it.
+   subroutine law_prepare_rate(self, impedance, frequency)
       class(law_t), intent(inout) :: self
       real(wp), intent(in) :: impedance                               !! > 0
+      real(wp), intent(in) :: frequency                               !! [rad/s], > 0
    end subroutine law_prepare_rate
 
    !> Tells a law with a `phase_tone` the phase of this tone at each sample that `evaluate` will get next, omega t along time;

@@ -6,11 +6,12 @@
 !> casing: with e = (cos(n phi_i), sin(n phi_i)) and e' = (-sin(n phi_i), cos(n phi_i)) the disk feels
 !> -l_i s_i (e + mu_i eta_d e'), the casing l_i (e + mu_i eta_c e'). Where a body's coordinates belong to the stationary frame,
 !> the blades run through them at the phase of the tone that is the speed of the rotor.
-!> Source: docs/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
+!> Blades may be rigid (see hb_rigid_contacts) if all have one share.
+!> Source: docs/theory.md, sections 5.2 and 5.3. Sign: f stands beside K q on the left-hand side.
 module hb_law_blade_contact
    use hb_kinds, only: two_pi, wp
    use hb_law, only: read_dofs
-   use hb_law_contact_table, only: contact_table_t, new_contact_table, one_for_each, set_turns
+   use hb_law_contact_table, only: contact_table_t, make_rigid, new_contact_table, one_for_each, read_hardness, set_turns
    use hb_namelist, only: group_t
    use hb_structure, only: structure_t
    implicit none
@@ -58,8 +59,10 @@ contains
       type(group_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: arms(:), friction(:), gaps(:), shares(:), stiffness(:)
-      character(:), allocatable :: frame
+      character(:), allocatable :: frame, trouble
       integer :: n_blades, n_diameters, tone
+      real(wp) :: augmentation
+      logical :: is_rigid
 
       n_blades = 0
       n_diameters = 0
@@ -71,7 +74,7 @@ contains
       call group%require("n_diameters", n_diameters, minimum=1)
       call group%require("n_blades", n_blades, minimum=1, maximum=100000)
       call group%require("gaps", gaps)
-      call group%require("stiffness", stiffness, minimum=0.0_wp)
+      call read_hardness(group, is_rigid, stiffness, augmentation)
       call group%get("friction_coefficient", friction, minimum=0.0_wp)
       call group%get("shares", shares)
       call group%get("frame", frame, choices=known_frames)
@@ -91,6 +94,10 @@ contains
       call one_for_each(group, "shares", shares, n_blades)
       if (any([size(gaps), size(stiffness), size(friction), size(shares)] /= n_blades) .or. size(arms) /= 2) return
       call new_blade_contact(self, n_diameters, gaps, stiffness, friction, arms, shares)
+      if (is_rigid) then
+         call make_rigid(self, augmentation, trouble)
+         if (len(trouble) > 0) call group%problem("contact", trouble)
+      end if
       if (tone < 1 .or. size(self%dofs) /= 4) return
       call set_turns(self, tone, merge([n_diameters, n_diameters], [0, n_diameters], frame == known_frames(2)))
    end subroutine blade_contact_read

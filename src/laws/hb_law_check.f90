@@ -49,7 +49,7 @@ contains
 
       allocate (law, source=unprepared_law)
       call law%prepare(1.0_wp)
-      call law%prepare_rate(1.0_wp)
+      call law%prepare_rate(1.0_wp, 1.0_wp)
       n = size(law%shape, 2)
       call choose_samples(law, samples)
       if (law%phase_tone > 0) call law%set_phase(samples%phase)

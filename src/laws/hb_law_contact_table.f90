@@ -8,25 +8,31 @@
 !> Coordinates that come in pairs may belong to a frame that turns relative to the contacts: at the phase tau of a tone the
 !> entries of a pair in all a_i and b_i are turned by the angle n tau. Blades that run along a casing are such contacts: for a
 !> mode of n diameters, cos n(phi_i + tau) and sin n(phi_i + tau) are the turned cos n phi_i and sin n phi_i.
-!> Source: docs/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
+!>
+!> Contacts that act on two independent combinations of the coordinates may be rigid instead: see hb_rigid_contacts.
+!> Source: docs/theory.md, sections 5.2 and 5.3. Sign: f stands beside K q on the left-hand side.
 module hb_law_contact_table
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_dofs
+   use hb_law, only: defects_t, law_t, read_dofs
    use hb_namelist, only: group_t
+   use hb_rigid_contacts, only: new_rigid_contacts, rigid_contacts_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: contact_table_t, new_contact_table, one_for_each, set_turns
+   public :: contact_table_t, make_rigid, new_contact_table, one_for_each, read_hardness, set_turns
 
    integer, parameter :: block_size = 256                             ! samples that stay in the cache over all contacts
+
+   character(7), parameter :: kinds(2) = [character(7) :: "elastic", "rigid"]
 
    type, extends(law_t) :: contact_table_t
       real(wp), allocatable :: shapes(:, :)                           !! a_i, (n_contacts, n_dofs)
       real(wp), allocatable :: pushes(:, :)                           !! a_i + mu_i b_i, (n_contacts, n_dofs)
       real(wp), allocatable :: gaps(:)                                !! g0_i [m], (n_contacts); negative: pressed on at rest
-      real(wp), allocatable :: stiffness(:)                           !! k_i [N/m], (n_contacts)
+      real(wp), allocatable :: stiffness(:)                           !! k_i [N/m], (n_contacts); 0 if rigid
+      type(rigid_contacts_t), allocatable :: rigid                    !! if rigid
       integer, allocatable :: turns(:)                                !! n of each pair of coordinates; not allocated: none turns
       real(wp), allocatable, private :: cosine(:, :), sine(:, :)      ! of n tau, (n_samples, n_pairs)
    contains
@@ -35,6 +41,10 @@ module hb_law_contact_table
       procedure :: evaluate => contact_table_evaluate
       procedure :: has_potential => contact_table_has_potential
       procedure :: potential => contact_table_potential
+      procedure :: prepare => contact_table_prepare
+      procedure :: prepare_rate => contact_table_prepare_rate
+      procedure :: correct => contact_table_correct
+      procedure :: defects => contact_table_defects
       procedure :: length_scale => contact_table_length_scale
       procedure :: n_switches => contact_table_n_switches
       procedure :: switches => contact_table_switches
@@ -57,6 +67,17 @@ contains
       self%stiffness = stiffness
       self%pushes = shapes + spread(friction, 2, size(shapes, 2))*friction_shapes
    end subroutine new_contact_table
+
+   !> Makes the contacts rigid; `trouble` says why these cannot be.
+   pure subroutine make_rigid(self, augmentation, trouble)
+      class(contact_table_t), intent(inout) :: self
+      real(wp), intent(in) :: augmentation                            !! eps [N/m], 0: chosen from the structure
+      character(:), allocatable, intent(out) :: trouble               !! empty when all is well
+
+      if (.not. allocated(self%rigid)) allocate (self%rigid)
+      call new_rigid_contacts(self%rigid, self%shapes, self%pushes, self%gaps, augmentation, trouble)
+      self%is_multiplier = .true.
+   end subroutine make_rigid
 
    !> Lets pairs of coordinates (1 and 2, 3 and 4, ...) turn with the phase of a tone.
    pure subroutine set_turns(self, tone, turns)
@@ -91,8 +112,11 @@ contains
       type(group_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: friction(:), friction_shapes(:, :), gaps(:), shapes(:, :), stiffness(:)
+      character(:), allocatable :: trouble
       integer, allocatable :: turns(:)
       integer :: i, n, tone
+      real(wp) :: augmentation
+      logical :: is_rigid
 
       n = 0
       tone = 0
@@ -100,7 +124,7 @@ contains
       call read_dofs(self, group, structure)
       call group%require("n_contacts", n, minimum=1, maximum=100000)
       call group%require("gaps", gaps)
-      call group%require("stiffness", stiffness, minimum=0.0_wp)
+      call read_hardness(group, is_rigid, stiffness, augmentation)
       call group%get("friction_coefficient", friction, minimum=0.0_wp)
       call group%get("tone", tone, minimum=0)
       if (tone > 0) call group%require("turns", turns)
@@ -121,6 +145,10 @@ contains
       end do
       if (size(gaps) == n .and. size(stiffness) == n .and. size(friction) == n) then
          call new_contact_table(self, shapes, gaps, stiffness, friction, friction_shapes)
+         if (is_rigid .and. all(norm2(shapes, dim=2) > 0.0_wp)) then
+            call make_rigid(self, augmentation, trouble)
+            if (len(trouble) > 0) call group%problem("contact", trouble)
+         end if
       end if
       if (.not. allocated(turns)) return
       if (2*size(turns) == size(self%dofs)) then
@@ -129,6 +157,28 @@ contains
          call group%problem("turns", "give one number for each pair of 'dofs', that is half as many")
       end if
    end subroutine contact_table_read
+
+   !> Reads whether contacts are rigid, and what belongs to that: the stiffness of elastic ones or the augmentation.
+   subroutine read_hardness(group, is_rigid, stiffness, augmentation)
+      type(group_t), intent(inout) :: group
+      logical, intent(out) :: is_rigid
+      real(wp), allocatable, intent(out) :: stiffness(:)              !! [N/m], 0 of rigid ones; not allocated: a problem
+      real(wp), intent(out) :: augmentation                           !! [N/m], 0: chosen from the structure
+      character(:), allocatable :: kind
+
+      kind = trim(kinds(1))
+      augmentation = 0.0_wp
+      call group%get("contact", kind, choices=kinds)
+      is_rigid = kind == kinds(2)
+      if (.not. is_rigid) then
+         call group%require("stiffness", stiffness, minimum=0.0_wp)
+         return
+      end if
+      if (group%given("stiffness")) call group%problem("stiffness", "rigid contacts have none: leave it out, or take "// &
+                                                       "contact = 'elastic'")
+      stiffness = [0.0_wp]
+      call group%get("augmentation", augmentation, minimum=0.0_wp)
+   end subroutine read_hardness
 
    !> Spreads one number over all contacts.
    subroutine one_for_each(group, key, values, n)
@@ -146,16 +196,10 @@ contains
       real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
-      real(wp), allocatable :: turned(:, :)
-      integer :: k
       logical :: is_told
 
       if (.not. allocated(self%turns)) then
-         if (present(df_dz)) then
-            call press(self, z, f, df_dz)
-         else
-            call press(self, z, f)
-         end if
+         call push_back(self, z, p, f, df_dz, df_dp)
          return
       end if
       is_told = allocated(self%cosine)
@@ -163,24 +207,53 @@ contains
       if (.not. is_told) then                                         ! without phases of these samples: no force is known
          f = ieee_value(1.0_wp, ieee_quiet_nan)
          if (present(df_dz)) df_dz = f(1, 1)
+         if (present(df_dp)) df_dp = f(1, 1)
          return
       end if
-      turned = z                                                      ! (R a).z = a.(R^T z)
-      call turn(self, turned, -1.0_wp)
-      if (present(df_dz)) then
-         call press(self, turned, f, df_dz)
-      else
-         call press(self, turned, f)
-      end if
+      call push_back(self, seen(self, z), seen(self, p), f, df_dz, df_dp)
       call turn(self, f, 1.0_wp)
-      if (.not. present(df_dz)) return
-      do k = 1, size(z, 2)                                            ! R (df/dz) R^T
-         call turn(self, df_dz(:, :, k), 1.0_wp)
-      end do
-      do k = 1, size(z, 2)
-         call turn(self, df_dz(:, k, :), 1.0_wp)
-      end do
+      if (present(df_dz)) call turn_slopes(self, df_dz)
+      if (present(df_dp)) call turn_slopes(self, df_dp)
    end subroutine contact_table_evaluate
+
+   !> Forces of the table as it stands, elastic or rigid.
+   subroutine push_back(self, z, p, f, df_dz, df_dp)
+      class(contact_table_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dp(:, :, :)
+
+      if (allocated(self%rigid)) then
+         call self%rigid%evaluate(z, p, f, df_dz, df_dp)
+      else
+         call press(self, z, f, df_dz)
+      end if
+   end subroutine push_back
+
+   !> Samples of coordinates or reactions as the contacts see them: (R a).z = a.(R^T z).
+   pure function seen(self, columns)
+      class(contact_table_t), intent(in) :: self
+      real(wp), intent(in) :: columns(:, :)                           !! (n_samples, n_coordinates), or no columns
+      real(wp), allocatable :: seen(:, :)
+
+      seen = columns
+      if (allocated(self%turns) .and. size(seen, 2) > 0) call turn(self, seen, -1.0_wp)
+   end function seen
+
+   !> Turns derivatives of forces by coordinates or reactions, R (df/dz) R^T.
+   pure subroutine turn_slopes(self, slopes)
+      class(contact_table_t), intent(in) :: self
+      real(wp), intent(inout) :: slopes(:, :, :)                      !! (n_samples, n_coordinates, n_coordinates or 0)
+      integer :: k
+
+      do k = 1, size(slopes, 3)
+         call turn(self, slopes(:, :, k), 1.0_wp)
+      end do
+      if (size(slopes, 3) == 0) return
+      do k = 1, size(slopes, 2)
+         call turn(self, slopes(:, k, :), 1.0_wp)
+      end do
+   end subroutine turn_slopes
 
    !> Turns each pair of columns by the angle n tau of its sample, forwards (`sense` 1) or backwards (-1).
    pure subroutine turn(self, columns, sense)
@@ -200,7 +273,7 @@ contains
       end do
    end subroutine turn
 
-   !> Forces of the table as it stands.
+   !> Forces of elastic contacts.
    subroutine press(self, z, f, df_dz)
       class(contact_table_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :)
@@ -234,6 +307,43 @@ contains
          end do
       end do
    end subroutine press
+
+   !> Takes eps of rigid contacts from the structure unless the user gave it, for a scene at rest: its static stiffness.
+   subroutine contact_table_prepare(self, static_stiffness)
+      class(contact_table_t), intent(inout) :: self
+      real(wp), intent(in) :: static_stiffness
+
+      if (allocated(self%rigid)) call self%rigid%propose(static_stiffness)
+   end subroutine contact_table_prepare
+
+   !> Takes eps of rigid contacts from the structure unless the user gave it, where there is motion: its dynamic stiffness in
+   !> the fastest harmonic, in which contacts take over from one another.
+   subroutine contact_table_prepare_rate(self, impedance, frequency)
+      class(contact_table_t), intent(inout) :: self
+      real(wp), intent(in) :: impedance, frequency
+
+      if (allocated(self%rigid)) call self%rigid%propose(impedance*frequency)
+   end subroutine contact_table_prepare_rate
+
+   !> What lies behind rigid contacts is put onto them; the phases must be those told last.
+   pure subroutine contact_table_correct(self, z, corrected)
+      class(contact_table_t), intent(in) :: self
+      real(wp), intent(in) :: z(:, :)
+      real(wp), intent(out) :: corrected(:, :)
+
+      corrected = z
+      if (.not. allocated(self%rigid)) return
+      call self%rigid%correct(seen(self, z), corrected)
+      if (allocated(self%turns)) call turn(self, corrected, 1.0_wp)
+   end subroutine contact_table_correct
+
+   pure function contact_table_defects(self, z, v, p) result(defects)
+      class(contact_table_t), intent(in) :: self
+      real(wp), intent(in) :: z(:, :), v(:, :), p(:, :)
+      type(defects_t) :: defects
+
+      if (allocated(self%rigid)) defects = self%rigid%defects(seen(self, z), seen(self, p))
+   end function contact_table_defects
 
    pure real(wp) function contact_table_length_scale(self)
       class(contact_table_t), intent(in) :: self

@@ -68,9 +68,9 @@ contains
    end subroutine coulomb_rigid_evaluate
 
    !> Takes eps from the structure unless the user gave it: then the equations of stops are scaled like the linear ones.
-   subroutine coulomb_rigid_prepare_rate(self, impedance)
+   subroutine coulomb_rigid_prepare_rate(self, impedance, frequency)
       class(coulomb_rigid_t), intent(inout) :: self
-      real(wp), intent(in) :: impedance
+      real(wp), intent(in) :: impedance, frequency
 
       if (self%augmentation <= 0.0_wp) self%augmentation = impedance
    end subroutine coulomb_rigid_prepare_rate

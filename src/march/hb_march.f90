@@ -10,6 +10,7 @@ module hb_march
    use hb_generalized_alpha, only: generalized_alpha_t, new_generalized_alpha
    use hb_integrator, only: integrator_t
    use hb_kinds, only: wp
+   use hb_law_contact_table, only: contact_table_t
    use hb_march_config, only: march_config_t, march_method
    use hb_march_cvode, only: march_cvode_t, new_march_cvode
    use hb_march_state, only: march_state_t
@@ -89,7 +90,17 @@ contains
       type(central_differences_t), allocatable :: central_differences
       type(generalized_alpha_t), allocatable :: generalized_alpha
       type(march_cvode_t), allocatable :: cvode
+      integer :: i
 
+      do i = 1, size(system%laws%laws)
+         select type (law => system%laws%laws(i)%law)
+         class is (contact_table_t)
+            if (.not. allocated(law%rigid)) cycle
+            call fail(error, "no method of &march holds rigid contacts of a table or of blades: for marching give law '"// &
+                      law%label//"' contact = 'elastic' and a large stiffness")
+            return
+         end select
+      end do
       select case (config%method)
       case (march_method%runge_kutta_4)
          allocate (runge_kutta_4)

@@ -123,6 +123,10 @@ def test_forced_mass_is_that_of_the_balance(tmp_path):
             "cannot hold rigid walls",
         ),
         (
+            FORCED + "&march duration=1 /\n&law type='contact_table', contact='rigid', dofs='x1', n_contacts=1, shapes=-1, gaps=1 /",
+            "no method of &march holds rigid contacts",
+        ),
+        (
             FORCED + "&march duration=10 /\n&sweep parameter='law(1)%stiffness', values=1,2 /",
             "points 0 to 1; march follows one",
         ),

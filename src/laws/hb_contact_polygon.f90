@@ -1,0 +1,327 @@
+!> Rigid contacts in a plane: the convex polygon that half planes n_i.w <= h_i leave, and the way onto it along given pushes.
+!>
+!> A point y outside lands at x = y - sum over i of l_i c_i with l_i >= 0, x in the polygon and l_i (h_i - n_i.x) = 0: on an
+!> edge, which pushes alone, or in a corner, where two do. With pushes along the normals x is the nearest point. Half planes
+!> that add nothing are left out: of equal ones the first is kept, of three edges through one corner the outer two.
+!>
+!> Source: docs/theory.md, section 5.3; intersection of half planes sorted by angle: de Berg, Cheong, van Kreveld, Overmars,
+!> Computational Geometry, 3rd edition (2008), section 4.2, with a double-ended queue instead of a sweep.
+module hb_contact_polygon
+   use hb_kinds, only: wp
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: contact_polygon_t, landing_t, new_contact_polygon
+
+   real(wp), parameter :: rounding = 1.0e-12_wp                        ! relative; directions and places that count as equal
+   real(wp), parameter :: far = 1.0e6_wp                               ! side of the box that closes an open polygon, in gaps
+
+   !> Polygon; it is open where its first and last edge do not meet.
+   type :: contact_polygon_t
+      integer :: n_edges = 0
+      integer, allocatable :: contact(:)                              !! half plane of each edge, counterclockwise, (n_edges)
+      real(wp), allocatable :: normal(:, :)                           !! n_i, (n_edges, 2)
+      real(wp), allocatable :: distance(:)                            !! h_i, (n_edges)
+      real(wp), allocatable :: push(:, :)                             !! c_i, (n_edges, 2)
+      logical, allocatable :: is_joined(:)                            !! to the next edge, by a corner, (n_edges)
+      real(wp), allocatable :: corner(:, :)                           !! between an edge and the next, (n_edges, 2)
+      real(wp), allocatable :: share(:, :, :)                         !! inverse of (c_i, c_next) there, (2, 2, n_edges)
+   contains
+      procedure :: land => contact_polygon_land
+      procedure :: resolve => contact_polygon_resolve
+      procedure, private :: next => contact_polygon_next
+   end type contact_polygon_t
+
+   !> Which edges push, how much, and how that changes with the point.
+   type :: landing_t
+      integer :: n_active = 0                                         !! 0 within the polygon, 1 on an edge, 2 in a corner
+      integer :: edge(2) = 0
+      real(wp) :: load(2) = 0.0_wp                                    !! l of these edges
+      real(wp) :: slope(2, 2) = 0.0_wp                                !! their derivatives by y; first axis: edge
+   end type landing_t
+
+contains
+
+   !> Polygon of half planes; `trouble` says why there is none.
+   pure subroutine new_contact_polygon(self, normals, distances, pushes, trouble)
+      type(contact_polygon_t), intent(out) :: self
+      real(wp), intent(in) :: normals(:, :)                           !! n_i, not zero, (n_contacts, 2)
+      real(wp), intent(in) :: distances(:)                            !! h_i, (n_contacts)
+      real(wp), intent(in) :: pushes(:, :)                            !! c_i, as normals
+      character(:), allocatable, intent(out) :: trouble               !! empty when all is well
+      integer, allocatable :: kept(:)
+      real(wp) :: c(2), d(2), determinant
+      integer :: i, k, n
+
+      n = size(distances)
+      call intersect(normals, distances, kept, trouble)
+      if (len(trouble) > 0) return
+      self%contact = pack(kept, kept <= n)                            ! the others are sides of the box
+      self%n_edges = size(self%contact)
+      self%is_joined = pack(cshift(kept, 1) <= n, kept <= n)
+      self%normal = normals(self%contact, :)
+      self%distance = distances(self%contact)
+      self%push = pushes(self%contact, :)
+      allocate (self%corner(self%n_edges, 2), self%share(2, 2, self%n_edges), source=0.0_wp)
+      do i = 1, self%n_edges
+         k = self%next(i)
+         c = self%push(i, :)
+         d = self%push(k, :)
+         if (dot_product(self%normal(i, :), c) <= rounding*norm2(self%normal(i, :))*norm2(c)) then
+            trouble = "contact "//to_text(self%contact(i))//" does not open its gap when it pushes: too much friction"
+            return
+         end if
+         if (.not. self%is_joined(i)) cycle
+         self%corner(i, :) = crossing(self%normal(i, :), self%distance(i), self%normal(k, :), self%distance(k))
+         determinant = cross(c, d)
+         if (determinant <= rounding*norm2(c)*norm2(d)) then
+            trouble = "friction turns the pushes of contacts "//to_text(self%contact(i))//" and "// &
+                      to_text(self%contact(k))//" past each other, so that their reaction is not unique; "// &
+                      "give them friction coefficients that differ less"
+            return
+         end if
+         self%share(1, :, i) = [d(2), -d(1)]/determinant
+         self%share(2, :, i) = [-c(2), c(1)]/determinant
+      end do
+   end subroutine new_contact_polygon
+
+   !> Half planes that bound the intersection, counterclockwise; numbers above size(distances) are sides of a far box.
+   pure subroutine intersect(normals, distances, kept, trouble)
+      real(wp), intent(in) :: normals(:, :)                           !! (n_contacts, 2)
+      real(wp), intent(in) :: distances(:)                            !! (n_contacts)
+      integer, allocatable, intent(out) :: kept(:)
+      character(:), allocatable, intent(out) :: trouble
+      real(wp), parameter :: sides(4, 2) = reshape([1.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, -1.0_wp], [4, 2])
+      real(wp), allocatable :: h(:), length(:), n(:, :)
+      real(wp) :: center(2), scale
+      integer, allocatable :: order(:), queue(:)
+      integer :: first, i, last
+
+      trouble = ""
+      length = norm2(normals, dim=2)
+      scale = maxval(abs(distances/length))
+      if (scale <= 0.0_wp) scale = 1.0_wp
+      allocate (n(size(distances) + 4, 2))
+      n(:size(distances), :) = normals/spread(length, 2, 2)
+      n(size(distances) + 1:, :) = sides
+      h = [distances/length, spread(far*scale, 1, 4)]
+      order = by_angle(n, h)
+      allocate (queue(size(order)))
+      first = 1
+      last = 0
+      do i = 1, size(order)
+         do while (last > first)
+            if (.not. is_cut_off(queue(last - 1), queue(last), order(i))) exit
+            last = last - 1
+         end do
+         do while (last > first)
+            if (.not. is_cut_off(queue(first), queue(first + 1), order(i))) exit
+            first = first + 1
+         end do
+         last = last + 1
+         queue(last) = order(i)
+      end do
+      do while (last > first + 1)
+         if (.not. is_cut_off(queue(last - 1), queue(last), queue(first))) exit
+         last = last - 1
+      end do
+      do while (last > first + 1)
+         if (.not. is_cut_off(queue(first), queue(first + 1), queue(last))) exit
+         first = first + 1
+      end do
+      kept = queue(first:last)
+      center = 0.0_wp
+      do i = 1, size(kept)
+         associate (a => kept(i), b => kept(1 + modulo(i, size(kept))))
+            if (cross(n(a, :), n(b, :)) <= 0.0_wp) exit
+            center = center + crossing(n(a, :), h(a), n(b, :), h(b))/real(size(kept), wp)
+         end associate
+      end do
+      if (i > size(kept) .and. size(kept) > 2) then
+         if (all(matmul(n, center) < h - rounding*scale)) return
+      end if
+      trouble = "the gaps leave no room to move"
+
+   contains
+
+      !> Whether the corner of half planes a and b, in this order, does not lie within half plane c.
+      pure logical function is_cut_off(a, b, c)
+         integer, intent(in) :: a, b, c
+
+         is_cut_off = .true.                                          ! parallel or worse: nothing is left
+         if (cross(n(a, :), n(b, :)) <= 0.0_wp) return
+         is_cut_off = dot_product(n(c, :), crossing(n(a, :), h(a), n(b, :), h(b))) >= h(c) - rounding*scale
+      end function is_cut_off
+   end subroutine intersect
+
+   !> Half planes by the angle of their normals; of those with one direction only the narrowest, the first of equal ones.
+   pure function by_angle(n, h) result(order)
+      real(wp), intent(in) :: n(:, :)                                 !! unit normals, (any, 2)
+      real(wp), intent(in) :: h(:)
+      integer, allocatable :: order(:)
+      real(wp) :: angle(size(h))
+      integer :: gap, i, k, moving, n_kept
+
+      angle = atan2(n(:, 2), n(:, 1))
+      where (angle < -acos(-1.0_wp) + rounding) angle = angle + 2.0_wp*acos(-1.0_wp)
+      order = [(i, i=1, size(h))]
+      gap = size(h)
+      do while (gap > 1)                                              ! Shell's method
+         gap = max(1, (5*gap)/11)
+         do i = gap + 1, size(order)
+            moving = order(i)
+            k = i
+            do while (k > gap)
+               if (.not. is_before(moving, order(k - gap))) exit
+               order(k) = order(k - gap)
+               k = k - gap
+            end do
+            order(k) = moving
+         end do
+      end do
+      n_kept = 1
+      do i = 2, size(order)
+         associate (best => order(n_kept), found => order(i))
+            if (angle(found) - angle(best) > rounding) then
+               n_kept = n_kept + 1
+               order(n_kept) = found
+            else if (h(found) < h(best) .or. (h(found) <= h(best) .and. found < best)) then
+               order(n_kept) = found
+            end if
+         end associate
+      end do
+      order = order(:n_kept)
+
+   contains
+
+      pure logical function is_before(a, b)
+         integer, intent(in) :: a, b
+
+         is_before = angle(a) < angle(b) .or. (angle(a) <= angle(b) .and. a < b)
+      end function is_before
+   end function by_angle
+
+   !> Where the point y lands.
+   pure function contact_polygon_land(self, y) result(landing)
+      class(contact_polygon_t), intent(in) :: self
+      real(wp), intent(in) :: y(2)
+      type(landing_t) :: landing
+      type(landing_t) :: found
+      real(wp) :: beyond(self%n_edges), least, missed
+      integer :: i, k, offset
+
+      beyond = self%normal(:, 1)*y(1) + self%normal(:, 2)*y(2) - self%distance
+      k = maxloc(beyond, dim=1)
+      if (beyond(k) <= 0.0_wp) return
+      least = huge(1.0_wp)
+      do offset = 0, self%n_edges - 1                                 ! from there on to both sides: most end at once
+         i = 1 + modulo(k - 1 + merge(1, -1, modulo(offset, 2) == 1)*((offset + 1)/2), self%n_edges)
+         call land_on_edge(self, i, y, beyond(i), found, missed)
+         if (missed < least) landing = found
+         least = min(least, missed)
+         if (least <= 0.0_wp) return
+         if (.not. self%is_joined(i)) cycle
+         call land_in_corner(self, i, y, found, missed)
+         if (missed < least) landing = found
+         least = min(least, missed)
+         if (least <= 0.0_wp) return
+      end do                                                          ! between two by rounding: the one that it misses least
+   end function contact_polygon_land
+
+   !> Way onto the line of an edge, and how far beyond an end of the edge it ends; 0 if it does not.
+   pure subroutine land_on_edge(self, i, y, beyond, landing, missed)
+      class(contact_polygon_t), intent(in) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: y(2), beyond
+      type(landing_t), intent(out) :: landing
+      real(wp), intent(out) :: missed
+      real(wp) :: opening, x(2)
+      integer :: before
+
+      missed = huge(1.0_wp)
+      if (beyond <= 0.0_wp) return
+      opening = dot_product(self%normal(i, :), self%push(i, :))
+      landing%n_active = 1
+      landing%edge(1) = i
+      landing%load(1) = beyond/opening
+      landing%slope(1, :) = self%normal(i, :)/opening
+      x = y - landing%load(1)*self%push(i, :)
+      missed = 0.0_wp
+      if (self%is_joined(i)) missed = max(missed, past(self%next(i)))
+      before = 1 + modulo(i - 2, self%n_edges)
+      if (self%is_joined(before)) missed = max(missed, past(before))
+
+   contains
+
+      pure real(wp) function past(k)
+         integer, intent(in) :: k
+
+         past = (dot_product(self%normal(k, :), x) - self%distance(k))/norm2(self%normal(k, :))
+      end function past
+   end subroutine land_on_edge
+
+   !> Way into the corner after an edge, and how far one of the two would have to pull; not positive if neither has to.
+   pure subroutine land_in_corner(self, i, y, landing, missed)
+      class(contact_polygon_t), intent(in) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: y(2)
+      type(landing_t), intent(out) :: landing
+      real(wp), intent(out) :: missed
+
+      landing%n_active = 2
+      landing%edge = [i, self%next(i)]
+      landing%slope = self%share(:, :, i)
+      landing%load = matmul(self%share(:, :, i), y - self%corner(i, :))
+      missed = max(-landing%load(1)*norm2(self%push(i, :)), -landing%load(2)*norm2(self%push(self%next(i), :)))
+      landing%load = max(landing%load, 0.0_wp)                        ! what rounding alone makes a pull
+   end subroutine land_in_corner
+
+   !> Loads of the edges whose pushes make up a force, and what remains of it where none can: a pull.
+   pure subroutine contact_polygon_resolve(self, force, landing, pull)
+      class(contact_polygon_t), intent(in) :: self
+      real(wp), intent(in) :: force(2)
+      type(landing_t), intent(out) :: landing
+      real(wp), intent(out) :: pull                                   !! magnitude, as force
+      real(wp) :: load, loads(2), remains
+      integer :: i
+
+      pull = norm2(force)
+      do i = 1, self%n_edges
+         if (self%is_joined(i)) then
+            loads = matmul(self%share(:, :, i), force)
+            if (all(loads >= 0.0_wp)) then
+               landing = landing_t(n_active=2, edge=[i, self%next(i)], load=loads, slope=self%share(:, :, i))
+               pull = 0.0_wp
+               return
+            end if
+         end if
+         load = max(dot_product(force, self%push(i, :))/sum(self%push(i, :)**2), 0.0_wp)
+         remains = norm2(force - load*self%push(i, :))
+         if (remains >= pull) cycle
+         pull = remains
+         landing = landing_t(n_active=1, edge=[i, 0], load=[load, 0.0_wp])
+      end do
+   end subroutine contact_polygon_resolve
+
+   !> The edge after edge i.
+   pure integer function contact_polygon_next(self, i)
+      class(contact_polygon_t), intent(in) :: self
+      integer, intent(in) :: i
+
+      contact_polygon_next = 1 + modulo(i, self%n_edges)
+   end function contact_polygon_next
+
+   !> Point with a.x = h and b.x = g, for directions that are not parallel.
+   pure function crossing(a, h, b, g) result(x)
+      real(wp), intent(in) :: a(2), h, b(2), g
+      real(wp) :: x(2)
+
+      x = [h*b(2) - g*a(2), g*a(1) - h*b(1)]/cross(a, b)
+   end function crossing
+
+   pure real(wp) function cross(a, b)
+      real(wp), intent(in) :: a(2), b(2)
+
+      cross = a(1)*b(2) - a(2)*b(1)
+   end function cross
+end module hb_contact_polygon
