@@ -4,7 +4,7 @@
 module hb_scene
    use hb_error, only: annotate, error_t
    use hb_fftw, only: planning, planning_names
-   use hb_harmonics, only: harmonics_t, new_box, new_diamond, new_harmonics, tuple_text
+   use hb_harmonics, only: harmonics_t, tuple_text
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t, law_t
    use hb_law_catalogue, only: read_law
@@ -21,9 +21,10 @@ module hb_scene
    use hb_text, only: string_t, to_text
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: default_samples, new_torus, torus_t
+   use hb_truncation, only: read_harmonics
    implicit none
    private
-   public :: group_names, groups_read_again, output_config_t, read_again, read_harmonics, read_scene, read_tones, scene_t
+   public :: group_names, groups_read_again, output_config_t, read_again, read_scene, read_tones, scene_t
    public :: sizes_of
 
    !> Every group that an input file may have.
@@ -400,51 +401,6 @@ contains
          end associate
       end do
    end subroutine check_fundamentals
-
-   !> Reads `&harmonics`: `set` = box, diamond or list, with `order`, `odd_only`, `tuples`.
-   subroutine read_harmonics(self, document, n_tones, error)
-      type(harmonics_t), intent(out) :: self
-      type(document_t), intent(inout), target :: document
-      integer, intent(in) :: n_tones
-      type(error_t), allocatable, intent(out) :: error
-      type(group_t), pointer :: group
-      integer, allocatable :: order(:), tuples(:)
-      character(:), allocatable :: set
-      logical :: odd_only
-      character(7), parameter :: sets(3) = [character(7) :: "box", "diamond", "list"]
-
-      call document%required_group("harmonics", group, error)
-      if (allocated(error)) return
-      set = "box"
-      odd_only = .false.
-      call group%get("set", set, choices=sets)
-      if (set == "list") then
-         call group%require("tuples", tuples)
-         if (allocated(tuples)) then
-            if (modulo(size(tuples), n_tones) /= 0) call group%problem("tuples", to_text(size(tuples))// &
-               " integers are not a whole number of tuples of "//to_text(n_tones)//" tones")
-         end if
-      else
-         call group%require("order", order, minimum=0)
-         call group%get("odd_only", odd_only)
-         if (allocated(order)) then
-            if (size(order) == 1 .and. set == "box") order = spread(order(1), 1, n_tones)
-            if (size(order) /= merge(n_tones, 1, set == "box")) call group%problem("order", &
-               "give one number, or for a box one for each of the "//to_text(n_tones)//" tones")
-         end if
-      end if
-      call group%finish(error)
-      if (allocated(error)) return
-      select case (set)
-      case ("box")
-         call new_box(self, order, odd_only, error)
-      case ("diamond")
-         call new_diamond(self, n_tones, order(1), odd_only, error)
-      case default
-         call new_harmonics(self, reshape(tuples, [n_tones, size(tuples)/n_tones]), error)
-      end select
-      if (allocated(error)) call annotate(error, group%place())
-   end subroutine read_harmonics
 
    !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it.
    subroutine read_load(self, group)

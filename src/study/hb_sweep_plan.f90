@@ -31,6 +31,10 @@ module hb_sweep_plan
    contains
       procedure :: index_on => sweep_plan_index_on
       procedure :: agree_in => sweep_plan_agree_in
+      procedure :: same_values_in => sweep_plan_same_values_in
+      procedure :: axes_of => sweep_plan_axes_of
+      procedure :: n_combinations => sweep_plan_n_combinations
+      procedure :: point_of_combination => sweep_plan_point_of_combination
       procedure :: apply => sweep_plan_apply
       procedure :: differ_within => sweep_plan_differ_within
       procedure :: describe => sweep_plan_describe
@@ -111,12 +115,14 @@ contains
       character(:), allocatable :: spacing
       character(6), parameter :: spacings(2) = [character(6) :: "linear", "log"]
       integer :: i, n
-      real(wp) :: first, last
+      logical :: is_whole
+      real(wp) :: first, last, step
 
       call group%require("parameter", self%path)
       self%group = ""
       if (allocated(self%path)) then
-         self%group = lower(trim(adjustl(self%path(:scan(self%path//"%", "(% ") - 1))))
+         self%group = lower(trim(adjustl(self%path)))//"%"
+         self%group = self%group(:scan(self%group, "(% ") - 1)
          if (index(lower(adjustl(self%path)), "sweep") == 1) then
             call group%problem("parameter", "a sweep cannot vary a sweep; give the path of another group")
          end if
@@ -146,9 +152,13 @@ contains
          end if
          allocate (self%values(n))
          self%values(1) = first
+         step = (last - first)/max(n - 1, 1)
+         is_whole = first == anint(first) .and. step == anint(step)
          do i = 2, n
             if (spacing == "log") then
                self%values(i) = first*(last/first)**(real(i - 1, wp)/(n - 1))
+            else if (is_whole) then                                    ! without the rounding of a quotient: orders are integers
+               self%values(i) = first + step*(i - 1)
             else
                self%values(i) = first + (last - first)*(real(i - 1, wp)/(n - 1))
             end if
@@ -257,6 +267,66 @@ contains
          if (self%parameters(i)%group == group) agree = agree .and. self%index_on(i, first) == self%index_on(i, second)
       end do
    end function sweep_plan_agree_in
+
+   !> Whether two points have the same values in a group, be they one value or two that are equal.
+   pure logical function sweep_plan_same_values_in(self, group, first, second) result(agree)
+      class(sweep_plan_t), intent(in) :: self
+      character(*), intent(in) :: group                               !! lower case
+      integer, intent(in) :: first, second                            !! points
+      integer :: i
+
+      agree = .true.
+      do i = 1, size(self%parameters)
+         associate (parameter => self%parameters(i), one => self%index_on(i, first), other => self%index_on(i, second))
+            if (parameter%group /= group .or. one == other) cycle
+            if (parameter%is_text) then
+               agree = agree .and. parameter%texts(one)%value == parameter%texts(other)%value
+            else
+               agree = agree .and. parameter%values(one) == parameter%values(other)
+            end if
+         end associate
+      end do
+   end function sweep_plan_same_values_in
+
+   !> Axes along which values of a group vary, (number of axes).
+   pure function sweep_plan_axes_of(self, group) result(axes)
+      class(sweep_plan_t), intent(in) :: self
+      character(*), intent(in) :: group                               !! lower case
+      logical, allocatable :: axes(:)
+      integer :: i
+
+      allocate (axes(size(self%length)), source=.false.)
+      do i = 1, size(self%parameters)
+         if (self%parameters(i)%group == group) axes(self%parameters(i)%axis) = .true.
+      end do
+   end function sweep_plan_axes_of
+
+   !> Number of combinations of the values along some axes.
+   pure integer function sweep_plan_n_combinations(self, axes) result(n)
+      class(sweep_plan_t), intent(in) :: self
+      logical, intent(in) :: axes(:)                                  !! (number of axes)
+
+      n = product(self%length, mask=axes)
+   end function sweep_plan_n_combinations
+
+   !> First point that has a combination of the values along some axes; ascends with the number of the combination.
+   pure integer function sweep_plan_point_of_combination(self, axes, combination) result(point)
+      class(sweep_plan_t), intent(in) :: self
+      logical, intent(in) :: axes(:)                                  !! (number of axes)
+      integer, intent(in) :: combination                              !! 1 to n_combinations
+      integer :: axis, rest, stride
+
+      point = 1
+      rest = combination - 1
+      stride = 1
+      do axis = size(self%length), 1, -1
+         if (axes(axis)) then
+            point = point + modulo(rest, self%length(axis))*stride
+            rest = rest/self%length(axis)
+         end if
+         stride = stride*self%length(axis)
+      end do
+   end function sweep_plan_point_of_combination
 
    !> Whether two points differ in numbers of some groups alone.
    pure logical function sweep_plan_differ_within(self, groups, first, second) result(is_within)
