@@ -60,6 +60,7 @@ contains
          group => document%group("sweep", i)
          self%parameters(i)%place = group%place()
          call read_values(self%parameters(i), group)
+         call refuse_twice(self%parameters(:i), group)
          call group%finish(error)
          if (allocated(error)) return
          self%parameters(i)%axis = findloc(axis_of(1:i - 1), axis_of(i), dim=1)
@@ -83,6 +84,22 @@ contains
       self%n_points = product(self%length)
       call try_out(self, document, error)
    end subroutine read_sweep_plan
+
+   !> Refuses a path that an earlier parameter has: the later value would hide the other, at as many points as both have values.
+   subroutine refuse_twice(parameters, group)
+      type(swept_t), intent(in) :: parameters(:)                      !! the last is that of the group
+      type(group_t), intent(inout) :: group
+      integer :: i, n
+
+      n = size(parameters)
+      if (.not. allocated(parameters(n)%path)) return
+      do i = 1, n - 1
+         if (parameters(i)%group /= parameters(n)%group) cycle
+         if (lower(adjustl(parameters(i)%path)) /= lower(adjustl(parameters(n)%path))) cycle
+         call group%problem("parameter", "is swept twice, also by "//parameters(i)%place)
+         return
+      end do
+   end subroutine refuse_twice
 
    !> Reads the numbers of the axes. A group that gives none gets the lowest number that is free, an axis of its own.
    subroutine read_axes(document, axis_of)
