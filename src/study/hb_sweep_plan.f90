@@ -24,6 +24,13 @@ module hb_sweep_plan
       type(string_t), allocatable :: texts(:)
    end type swept_t
 
+   !> Values between two ends, before they are made: 100 million of them take 800 MB.
+   type :: range_t
+      integer :: n = 0                                                ! number of values; 0: they are given one by one
+      real(wp) :: first = 0.0_wp, last = 0.0_wp
+      logical :: is_log = .false.
+   end type range_t
+
    type :: sweep_plan_t
       integer :: n_points = 1
       type(swept_t), allocatable :: parameters(:)
@@ -50,30 +57,33 @@ contains
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       type(group_t), pointer :: group
+      type(range_t), allocatable :: ranges(:)
       integer, allocatable :: axis_of(:)
       integer :: i, n
 
-      n = document%count("sweep")
-      allocate (self%parameters(n), self%length(0))
+      allocate (ranges(document%count("sweep")))
+      allocate (self%parameters(size(ranges)), self%length(0))
       call read_axes(document, axis_of)
-      do i = 1, n
+      do i = 1, size(ranges)
          group => document%group("sweep", i)
          self%parameters(i)%place = group%place()
-         call read_values(self%parameters(i), group)
+         call read_values(self%parameters(i), ranges(i), group)
          call refuse_twice(self%parameters(:i), group)
          call group%finish(error)
          if (allocated(error)) return
+         n = ranges(i)%n
+         if (n == 0) n = n_values(self%parameters(i))
          self%parameters(i)%axis = findloc(axis_of(1:i - 1), axis_of(i), dim=1)
          if (self%parameters(i)%axis > 0) then
             self%parameters(i)%axis = self%parameters(self%parameters(i)%axis)%axis
-            if (self%length(self%parameters(i)%axis) /= n_values(self%parameters(i))) then
+            if (self%length(self%parameters(i)%axis) /= n) then
                call group%problem("axis", "parameters on one axis need equally many values: "// &
-                  to_text(n_values(self%parameters(i)))//" here, "//to_text(self%length(self%parameters(i)%axis))//" before")
+                  to_text(n)//" here, "//to_text(self%length(self%parameters(i)%axis))//" before")
                call group%finish(error)
                return
             end if
          else
-            self%length = [self%length, n_values(self%parameters(i))]
+            self%length = [self%length, n]
             self%parameters(i)%axis = size(self%length)
          end if
       end do
@@ -82,6 +92,9 @@ contains
          return
       end if
       self%n_points = product(self%length)
+      do i = 1, size(ranges)
+         if (ranges(i)%n > 0) call make_values(ranges(i), self%parameters(i)%values)
+      end do
       call try_out(self, document, error)
    end subroutine read_sweep_plan
 
@@ -126,14 +139,12 @@ contains
    end subroutine read_axes
 
    !> Reads `parameter` and either `values`, `texts`, or `from`, `to`, `n`, `spacing`.
-   subroutine read_values(self, group)
+   subroutine read_values(self, range, group)
       type(swept_t), intent(inout) :: self
+      type(range_t), intent(inout) :: range                           !! for `make_values`
       type(group_t), intent(inout) :: group
       character(:), allocatable :: spacing
       character(6), parameter :: spacings(2) = [character(6) :: "linear", "log"]
-      integer :: i, n
-      logical :: is_whole
-      real(wp) :: first, last, step
 
       call group%require("parameter", self%path)
       self%group = ""
@@ -154,35 +165,43 @@ contains
          call group%get("texts", self%texts)
          self%is_text = .true.
       else if (group%given("from")) then
-         first = 0.0_wp
-         last = 0.0_wp
-         n = 2
+         range%n = 2
          spacing = spacings(1)
-         call group%require("from", first)
-         call group%require("to", last)
-         call group%require("n", n, minimum=1, maximum=100000000)
+         call group%require("from", range%first)
+         call group%require("to", range%last)
+         call group%require("n", range%n, minimum=1, maximum=100000000)
          call group%get("spacing", spacing, choices=spacings)
-         if (spacing == "log" .and. .not. first*last > 0.0_wp) then
+         range%is_log = spacing == "log"
+         if (range%is_log .and. .not. range%first*range%last > 0.0_wp) &
             call group%problem("spacing", "a logarithmic range needs 'from' and 'to' of one sign, and not zero")
-            first = 1.0_wp
-            last = 1.0_wp
-         end if
-         allocate (self%values(n))
-         self%values(1) = first
+      end if
+   end subroutine read_values
+
+   !> Makes the values of a range.
+   pure subroutine make_values(range, values)
+      type(range_t), intent(in) :: range
+      real(wp), allocatable, intent(out) :: values(:)
+      integer :: i
+      logical :: is_whole
+      real(wp) :: step
+
+      associate (first => range%first, last => range%last, n => range%n)
+         allocate (values(n))
+         values(1) = first
          step = (last - first)/max(n - 1, 1)
          is_whole = first == anint(first) .and. step == anint(step)
          do i = 2, n
-            if (spacing == "log") then
-               self%values(i) = first*(last/first)**(real(i - 1, wp)/(n - 1))
+            if (range%is_log) then
+               values(i) = first*(last/first)**(real(i - 1, wp)/(n - 1))
             else if (is_whole) then                                    ! without the rounding of a quotient: orders are integers
-               self%values(i) = first + step*(i - 1)
+               values(i) = first + step*(i - 1)
             else
-               self%values(i) = first + (last - first)*(real(i - 1, wp)/(n - 1))
+               values(i) = first + (last - first)*(real(i - 1, wp)/(n - 1))
             end if
          end do
-         if (n > 1) self%values(n) = last
-      end if
-   end subroutine read_values
+         if (n > 1) values(n) = last
+      end associate
+   end subroutine make_values
 
    !> Reads the keys of all ways to give values, so that the group knows them beside the problem that it has.
    subroutine ask_for_all(self, group)
