@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import collections
+import contextlib
 import os
 import random
 import resource
@@ -158,6 +159,13 @@ class Campaign:
                 path.rmdir()
             else:
                 path.unlink(missing_ok=True)
+
+    def keep(self, folder: Path) -> None:
+        """Copies the files of the case that ran last."""
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in ("case.nml", "case.so", "case.fftw", "damaged.h5", "out", "err"):
+            if (self.folder / name).is_file():
+                shutil.copy(self.folder / name, folder)
 
     def _prepare_input(self, generator: random.Random) -> Case:
         text = generator.choice(self.inputs)
@@ -393,31 +401,27 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--keep", type=Path)
-    parser.add_argument("--only-list", action="store_true", help="say what each case is")
+    parser.add_argument("--list", action="store_true", help="say what each case is, run none")
     arguments = parser.parse_args()
     kinds = arguments.kinds.split(",")
     n_cases, n_failed, longest, largest = collections.Counter(), collections.Counter(), 0.0, 0
     with tempfile.TemporaryDirectory(prefix="nhbm-") as folder:
         campaign = Campaign(arguments.program.resolve(), Path(folder))
-        for number in range(arguments.first, arguments.first + arguments.count):
-            generator = random.Random(f"{arguments.seed} {number}")
-            kind = kinds[number % len(kinds)]
-            case = campaign.prepare(kind, generator)
-            if arguments.only_list:
-                print(number, case)
-                continue
-            problem, seconds, memory = campaign.run(case)
-            n_cases[f"{kind} {case.words[0]}"] += 1
-            longest, largest = max(longest, seconds), max(largest, memory)
-            if problem:
-                n_failed[f"{kind} {case.words[0]}"] += 1
-                print(f"case {number}, {case.what}: {' '.join(case.words[:2])}: {problem}", flush=True)
-                if arguments.keep:
-                    kept = arguments.keep / str(number)
-                    kept.mkdir(parents=True, exist_ok=True)
-                    for path in Path(folder).iterdir():
-                        if path.name in ("case.nml", "case.so", "case.fftw", "damaged.h5", "out", "err") and path.is_file():
-                            shutil.copy(path, kept)
+        with contextlib.suppress(KeyboardInterrupt):  # what was tried up to then is told below
+            for number in range(arguments.first, arguments.first + arguments.count):
+                kind = kinds[number % len(kinds)]
+                case = campaign.prepare(kind, random.Random(f"{arguments.seed} {number}"))
+                if arguments.list:
+                    print(number, case)
+                    continue
+                problem, seconds, memory = campaign.run(case)
+                n_cases[f"{kind} {case.words[0]}"] += 1
+                longest, largest = max(longest, seconds), max(largest, memory)
+                if problem:
+                    n_failed[f"{kind} {case.words[0]}"] += 1
+                    print(f"case {number}, {case.what}: {' '.join(case.words[:2])}: {problem}", flush=True)
+                    if arguments.keep:
+                        campaign.keep(arguments.keep / str(number))
     for name in sorted(n_cases):
         print(f"{name:20} {n_cases[name]:6} cases, {n_failed[name]} not as they should be")
     print(f"longest {longest:.2f} s, largest {largest // 1024} MiB")
