@@ -30,6 +30,9 @@ set(HB_TEST_ENVIRONMENT
   OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
   OMPI_MCA_rmaps_base_oversubscribe=1
   OPENBLAS_NUM_THREADS=1)
+if(HB_SANITIZE) # what the undefined-behaviour sanitizer only reports would pass for a success
+  list(APPEND HB_TEST_ENVIRONMENT UBSAN_OPTIONS=halt_on_error=1)
+endif()
 
 # hb_add_test(<name> TEST_SOURCES a.pf ... [OTHER_SOURCES x.f90 ...] [LINK_LIBRARIES ...] [LABELS ...]
 #             [MAX_PES n] [WORKING_DIRECTORY dir])

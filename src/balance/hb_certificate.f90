@@ -129,12 +129,20 @@ contains
    !> Orders of the wider box, for the orders of the solution.
    pure function wider_orders(highest) result(orders)
       integer, intent(in) :: highest(:)                               !! (n_tones)
-      integer :: orders(size(highest))
+      integer :: orders(size(highest)), widest(size(highest)), less, most, least
 
-      orders = max(2*highest, highest + 2)
-      do while (product(2*real(orders, wp) + 1) > 2*largest_wide_set .and. any(orders > highest))
-         where (orders > highest) orders = orders - 1
+      widest = max(2*highest, highest + 2)
+      least = 0                                                        ! bisection for what all orders have to give up
+      most = maxval(widest - highest)
+      do while (least < most)
+         less = (least + most)/2
+         if (product(2*real(max(widest - less, highest), wp) + 1) > 2*largest_wide_set) then
+            least = less + 1
+         else
+            most = less
+         end if
       end do
+      orders = max(widest - least, highest)
    end function wider_orders
 
    !> Samples of the finer grid, for those of the solution and the orders of the wider box.

@@ -6,6 +6,7 @@ module hb_dynamic_library
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_funptr, c_int, c_null_char, c_null_ptr, &
       c_ptr, c_size_t
    use hb_error, only: error_t, fail
+   use hb_guard, only: lower_guard, raise_guard
    implicit none
    private
    public :: dynamic_library_t, open_library
@@ -50,7 +51,9 @@ contains
       character(*), intent(in) :: path
       type(error_t), allocatable, intent(out) :: error
 
+      call raise_guard("'"//path//"': the loader of the system died of this library; the file is damaged")   ! e.g. cut off
       self%handle = dlopen(path//c_null_char, rtld_now)
+      call lower_guard()
       if (.not. c_associated(self%handle)) call fail(error, "cannot load the library: "//last_reason(path))
    end subroutine open_library
 

@@ -3,12 +3,14 @@ submodule (hb_hdf5) hb_hdf5_datasets
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_c_binding, only: c_char, c_loc, c_null_char, c_null_ptr, c_ptr
    use h5ds, only: h5dsattach_scale_f, h5dsis_attached_f, h5dsset_scale_f
+   use hb_error, only: fail
    use hb_hdf5_library, only: new_byte_type, new_space, new_text_type
+   use hb_text, only: to_text
    use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, h5dclose_f, h5dcreate_f, h5dget_offset_f, &
       h5dget_space_f, h5dget_type_f, h5dopen_f, h5dwrite_f, H5P_DATASET_CREATE_F, h5pset_alloc_time_f, &
       h5pset_fill_time_f, h5pset_fill_value_f, h5sclose_f, h5sget_simple_extent_dims_f, &
-      h5sget_simple_extent_ndims_f, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, H5T_STD_I32LE, &
-      h5tclose_f, h5tequal_f, h5tget_size_f, haddr_t, size_t
+      h5sget_simple_extent_ndims_f, h5sget_simple_extent_type_f, H5S_NULL_F, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, &
+      H5T_NATIVE_INTEGER, H5T_STD_I32LE, h5tclose_f, h5tequal_f, h5tget_size_f, haddr_t, size_t
    implicit none
 
 contains
@@ -120,7 +122,7 @@ contains
    module procedure file_open_dataset
       integer(hsize_t), allocatable :: max_extents(:)
       integer(hid_t) :: space
-      integer :: n_dimensions, status
+      integer :: class, n_dimensions, status
 
       dataset%place = self%place//": dataset '"//name//"'"
       call h5dopen_f(self%id, name, dataset%id, status)
@@ -130,13 +132,20 @@ contains
          return
       end if
       call h5dget_space_f(dataset%id, space, status)
+      if (status >= 0) call h5sget_simple_extent_type_f(space, class, status)
       if (status >= 0) call h5sget_simple_extent_ndims_f(space, n_dimensions, status)
       if (status >= 0) then
          allocate (dataset%extents(n_dimensions), max_extents(n_dimensions))
          if (n_dimensions > 0) call h5sget_simple_extent_dims_f(space, dataset%extents, max_extents, status)
       end if
       call check(status, "ask for the extents", error, dataset%place)
-      if (.not. allocated(error)) call h5sclose_f(space, status)
+      if (allocated(error)) return
+      call h5sclose_f(space, status)
+      if (class == H5S_NULL_F) then
+         call fail(error, dataset%place//" holds nothing, not even a size")
+      else if (any(dataset%extents > huge(1))) then
+         call fail(error, dataset%place//" has an axis of "//to_text(maxval(dataset%extents))//" entries")
+      end if
    end procedure file_open_dataset
 
    module procedure dataset_close

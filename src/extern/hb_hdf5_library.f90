@@ -1,14 +1,14 @@
 !> The HDF5 library itself: how it is started, its errors as values, spaces and types of text.
 module hb_hdf5_library
-   use, intrinsic :: iso_c_binding, only: c_bool, c_char, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, c_loc, &
+   use, intrinsic :: iso_c_binding, only: c_associated, c_bool, c_char, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, c_loc, &
       c_ptr, c_size_t
    use hb_error, only: annotate, error_t, fail
    use hdf5, only: h5eset_auto_f, h5open_f, H5S_SCALAR_F, h5screate_f, h5screate_simple_f, H5T_C_S1, &
-      H5T_CSET_UTF8_F, H5T_STR_NULLPAD_F, H5T_STRING, h5tcopy_f, h5tset_cset_f, h5tset_strpad_f, hid_t, &
-      hsize_t
+      H5T_CSET_UTF8_F, H5T_STR_NULLPAD_F, H5T_STRING, H5T_STRING_F, h5tcopy_f, h5tget_class_f, h5tset_cset_f, &
+      h5tset_strpad_f, hid_t, hsize_t
    implicit none
    private
-   public :: c_strlen, c_text, check, new_byte_type, new_space, new_text_type, no_id, start_library, switch_locking_off
+   public :: c_text, check, is_text_type, new_byte_type, new_space, new_text_type, no_id, start_library, switch_locking_off
 
    integer(hid_t), parameter :: no_id = -1
    integer, parameter :: max_cause = 512               ! characters kept of what the library says
@@ -151,14 +151,26 @@ contains
       if (status >= 0) call h5tset_strpad_f(byte_type, H5T_STR_NULLPAD_F, status)
    end subroutine new_byte_type
 
-   !> Gives a copy of a string that ends with a null.
+   !> Whether a type is that of text: what is no text, or has another size, must not be read into the memory of text.
+   logical function is_text_type(file_type)
+      integer(hid_t), intent(in) :: file_type
+      integer :: class, status
+
+      call h5tget_class_f(file_type, class, status)
+      is_text_type = status >= 0 .and. class == H5T_STRING_F
+   end function is_text_type
+
+   !> Gives a copy of a string that ends with a null; nothing where there is none, as files may have it.
    function c_text(address) result(text)
       type(c_ptr), intent(in) :: address
       character(:), allocatable :: text
       character(c_char), pointer :: bytes(:)
       integer :: i
 
+      text = ""
+      if (.not. c_associated(address)) return
       call c_f_pointer(address, bytes, [int(c_strlen(address))])
+      deallocate (text)
       allocate (character(size(bytes)) :: text)
       do i = 1, size(bytes)
          text(i:i) = bytes(i)

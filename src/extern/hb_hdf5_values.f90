@@ -1,12 +1,12 @@
 !> Values of datasets: whole ones, and rows that a rank writes alone.
 submodule (hb_hdf5) hb_hdf5_values
-   use, intrinsic :: iso_c_binding, only: c_char, c_loc, c_null_char, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_char, c_loc, c_null_char, c_null_ptr, c_ptr
    use hb_error, only: fail
-   use hb_hdf5_library, only: c_strlen, c_text, new_byte_type, new_space
+   use hb_hdf5_library, only: c_text, is_text_type, new_byte_type, new_space
    use hb_text, only: to_text
    use hdf5, only: h5dget_space_f, h5dget_type_f, h5dread_f, h5dvlen_reclaim_f, h5dwrite_f, H5P_DEFAULT_F, &
       H5S_ALL_F, H5S_SELECT_SET_F, h5sclose_f, h5sselect_hyperslab_f, H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, &
-      h5tclose_f, h5tis_variable_str_f
+      h5tclose_f, h5tget_size_f, h5tis_variable_str_f, size_t
    implicit none
 
 contains
@@ -30,11 +30,15 @@ contains
    end procedure dataset_write_integer_row
 
    module procedure dataset_write_text_row
-      character(c_char), target :: bytes(self%extents(1))
+      character(c_char), allocatable, target :: bytes(:)
       integer(hid_t) :: byte_type
       integer :: i, status
 
-      bytes = c_null_char
+      if (size(self%extents) == 0) then
+         call fail(error, self%place//" has no rows")
+         return
+      end if
+      allocate (bytes(self%extents(1)), source=c_null_char)
       do i = 1, min(len(text), size(bytes))
          bytes(i) = text(i:i)
       end do
@@ -71,6 +75,10 @@ contains
       integer :: last, n, status
 
       n = size(self%extents)
+      if (n == 0) then
+         call fail(error, self%place//" has no rows")
+         return
+      end if
       last = row
       if (present(n_rows)) last = row + n_rows - 1
       call check_size(self, n_values, product(self%extents(:n - 1))*(last - row + 1), error)
@@ -106,15 +114,23 @@ contains
 
    module procedure dataset_read_texts
       integer(hid_t) :: text_type
+      integer(size_t) :: n_bytes
       logical :: is_varying
       integer :: status
 
       call h5dget_type_f(self%id, text_type, status)
       if (status >= 0) call h5tis_variable_str_f(text_type, is_varying, status)
+      if (status >= 0) call h5tget_size_f(text_type, n_bytes, status)
       call check(status, "read the text type", error)
       if (.not. allocated(error)) then
-         if (is_varying) then
+         if (.not. is_text_type(text_type)) then
+            call fail(error, "is no text")
+         else if (product(real(self%extents, wp)) > huge(1)) then
+            call fail(error, "has more than "//to_text(huge(1))//" entries")
+         else if (is_varying) then
             call read_varying(self, text_type, values, error)
+         else if (n_bytes /= 1 .or. size(self%extents) == 0) then
+            call fail(error, "is not an array of single letters")
          else
             call read_bytes(self, text_type, values, error)
          end if
@@ -144,19 +160,24 @@ contains
       integer(hid_t), intent(in) :: text_type
       character(:), allocatable, intent(out) :: values(:)
       type(error_t), allocatable, intent(out) :: error
-      type(c_ptr), target :: addresses(product(self%extents))
+      type(c_ptr), allocatable, target :: addresses(:)
       type(c_ptr) :: list
       integer(hid_t) :: space
       integer :: i, length, status
 
-      status = 0
+      allocate (addresses(product(self%extents)), stat=status)
+      if (status /= 0) then
+         call fail(error, "there is no memory for its "//to_text(product(self%extents))//" entries")
+         return
+      end if
+      addresses = c_null_ptr
       list = c_loc(addresses)
       if (size(addresses) > 0) call h5dread_f(self%id, text_type, list, status)
       call check(status, "read", error)
       if (allocated(error)) return
       length = 0
       do i = 1, size(addresses)
-         length = max(length, int(c_strlen(addresses(i))))
+         length = max(length, len(c_text(addresses(i))))
       end do
       allocate (character(length) :: values(size(addresses)))
       do i = 1, size(addresses)
@@ -172,10 +193,15 @@ contains
       integer(hid_t), intent(in) :: byte_type
       character(:), allocatable, intent(out) :: values(:)
       type(error_t), allocatable, intent(out) :: error
-      character(c_char), target :: bytes(self%extents(1), product(self%extents(2:)))
+      character(c_char), allocatable, target :: bytes(:, :)
       type(c_ptr) :: address
       integer :: i, j, status
 
+      allocate (bytes(self%extents(1), product(self%extents(2:))), stat=status)
+      if (status /= 0) then
+         call fail(error, "there is no memory for its "//to_text(product(self%extents))//" letters")
+         return
+      end if
       address = c_loc(bytes)
       call h5dread_f(self%id, byte_type, address, status)
       call check(status, "read", error)

@@ -8,7 +8,7 @@ module hb_harmonics
    use hb_text, only: to_text
    implicit none
    private
-   public :: canonical_sign, harmonics_t, merge_tuples, new_box, new_diamond, new_harmonics, new_of_parity, tuple_text
+   public :: canonical_sign, exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics, new_of_parity, tuple_text
 
    integer(int64), parameter :: largest_set = 20000000_int64         ! tuples of the box around a set; its table has one entry each
    integer, parameter :: most_harmonics = 4000000                     ! tuples of a set
@@ -117,7 +117,7 @@ contains
          call fail(error, "harmonics need one order of 0 or more for each tone")
          return
       end if
-      if (product(2*real(orders, wp) + 1) > real(largest_set, wp)) then
+      if (exceeds_largest_box(orders)) then
          call fail(error, "the set of harmonics would have about "//to_text(anint(product(2*real(orders, wp) + 1)/2))// &
                    " tuples, or lie in a box of so many, more than "//to_text(largest_set/2)//"; lower the order")
          return
@@ -186,7 +186,7 @@ contains
 
       self%highest = maxval(abs(self%tuples), dim=2)
       if (present(highest)) self%highest = highest
-      if (product(2*real(self%highest, wp) + 1) > real(largest_set, wp)) then
+      if (exceeds_largest_box(self%highest)) then
          call fail(error, "the largest entries of the tuples span more than "//to_text(largest_set)//" tuples")
          return
       end if
@@ -212,6 +212,13 @@ contains
          self%n_coefficients = 2*self%n_harmonics - 1
       end if
    end subroutine index_coefficients
+
+   !> Whether the box |j_m| <= orders(m) has more tuples than a set may lie in.
+   pure logical function exceeds_largest_box(orders)
+      integer, intent(in) :: orders(:)                                !! (n_tones), >= 0
+
+      exceeds_largest_box = product(2*real(orders, wp) + 1) > real(largest_set, wp)
+   end function exceeds_largest_box
 
    !> Number of the harmonic with this tuple (or its negative), 0 when it is not in the set.
    pure integer function harmonics_index_of(self, tuple)
@@ -268,32 +275,6 @@ contains
       canonical_sign = 1
       if (first > 0) canonical_sign = sign(1, tuple(first))
    end function canonical_sign
-
-   !> Adds what the set has and the list lacks. The list grows to hold the largest set first where sets are nested.
-   subroutine merge_tuples(tuples, harmonics)
-      integer, allocatable, intent(inout) :: tuples(:, :)
-      type(harmonics_t), intent(in) :: harmonics
-      logical :: is_known(harmonics%n_harmonics)
-      integer, allocatable :: longer(:, :)
-      integer :: h, i, n_new
-
-      is_known = .false.
-      do i = 1, size(tuples, 2)
-         h = harmonics%index_of(tuples(:, i))
-         if (h > 0) is_known(h) = .true.
-      end do
-      n_new = count(.not. is_known)
-      if (n_new == 0) return
-      allocate (longer(size(tuples, 1), size(tuples, 2) + n_new))
-      longer(:, 1:size(tuples, 2)) = tuples
-      i = size(tuples, 2)
-      do h = 1, harmonics%n_harmonics
-         if (is_known(h)) cycle
-         i = i + 1
-         longer(:, i) = harmonics%tuples(:, h)
-      end do
-      call move_alloc(longer, tuples)
-   end subroutine merge_tuples
 
    !> Text such as (1,-2).
    pure function tuple_text(tuple) result(text)

@@ -51,7 +51,7 @@ contains
       type(curve_t) :: curve
       real(wp), allocatable :: y_before(:), tangent_before(:)
       real(wp) :: step
-      integer :: corrections
+      integer :: corrections, n_steps
       logical :: is_on_curve
 
       curve%kind = kind
@@ -63,12 +63,14 @@ contains
       curve%tangent(curve%n) = 1.0_wp
       call turn_tangent(curve, problem, report)
       step = first_step
+      n_steps = 0                                                     ! many may need no correction
       do while (report%status == outcome%pending)
          y_before = curve%y
          tangent_before = curve%tangent
          curve%y = y_before + step*tangent_before
          call correct(curve, problem, report, corrections, is_on_curve)
          if (is_on_curve) then
+            n_steps = n_steps + 1
             if (curve%y(curve%n) >= 1.0_wp) then
                call finish(curve, problem, config, y_before, x, report)
                if (report%status == outcome%converged) exit
@@ -86,7 +88,7 @@ contains
             step = 0.3_wp*step
             if (step < shortest_step) report%status = outcome%stalled
          end if
-         if (report%iterations >= config%homotopy_iterations) report%status = outcome%out_of_budget
+         if (max(report%iterations, n_steps) >= config%homotopy_iterations) report%status = outcome%out_of_budget
       end do
       call problem%deform(kind, 1.0_wp)
       if (report%status /= outcome%converged) then

@@ -6,7 +6,7 @@
 module hb_outcome
    implicit none
    private
-   public :: is_solved, outcome, outcome_name, outcome_names, outcome_text
+   public :: is_solved, is_status, outcome, outcome_name, outcome_names, outcome_text
 
    type :: outcome_t
       integer :: pending = 0                           !! not solved yet
@@ -77,7 +77,8 @@ contains
       is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating])
    end function is_solved
 
-   pure logical function is_status(status)
+   !> Whether a number is one of the statuses.
+   elemental logical function is_status(status)
       integer, intent(in) :: status
 
       is_status = status >= lbound(texts, 1) .and. status <= ubound(texts, 1)

@@ -6,7 +6,7 @@ module hb_benchmark_file
       table_t, text_length, threads_text
    use hb_coefficient_set, only: coefficient_set_t
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t, merge_tuples, new_harmonics
+   use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_hdf5, only: h5_dataset_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome_names
@@ -16,6 +16,7 @@ module hb_benchmark_file
    use hb_sweep_plan, only: parameter_units
    use hb_system, only: utc_now
    use hb_text, only: to_text
+   use hb_tuple_union, only: tuple_union_t
    use hb_version, only: git_commit, program_version
    implicit none
    private
@@ -60,15 +61,15 @@ contains
       type(benchmark_t), intent(in) :: self
       type(harmonics_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: tuples(:, :)
-      integer :: i
+      type(tuple_union_t) :: union
+      integer :: i, m
 
-      allocate (tuples(self%n_tones, 1), source=0)
-      if (self%has_reference) call merge_tuples(tuples, self%reference%harmonics)
+      call union%add(reshape([(0, m=1, self%n_tones)], [self%n_tones, 1]))
+      if (self%has_reference) call union%add(self%reference%harmonics%tuples)
       do i = 1, size(self%rungs)
-         if (self%rungs(i)%has_motion) call merge_tuples(tuples, self%rungs(i)%motion%harmonics)
+         if (self%rungs(i)%has_motion) call union%add(self%rungs(i)%motion%harmonics%tuples)
       end do
-      call new_harmonics(set, tuples, error)
+      call new_harmonics(set, union%list(), error)
    end subroutine union_of_sets
 
    subroutine add_attributes(table, self)

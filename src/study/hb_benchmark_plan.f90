@@ -6,12 +6,13 @@ module hb_benchmark_plan
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_namelist, only: document_t, group_t
-   use hb_scene, only: read_harmonics, read_tones
+   use hb_scene, only: read_tones
    use hb_solver_types, only: method_names
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: quote, string_t, to_text
    use hb_tones, only: tones_t
    use hb_torus, only: fast_size
+   use hb_truncation, only: read_harmonics
    implicit none
    private
    public :: benchmark_plan_t, compare_names, read_benchmark_plan, rung_t

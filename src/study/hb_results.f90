@@ -8,6 +8,7 @@ module hb_results
    use hb_certificate, only: certificate_t
    use hb_crash_watch, only: crash_place_t
    use hb_error, only: annotate, error_t, fail
+   use hb_guard, only: lower_guard, raise_guard
    use hb_hdf5, only: h5_file_t, open_file_parallel
    use hb_held_rows, only: held_rows_t, hold_seconds, new_held_rows, room_for
    use hb_kinds, only: wp
@@ -137,14 +138,18 @@ contains
       type(error_t), allocatable :: error_in_close
       integer :: i
 
+      if (self%is_resumed) call raise_guard("'"//self%path//"': HDF5 died of this file; it is damaged")
       call open_file_parallel(self%file, self%path, comm, error)
       call share_error(comm, error)
-      if (allocated(error)) return
+      if (allocated(error)) then
+         call lower_guard()
+         return
+      end if
       do i = 1, size(self%plan%variables)
          associate (variable => self%plan%variables(i))
             call self%file%open_dataset(variable%name, variable%dataset, error)
             if (allocated(error)) exit
-            if (any(variable%dataset%get_extents() /= self%plan%axes(variable%axes)%length)) &
+            if (.not. same_numbers(variable%dataset%get_extents(), self%plan%axes(variable%axes)%length)) &
                call fail(error, "dataset '"//variable%name//"' has other extents than the input asks for")
          end associate
          if (allocated(error)) exit
@@ -161,7 +166,15 @@ contains
       else
          call make_room(self, size(layout%parameters), size_of(comm))
       end if
+      call lower_guard()
    end subroutine open_datasets
+
+   pure logical function same_numbers(a, b)
+      integer, intent(in) :: a(:), b(:)
+
+      same_numbers = size(a) == size(b)
+      if (same_numbers) same_numbers = all(a == b)
+   end function same_numbers
 
    !> Makes room for the rows that are held back.
    subroutine make_room(self, n_parameters, n_ranks)

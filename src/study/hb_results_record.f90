@@ -2,9 +2,10 @@
 !> `info` start from it.
 module hb_results_record
    use hb_error, only: annotate, error_t, fail
+   use hb_guard, only: lower_guard, raise_guard
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
-   use hb_outcome, only: is_solved, outcome
+   use hb_outcome, only: is_solved, is_status, outcome
    use hb_results_file, only: schema_version
    use hb_system, only: exists
    use hb_text, only: split, string_t, to_text
@@ -52,10 +53,12 @@ contains
          call fail(error, "result file '"//path//"' does not exist")
          return
       end if
+      call raise_guard("'"//path//"': HDF5 died of this file; it is damaged")
       call open_file(file, path, error)
       if (.not. allocated(error)) call read_attributes(self, file, error)
       if (.not. allocated(error)) call read_datasets(self, file, error)
       call file%close(error_in_close)
+      call lower_guard()
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
       call annotate(error, "'"//path//"' is no result file of this program")
    end subroutine read_record
@@ -84,39 +87,84 @@ contains
       type(h5_file_t), intent(in) :: file
       type(error_t), allocatable, intent(out) :: error
       type(h5_dataset_t) :: dataset
-      character(:), allocatable :: texts(:)
+      character(:), allocatable :: overrides
       integer, allocatable :: extents(:)
+      integer :: status
 
-      call read_all(file, "input_text", texts, error)
+      call read_one(file, "input_text", self%input_text, error)
       if (allocated(error)) return
-      self%input_text = texts(1)
       call file%open_dataset("input_text", dataset, error)
       if (.not. allocated(error)) call dataset%get_attribute("file_name", self%input_name, error)
       if (allocated(error)) return
-      call read_all(file, "input_overrides", texts, error)
+      call read_one(file, "input_overrides", overrides, error)
       if (allocated(error)) return
-      call read_overrides(texts(1), self%overrides)
-      call read_all(file, "input_complete", texts, error)
-      if (allocated(error)) return
-      self%input_complete = texts(1)
+      call read_overrides(overrides, self%overrides)
+      call read_one(file, "input_complete", self%input_complete, error)
       call read_all(file, "dof", self%dofs, error)
       call read_all(file, "law", self%laws, error)
       call read_all(file, "status", self%status, error)
-      call read_all(file, "rescue", self%rescue, error)
-      call read_all(file, "is_near_commensurate", self%is_near_commensurate, error)
-      call read_all(file, "residual", self%residual, error)
-      call read_all(file, "solve_seconds", self%solve_seconds, error)
-      call read_all(file, "truncation_estimate", self%truncation, error)
-      call read_all(file, "aliasing_estimate", self%aliasing, error)
-      call read_all(file, "penetration", self%penetration, error)
       if (allocated(error)) return
       self%n_points = size(self%status)
-      call file%open_dataset("tuple", dataset, error)
+      if (self%n_points == 0 .or. .not. all(is_status(self%status))) then
+         call fail(error, "dataset 'status' has no points, or numbers that are no status")
+         return
+      end if
+      call read_all(file, "rescue", self%rescue, error, self%n_points)
+      call read_all(file, "is_near_commensurate", self%is_near_commensurate, error, self%n_points)
+      call read_all(file, "residual", self%residual, error, self%n_points)
+      call read_all(file, "solve_seconds", self%solve_seconds, error, self%n_points)
+      call read_all(file, "truncation_estimate", self%truncation, error, self%n_points)
+      call read_all(file, "aliasing_estimate", self%aliasing, error, self%n_points)
+      call read_all(file, "penetration", self%penetration, error, self%n_points)
+      if (.not. allocated(error)) call open_column(file, "tuple", dataset, 2, extents, error)
+      if (allocated(error)) return
+      allocate (self%tuples(extents(1), extents(2)), stat=status)
+      if (status == 0) then
+         call dataset%read(self%tuples, error)
+      else
+         call fail(error, "there is no memory for dataset 'tuple'")
+      end if
+   end subroutine read_datasets
+
+   !> Opens a dataset of so many axes, whose number of values must be what is expected.
+   subroutine open_column(file, name, dataset, n_axes, extents, error, n_expected)
+      type(h5_file_t), intent(in) :: file
+      character(*), intent(in) :: name
+      type(h5_dataset_t), intent(out) :: dataset
+      integer, intent(in) :: n_axes
+      integer, allocatable, intent(out) :: extents(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: n_expected
+
+      call file%open_dataset(name, dataset, error)
       if (allocated(error)) return
       extents = dataset%get_extents()
-      allocate (self%tuples(extents(1), extents(2)))
-      call dataset%read(self%tuples, error)
-   end subroutine read_datasets
+      if (size(extents) /= n_axes) then
+         call fail(error, "dataset '"//name//"' has "//to_text(size(extents))//" axes, expected "//to_text(n_axes))
+      else if (product(real(extents, wp)) > huge(1)) then
+         call fail(error, "dataset '"//name//"' has more than "//to_text(huge(1))//" values")
+      else if (present(n_expected)) then
+         if (product(extents) /= n_expected) call fail(error, "dataset '"//name//"' has "//to_text(product(extents))// &
+            " values for "//to_text(n_expected)//" points")
+      end if
+   end subroutine open_column
+
+   !> Reads a text that stands alone; does nothing once there is an error.
+   subroutine read_one(file, name, text, error)
+      type(h5_file_t), intent(in) :: file
+      character(*), intent(in) :: name
+      character(:), allocatable, intent(out) :: text
+      type(error_t), allocatable, intent(inout) :: error
+      character(:), allocatable :: texts(:)
+
+      call read_all(file, name, texts, error)
+      if (allocated(error)) return
+      if (size(texts) == 1) then
+         text = texts(1)
+      else
+         call fail(error, "dataset '"//name//"' has "//to_text(size(texts))//" texts, expected 1")
+      end if
+   end subroutine read_one
 
    !> Gives the lines of a text that are not empty.
    pure subroutine read_overrides(text, overrides)
@@ -148,30 +196,44 @@ contains
          (retries .and. .not. is_solved(self%status)))
    end function open_points
 
-   subroutine read_all_integers(file, name, values, error)
+   subroutine read_all_integers(file, name, values, error, n_expected)
       type(h5_file_t), intent(in) :: file
       character(*), intent(in) :: name
       integer, allocatable, intent(out) :: values(:)
       type(error_t), allocatable, intent(inout) :: error
+      integer, intent(in), optional :: n_expected
       type(h5_dataset_t) :: dataset
+      integer, allocatable :: extents(:)
+      integer :: status
 
-      if (.not. allocated(error)) call file%open_dataset(name, dataset, error)
+      if (.not. allocated(error)) call open_column(file, name, dataset, 1, extents, error, n_expected)
       if (allocated(error)) return
-      allocate (values(product(dataset%get_extents())))
-      call dataset%read(values, error)
+      allocate (values(extents(1)), stat=status)
+      if (status == 0) then
+         call dataset%read(values, error)
+      else
+         call fail(error, "there is no memory for dataset '"//name//"'")
+      end if
    end subroutine read_all_integers
 
-   subroutine read_all_reals(file, name, values, error)
+   subroutine read_all_reals(file, name, values, error, n_expected)
       type(h5_file_t), intent(in) :: file
       character(*), intent(in) :: name
       real(wp), allocatable, intent(out) :: values(:)
       type(error_t), allocatable, intent(inout) :: error
+      integer, intent(in), optional :: n_expected
       type(h5_dataset_t) :: dataset
+      integer, allocatable :: extents(:)
+      integer :: status
 
-      if (.not. allocated(error)) call file%open_dataset(name, dataset, error)
+      if (.not. allocated(error)) call open_column(file, name, dataset, 1, extents, error, n_expected)
       if (allocated(error)) return
-      allocate (values(product(dataset%get_extents())))
-      call dataset%read(values, error)
+      allocate (values(extents(1)), stat=status)
+      if (status == 0) then
+         call dataset%read(values, error)
+      else
+         call fail(error, "there is no memory for dataset '"//name//"'")
+      end if
    end subroutine read_all_reals
 
    subroutine read_all_texts(file, name, values, error)

@@ -4,7 +4,7 @@
 module hb_scene
    use hb_error, only: annotate, error_t
    use hb_fftw, only: planning, planning_names
-   use hb_harmonics, only: harmonics_t, new_box, new_diamond, new_harmonics, new_of_parity, tuple_text
+   use hb_harmonics, only: harmonics_t, new_of_parity, tuple_text
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t, law_t
    use hb_law_catalogue, only: read_law
@@ -22,10 +22,11 @@ module hb_scene
    use hb_text, only: string_t, to_text
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: default_samples, new_torus, torus_t
+   use hb_truncation, only: read_harmonics, symmetry
    implicit none
    private
-   public :: group_names, groups_read_again, output_config_t, read_again, read_harmonics, read_scene, read_tones, scene_t
-   public :: half_of_odd, is_solved_odd, sizes_of, symmetry, symmetry_names
+   public :: group_names, groups_read_again, half_of_odd, is_solved_odd, output_config_t, read_again, read_scene, read_tones
+   public :: scene_t, sizes_of
 
    !> Every group that an input file may have.
    character(11), parameter :: group_names(13) = [character(11) :: &
@@ -38,15 +39,6 @@ module hb_scene
    character(8), parameter :: phase_names(2) = [character(8) :: "integral", "sine"]
 
    character(9), parameter :: first_guess_names(4) = [character(9) :: "linear", "zero", "neighbour", "march"]
-
-   !> Among which motions a scene is solved.
-   type :: symmetry_t
-      integer :: auto = 1                                             !! odd ones where equations and first guess are odd
-      integer :: none = 2                                             !! all
-      integer :: odd = 3                                              !! odd ones; refused where equations are not
-   end type symmetry_t
-   type(symmetry_t), parameter :: symmetry = symmetry_t()
-   character(4), parameter :: symmetry_names(3) = [character(4) :: "auto", "none", "odd"]
 
    !> What is kept of a result.
    type :: output_config_t
@@ -514,55 +506,6 @@ contains
       if (len(reason) > 0) call group%problem("symmetry", "must not be 'odd': "//reason// &
                                               "; 'auto' uses the symmetry where there is one")
    end subroutine check_symmetry
-
-   !> Reads `&harmonics`: `set` = box, diamond or list, with `order`, `odd_only`, `tuples`; and `symmetry` where asked for.
-   subroutine read_harmonics(self, document, n_tones, error, chosen_symmetry)
-      type(harmonics_t), intent(out) :: self
-      type(document_t), intent(inout), target :: document
-      integer, intent(in) :: n_tones
-      type(error_t), allocatable, intent(out) :: error
-      integer, intent(inout), optional :: chosen_symmetry             !! one of `symmetry_t`
-      type(group_t), pointer :: group
-      integer, allocatable :: order(:), tuples(:)
-      character(:), allocatable :: set, symmetry_name
-      logical :: odd_only
-      character(7), parameter :: sets(3) = [character(7) :: "box", "diamond", "list"]
-
-      call document%required_group("harmonics", group, error)
-      if (allocated(error)) return
-      set = "box"
-      odd_only = .false.
-      symmetry_name = trim(symmetry_names(1))
-      call group%get("set", set, choices=sets)
-      call group%get("symmetry", symmetry_name, choices=symmetry_names)
-      if (present(chosen_symmetry)) chosen_symmetry = max(1, findloc(symmetry_names == symmetry_name, .true., dim=1))
-      if (set == "list") then
-         call group%require("tuples", tuples)
-         if (allocated(tuples)) then
-            if (modulo(size(tuples), n_tones) /= 0) call group%problem("tuples", to_text(size(tuples))// &
-               " integers are not a whole number of tuples of "//to_text(n_tones)//" tones")
-         end if
-      else
-         call group%require("order", order, minimum=0)
-         call group%get("odd_only", odd_only)
-         if (allocated(order)) then
-            if (size(order) == 1 .and. set == "box") order = spread(order(1), 1, n_tones)
-            if (size(order) /= merge(n_tones, 1, set == "box")) call group%problem("order", &
-               "give one number, or for a box one for each of the "//to_text(n_tones)//" tones")
-         end if
-      end if
-      call group%finish(error)
-      if (allocated(error)) return
-      select case (set)
-      case ("box")
-         call new_box(self, order, odd_only, error)
-      case ("diamond")
-         call new_diamond(self, n_tones, order(1), odd_only, error)
-      case default
-         call new_harmonics(self, reshape(tuples, [n_tones, size(tuples)/n_tones]), error)
-      end select
-      if (allocated(error)) call annotate(error, group%place())
-   end subroutine read_harmonics
 
    !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it.
    subroutine read_load(self, group)

@@ -1,18 +1,16 @@
 !> An input that was read and is ready to run: its document, the plan of its sweep, the scene of its first point, the
 !> harmonics of all points, and the layout of its result file.
 module hb_study
-   use hb_certificate, only: choose_wider_set
    use hb_error, only: annotate, error_t, fail
-   use hb_harmonics, only: harmonics_t, merge_tuples
    use hb_kinds, only: wp
    use hb_law_set, only: law_dofs_of
    use hb_namelist, only: document_t, new_document
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row, new_plan, plan_t
-   use hb_scene, only: group_names, read_harmonics, read_scene, read_tones, scene_t
+   use hb_scene, only: group_names, read_scene, scene_t
+   use hb_sweep_harmonics, only: tuples_of_sweep
    use hb_sweep_plan, only: parameter_units, read_sweep_plan, sweep_plan_t
-   use hb_text, only: join, lower, string_t, to_text
-   use hb_tones, only: tones_t
+   use hb_text, only: join, string_t, to_text
    use hb_version, only: git_commit, program_version
    implicit none
    private
@@ -59,7 +57,7 @@ contains
       call self%document%take_groups(group_names, points)            ! the sweep is read by now
       self%document = points
       call self%document%forget_values()                             ! nobody asks for the texts of single points
-      call collect_tuples(self, error)
+      call tuples_of_sweep(self%tuples, self%scene%harmonics, self%plan, self%document, has_improved(self), error)
    end subroutine new_study
 
    !> Takes the text of an input file apart and applies its overrides.
@@ -112,73 +110,12 @@ contains
       call annotate(error, "--set")
    end subroutine apply_override
 
-   !> Union of the harmonic sets of all points, so that the file can be laid out before any is solved. Only points that
-   !> differ in a swept key of `&harmonics` have to be read.
-   subroutine collect_tuples(self, error)
-      type(study_t), intent(inout) :: self
-      type(error_t), allocatable, intent(out) :: error
-      type(document_t), target :: document
-      type(tones_t) :: tones
-      type(harmonics_t) :: harmonics
-      character(:), allocatable :: seen, key
-      integer :: i, point
-
-      self%tuples = self%scene%harmonics%tuples
-      call merge_wider_set(self, self%scene%harmonics, error)
-      if (allocated(error)) return
-      if (.not. any([(is_harmonic_path(self%plan%parameters(i)%path), i=1, size(self%plan%parameters))])) return
-      seen = ";"
-      do point = 1, self%plan%n_points
-         key = ""
-         do i = 1, size(self%plan%parameters)
-            if (is_harmonic_path(self%plan%parameters(i)%path)) key = key//to_text(self%plan%index_on(i, point))//","
-         end do
-         if (index(seen, ";"//key//";") > 0) cycle
-         seen = seen//key//";"
-         document = self%document
-         call self%plan%apply(point, document, error)
-         if (allocated(error)) return
-         call read_tones(tones, document, error)
-         if (.not. allocated(error)) call read_harmonics(harmonics, document, tones%n_tones, error)
-         if (allocated(error)) then
-            call annotate(error, "point "//to_text(point)//" of the sweep")
-            return
-         end if
-         if (tones%n_tones /= size(self%tuples, 1)) then
-            call fail(error, "all points of a sweep need the same number of tones")
-            return
-         end if
-         call merge_tuples(self%tuples, harmonics)
-         call merge_wider_set(self, harmonics, error)
-         if (allocated(error)) return
-      end do
-   end subroutine collect_tuples
-
-   !> Adds the tuples that an improved motion has beyond those of its set.
-   subroutine merge_wider_set(self, harmonics, error)
-      type(study_t), intent(inout) :: self
-      type(harmonics_t), intent(in) :: harmonics
-      type(error_t), allocatable, intent(out) :: error
-      type(harmonics_t) :: wider
-
-      if (.not. has_improved(self)) return
-      call choose_wider_set(harmonics, wider, error)
-      if (.not. allocated(error)) call merge_tuples(self%tuples, wider)
-   end subroutine merge_wider_set
-
    !> Whether improved motions are stored: the first point decides for all.
    pure logical function has_improved(self)
       type(study_t), intent(in) :: self
 
       has_improved = self%scene%certificate%is_on .and. self%scene%certificate%improvement_steps > 0
    end function has_improved
-
-   !> Whether a swept path is a key of `&harmonics`; names of groups stand in either case, with blanks before.
-   logical function is_harmonic_path(path)
-      character(*), intent(in) :: path
-
-      is_harmonic_path = index(lower(adjustl(path)), "harmonics") == 1
-   end function is_harmonic_path
 
    !> Says what is known of the result file before the first point is solved.
    subroutine describe_layout(self, n_ranks, layout)

@@ -24,6 +24,13 @@ module hb_sweep_plan
       type(string_t), allocatable :: texts(:)
    end type swept_t
 
+   !> Values between two ends, before they are made: 100 million of them take 800 MB.
+   type :: range_t
+      integer :: n = 0                                                ! number of values; 0: they are given one by one
+      real(wp) :: first = 0.0_wp, last = 0.0_wp
+      logical :: is_log = .false.
+   end type range_t
+
    type :: sweep_plan_t
       integer :: n_points = 1
       type(swept_t), allocatable :: parameters(:)
@@ -31,6 +38,10 @@ module hb_sweep_plan
    contains
       procedure :: index_on => sweep_plan_index_on
       procedure :: agree_in => sweep_plan_agree_in
+      procedure :: same_values_in => sweep_plan_same_values_in
+      procedure :: axes_of => sweep_plan_axes_of
+      procedure :: n_combinations => sweep_plan_n_combinations
+      procedure :: point_of_combination => sweep_plan_point_of_combination
       procedure :: apply => sweep_plan_apply
       procedure :: differ_within => sweep_plan_differ_within
       procedure :: describe => sweep_plan_describe
@@ -46,29 +57,33 @@ contains
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       type(group_t), pointer :: group
+      type(range_t), allocatable :: ranges(:)
       integer, allocatable :: axis_of(:)
       integer :: i, n
 
-      n = document%count("sweep")
-      allocate (self%parameters(n), self%length(0))
+      allocate (ranges(document%count("sweep")))
+      allocate (self%parameters(size(ranges)), self%length(0))
       call read_axes(document, axis_of)
-      do i = 1, n
+      do i = 1, size(ranges)
          group => document%group("sweep", i)
          self%parameters(i)%place = group%place()
-         call read_values(self%parameters(i), group)
+         call read_values(self%parameters(i), ranges(i), group)
+         call refuse_twice(self%parameters(:i), group)
          call group%finish(error)
          if (allocated(error)) return
+         n = ranges(i)%n
+         if (n == 0) n = n_values(self%parameters(i))
          self%parameters(i)%axis = findloc(axis_of(1:i - 1), axis_of(i), dim=1)
          if (self%parameters(i)%axis > 0) then
             self%parameters(i)%axis = self%parameters(self%parameters(i)%axis)%axis
-            if (self%length(self%parameters(i)%axis) /= n_values(self%parameters(i))) then
+            if (self%length(self%parameters(i)%axis) /= n) then
                call group%problem("axis", "parameters on one axis need equally many values: "// &
-                  to_text(n_values(self%parameters(i)))//" here, "//to_text(self%length(self%parameters(i)%axis))//" before")
+                  to_text(n)//" here, "//to_text(self%length(self%parameters(i)%axis))//" before")
                call group%finish(error)
                return
             end if
          else
-            self%length = [self%length, n_values(self%parameters(i))]
+            self%length = [self%length, n]
             self%parameters(i)%axis = size(self%length)
          end if
       end do
@@ -77,8 +92,27 @@ contains
          return
       end if
       self%n_points = product(self%length)
+      do i = 1, size(ranges)
+         if (ranges(i)%n > 0) call make_values(ranges(i), self%parameters(i)%values)
+      end do
       call try_out(self, document, error)
    end subroutine read_sweep_plan
+
+   !> Refuses a path that an earlier parameter has: the later value would hide the other, at as many points as both have values.
+   subroutine refuse_twice(parameters, group)
+      type(swept_t), intent(in) :: parameters(:)                      !! the last is that of the group
+      type(group_t), intent(inout) :: group
+      integer :: i, n
+
+      n = size(parameters)
+      if (.not. allocated(parameters(n)%path)) return
+      do i = 1, n - 1
+         if (parameters(i)%group /= parameters(n)%group) cycle
+         if (lower(adjustl(parameters(i)%path)) /= lower(adjustl(parameters(n)%path))) cycle
+         call group%problem("parameter", "is swept twice, also by "//parameters(i)%place)
+         return
+      end do
+   end subroutine refuse_twice
 
    !> Reads the numbers of the axes. A group that gives none gets the lowest number that is free, an axis of its own.
    subroutine read_axes(document, axis_of)
@@ -105,18 +139,18 @@ contains
    end subroutine read_axes
 
    !> Reads `parameter` and either `values`, `texts`, or `from`, `to`, `n`, `spacing`.
-   subroutine read_values(self, group)
+   subroutine read_values(self, range, group)
       type(swept_t), intent(inout) :: self
+      type(range_t), intent(inout) :: range                           !! for `make_values`
       type(group_t), intent(inout) :: group
       character(:), allocatable :: spacing
       character(6), parameter :: spacings(2) = [character(6) :: "linear", "log"]
-      integer :: i, n
-      real(wp) :: first, last
 
       call group%require("parameter", self%path)
       self%group = ""
       if (allocated(self%path)) then
-         self%group = lower(trim(adjustl(self%path(:scan(self%path//"%", "(% ") - 1))))
+         self%group = lower(trim(adjustl(self%path)))//"%"
+         self%group = self%group(:scan(self%group, "(% ") - 1)
          if (index(lower(adjustl(self%path)), "sweep") == 1) then
             call group%problem("parameter", "a sweep cannot vary a sweep; give the path of another group")
          end if
@@ -131,31 +165,43 @@ contains
          call group%get("texts", self%texts)
          self%is_text = .true.
       else if (group%given("from")) then
-         first = 0.0_wp
-         last = 0.0_wp
-         n = 2
+         range%n = 2
          spacing = spacings(1)
-         call group%require("from", first)
-         call group%require("to", last)
-         call group%require("n", n, minimum=1, maximum=100000000)
+         call group%require("from", range%first)
+         call group%require("to", range%last)
+         call group%require("n", range%n, minimum=1, maximum=100000000)
          call group%get("spacing", spacing, choices=spacings)
-         if (spacing == "log" .and. .not. first*last > 0.0_wp) then
+         range%is_log = spacing == "log"
+         if (range%is_log .and. .not. range%first*range%last > 0.0_wp) &
             call group%problem("spacing", "a logarithmic range needs 'from' and 'to' of one sign, and not zero")
-            first = 1.0_wp
-            last = 1.0_wp
-         end if
-         allocate (self%values(n))
-         self%values(1) = first
-         do i = 2, n
-            if (spacing == "log") then
-               self%values(i) = first*(last/first)**(real(i - 1, wp)/(n - 1))
-            else
-               self%values(i) = first + (last - first)*(real(i - 1, wp)/(n - 1))
-            end if
-         end do
-         if (n > 1) self%values(n) = last
       end if
    end subroutine read_values
+
+   !> Makes the values of a range.
+   pure subroutine make_values(range, values)
+      type(range_t), intent(in) :: range
+      real(wp), allocatable, intent(out) :: values(:)
+      integer :: i
+      logical :: is_whole
+      real(wp) :: step
+
+      associate (first => range%first, last => range%last, n => range%n)
+         allocate (values(n))
+         values(1) = first
+         step = (last - first)/max(n - 1, 1)
+         is_whole = first == anint(first) .and. step == anint(step)
+         do i = 2, n
+            if (range%is_log) then
+               values(i) = first*(last/first)**(real(i - 1, wp)/(n - 1))
+            else if (is_whole) then                                    ! without the rounding of a quotient: orders are integers
+               values(i) = first + step*(i - 1)
+            else
+               values(i) = first + (last - first)*(real(i - 1, wp)/(n - 1))
+            end if
+         end do
+         if (n > 1) values(n) = last
+      end associate
+   end subroutine make_values
 
    !> Reads the keys of all ways to give values, so that the group knows them beside the problem that it has.
    subroutine ask_for_all(self, group)
@@ -257,6 +303,66 @@ contains
          if (self%parameters(i)%group == group) agree = agree .and. self%index_on(i, first) == self%index_on(i, second)
       end do
    end function sweep_plan_agree_in
+
+   !> Whether two points have the same values in a group, be they one value or two that are equal.
+   pure logical function sweep_plan_same_values_in(self, group, first, second) result(agree)
+      class(sweep_plan_t), intent(in) :: self
+      character(*), intent(in) :: group                               !! lower case
+      integer, intent(in) :: first, second                            !! points
+      integer :: i
+
+      agree = .true.
+      do i = 1, size(self%parameters)
+         associate (parameter => self%parameters(i), one => self%index_on(i, first), other => self%index_on(i, second))
+            if (parameter%group /= group .or. one == other) cycle
+            if (parameter%is_text) then
+               agree = agree .and. parameter%texts(one)%value == parameter%texts(other)%value
+            else
+               agree = agree .and. parameter%values(one) == parameter%values(other)
+            end if
+         end associate
+      end do
+   end function sweep_plan_same_values_in
+
+   !> Axes along which values of a group vary, (number of axes).
+   pure function sweep_plan_axes_of(self, group) result(axes)
+      class(sweep_plan_t), intent(in) :: self
+      character(*), intent(in) :: group                               !! lower case
+      logical, allocatable :: axes(:)
+      integer :: i
+
+      allocate (axes(size(self%length)), source=.false.)
+      do i = 1, size(self%parameters)
+         if (self%parameters(i)%group == group) axes(self%parameters(i)%axis) = .true.
+      end do
+   end function sweep_plan_axes_of
+
+   !> Number of combinations of the values along some axes.
+   pure integer function sweep_plan_n_combinations(self, axes) result(n)
+      class(sweep_plan_t), intent(in) :: self
+      logical, intent(in) :: axes(:)                                  !! (number of axes)
+
+      n = product(self%length, mask=axes)
+   end function sweep_plan_n_combinations
+
+   !> First point that has a combination of the values along some axes; ascends with the number of the combination.
+   pure integer function sweep_plan_point_of_combination(self, axes, combination) result(point)
+      class(sweep_plan_t), intent(in) :: self
+      logical, intent(in) :: axes(:)                                  !! (number of axes)
+      integer, intent(in) :: combination                              !! 1 to n_combinations
+      integer :: axis, rest, stride
+
+      point = 1
+      rest = combination - 1
+      stride = 1
+      do axis = size(self%length), 1, -1
+         if (axes(axis)) then
+            point = point + modulo(rest, self%length(axis))*stride
+            rest = rest/self%length(axis)
+         end if
+         stride = stride*self%length(axis)
+      end do
+   end function sweep_plan_point_of_combination
 
    !> Whether two points differ in numbers of some groups alone.
    pure logical function sweep_plan_differ_within(self, groups, first, second) result(is_within)

@@ -124,3 +124,21 @@ def test_diverged_motion_is_not_called_converged(tmp_path):
     converged = 1
     status, residual = read(solve(text, tmp_path, status=None), "status", "residual")
     assert (residual[status == converged] < LARGEST_RESIDUAL).all()
+
+
+def test_homotopy_without_corrections_ends(tmp_path):
+    """Steps that need no correction count as well: this curve wanders on for ever."""
+    text = """
+&structure type = 'matrices', n_dofs = 2, mass = 1.0, 1.0, damping = 0.1, 4.82842712474619e-6,
+   stiffness = 1.0, 5.82842712474619 /
+&tones frequency = 1.0, 1.414213562373095 /
+&harmonics order = 3 /
+&load dof = 'x1', tuple = 1, 0, cos = 0.3 /
+&load dof = 'x1', tuple = 0, 1, cos = 0.3 /
+&law type = 'polynomial_coupled', dofs = 'x1', 'x2', coefficients = 2147483648, acts_on = 'x2',
+   displacement_exponents = 2, 0 /
+&solver max_iterations = 2, homotopy_iterations = 2 /
+&sweep parameter = 'tones%frequency(2)', values = 1.414213562373095, 1.4142159765872 /
+"""
+    out_of_budget = 3
+    assert (read(solve(text, tmp_path, status=None), "status") == out_of_budget).all()

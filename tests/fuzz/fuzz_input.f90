@@ -37,7 +37,7 @@ program fuzz_input
    character(:), allocatable :: folder, mutant
    type(string_t), allocatable :: texts(:)
    type(generator_t) :: generator
-   integer :: first, i, last, megabytes, n_bad, n_refused, n_slow, n_solved, n_sound, seconds, seed
+   integer :: first, i, last, megabytes, slowest, n_bad, n_refused, n_slow, n_solved, n_sound, seconds, seed
    integer(c_long) :: memory
    real(wp) :: longest, started, taken
 
@@ -49,6 +49,7 @@ program fuzz_input
    n_sound = 0
    n_slow = 0
    longest = 0.0_wp
+   slowest = first
    do i = first, last
       call new_generator(generator, seed, i)
       call mutant_of(texts, generator, mutant)
@@ -57,7 +58,8 @@ program fuzz_input
       started = processor_time()
       call try(mutant)
       taken = processor_time() - started
-      if (taken > longest) longest = taken
+      if (taken > longest) slowest = i
+      longest = max(longest, taken)
       if (taken > seconds .or. (peak_memory() > 1024_c_long*megabytes .and. memory <= 1024_c_long*megabytes)) then
          n_slow = n_slow + 1
          write (output_unit, "(a, i0, a, f0.2, a, i0, a)") "input ", i, ": ", taken, " s, ", peak_memory()/1024, " MB"
@@ -67,7 +69,7 @@ program fuzz_input
    end do
    write (output_unit, "(5(i0, a))") last - first + 1, " inputs: ", n_refused, " refused, ", n_sound, " sound, of these ", &
       n_solved, " solved; ", n_slow, " beyond the limits"
-   write (output_unit, "(a, f0.2, a, i0, a)") "longest ", longest, " s, memory ", peak_memory()/1024, " MB"
+   write (output_unit, "(a, f0.2, 2(a, i0), a)") "longest ", longest, " s, input ", slowest, "; memory ", peak_memory()/1024, " MB"
    call stop_mpi()
    if (n_slow + n_bad > 0) stop 1
 

@@ -1,0 +1,153 @@
+!> Which harmonics an input asks for (`&harmonics`), before the set is made: sweeps compare thousands of these.
+module hb_truncation
+   use hb_error, only: annotate, error_t
+   use hb_harmonics, only: exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics
+   use hb_namelist, only: document_t, group_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: box_truncation, read_harmonics, read_truncation, symmetry, truncation_t
+
+   !> Among which motions a scene is solved.
+   type :: symmetry_t
+      integer :: auto = 1                                             !! odd ones where equations and first guess are odd
+      integer :: none = 2                                             !! all
+      integer :: odd = 3                                              !! odd ones; refused where equations are not
+   end type symmetry_t
+   type(symmetry_t), parameter :: symmetry = symmetry_t()
+   character(4), parameter :: symmetry_names(3) = [character(4) :: "auto", "none", "odd"]
+
+   type :: truncation_t
+      character(7) :: set = "box"                                     !! box, diamond or list
+      logical :: odd_only = .false.
+      integer :: symmetry = symmetry%auto                             !! which motions are sought in the set, one of `symmetry_t`
+      integer, allocatable :: order(:)                                !! (n_tones), of a diamond the same for all; not of a list
+      integer, allocatable :: tuples(:, :)                            !! (n_tones, any) of a list, signs as given
+      character(:), allocatable :: place                              !! of the group, for messages
+   contains
+      procedure :: highest => truncation_highest
+      procedure :: contains => truncation_contains
+      procedure :: cannot_be_made => truncation_cannot_be_made
+      procedure :: make => truncation_make
+   end type truncation_t
+
+contains
+
+   !> All tuples with |j_m| <= order(m).
+   function box_truncation(order) result(self)
+      integer, intent(in) :: order(:)                                 !! (n_tones)
+      type(truncation_t) :: self
+
+      self%order = order
+      self%place = "the wider set of the certificate"
+   end function box_truncation
+
+   !> Reads `&harmonics`: `set` = box, diamond or list, with `order`, `odd_only`, `tuples`; and `symmetry`.
+   subroutine read_truncation(self, document, n_tones, error)
+      type(truncation_t), intent(out) :: self
+      type(document_t), intent(inout), target :: document
+      integer, intent(in) :: n_tones
+      type(error_t), allocatable, intent(out) :: error
+      type(group_t), pointer :: group
+      integer, allocatable :: order(:), tuples(:)
+      character(:), allocatable :: set, symmetry_name
+      character(7), parameter :: sets(3) = [character(7) :: "box", "diamond", "list"]
+
+      call document%required_group("harmonics", group, error)
+      if (allocated(error)) return
+      set = trim(self%set)
+      symmetry_name = trim(symmetry_names(self%symmetry))
+      call group%get("set", set, choices=sets)
+      call group%get("symmetry", symmetry_name, choices=symmetry_names)
+      self%symmetry = max(1, findloc(symmetry_names == symmetry_name, .true., dim=1))
+      if (set == "list") then
+         call group%require("tuples", tuples)
+         if (allocated(tuples)) then
+            if (modulo(size(tuples), n_tones) /= 0) call group%problem("tuples", to_text(size(tuples))// &
+               " integers are not a whole number of tuples of "//to_text(n_tones)//" tones")
+         end if
+      else
+         call group%require("order", order, minimum=0)
+         call group%get("odd_only", self%odd_only)
+         if (allocated(order)) then
+            if (size(order) == 1 .and. set == "box") order = spread(order(1), 1, n_tones)
+            if (size(order) /= merge(n_tones, 1, set == "box")) call group%problem("order", &
+               "give one number, or for a box one for each of the "//to_text(n_tones)//" tones")
+         end if
+      end if
+      call group%finish(error)
+      if (allocated(error)) return
+      self%set = set
+      self%place = group%place()
+      if (set == "list") then
+         self%tuples = reshape(tuples, [n_tones, size(tuples)/n_tones])
+      else
+         self%order = order
+         if (set == "diamond") self%order = spread(order(1), 1, n_tones)
+      end if
+   end subroutine read_truncation
+
+   !> Reads `&harmonics` and makes its set.
+   subroutine read_harmonics(self, document, n_tones, error, chosen_symmetry)
+      type(harmonics_t), intent(out) :: self
+      type(document_t), intent(inout), target :: document
+      integer, intent(in) :: n_tones
+      type(error_t), allocatable, intent(out) :: error
+      integer, intent(out), optional :: chosen_symmetry               !! one of `symmetry_t`
+      type(truncation_t) :: truncation
+
+      call read_truncation(truncation, document, n_tones, error)
+      if (present(chosen_symmetry)) chosen_symmetry = truncation%symmetry
+      if (.not. allocated(error)) call truncation%make(self, error)
+   end subroutine read_harmonics
+
+   !> Makes the set; fails where it is empty or too large, or has a tuple twice.
+   subroutine truncation_make(self, harmonics, error)
+      class(truncation_t), intent(in) :: self
+      type(harmonics_t), intent(out) :: harmonics
+      type(error_t), allocatable, intent(out) :: error
+
+      select case (self%set)
+      case ("box"); call new_box(harmonics, self%order, self%odd_only, error)
+      case ("diamond"); call new_diamond(harmonics, size(self%order), self%order(1), self%odd_only, error)
+      case default; call new_harmonics(harmonics, self%tuples, error)
+      end select
+      if (allocated(error)) call annotate(error, self%place)
+   end subroutine truncation_make
+
+   !> Largest |j_m| of each tone, (n_tones), as the set would have them; all 0 where it would be empty.
+   pure function truncation_highest(self) result(highest)
+      class(truncation_t), intent(in) :: self
+      integer, allocatable :: highest(:)
+      integer :: m
+
+      if (self%set == "list") then
+         highest = maxval(abs(self%tuples), dim=2)
+         return
+      end if
+      highest = self%order
+      if (.not. self%odd_only) return
+      if (self%set == "diamond") then
+         highest = highest - merge(1, 0, modulo(highest, 2) == 0 .and. highest > 0)
+      else if (count(self%order > 0) == 1) then                       ! another tone with an order would make up an odd sum
+         m = maxloc(self%order, dim=1)
+         highest(m) = highest(m) - merge(1, 0, modulo(highest(m), 2) == 0)
+      end if
+   end function truncation_highest
+
+   !> Whether a box or a diamond is empty, or lies in a box that is too large, which `make` says in words.
+   pure logical function truncation_cannot_be_made(self)
+      class(truncation_t), intent(in) :: self
+
+      truncation_cannot_be_made = exceeds_largest_box(self%order) .or. (self%odd_only .and. all(self%order == 0))
+   end function truncation_cannot_be_made
+
+   !> Whether all tuples of another truncation are certain to be in this one: the same kind with orders not larger.
+   pure logical function truncation_contains(self, other)
+      class(truncation_t), intent(in) :: self
+      type(truncation_t), intent(in) :: other
+
+      truncation_contains = self%set /= "list" .and. self%set == other%set .and. (self%odd_only .eqv. other%odd_only)
+      if (truncation_contains) truncation_contains = all(other%order <= self%order)
+   end function truncation_contains
+end module hb_truncation

@@ -1,0 +1,113 @@
+"""Files that are damaged: a message and exit status 2, never a signal. tests/fuzz tries thousands, here is what once failed."""
+
+import subprocess
+
+import h5py
+import numpy as np
+import pytest
+
+from program import BAD_INPUT, INCOMPLETE, run
+from user_law import HEADER_FOLDER
+
+SCENE = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
+&tones frequency = 2.0 /
+&harmonics order = 3 /
+&load dof = 'x1', tuple = 1, cos = 1.0 /
+"""
+SPRING = "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n"
+MINE = "&law type = 'user', library = 'mine.so', name = 'mine', dof = 'x1' /\n"
+SWEEP = "&sweep parameter = 'load(1)%cos', values = 0.5, 1.0, 1.5 /\n"
+
+LAW = """
+#include "nhbm_user_law.h"
+int mine_info(nhbm_law_info_t *info) { info->api_version = NHBM_USER_LAW_API; info->n_coordinates = 1; return 0; }
+int mine_evaluate(int n, int m, int stride, const double *z, const double *v, int k, const double *p, double *f,
+                  double *df_dz, double *df_dv) { return n < 0; }
+"""
+
+
+def replace(file, name, data):
+    del file[name]
+    file[name] = data
+
+
+def set_numbers(file, name, value):
+    file[name][...] = value
+
+
+DAMAGES = {
+    "a status that is none": lambda file: set_numbers(file, "status", 2**31 - 1),
+    "no points": lambda file: replace(file, "status", np.zeros(0, "i4")),
+    "fewer rows": lambda file: replace(file, "residual", np.zeros(1)),
+    "other axes": lambda file: replace(file, "tuple", np.zeros(7, "i4")),
+    "a scalar for a column": lambda file: replace(file, "rescue", 1),
+    "numbers for text": lambda file: replace(file, "input_text", np.zeros((1, 3))),
+    "numbers for labels": lambda file: replace(file, "dof", np.zeros((3, 100))),
+    "longer letters": lambda file: replace(file, "law", np.full((1, 64), b"text", "S9")),
+    "no text": lambda file: replace(file, "input_overrides", h5py.Empty("S1")),
+    "texts for a text": lambda file: replace(file, "input_complete", ["a", "b"]),
+    "an attribute of several numbers": lambda file: file.attrs.__setitem__("n_ranks", np.zeros(1000, "i4")),
+    "an attribute of several texts": lambda file: file.attrs.__setitem__("title", ["text"] * 1000),
+    "an empty attribute": lambda file: file.attrs.__setitem__("git_commit", h5py.Empty("S1")),
+}
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    """A result file whose points are all pending."""
+    folder = tmp_path_factory.mktemp("damaged")
+    (folder / "case.nml").write_text(SCENE + SPRING + SWEEP)
+    done = run("solve", "case.nml", "--time-limit", "0", cwd=folder)
+    assert done.status == INCOMPLETE, done.stderr
+    return (folder / "case.h5").read_bytes()
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("verb", ["info", "resume"])
+def test_damaged_content_is_named(verb, damage, begun, tmp_path):
+    path = tmp_path / "case.h5"
+    path.write_bytes(begun)
+    with h5py.File(path, "r+") as file:
+        DAMAGES[damage](file)
+    done = run(verb, path, cwd=tmp_path)
+    assert done.status == BAD_INPUT and len(done.messages) == 1, done.stderr
+    assert "case.h5" in done.stderr
+
+
+def test_resume_refuses_rows_without_axes(begun, tmp_path):
+    path = tmp_path / "case.h5"
+    path.write_bytes(begun)
+    with h5py.File(path, "r+") as file:
+        replace(file, "iterations", 7)
+    done = run("resume", path, cwd=tmp_path)
+    assert done.status == BAD_INPUT and "'iterations'" in done.stderr
+
+
+@pytest.mark.parametrize("n_bytes", [10**5, 10**9, 2**40, 2**62])
+def test_texts_beyond_the_file_are_named(n_bytes, begun, tmp_path):
+    """HDF5 copies as many bytes as its heap says, and dies of it."""
+    data = bytearray(begun)
+    at = data.find(b"GCOL")  # signature, version and size of 16 bytes; of each text index, count and size of 16 bytes
+    while at >= 0:
+        data[at + 24 : at + 32] = n_bytes.to_bytes(8, "little")
+        at = data.find(b"GCOL", at + 1)
+    path = tmp_path / "case.h5"
+    path.write_bytes(data)
+    for verb in ("info", "resume"):
+        done = run(verb, path, cwd=tmp_path)
+        if "AddressSanitizer" in done.stderr and "libhdf5" in done.stderr:
+            pytest.skip("the sanitizer ends the process where the library errs, before it dies of a signal")
+        assert done.status == BAD_INPUT and "case.h5" in done.stderr, (done.status, done.stderr)
+
+
+@pytest.mark.parametrize("part", [0.0, 0.1, 0.3, 0.6])
+def test_library_that_is_cut_off_is_named(part, tmp_path):
+    (tmp_path / "mine.c").write_text(LAW)
+    command = ["cc", "-shared", "-fPIC", f"-I{HEADER_FOLDER}", "-o", "mine.so", "mine.c"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    library = tmp_path / "mine.so"
+    library.write_bytes(library.read_bytes()[: int(part * library.stat().st_size)])
+    (tmp_path / "case.nml").write_text(SCENE + MINE)
+    done = run("check", "case.nml", cwd=tmp_path)
+    assert done.status == BAD_INPUT and "mine.so" in done.stderr, (done.status, done.stderr)
