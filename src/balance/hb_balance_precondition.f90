@@ -131,8 +131,14 @@ contains
    subroutine fill_coupled(self)
       type(balance_t), intent(inout) :: self
       real(wp), allocatable :: block(:, :), cosine(:), sine(:)
+      type(error_t), allocatable :: error
       integer :: h, i, k
 
+      call self%transform%prepare_products(self%table, error)
+      if (allocated(error)) then                                      ! out of memory: each harmonic by itself will have to do
+         deallocate (self%coupled)
+         return
+      end if
       associate (coupled => self%coupled, set => self%coupled%set, pattern => self%stiffness%pattern)
          allocate (block(set%n_coefficients, set%n_coefficients), cosine(set%n_coefficients), sine(set%n_coefficients))
          call coupled%clear()

@@ -36,6 +36,7 @@ contains
       end do
       call balance_sample(self, u)
       call self%law_set%differentiate(error)
+      if (.not. allocated(error)) call self%transform%prepare_products(self%table, error)
       if (allocated(error)) then                                      ! out of memory: no tangent, the solver sees it
          jacobian = 0.0_wp
          return

@@ -1,13 +1,12 @@
 !> Coefficients <-> samples on the torus, for many degrees of freedom at once, and the rate of change along time.
 !>
-!> With c = a - i b a motion is Re sum c_j exp(i j.tau); its discrete spectrum holds c/2 at j and conj(c)/2 at -j. Because
-!> the first non-zero entry of a kept tuple is positive, all j fall into the half spectrum that a real FFT keeps (j_1 >= 0);
-!> in its plane j_1 = 0 both j and -j are stored. Source: docs/theory.md, section 3.
+!> With c = a - i b a motion is Re sum c_j exp(i j.tau). Functions are transformed one by one, so that the spectrum of one stays
+!> in the cache; see hb_packed_fft for its form. Source: docs/theory.md, section 3.
 module hb_transform
    use hb_error, only: error_t
-   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
+   use hb_packed_fft, only: new_packed_fft, packed_fft_t
    use hb_torus, only: torus_t
    implicit none
    private
@@ -17,16 +16,20 @@ module hb_transform
    type :: transform_t
       type(harmonics_t) :: harmonics
       type(torus_t) :: torus
-      integer :: n_channels = 0                                       !! transforms done at once
-      integer, allocatable, private :: at(:)                          ! (n_harmonics) place of j in the half spectrum
-      integer, allocatable, private :: mirror_at(:)                   ! place of -j, 0 where the half spectrum leaves it out
-      type(fft_plan_t), private :: batch_plan, single_plan
-      type(complex_block_t), private :: spectra
+      integer :: n_channels = 0                                       !! functions in a block of samples
+      type(packed_fft_t), private :: fft
+      type(packed_fft_t), private :: products                         ! of tuples up to twice the highest, if prepared
+      integer, private :: effort = 0                                  ! one of hb_fftw%planning
+      integer, allocatable, private :: at(:), mirror_at(:)            ! (n_harmonics) places of j and -j in the spectrum
+      logical, private :: has_shared_places = .false.                 ! of several harmonics
+      complex(wp), allocatable, private :: near_factor(:), far_factor(:)   ! (n_harmonics), see hb_packed_fft%factors
+      complex(wp), allocatable, private :: near_share(:), far_share(:)     ! (n_harmonics), see hb_packed_fft%shares
    contains
       procedure :: to_samples => transform_to_samples
       procedure :: to_rate_samples => transform_to_rate_samples
       procedure :: to_coefficients => transform_to_coefficients
       procedure :: to_coefficients_of_one => transform_to_coefficients_of_one
+      procedure :: prepare_products => transform_prepare_products
       procedure :: tabulate_product => transform_tabulate_product
       procedure :: destroy => transform_destroy
    end type transform_t
@@ -36,8 +39,10 @@ module hb_transform
    type :: product_table_t
       integer :: centre = 0                                           !! place of tuple zero in the tables
       integer, allocatable :: offset(:)                               !! (n_harmonics) place of j, relative to the centre
-      real(wp), allocatable :: cosine(:), sine(:)                     !! mean of g cos(m.tau), g sin(m.tau)
-      integer, allocatable, private :: source(:)                      ! place in the half spectrum, negative: conjugate
+      real(wp), allocatable :: cosine(:), sine(:)                     !! mean of g cos(m.tau), g sin(m.tau); first tone fastest
+      integer, allocatable, private :: at(:)                          ! as cosine, place in the spectrum; that of -m stands
+                                                                      ! as far from the other end
+      complex(wp), allocatable, private :: near_share(:), far_share(:)     ! by m_1
    contains
       procedure :: columns => product_table_columns
       procedure :: columns_among => product_table_columns_among
@@ -45,7 +50,7 @@ module hb_transform
 
 contains
 
-   !> Plans the transforms of `n_channels` functions at once.
+   !> Plans the transforms of `n_channels` functions.
    subroutine new_transform(self, harmonics, torus, n_channels, effort, error)
       type(transform_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
@@ -53,35 +58,27 @@ contains
       integer, intent(in) :: n_channels                               !! >= 1
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
-      type(real_block_t) :: scratch
-      integer :: h, n_spectrum
+      logical, allocatable :: is_used(:)
+      integer :: h
 
       call self%destroy()
       self%harmonics = harmonics
       self%torus = torus
       self%n_channels = n_channels
-      n_spectrum = (torus%n_samples(1)/2 + 1)*product(torus%n_samples(2:))
-      call new_complex_block(self%spectra, n_spectrum, n_channels, error)
+      self%effort = effort
+      call new_packed_fft(self%fft, torus%n_samples, harmonics%highest, .true., effort, error)
       if (allocated(error)) return
-      call new_real_block(scratch, torus%n_total, n_channels, error)
-      if (allocated(error)) return
-      call new_fft_plan(self%batch_plan, torus%n_samples, n_channels, effort, .false., &
-         scratch%values, self%spectra%values, error)
-      if (.not. allocated(error)) then
-         call new_fft_plan(self%single_plan, torus%n_samples, 1, effort, .true., &
-            scratch%values, self%spectra%values, error)
-      end if
-      call scratch%destroy()
-      if (allocated(error)) return
-      if (allocated(self%at)) deallocate (self%at, self%mirror_at)
-      allocate (self%at(harmonics%n_harmonics), self%mirror_at(harmonics%n_harmonics))
-      do h = 1, harmonics%n_harmonics
-         associate (j => harmonics%tuples(:, h))
-            self%at(h) = spectrum_place(j, torus%n_samples)
-            self%mirror_at(h) = 0
-            if (j(1) == 0 .and. any(j /= 0)) self%mirror_at(h) = spectrum_place(-j, torus%n_samples)
-         end associate
-      end do
+      self%at = [(self%fft%place(harmonics%tuples(:, h)), h=1, harmonics%n_harmonics)]
+      self%mirror_at = [(self%fft%place(-harmonics%tuples(:, h)), h=1, harmonics%n_harmonics)]
+      if (allocated(self%near_factor)) deallocate (self%near_factor, self%far_factor, self%near_share, self%far_share)
+      allocate (self%near_factor(harmonics%n_harmonics), self%far_factor(harmonics%n_harmonics))
+      allocate (self%near_share(harmonics%n_harmonics), self%far_share(harmonics%n_harmonics))
+      call self%fft%factors(harmonics%tuples(1, :), self%near_factor, self%far_factor)
+      call self%fft%shares(harmonics%tuples(1, :), self%near_share, self%far_share)
+      allocate (is_used(size(self%fft%spectrum())), source=.false.)
+      is_used(self%at) = .true.
+      is_used(self%mirror_at) = .true.
+      self%has_shared_places = count(is_used) < 2*harmonics%n_harmonics - merge(1, 0, harmonics%has_zero)
    end subroutine new_transform
 
    !> Samples of the motions with coefficients `x`.
@@ -89,17 +86,18 @@ contains
       class(transform_t), intent(inout) :: self
       real(wp), intent(in) :: x(:, :)                                 !! (n_coefficients, n_channels)
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned
+      complex(wp) :: c(self%harmonics%n_harmonics)
       integer :: channel, h
 
-      associate (set => self%harmonics, spectra => self%spectra%values)
-         spectra = (0.0_wp, 0.0_wp)
+      associate (set => self%harmonics)
+         if (set%has_zero) c(1) = 0.0_wp
          do channel = 1, self%n_channels
-            if (set%has_zero) spectra(self%at(1), channel) = x(1, channel)
+            if (set%has_zero) c(1) = x(1, channel)
             do h = merge(2, 1, set%has_zero), set%n_harmonics
-               call store(self, channel, h, 0.5_wp*cmplx(x(set%cos_at(h), channel), -x(set%sin_at(h), channel), wp))
+               c(h) = cmplx(x(set%cos_at(h), channel), -x(set%sin_at(h), channel), wp)
             end do
+            call sample_amplitudes(self, c, samples(:, channel))
          end do
-         call self%batch_plan%to_samples(spectra, samples)
       end associate
    end subroutine transform_to_samples
 
@@ -109,29 +107,49 @@ contains
       real(wp), intent(in) :: x(:, :)                                 !! (n_coefficients, n_channels)
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned
+      complex(wp) :: c(self%harmonics%n_harmonics)
       integer :: channel, h
 
-      associate (set => self%harmonics, spectra => self%spectra%values)
-         spectra = (0.0_wp, 0.0_wp)
+      associate (set => self%harmonics)
+         if (set%has_zero) c(1) = 0.0_wp
          do channel = 1, self%n_channels
             do h = merge(2, 1, set%has_zero), set%n_harmonics
-               call store(self, channel, h, &
-                  0.5_wp*frequencies(h)*cmplx(x(set%sin_at(h), channel), x(set%cos_at(h), channel), wp))
+               c(h) = frequencies(h)*cmplx(x(set%sin_at(h), channel), x(set%cos_at(h), channel), wp)
             end do
+            call sample_amplitudes(self, c, samples(:, channel))
          end do
-         call self%batch_plan%to_samples(spectra, samples)
       end associate
    end subroutine transform_to_rate_samples
 
-   !> Puts one complex value at j and its conjugate at -j where the half spectrum stores both.
-   pure subroutine store(self, channel, h, value)
+   !> Samples of Re sum c exp(i j.tau). The same places of the spectrum are written each time, so that the others stay zero.
+   subroutine sample_amplitudes(self, c, samples)
       type(transform_t), intent(inout) :: self
-      integer, intent(in) :: channel, h
-      complex(wp), intent(in) :: value
+      complex(wp), intent(in) :: c(:)                                 !! (n_harmonics)
+      real(wp), intent(inout), contiguous :: samples(:)               !! (n_total), aligned
+      complex(wp), pointer, contiguous :: spectrum(:)
+      integer :: h
 
-      self%spectra%values(self%at(h), channel) = value
-      if (self%mirror_at(h) > 0) self%spectra%values(self%mirror_at(h), channel) = conjg(value)
-   end subroutine store
+      spectrum => self%fft%spectrum()
+      if (self%has_shared_places) then
+         spectrum(self%at) = (0.0_wp, 0.0_wp)
+         spectrum(self%mirror_at) = (0.0_wp, 0.0_wp)
+         do h = 1, size(c)
+            associate (near => spectrum(self%at(h)))
+               near = near + self%near_factor(h)*c(h)
+            end associate
+            associate (far => spectrum(self%mirror_at(h)))
+               far = far + self%far_factor(h)*conjg(c(h))
+            end associate
+         end do
+      else
+         do h = 1, size(c)
+            spectrum(self%at(h)) = self%near_factor(h)*c(h)
+            spectrum(self%mirror_at(h)) = self%far_factor(h)*conjg(c(h))
+         end do
+         if (self%harmonics%has_zero) spectrum(self%at(1)) = (self%near_factor(1) + self%far_factor(1))*real(c(1))
+      end if
+      call self%fft%to_samples(samples)
+   end subroutine sample_amplitudes
 
    !> Coefficients of the sampled functions in the kept harmonics (their projection).
    subroutine transform_to_coefficients(self, samples, x)
@@ -140,9 +158,8 @@ contains
       real(wp), intent(out) :: x(:, :)                                !! (n_coefficients, n_channels)
       integer :: channel
 
-      call self%batch_plan%to_spectrum(samples, self%spectra%values)
       do channel = 1, self%n_channels
-         call read_spectrum(self, channel, x(:, channel))
+         call find_coefficients(self, samples(:, channel), x(:, channel))
       end do
    end subroutine transform_to_coefficients
 
@@ -152,46 +169,66 @@ contains
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, 1), aligned; unchanged
       real(wp), intent(out) :: x(:)                                   !! (n_coefficients)
 
-      call self%single_plan%to_spectrum(samples, self%spectra%values)
-      call read_spectrum(self, 1, x)
+      call find_coefficients(self, samples(:, 1), x)
    end subroutine transform_to_coefficients_of_one
 
-   !> Coefficients from the spectrum of one channel.
-   pure subroutine read_spectrum(self, channel, x)
-      type(transform_t), intent(in) :: self
-      integer, intent(in) :: channel
+   subroutine find_coefficients(self, samples, x)
+      type(transform_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous :: samples(:)
       real(wp), intent(out) :: x(:)
+      complex(wp), pointer, contiguous :: spectrum(:)
+      complex(wp) :: c
       integer :: h
       real(wp) :: weight
 
+      call self%fft%to_spectrum(samples, spectrum)
       weight = 2.0_wp/self%torus%n_total
-      associate (set => self%harmonics, spectra => self%spectra%values)
-         if (set%has_zero) x(1) = 0.5_wp*weight*real(spectra(self%at(1), channel))
-         do h = merge(2, 1, set%has_zero), set%n_harmonics
-            x(set%cos_at(h)) = weight*real(spectra(self%at(h), channel))
-            x(set%sin_at(h)) = -weight*aimag(spectra(self%at(h), channel))
+      associate (set => self%harmonics)
+         do h = 1, set%n_harmonics
+            c = weight*(self%near_share(h)*spectrum(self%at(h)) + self%far_share(h)*conjg(spectrum(self%mirror_at(h))))
+            if (h == 1 .and. set%has_zero) then
+               x(1) = 0.5_wp*real(c)
+            else
+               x(set%cos_at(h)) = real(c)
+               x(set%sin_at(h)) = -aimag(c)
+            end if
          end do
       end associate
-   end subroutine read_spectrum
+   end subroutine find_coefficients
 
-   !> Fills the table of `factor` times the function sampled in one column of `samples`. The table's index arrays are made at
-   !> its first use.
+   !> Makes room for products: plans the transform of their tuples and lays out their table, at its first use.
+   subroutine transform_prepare_products(self, table, error)
+      class(transform_t), intent(inout) :: self
+      type(product_table_t), intent(inout) :: table
+      type(error_t), allocatable, intent(out) :: error
+
+      if (allocated(table%at)) return
+      call new_packed_fft(self%products, self%torus%n_samples, 2*self%harmonics%highest, .false., self%effort, error)
+      if (.not. allocated(error)) call index_table(self, table)
+   end subroutine transform_prepare_products
+
+   !> Fills the table of `factor` times the function sampled in one column of `samples`, after `prepare_products`.
    subroutine transform_tabulate_product(self, samples, column, table, factor)
       class(transform_t), intent(inout) :: self
-      real(wp), intent(inout), contiguous, target :: samples(:, :)    !! (n_total, any); unchanged
+      real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, any); unchanged
       integer, intent(in) :: column
       type(product_table_t), intent(inout) :: table
       real(wp), intent(in) :: factor
-      integer :: i, place
+      complex(wp), pointer, contiguous :: spectrum(:)
+      complex(wp) :: c
+      integer :: first, i, m, n
       real(wp) :: weight
 
-      if (.not. allocated(table%source)) call index_table(self, table)
       weight = factor/self%torus%n_total
-      call self%single_plan%to_spectrum(samples(:, column:column), self%spectra%values)
-      do i = 1, size(table%source)
-         place = abs(table%source(i))
-         table%cosine(i) = weight*real(self%spectra%values(place, 1))
-         table%sine(i) = -sign(weight, real(table%source(i), wp))*aimag(self%spectra%values(place, 1))
+      call self%products%to_spectrum(samples(:, column), spectrum)
+      n = size(table%at)
+      do first = 0, n - 1, size(table%near_share)
+         do m = 1, size(table%near_share)
+            i = first + m
+            c = weight*(table%near_share(m)*spectrum(table%at(i)) + table%far_share(m)*conjg(spectrum(table%at(n + 1 - i))))
+            table%cosine(i) = real(c)
+            table%sine(i) = -aimag(c)
+         end do
       end do
    end subroutine transform_tabulate_product
 
@@ -203,30 +240,28 @@ contains
       integer :: extent(self%harmonics%n_tones), stride(self%harmonics%n_tones), j(self%harmonics%n_tones)
       integer :: h, i, m, rest
 
-      associate (set => self%harmonics, n => self%torus%n_samples)
+      associate (set => self%harmonics)
          extent = 4*set%highest + 1
          stride(1) = 1
          do m = 2, set%n_tones
             stride(m) = stride(m - 1)*extent(m - 1)
          end do
          table%centre = 1 + dot_product(2*set%highest, stride)
-         allocate (table%offset(set%n_harmonics), table%source(product(extent)))
+         allocate (table%offset(set%n_harmonics), table%at(product(extent)))
          do h = 1, set%n_harmonics
             table%offset(h) = dot_product(set%tuples(:, h), stride)
          end do
-         do i = 1, size(table%source)
+         do i = 1, size(table%at)
             rest = i - 1
             do m = 1, set%n_tones
-               j(m) = modulo(modulo(rest, extent(m)) - 2*set%highest(m), n(m))
+               j(m) = modulo(rest, extent(m)) - 2*set%highest(m)
                rest = rest/extent(m)
             end do
-            if (j(1) <= n(1)/2) then
-               table%source(i) = spectrum_place(j, n)
-            else
-               table%source(i) = -spectrum_place(-j, n)
-            end if
+            table%at(i) = self%products%place(j)
          end do
-         allocate (table%cosine(size(table%source)), table%sine(size(table%source)))
+         allocate (table%near_share(extent(1)), table%far_share(extent(1)))
+         call self%products%shares([(m - 2*set%highest(1), m=0, extent(1) - 1)], table%near_share, table%far_share)
+         allocate (table%cosine(size(table%at)), table%sine(size(table%at)))
       end associate
    end subroutine index_table
 
@@ -269,20 +304,7 @@ contains
    subroutine transform_destroy(self)
       class(transform_t), intent(inout) :: self
 
-      call self%batch_plan%destroy()
-      call self%single_plan%destroy()
-      call self%spectra%destroy()
+      call self%fft%destroy()
+      call self%products%destroy()
    end subroutine transform_destroy
-
-   !> Place of tuple j (wrapped modulo the grid, its first entry then at most n_1/2) in the half spectrum.
-   pure integer function spectrum_place(j, n)
-      integer, intent(in) :: j(:), n(:)
-      integer :: m
-
-      spectrum_place = 0
-      do m = size(n), 2, -1
-         spectrum_place = spectrum_place*n(m) + modulo(j(m), n(m))
-      end do
-      spectrum_place = spectrum_place*(n(1)/2 + 1) + modulo(j(1), n(1)) + 1
-   end function spectrum_place
 end module hb_transform
