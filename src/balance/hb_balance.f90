@@ -27,6 +27,8 @@ module hb_balance
    private
    public :: balance_t, new_balance
 
+   integer, parameter :: by_motion = 1, by_rate = 2, by_reaction = 3, n_parts = 3   ! of products: what slopes multiply
+
    !> Owner of outside resources: call `destroy`.
    type, extends(problem_t) :: balance_t
       type(harmonics_t) :: harmonics
@@ -229,7 +231,7 @@ contains
       end do
       if (allocated(self%reaction)) deallocate (self%reaction, self%force, self%columns)
       allocate (self%reaction(harmonics%n_coefficients, self%n_dofs), self%force(harmonics%n_coefficients, self%n_dofs))
-      allocate (self%columns(harmonics%n_coefficients, 2))
+      allocate (self%columns(harmonics%n_coefficients, 2), source=0.0_wp)
       self%table = product_table_t()
       if (self%law_set%has_memory) then
          self%u_before = self%reaction
@@ -337,6 +339,10 @@ contains
       complex(wp) :: c, s(self%n_dofs)
       integer :: h, k
 
+      if (self%n_dofs == 1) then
+         call find_reaction_of_one(self, u(:, 1), load_factor)
+         return
+      end if
       associate (pattern => self%stiffness%pattern, set => self%harmonics)
          do h = 1, set%n_harmonics
             associate (cosine => set%cos_at(h), sine => set%sin_at(h))
@@ -354,6 +360,29 @@ contains
          end do
       end associate
    end subroutine find_reaction
+
+   !> The same of a single degree of freedom, to which most scenes are condensed, without its loops.
+   pure subroutine find_reaction_of_one(self, u, load_factor)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: u(:)
+      real(wp), intent(in) :: load_factor
+      complex(wp) :: s
+      integer :: h, first
+
+      associate (stiffness => self%stiffness%condensed, load => self%stiffness%load, set => self%harmonics, &
+                 reaction => self%reaction)
+         first = 1
+         if (set%has_zero) then
+            first = 2
+            reaction(1, 1) = real(load_factor*load(1, 1) - stiffness(1, 1, 1)*u(1))
+         end if
+         do h = first, set%n_harmonics
+            s = load_factor*load(1, h) - stiffness(1, 1, h)*cmplx(u(set%cos_at(h)), -u(set%sin_at(h)), wp)
+            reaction(set%cos_at(h), 1) = real(s)
+            reaction(set%sin_at(h), 1) = -aimag(s)
+         end do
+      end associate
+   end subroutine find_reaction_of_one
 
    subroutine balance_linearise(self, x, is_ready)
       class(balance_t), intent(inout) :: self

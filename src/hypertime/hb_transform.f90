@@ -34,18 +34,19 @@ module hb_transform
       procedure :: destroy => transform_destroy
    end type transform_t
 
-   !> Fourier coefficients of a sampled function g at all sums and differences of the kept tuples, in the basis of
-   !> cos and sin. They hold the matrix of the operator x -> projection of g x; see `columns`.
+   !> Fourier coefficients of a few sampled functions g, its parts, at all sums and differences of the kept tuples. They hold the
+   !> matrices of the operators x -> projection of g x; see `columns`.
    type :: product_table_t
       integer :: centre = 0                                           !! place of tuple zero in the tables
       integer, allocatable :: offset(:)                               !! (n_harmonics) place of j, relative to the centre
-      real(wp), allocatable :: cosine(:), sine(:)                     !! mean of g cos(m.tau), g sin(m.tau); first tone fastest
-      integer, allocatable, private :: at(:)                          ! as cosine, place in the spectrum; that of -m stands
+      complex(wp), allocatable :: mean(:, :)                          !! of g exp(i m.tau), last tone fastest; (any, parts)
+      integer, allocatable, private :: at(:)                          ! of the same m, place in the spectrum; that of -m stands
                                                                       ! as far from the other end
       complex(wp), allocatable, private :: near_share(:), far_share(:)     ! by m_1
    contains
       procedure :: columns => product_table_columns
       procedure :: columns_among => product_table_columns_among
+      procedure :: add_columns => product_table_add_columns
    end type product_table_t
 
 contains
@@ -59,7 +60,8 @@ contains
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
       logical, allocatable :: is_used(:)
-      integer :: h
+      integer :: first(0:harmonics%highest(1)), h
+      complex(wp), dimension(0:harmonics%highest(1)) :: far, near
 
       call self%destroy()
       self%harmonics = harmonics
@@ -70,11 +72,13 @@ contains
       if (allocated(error)) return
       self%at = [(self%fft%place(harmonics%tuples(:, h)), h=1, harmonics%n_harmonics)]
       self%mirror_at = [(self%fft%place(-harmonics%tuples(:, h)), h=1, harmonics%n_harmonics)]
-      if (allocated(self%near_factor)) deallocate (self%near_factor, self%far_factor, self%near_share, self%far_share)
-      allocate (self%near_factor(harmonics%n_harmonics), self%far_factor(harmonics%n_harmonics))
-      allocate (self%near_share(harmonics%n_harmonics), self%far_share(harmonics%n_harmonics))
-      call self%fft%factors(harmonics%tuples(1, :), self%near_factor, self%far_factor)
-      call self%fft%shares(harmonics%tuples(1, :), self%near_share, self%far_share)
+      first = [(h, h=0, size(first) - 1)]                             ! of kept tuples none is negative
+      call self%fft%factors(first, near, far)
+      self%near_factor = near(harmonics%tuples(1, :))
+      self%far_factor = far(harmonics%tuples(1, :))
+      call self%fft%shares(first, near, far)
+      self%near_share = near(harmonics%tuples(1, :))
+      self%far_share = far(harmonics%tuples(1, :))
       allocate (is_used(size(self%fft%spectrum())), source=.false.)
       is_used(self%at) = .true.
       is_used(self%mirror_at) = .true.
@@ -197,54 +201,55 @@ contains
    end subroutine find_coefficients
 
    !> Makes room for products: plans the transform of their tuples and lays out their table, at its first use.
-   subroutine transform_prepare_products(self, table, error)
+   subroutine transform_prepare_products(self, table, n_parts, error)
       class(transform_t), intent(inout) :: self
       type(product_table_t), intent(inout) :: table
+      integer, intent(in) :: n_parts                                  !! functions held at once, the same each time
       type(error_t), allocatable, intent(out) :: error
 
       if (allocated(table%at)) return
       call new_packed_fft(self%products, self%torus%n_samples, 2*self%harmonics%highest, .false., self%effort, error)
-      if (.not. allocated(error)) call index_table(self, table)
+      if (.not. allocated(error)) call index_table(self, table, n_parts)
    end subroutine transform_prepare_products
 
-   !> Fills the table of `factor` times the function sampled in one column of `samples`, after `prepare_products`.
-   subroutine transform_tabulate_product(self, samples, column, table, factor)
+   !> Fills one part of the table with `factor` times the function sampled in one column of `samples`, after `prepare_products`.
+   subroutine transform_tabulate_product(self, samples, column, table, part, factor)
       class(transform_t), intent(inout) :: self
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, any); unchanged
       integer, intent(in) :: column
       type(product_table_t), intent(inout) :: table
+      integer, intent(in) :: part
       real(wp), intent(in) :: factor
       complex(wp), pointer, contiguous :: spectrum(:)
-      complex(wp) :: c
-      integer :: first, i, m, n
-      real(wp) :: weight
+      complex(wp) :: far, near
+      integer :: i, m, n, n_inner
 
-      weight = factor/self%torus%n_total
       call self%products%to_spectrum(samples(:, column), spectrum)
       n = size(table%at)
-      do first = 0, n - 1, size(table%near_share)
-         do m = 1, size(table%near_share)
-            i = first + m
-            c = weight*(table%near_share(m)*spectrum(table%at(i)) + table%far_share(m)*conjg(spectrum(table%at(n + 1 - i))))
-            table%cosine(i) = real(c)
-            table%sine(i) = -aimag(c)
+      n_inner = n/size(table%near_share)
+      do m = 1, size(table%near_share)
+         near = factor/self%torus%n_total*table%near_share(m)
+         far = factor/self%torus%n_total*table%far_share(m)
+         do i = (m - 1)*n_inner + 1, m*n_inner
+            table%mean(i, part) = conjg(near*spectrum(table%at(i)) + far*conjg(spectrum(table%at(n + 1 - i))))
          end do
       end do
    end subroutine transform_tabulate_product
 
    !> Lays out the table over all m with |m_n| <= 2 N_n, wrapped onto the grid, so that what it holds is the exact
    !> derivative of the discrete projection, aliases included.
-   subroutine index_table(self, table)
+   subroutine index_table(self, table, n_parts)
       type(transform_t), intent(in) :: self
       type(product_table_t), intent(inout) :: table
+      integer, intent(in) :: n_parts
       integer :: extent(self%harmonics%n_tones), stride(self%harmonics%n_tones), j(self%harmonics%n_tones)
       integer :: h, i, m, rest
 
       associate (set => self%harmonics)
          extent = 4*set%highest + 1
-         stride(1) = 1
-         do m = 2, set%n_tones
-            stride(m) = stride(m - 1)*extent(m - 1)
+         stride(set%n_tones) = 1
+         do m = set%n_tones - 1, 1, -1
+            stride(m) = stride(m + 1)*extent(m + 1)
          end do
          table%centre = 1 + dot_product(2*set%highest, stride)
          allocate (table%offset(set%n_harmonics), table%at(product(extent)))
@@ -253,7 +258,7 @@ contains
          end do
          do i = 1, size(table%at)
             rest = i - 1
-            do m = 1, set%n_tones
+            do m = set%n_tones, 1, -1
                j(m) = modulo(rest, extent(m)) - 2*set%highest(m)
                rest = rest/extent(m)
             end do
@@ -261,44 +266,107 @@ contains
          end do
          allocate (table%near_share(extent(1)), table%far_share(extent(1)))
          call self%products%shares([(m - 2*set%highest(1), m=0, extent(1) - 1)], table%near_share, table%far_share)
-         allocate (table%cosine(size(table%at)), table%sine(size(table%at)))
+         allocate (table%mean(size(table%at), n_parts))
       end associate
    end subroutine index_table
 
-   !> The two columns, for cosine and sine of harmonic k, of the matrix of x -> projection of g x:
+   !> The two columns, for cosine and sine of harmonic k, of the matrix of x -> projection of g x, with g a part of the table:
    !> its entry at cosine j, cosine k is mean g [cos((j-k).tau) + cos((j+k).tau)], and so on by the product formulas,
    !> half of that in the row of the zero tuple. Source: docs/theory.md, eq. (11).
-   pure subroutine product_table_columns(self, set, k, cosine_column, sine_column)
+   pure subroutine product_table_columns(self, part, set, k, cosine_column, sine_column)
       class(product_table_t), intent(in) :: self
+      integer, intent(in) :: part
       type(harmonics_t), intent(in) :: set
       integer, intent(in) :: k                                        !! harmonic
-      real(wp), intent(out) :: cosine_column(:), sine_column(:)       !! (n_coefficients); the sine of tuple zero is zero
+      real(wp), intent(out), contiguous :: cosine_column(:), sine_column(:)  !! (n_coefficients); the sine of tuple zero is zero
 
-      call self%columns_among(set, self%offset, self%offset(k), cosine_column, sine_column)
+      call self%columns_among(part, set, self%offset, self%offset(k), cosine_column, sine_column)
    end subroutine product_table_columns
 
    !> The same columns in the rows of some of the harmonics alone.
-   pure subroutine product_table_columns_among(self, set, offsets, offset, cosine_column, sine_column)
+   pure subroutine product_table_columns_among(self, part, set, offsets, offset, cosine_column, sine_column)
       class(product_table_t), intent(in) :: self
+      integer, intent(in) :: part
       type(harmonics_t), intent(in) :: set                            !! of these harmonics
       integer, intent(in) :: offsets(:)                               !! those of `offset`, (set%n_harmonics)
       integer, intent(in) :: offset                                   !! that of the column
-      real(wp), intent(out) :: cosine_column(:), sine_column(:)       !! (set%n_coefficients)
-      integer :: h, minus, plus
+      real(wp), intent(out), contiguous :: cosine_column(:), sine_column(:)  !! (set%n_coefficients)
+      complex(wp) :: difference, total
+      integer :: first, h, last, minus, plus, row
 
-      do h = merge(2, 1, set%has_zero), set%n_harmonics
-         minus = self%centre + offsets(h) - offset
-         plus = self%centre + offsets(h) + offset
-         cosine_column(set%cos_at(h)) = self%cosine(plus) + self%cosine(minus)
-         cosine_column(set%sin_at(h)) = self%sine(plus) + self%sine(minus)
-         sine_column(set%cos_at(h)) = self%sine(plus) - self%sine(minus)
-         sine_column(set%sin_at(h)) = self%cosine(minus) - self%cosine(plus)
-      end do
+      last = 0
+      row = 0
       if (set%has_zero) then
-         cosine_column(1) = self%cosine(self%centre + offset)
-         sine_column(1) = self%sine(self%centre + offset)
+         cosine_column(1) = real(self%mean(self%centre + offset, part))
+         sine_column(1) = aimag(self%mean(self%centre + offset, part))
+         last = 1
+         row = -1
       end if
+      do while (last < set%n_harmonics)                               ! one run of neighbours in the table after the other
+         first = last + 1
+         call find_run(offsets, first, last)
+         minus = self%centre + offsets(first) - first - offset
+         plus = self%centre + offsets(first) - first + offset
+         do h = first, last
+            total = self%mean(plus + h, part) + self%mean(minus + h, part)
+            difference = self%mean(plus + h, part) - self%mean(minus + h, part)
+            cosine_column(row + 2*h - 1) = real(total)
+            cosine_column(row + 2*h) = aimag(total)
+            sine_column(row + 2*h - 1) = aimag(difference)
+            sine_column(row + 2*h) = -real(difference)
+         end do
+      end do
    end subroutine product_table_columns_among
+
+   !> Adds a times the columns of `columns` and b times what a quarter of a turn makes of them: to that of the cosine b times that
+   !> of the sine, to that of the sine -b times that of the cosine.
+   pure subroutine product_table_add_columns(self, part, set, k, a, b, cosine_column, sine_column)
+      class(product_table_t), intent(in) :: self
+      integer, intent(in) :: part
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: k                                        !! harmonic
+      real(wp), intent(in) :: a, b
+      real(wp), intent(inout), contiguous :: cosine_column(:), sine_column(:)  !! (n_coefficients)
+      complex(wp) :: difference, total
+      integer :: first, h, last, minus, plus, row
+
+      last = 0
+      row = 0
+      if (set%has_zero) then
+         total = self%mean(self%centre + self%offset(k), part)
+         cosine_column(1) = cosine_column(1) + a*real(total) + b*aimag(total)
+         sine_column(1) = sine_column(1) + a*aimag(total) - b*real(total)
+         last = 1
+         row = -1
+      end if
+      do while (last < set%n_harmonics)
+         first = last + 1
+         call find_run(self%offset, first, last)
+         minus = self%centre + self%offset(first) - first - self%offset(k)
+         plus = self%centre + self%offset(first) - first + self%offset(k)
+         do h = first, last
+            total = self%mean(plus + h, part) + self%mean(minus + h, part)
+            difference = self%mean(plus + h, part) - self%mean(minus + h, part)
+            cosine_column(row + 2*h - 1) = cosine_column(row + 2*h - 1) + a*real(total) + b*aimag(difference)
+            cosine_column(row + 2*h) = cosine_column(row + 2*h) + a*aimag(total) - b*real(difference)
+            sine_column(row + 2*h - 1) = sine_column(row + 2*h - 1) + a*aimag(difference) - b*real(total)
+            sine_column(row + 2*h) = sine_column(row + 2*h) - a*real(difference) - b*aimag(total)
+         end do
+      end do
+   end subroutine product_table_add_columns
+
+   !> The last of the harmonics from `first` on that stand side by side in a table.
+   pure subroutine find_run(offsets, first, last)
+      integer, intent(in) :: offsets(:)
+      integer, intent(in) :: first
+      integer, intent(out) :: last
+
+      last = first
+      do while (last < size(offsets))
+         if (offsets(last + 1) /= offsets(last) + 1) exit
+         last = last + 1
+      end do
+   end subroutine find_run
 
    !> Frees plans and memory; safe to call twice.
    subroutine transform_destroy(self)

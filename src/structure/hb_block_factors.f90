@@ -81,6 +81,15 @@ contains
       complex(wp) :: c(self%pattern%n)
       integer :: h, i
 
+      if (self%pattern%n == 1) then                          ! without calls for each harmonic
+         if (set%has_zero) x(1, 1) = real(r(1, 1)/self%matrix(1, 1, 1))
+         do h = merge(2, 1, set%has_zero), set%n_harmonics
+            c(1) = cmplx(r(set%cos_at(h), 1), -r(set%sin_at(h), 1), wp)/self%matrix(1, 1, h)
+            x(set%cos_at(h), 1) = real(c(1))
+            x(set%sin_at(h), 1) = -aimag(c(1))
+         end do
+         return
+      end if
       do h = 1, set%n_harmonics
          do i = 1, self%pattern%n
             c(i) = set%amplitude(r(:, i), h)
