@@ -33,14 +33,18 @@ contains
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
       logical, intent(out) :: is_singular
-      integer :: i, info, n
+      real(wp) :: per_force(size(x))
+      integer :: i, info, n, n_finite
 
       n = problem%n_unknowns
       call problem%tangent(x, self%jacobian)
+      per_force = 1.0_wp/problem%r_scale                              ! a division for each entry would take long
+      n_finite = 0
       do i = 1, n
-         self%jacobian(:, i) = self%jacobian(:, i)*(problem%x_scale(i)/problem%r_scale)
+         self%jacobian(:, i) = self%jacobian(:, i)*(problem%x_scale(i)*per_force)
+         n_finite = n_finite + merge(1, 0, count(ieee_is_finite(self%jacobian(:, i))) == n)
       end do
-      is_singular = .not. all(ieee_is_finite(self%jacobian))
+      is_singular = n_finite < n
       if (is_singular) return                                         ! LAPACK must not meet NaN where exceptions stop it
       call dgetrf(n, n, self%jacobian, n, self%pivots, info)
       is_singular = info /= 0
