@@ -6,6 +6,7 @@ program nhbm
    use exit_status, only: bad_input, not_all_right, success
    use hb_error, only: error_t, fail
    use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
+   use hb_system, only: keep_freed_memory
    use hb_text, only: closest_word, join, string_t
    use hb_version, only: git_commit, program_version
    use verb_bench, only: run_bench
@@ -44,6 +45,7 @@ program nhbm
    type(comm_t) :: comm
    integer :: status
 
+   call keep_freed_memory()
    call start_mpi()
    comm = world()
    status = success

@@ -158,22 +158,30 @@ contains
    !>
    !> Executed from any other place of the leading axis they transform the `n_inner` columns from there on. What is executed
    !> later must be aligned to 16 bytes, as each column of the blocks of this module is. Plans outlive their users.
-   subroutine new_axis_plan(self, n, n_inner, n_outer, lead_spectrum, lead_samples, effort, spectrum, samples, error)
+   subroutine new_axis_plan(self, n, n_inner, n_outer, lead_spectrum, lead_samples, effort, error)
       type(axis_plan_t), intent(inout) :: self
       integer, intent(in) :: n, n_inner, n_outer
       integer, intent(in) :: lead_spectrum, lead_samples              !! >= n_inner
       integer, intent(in) :: effort                                   !! one of `planning`
-      complex(wp), intent(inout), contiguous :: spectrum(:, :), samples(:, :)   !! overwritten while planning
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: key(:)
       type(c_ptr) :: backward, forward
+      type(complex_block_t) :: samples, spectrum
 
       call self%destroy()
       key = [is_along_axis, effort, n, n_inner, n_outer, lead_spectrum, lead_samples]
       self%slot = slot_of(key)
       if (self%slot == 0) then
-         call plan_axis(n, n_inner, n_outer, lead_spectrum, lead_samples, effort, spectrum, samples, backward, forward)
-         call keep(key, backward, forward, self%slot)
+         call new_complex_block(spectrum, lead_spectrum*n*n_outer, 1, error)
+         if (.not. allocated(error)) call new_complex_block(samples, lead_samples*n*n_outer, 1, error)
+         if (.not. allocated(error)) then
+            call plan_axis(n, n_inner, n_outer, lead_spectrum, lead_samples, effort, spectrum%values, samples%values, &
+                           backward, forward)
+            call keep(key, backward, forward, self%slot)
+         end if
+         call spectrum%destroy()
+         call samples%destroy()
+         if (allocated(error)) return
       end if
       call borrow(self%slot, self%backward, self%forward, error)
    end subroutine new_axis_plan

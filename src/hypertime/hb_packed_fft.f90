@@ -15,7 +15,15 @@ module hb_packed_fft
    use hb_kinds, only: two_pi, wp
    implicit none
    private
-   public :: new_packed_fft, packed_fft_t
+   public :: new_packed_fft, packed_fft_t, way
+
+   !> The ways that a transform goes; each needs arrays of its own.
+   type :: way_t
+      integer :: both = 0
+      integer :: to_samples = 1
+      integer :: to_spectrum = 2
+   end type way_t
+   type(way_t), parameter :: way = way_t()
 
    !> Transforms along one tone, from a spectrum in which lower tones stand close together and this one at full length, to one
    !> in which the next lower tone has its full length as well.
@@ -37,6 +45,7 @@ module hb_packed_fft
       type(complex_block_t), private :: loose                         ! samples as complex numbers, where not two are together
    contains
       procedure :: place => packed_fft_place
+      procedure :: n_places => packed_fft_n_places
       procedure :: factors => packed_fft_factors
       procedure :: shares => packed_fft_shares
       procedure :: spectrum => packed_fft_spectrum
@@ -48,14 +57,13 @@ module hb_packed_fft
 contains
 
    !> Plans the transforms of one function at a time on a grid, between samples and tuples with |j_m| <= highest(m).
-   subroutine new_packed_fft(self, n_samples, highest, both_ways, effort, error)
+   subroutine new_packed_fft(self, n_samples, highest, ways, effort, error)
       type(packed_fft_t), intent(inout) :: self
       integer, intent(in) :: n_samples(:)                             !! (n_tones)
       integer, intent(in) :: highest(:)                               !! (n_tones) >= 0; larger than the grid tells apart: all
-      logical, intent(in) :: both_ways                                !! else to the spectrum alone
+      integer, intent(in) :: ways                                     !! one of `way`
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
-      type(complex_block_t) :: scratch
       integer :: grid(size(n_samples)), m, n_tones
 
       call self%destroy()
@@ -68,17 +76,16 @@ contains
       self%extent = min(grid, 2*highest + 2)
       self%extent(n_tones) = grid(n_tones)
       allocate (self%stages(n_tones))
-      call new_complex_block(scratch, product(grid), 1, error)
+      do m = 1, n_tones
+         if (.not. allocated(error)) call plan_stage(self%stages(m), m)
+         if (ways /= way%to_spectrum .and. .not. allocated(error)) &
+            call new_complex_block(self%stages(m)%spectrum, product(self%extent(:m - 1))*product(grid(m:)), 1, error)
+      end do
+      if (self%n_together == 1 .and. .not. allocated(error)) call new_complex_block(self%loose, product(grid), 1, error)
+      if (ways == way%to_samples) return
       if (.not. allocated(error)) call new_complex_block(self%work(1), product(grid), 1, error)
       if (.not. allocated(error) .and. n_tones > 1) &
          call new_complex_block(self%work(2), self%extent(1)*product(grid(2:)), 1, error)
-      if (.not. allocated(error) .and. self%n_together == 1) call new_complex_block(self%loose, product(grid), 1, error)
-      do m = 1, n_tones
-         if (.not. allocated(error)) call plan_stage(self%stages(m), m)
-         if (both_ways .and. .not. allocated(error)) &
-            call new_complex_block(self%stages(m)%spectrum, product(self%extent(:m - 1))*product(grid(m:)), 1, error)
-      end do
-      call scratch%destroy()
 
    contains
 
@@ -101,7 +108,7 @@ contains
             stage%high_samples = before*next_grid - n_inner
          end if
          call new_axis_plan(stage%plan, grid(m), n_inner, product(grid(m + 1:)), before*next, before*next_grid, effort, &
-                            self%work(1)%values, scratch%values, error)
+                            error)
       end subroutine plan_stage
    end subroutine new_packed_fft
 
@@ -155,6 +162,13 @@ contains
       angle = two_pi*modulo(first, self%n_first)/self%n_first
       turn_by = cmplx(cos(angle), sin(angle), wp)
    end function turn_by
+
+   !> Number of places in the spectrum.
+   pure integer function packed_fft_n_places(self)
+      class(packed_fft_t), intent(in) :: self
+
+      packed_fft_n_places = product(self%extent)
+   end function packed_fft_n_places
 
    !> The spectrum from which `to_samples` starts, zero at first and left as it is: who writes always the same places has
    !> nothing to clear.

@@ -6,7 +6,7 @@ module hb_transform
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_packed_fft, only: new_packed_fft, packed_fft_t
+   use hb_packed_fft, only: new_packed_fft, packed_fft_t, way
    use hb_torus, only: torus_t
    implicit none
    private
@@ -51,16 +51,17 @@ module hb_transform
 
 contains
 
-   !> Plans the transforms of `n_channels` functions.
-   subroutine new_transform(self, harmonics, torus, n_channels, effort, error)
+   !> Plans the transforms of `n_channels` functions, both ways or one of them.
+   subroutine new_transform(self, harmonics, torus, n_channels, effort, error, ways)
       type(transform_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: n_channels                               !! >= 1
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: ways                           !! one of hb_packed_fft%way, default: both
       logical, allocatable :: is_used(:)
-      integer :: first(0:harmonics%highest(1)), h
+      integer :: chosen, first(0:harmonics%highest(1)), h
       complex(wp), dimension(0:harmonics%highest(1)) :: far, near
 
       call self%destroy()
@@ -68,7 +69,9 @@ contains
       self%torus = torus
       self%n_channels = n_channels
       self%effort = effort
-      call new_packed_fft(self%fft, torus%n_samples, harmonics%highest, .true., effort, error)
+      chosen = way%both
+      if (present(ways)) chosen = ways
+      call new_packed_fft(self%fft, torus%n_samples, harmonics%highest, chosen, effort, error)
       if (allocated(error)) return
       self%at = [(self%fft%place(harmonics%tuples(:, h)), h=1, harmonics%n_harmonics)]
       self%mirror_at = [(self%fft%place(-harmonics%tuples(:, h)), h=1, harmonics%n_harmonics)]
@@ -79,7 +82,7 @@ contains
       call self%fft%shares(first, near, far)
       self%near_share = near(harmonics%tuples(1, :))
       self%far_share = far(harmonics%tuples(1, :))
-      allocate (is_used(size(self%fft%spectrum())), source=.false.)
+      allocate (is_used(self%fft%n_places()), source=.false.)
       is_used(self%at) = .true.
       is_used(self%mirror_at) = .true.
       self%has_shared_places = count(is_used) < 2*harmonics%n_harmonics - merge(1, 0, harmonics%has_zero)
@@ -208,7 +211,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (allocated(table%at)) return
-      call new_packed_fft(self%products, self%torus%n_samples, 2*self%harmonics%highest, .false., self%effort, error)
+      call new_packed_fft(self%products, self%torus%n_samples, 2*self%harmonics%highest, way%to_spectrum, self%effort, error)
       if (.not. allocated(error)) call index_table(self, table, n_parts)
    end subroutine transform_prepare_products
 
