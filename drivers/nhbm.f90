@@ -7,6 +7,7 @@ program nhbm
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
+   use hb_system, only: keep_freed_memory
    use hb_text, only: join, string_t
    use hb_version, only: git_commit, program_version
    use verb_bench, only: run_bench
@@ -45,6 +46,7 @@ program nhbm
    type(comm_t) :: comm
    integer :: status
 
+   call keep_freed_memory()
    call start_mpi()
    comm = world()
    status = success

@@ -8,6 +8,7 @@
 !>
 !> Glossary: u unknowns, S condensed dynamic stiffness, s reaction = F_ext - S u, q motion and v rate on the samples.
 module hb_balance
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_block_factors, only: block_factors_t
    use hb_block_pattern, only: block_pattern_t
    use hb_coarse_tangent, only: coarse_tangent_t
@@ -27,6 +28,8 @@ module hb_balance
    implicit none
    private
    public :: balance_t, new_balance
+
+   integer, parameter :: by_motion = 1, by_rate = 2, by_reaction = 3, n_parts = 3   ! of products: what slopes multiply
 
    !> Owner of outside resources: call `destroy`.
    type, extends(problem_t) :: balance_t
@@ -74,6 +77,7 @@ module hb_balance
       procedure :: linear_solution => balance_linear_solution
       procedure :: sample => balance_sample
       procedure :: project => balance_project
+      procedure :: project_one => balance_project_one
       procedure :: all_dofs => balance_all_dofs
       procedure :: destroy => balance_destroy
    end type balance_t
@@ -242,7 +246,7 @@ contains
       end do
       if (allocated(self%reaction)) deallocate (self%reaction, self%force, self%columns)
       allocate (self%reaction(harmonics%n_coefficients, self%n_dofs), self%force(harmonics%n_coefficients, self%n_dofs))
-      allocate (self%columns(harmonics%n_coefficients, 2))
+      allocate (self%columns(harmonics%n_coefficients, 2), source=0.0_wp)
       self%table = product_table_t()
       if (self%law_set%has_memory) then
          self%u_before = self%reaction
@@ -281,6 +285,7 @@ contains
       call balance_sample(self, u)
       call self%law_set%evaluate()
       call self%transform%to_coefficients(self%law_set%f%values, self%force)
+      if (.not. all(ieee_is_finite(self%force(1, :)))) call self%law_set%listen()
       r = self%law_factor*self%force - self%reaction
       call add_support(self, u, r)
    end subroutine balance_residual_of
@@ -456,6 +461,15 @@ contains
       if (kind == deformation%nonlinearity) self%law_factor = amount
       if (kind == deformation%load) self%load_factor = amount
    end subroutine balance_deform
+
+   !> Coefficients of one sampled function, such as a column of `law_set%force_of`.
+   subroutine balance_project_one(self, samples, coefficients)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_samples, 1), aligned as those of law_set
+      real(wp), intent(out) :: coefficients(:)                        !! (n_coefficients)
+
+      call self%transform%to_coefficients_of_one(samples, coefficients)
+   end subroutine balance_project_one
 
    !> Coefficients of sampled functions at the degrees of freedom of the laws, such as the forces `law_set%f`.
    subroutine balance_project(self, samples, coefficients)

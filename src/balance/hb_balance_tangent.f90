@@ -23,9 +23,37 @@ contains
       real(wp), intent(out) :: jacobian(self%harmonics%n_coefficients, self%n_dofs, &
                                         self%harmonics%n_coefficients, self%n_dofs)
       type(error_t), allocatable :: error
+      logical :: is_filled(self%n_dofs, self%n_dofs)
       integer :: h, i, k
 
-      jacobian = 0.0_wp
+      call balance_sample(self, u)
+      call self%law_set%differentiate(error)
+      if (.not. allocated(error)) call self%transform%prepare_products(self%table, n_parts, error)
+      if (allocated(error)) then                                      ! out of memory: no tangent, the solver sees it
+         jacobian = 0.0_wp
+         return
+      end if
+      is_filled = .false.                                             ! by the products of a pair, before anything is added
+      if (self%n_dofs == 1 .or. .not. self%law_set%needs_reaction) then
+         do i = 1, self%law_set%n_pairs
+            is_filled(self%law_set%row(i), self%law_set%column(i)) = .true.
+         end do
+      end if
+      do k = 1, self%n_dofs
+         do i = 1, self%n_dofs
+            if (.not. is_filled(i, k)) jacobian(:, i, :, k) = 0.0_wp
+         end do
+      end do
+      do i = 1, self%law_set%n_pairs
+         associate (row => self%law_set%row(i), column => self%law_set%column(i))
+            call self%transform%tabulate_product(self%law_set%df_dq%values, i, self%table, by_motion, self%law_factor)
+            if (self%law_set%needs_velocity) &
+               call self%transform%tabulate_product(self%law_set%df_dv%values, i, self%table, by_rate, self%law_factor)
+            if (self%law_set%needs_reaction) &
+               call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table, by_reaction, self%law_factor)
+            call put_products(self, row, column, is_filled(row, column), jacobian)
+         end associate
+      end do
       do k = 1, self%n_dofs
          do h = 1, self%harmonics%n_harmonics
             do i = self%stiffness%pattern%first(k), self%stiffness%pattern%last(k)
@@ -33,28 +61,6 @@ contains
             end do
             if (self%is_singular(h)) call add_support(h, k)
          end do
-      end do
-      call balance_sample(self, u)
-      call self%law_set%differentiate(error)
-      if (allocated(error)) then                                      ! out of memory: no tangent, the solver sees it
-         jacobian = 0.0_wp
-         return
-      end if
-      do i = 1, self%law_set%n_pairs
-         associate (row => self%law_set%row(i), column => self%law_set%column(i))
-            call self%transform%tabulate_product(self%law_set%df_dq%values, i, self%table, self%law_factor)
-            call add_motion(self, jacobian(:, row, :, column))
-            if (self%law_set%needs_velocity) then
-               call self%transform%tabulate_product(self%law_set%df_dv%values, i, self%table, self%law_factor)
-               call add_rate(self, jacobian(:, row, :, column))
-            end if
-            if (self%law_set%needs_reaction) then
-               call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table, self%law_factor)
-               do k = self%stiffness%pattern%first(column), self%stiffness%pattern%last(column)
-                  call add_reaction(self, column, k, jacobian(:, row, :, k))
-               end do
-            end if
-         end associate
       end do
       if (self%law_set%has_memory) call add_memory(self, jacobian)
 
@@ -129,7 +135,7 @@ contains
             do a = 1, size(shape, 2)
                call self%law_set%find_line(law, a, b, self%answer%values(:, 1), stuck, pushed)
                answer = 0.0_wp
-               call self%transform%tabulate_product(self%answer%values, 1, self%table, 1.0_wp)
+               call self%transform%tabulate_product(self%answer%values, 1, self%table, by_motion, 1.0_wp)
                call add_motion(self, answer)
                do run = 1, size(stuck, 2)
                   column = projection(stuck(:, run))
@@ -205,47 +211,63 @@ contains
 
       associate (set => self%harmonics)
          do h = 1, set%n_harmonics
-            call self%table%columns(set, h, self%columns(:, 1), self%columns(:, 2))
+            call self%table%columns(by_motion, set, h, self%columns(:, 1), self%columns(:, 2))
             block(:, set%cos_at(h)) = block(:, set%cos_at(h)) + self%columns(:, 1)
             if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = block(:, set%sin_at(h)) + self%columns(:, 2)
          end do
       end associate
    end subroutine add_motion
 
-   !> block += T[g] d/dt: the rate of cos is -frequency sin, that of sin is frequency cos.
-   subroutine add_rate(self, block)
+   !> T[df/dq] + T[df/dv] d/dt into block (row, column), and -T[df/ds] S(column, k) into block (row, k), column by column while
+   !> these are in the cache: the rate of cos is -frequency sin, that of sin is frequency cos.
+   subroutine put_products(self, row, column, is_first, jacobian)
       type(balance_t), intent(inout) :: self
-      real(wp), intent(inout) :: block(:, :)
-      integer :: h
+      integer, intent(in) :: row, column
+      logical, intent(in) :: is_first                                 !! to touch block (row, column): nothing stands there yet
+      real(wp), intent(inout), contiguous :: jacobian(:, :, :, :)
+      integer :: h, k
 
-      associate (set => self%harmonics, w => self%frequencies)
-         do h = merge(2, 1, set%has_zero), set%n_harmonics
-            call self%table%columns(set, h, self%columns(:, 1), self%columns(:, 2))
-            block(:, set%cos_at(h)) = block(:, set%cos_at(h)) - w(h)*self%columns(:, 2)
-            block(:, set%sin_at(h)) = block(:, set%sin_at(h)) + w(h)*self%columns(:, 1)
-         end do
-      end associate
-   end subroutine add_rate
-
-   !> block += -T[g] S(m, k): how a force that depends on the reaction at m moves with the motion of k.
-   subroutine add_reaction(self, m, k, block)
-      type(balance_t), intent(inout) :: self
-      integer, intent(in) :: m, k
-      real(wp), intent(inout) :: block(:, :)
-      integer :: h
-
-      associate (set => self%harmonics)
+      associate (set => self%harmonics, pattern => self%stiffness%pattern)
          do h = 1, set%n_harmonics
-            call self%table%columns(set, h, self%columns(:, 1), self%columns(:, 2))
-            associate (s => self%stiffness%condensed(self%stiffness%pattern%shift(k) + m, k, h), &
-                       a => set%cos_at(h), b => set%sin_at(h))
-               block(:, a) = block(:, a) - real(s)*self%columns(:, 1)
-               if (b > 0) then
-                  block(:, a) = block(:, a) + aimag(s)*self%columns(:, 2)
-                  block(:, b) = block(:, b) - aimag(s)*self%columns(:, 1) - real(s)*self%columns(:, 2)
+            if (set%sin_at(h) == 0) then                              ! a column to spare takes what has no place
+               call put(jacobian(:, row, set%cos_at(h), column), self%columns(:, 1))
+            else
+               call put(jacobian(:, row, set%cos_at(h), column), jacobian(:, row, set%sin_at(h), column))
+            end if
+            if (.not. self%law_set%needs_reaction) cycle
+            do k = pattern%first(column), pattern%last(column)
+               if (set%sin_at(h) == 0) then
+                  call add_reaction(k, jacobian(:, row, set%cos_at(h), k), self%columns(:, 1))
+               else
+                  call add_reaction(k, jacobian(:, row, set%cos_at(h), k), jacobian(:, row, set%sin_at(h), k))
                end if
-            end associate
+            end do
          end do
       end associate
-   end subroutine add_reaction
+
+   contains
+
+      subroutine put(cosine_column, sine_column)
+         real(wp), intent(inout), contiguous :: cosine_column(:), sine_column(:)
+
+         associate (set => self%harmonics, table => self%table)
+            if (is_first) then
+               call table%columns(by_motion, set, h, cosine_column, sine_column)
+            else
+               call table%add_columns(by_motion, set, h, 1.0_wp, 0.0_wp, cosine_column, sine_column)
+            end if
+            if (self%law_set%needs_velocity) &
+               call table%add_columns(by_rate, set, h, 0.0_wp, -self%frequencies(h), cosine_column, sine_column)
+         end associate
+      end subroutine put
+
+      subroutine add_reaction(k, cosine_column, sine_column)
+         integer, intent(in) :: k
+         real(wp), intent(inout), contiguous :: cosine_column(:), sine_column(:)
+
+         associate (s => self%stiffness%condensed(self%stiffness%pattern%shift(k) + column, k, h))
+            call self%table%add_columns(by_reaction, self%harmonics, h, -real(s), aimag(s), cosine_column, sine_column)
+         end associate
+      end subroutine add_reaction
+   end subroutine put_products
 end submodule hb_balance_tangent

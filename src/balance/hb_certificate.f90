@@ -281,20 +281,23 @@ contains
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)
-      real(wp), allocatable :: big(:, :), force(:, :)
-      integer :: i
+      real(wp), allocatable :: big(:, :), force(:), motion(:)
+      real(wp), pointer, contiguous :: samples(:, :)
+      integer :: c, i
 
-      allocate (big(wide%harmonics%n_coefficients, wide%n_dofs))
-      allocate (force, mold=big)
+      allocate (big(wide%harmonics%n_coefficients, wide%n_dofs), force(wide%harmonics%n_coefficients))
       call exchange(balance%harmonics, wide%harmonics, u, big)
       call wide%sample(big)
       call wide%law_set%evaluate()
       self%defects = wide%law_set%defects()
-      allocate (self%power_laws(size(wide%law_set%laws)))
+      allocate (self%power_laws(size(wide%law_set%laws)), source=0.0_wp)
       do i = 1, size(self%power_laws)
-         call wide%law_set%isolate_force(i)
-         call wide%project(wide%law_set%f%values, force)
-         self%power_laws(i) = mean_power(wide%harmonics, wide%frequencies, force, big)
+         samples => wide%law_set%force_of(i)
+         do c = 1, size(samples, 2)
+            call wide%project_one(samples(:, c:c), force)
+            motion = matmul(big(:, wide%law_set%columns_of(i)), wide%law_set%laws(i)%law%shape(:, c))
+            self%power_laws(i) = self%power_laws(i) + mean_power(wide%harmonics, wide%frequencies, force, motion)
+         end do
       end do
    end subroutine check_contact
 
@@ -302,14 +305,14 @@ contains
    pure real(wp) function mean_power(set, frequencies, force, motion)
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s]
-      real(wp), intent(in) :: force(:, :), motion(:, :)               !! (n_coefficients, any)
+      real(wp), intent(in) :: force(:), motion(:)                     !! (n_coefficients)
       integer :: h
 
       mean_power = 0.0_wp
       do h = 1, set%n_harmonics
          if (set%sin_at(h) == 0) cycle
          associate (a => set%cos_at(h), b => set%sin_at(h))
-            mean_power = mean_power + 0.5_wp*frequencies(h)*sum(force(a, :)*motion(b, :) - force(b, :)*motion(a, :))
+            mean_power = mean_power + 0.5_wp*frequencies(h)*(force(a)*motion(b) - force(b)*motion(a))
          end associate
       end do
    end function mean_power

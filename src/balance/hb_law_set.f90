@@ -40,11 +40,13 @@ module hb_law_set
       type(direction_samples_t) :: along                              !! made at their first use
       type(slot_t), allocatable, private :: slots(:)
       integer, allocatable, private :: pair_at(:, :)                  ! (n_dofs, n_dofs), 0: no pair
+      logical, allocatable, private :: is_summed(:)                   ! (n_dofs) whose force is a sum; else one law writes it
       logical, private :: has_derivatives = .false.
    contains
       procedure :: move => law_set_move
       procedure :: columns_of => law_set_columns_of
       procedure :: evaluate => law_set_evaluate
+      procedure :: listen => law_set_listen
       procedure :: differentiate => law_set_differentiate
       procedure :: make_direction_samples => law_set_make_direction_samples
       procedure :: differentiate_along => law_set_differentiate_along
@@ -62,7 +64,7 @@ module hb_law_set
       procedure :: spring_forces => law_set_spring_forces
       procedure :: correct => law_set_correct
       procedure :: defects => law_set_defects
-      procedure :: isolate_force => law_set_isolate_force
+      procedure :: force_of => law_set_force_of
       procedure :: potential => law_set_potential
       procedure :: mean_slopes => law_set_mean_slopes
       procedure :: slope_variations => law_set_slope_variations
@@ -97,7 +99,7 @@ contains
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: dofs(:)
-      integer :: i, k, n_samples
+      integer :: i, n_samples
 
       call self%destroy()
       n_samples = torus%n_total
@@ -112,20 +114,10 @@ contains
       call set_phases(self%laws, torus)
       dofs = law_dofs_of(laws)
       self%n_dofs = size(dofs)
-      if (allocated(self%slots)) deallocate (self%slots)
-      allocate (self%slots(size(laws)))
       do i = 1, size(laws)
-         associate (law => laws(i)%law)
-            self%needs_velocity = self%needs_velocity .or. law%needs_velocity
-            self%needs_reaction = self%needs_reaction .or. law%is_multiplier
-            call new_slot(self%slots(i), law, [(findloc(dofs, law%dofs(k), dim=1), k=1, size(law%dofs))], n_samples, &
-                          self%characteristic)
-         end associate
+         self%needs_velocity = self%needs_velocity .or. laws(i)%law%needs_velocity
+         self%needs_reaction = self%needs_reaction .or. laws(i)%law%is_multiplier
       end do
-      if (allocated(self%pair_at)) deallocate (self%pair_at)
-      allocate (self%pair_at(self%n_dofs, self%n_dofs))
-      call find_pairs(self%laws, self%slots, self%row, self%column, self%pair_at)
-      self%n_pairs = size(self%row)
       call new_real_block(self%q, n_samples, self%n_dofs, error)
       if (allocated(error)) return
       call new_real_block(self%f, n_samples, self%n_dofs, error)
@@ -133,13 +125,45 @@ contains
       if (self%needs_velocity) call new_real_block(self%v, n_samples, self%n_dofs, error)
       if (allocated(error)) return
       if (self%needs_reaction) call new_real_block(self%s, n_samples, self%n_dofs, error)
-      if (allocated(error) .or. .not. self%has_memory) return
+      if (allocated(error)) return
+      call make_slots(self, dofs, error)
+      if (allocated(error)) return
+      if (allocated(self%pair_at)) deallocate (self%pair_at)
+      allocate (self%pair_at(self%n_dofs, self%n_dofs))
+      call find_pairs(self%laws, self%slots, self%row, self%column, self%pair_at)
+      self%n_pairs = size(self%row)
+      if (.not. self%has_memory) return
       call new_real_block(self%q_before, n_samples, self%n_dofs, error)
       if (allocated(error)) return
       call new_real_block(self%step_rate, n_samples, self%n_dofs, error)
       if (allocated(error)) return
       call new_real_block(self%step_rate_before, n_samples, self%n_dofs, error)
    end subroutine new_law_set
+
+   !> Gives each law its place, and finds the degrees of freedom whose force has to be summed.
+   subroutine make_slots(self, dofs, error)
+      type(law_set_t), intent(inout) :: self
+      integer, intent(in) :: dofs(:)                                  !! of the structure, (n_dofs)
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: columns(:)
+      integer :: i, k, n_laws(self%n_dofs), place(maxval(dofs))
+
+      place(dofs) = [(k, k=1, self%n_dofs)]
+      n_laws = 0
+      do i = 1, size(self%laws)
+         columns = place(self%laws(i)%law%dofs)
+         n_laws(columns) = n_laws(columns) + 1
+      end do
+      allocate (self%slots(size(self%laws)))
+      self%is_summed = [(.true., k=1, self%n_dofs)]
+      do i = 1, size(self%laws)
+         columns = place(self%laws(i)%law%dofs)
+         call new_slot(self%slots(i), self%laws(i)%law, columns, all(n_laws(columns) == 1), self%q, self%v, self%s, self%f, &
+                       self%characteristic, error)
+         if (allocated(error)) return
+         if (self%slots(i)%writes_in_place) self%is_summed(columns) = .false.
+      end do
+   end subroutine make_slots
 
    !> Tells the laws that ask for it the phases of their tones on the grid.
    pure subroutine set_phases(laws, torus)
@@ -192,12 +216,26 @@ contains
       columns = self%slots(i)%columns
    end function law_set_columns_of
 
-   !> Forces f from the samples q, v and s.
+   !> Forces f from the samples q, v and s. Where they are not finite, `listen` tells why.
    subroutine law_set_evaluate(self)
       class(law_set_t), intent(inout) :: self
 
       call run_laws(self, with_derivatives=.false.)
    end subroutine law_set_evaluate
+
+   !> Remembers what laws say about forces that are not finite, after `evaluate`. Who looks at coefficients of the forces sees
+   !> whether they are: one sample that is not spoils them all.
+   subroutine law_set_listen(self)
+      class(law_set_t), intent(inout) :: self
+      integer :: i
+
+      if (self%is_given_up) return
+      do i = 1, size(self%laws)
+         if (allocated(self%slots(i)%memory)) cycle
+         call self%slots(i)%listen(self%laws(i)%law, .false., self%complaint, self%is_given_up)
+         if (self%is_given_up) return
+      end do
+   end subroutine law_set_listen
 
    !> Forces f and derivatives df_dq, df_dv, df_ds of all pairs from the samples q, v and s.
    subroutine law_set_differentiate(self, error)
@@ -282,7 +320,9 @@ contains
       logical, intent(in) :: with_derivatives
       integer :: i, pass
 
-      self%f%values = 0.0_wp
+      do i = 1, self%n_dofs
+         if (self%is_summed(i)) self%f%values(:, i) = 0.0_wp
+      end do
       if (with_derivatives) then
          self%df_dq%values = 0.0_wp
          if (self%needs_velocity) self%df_dv%values = 0.0_wp
@@ -304,10 +344,10 @@ contains
                   if (with_derivatives) then
                      call slot%differentiate(law)
                      call add_derivatives(self, i)
+                     call slot%listen(law, with_derivatives, self%complaint, self%is_given_up)
                   else
                      call slot%evaluate(law)
                   end if
-                  call slot%listen(law, with_derivatives, self%complaint, self%is_given_up)
                end if
                call slot%scatter(law, self%f)
             end associate
@@ -469,6 +509,7 @@ contains
    subroutine law_set_correct(self, corrected)
       class(law_set_t), intent(inout) :: self
       real(wp), intent(out) :: corrected(:, :)                        !! [m], (n_samples, n_dofs)
+      real(wp), allocatable :: z(:, :)
       integer :: c, i, k
 
       corrected = self%q%values
@@ -476,12 +517,13 @@ contains
          if (.not. self%laws(i)%law%is_multiplier) cycle
          associate (shape => self%laws(i)%law%shape, slot => self%slots(i))
             call slot%gather(self%laws(i)%law, self%q, self%v, self%s, self%f)
-            call self%laws(i)%law%correct(slot%z, slot%f)
+            z = slot%z
+            call self%laws(i)%law%correct(slot%z, z)
             do c = 1, size(shape, 2)
                do k = 1, size(shape, 1)
                   if (shape(k, c) == 0.0_wp) cycle
                   corrected(:, slot%columns(k)) = corrected(:, slot%columns(k)) + &
-                     shape(k, c)/sum(shape(:, c)**2)*(slot%f(:, c) - slot%z(:, c))
+                     shape(k, c)/sum(shape(:, c)**2)*(z(:, c) - slot%z(:, c))
                end do
             end do
          end associate
@@ -505,14 +547,14 @@ contains
       end do
    end function law_set_defects
 
-   !> Replaces the total force f by that of law i alone, as `evaluate` left it.
-   subroutine law_set_isolate_force(self, i)
-      class(law_set_t), intent(inout) :: self
+   !> Force of law i alone at its coordinates, as `evaluate` left it.
+   function law_set_force_of(self, i) result(force)
+      class(law_set_t), intent(in) :: self
       integer, intent(in) :: i
+      real(wp), pointer, contiguous :: force(:, :)                    !! [N], (n_samples, n_coordinates)
 
-      self%f%values = 0.0_wp
-      call self%slots(i)%scatter(self%laws(i)%law, self%f)
-   end subroutine law_set_isolate_force
+      force => self%slots(i)%f
+   end function law_set_force_of
 
    !> Mean over the torus of the potentials of all laws at the samples q; their gradients take the place of the force f.
    subroutine law_set_potential(self, mean_energy)
@@ -590,7 +632,14 @@ contains
    !> Frees all samples; safe to call twice.
    subroutine law_set_destroy(self)
       class(law_set_t), intent(inout) :: self
+      integer :: i
 
+      if (allocated(self%slots)) then
+         do i = 1, size(self%slots)
+            call self%slots(i)%destroy()
+         end do
+         deallocate (self%slots)
+      end if
       call self%q%destroy()
       call self%v%destroy()
       call self%s%destroy()

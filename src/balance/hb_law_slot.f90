@@ -1,10 +1,14 @@
 !> One law with its samples on one torus: gathers its coordinates, evaluates it, scatters its force.
 !>
+!> A law whose coordinate is a degree of freedom reads the samples of this one where they stand, and writes its force there if
+!> no other law acts on it: each pass over the samples costs as much as an easy law.
+!>
 !> Source: docs/theory.md, sections 5.3 and 5.4.
 module hb_law_slot
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_characteristic, only: characteristic_t
-   use hb_fftw, only: real_block_t
+   use hb_error, only: error_t
+   use hb_fftw, only: new_real_block, real_block_t
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_law, only: law_t
@@ -13,12 +17,18 @@ module hb_law_slot
    private
    public :: new_slot, slot_t
 
-   !> The law itself is passed to each procedure; it is always the one of `new_slot`.
+   !> The law itself is passed to each procedure; it is always the one of `new_slot`. Owner of outside resources: call `destroy`.
    type :: slot_t
       integer, allocatable :: columns(:)                              !! of its degrees of freedom among those of all laws
-      real(wp), allocatable :: z(:, :), v(:, :), p(:, :), f(:, :)     !! (n_samples, n_coordinates, or no columns)
+      logical :: reads_in_place = .false.                             !! z and v are samples of its degree of freedom
+      logical :: writes_in_place = .false.                            !! f as well, and p
+      real(wp), pointer, contiguous :: z(:, :) => null()              !! coordinates [m], (n_samples, n_coordinates)
+      real(wp), pointer, contiguous :: v(:, :) => null()              !! their rates [m/s], as z or no columns
+      real(wp), pointer, contiguous :: p(:, :) => null()              !! reaction [N], as z or no columns
+      real(wp), pointer, contiguous :: f(:, :) => null()              !! forces [N], as z
       real(wp), allocatable :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :) !! last axis: what is differentiated by
       type(law_memory_t), allocatable :: memory                       !! of a law that has one
+      type(real_block_t), private :: own_z, own_v, own_p, own_f       ! where these do not stand in place
    contains
       procedure :: make_derivatives => slot_make_derivatives
       procedure :: gather => slot_gather
@@ -26,29 +36,57 @@ module hb_law_slot
       procedure :: differentiate => slot_differentiate
       procedure :: listen => slot_listen
       procedure :: scatter => slot_scatter
+      procedure :: destroy => slot_destroy
    end type slot_t
 
 contains
 
    !> Makes room for the samples of a law. Derivatives get theirs by `make_derivatives`.
-   subroutine new_slot(self, law, columns, n_samples, characteristic)
-      type(slot_t), intent(out) :: self
+   subroutine new_slot(self, law, columns, is_alone, q, v, s, f, characteristic, error)
+      type(slot_t), intent(inout) :: self
       class(law_t), intent(in) :: law
       integer, intent(in) :: columns(:)                               !! of its degrees of freedom among those of all laws
-      integer, intent(in) :: n_samples
+      logical, intent(in) :: is_alone                                 !! no other law acts on any of them
+      type(real_block_t), intent(in) :: q, v, s, f                    !! (n_samples, n_dofs); v, s empty where no law needs them
       type(characteristic_t), intent(in) :: characteristic            !! any for a law without memory
+      type(error_t), allocatable, intent(out) :: error
       integer :: c
 
+      call self%destroy()
       self%columns = columns
       c = size(law%shape, 2)
-      allocate (self%z(n_samples, c), self%f(n_samples, c))
-      allocate (self%v(n_samples, merge(c, 0, law%needs_velocity)))
-      allocate (self%p(n_samples, merge(c, 0, law%is_multiplier)))
+      self%reads_in_place = .false.
+      if (size(law%shape) == 1) self%reads_in_place = law%shape(1, 1) == 1.0_wp
+      self%writes_in_place = self%reads_in_place .and. is_alone
+      call place(self%z, self%own_z, q, self%reads_in_place, c)
+      call place(self%v, self%own_v, v, self%reads_in_place, merge(c, 0, law%needs_velocity))
+      call place(self%p, self%own_p, s, self%writes_in_place, merge(c, 0, law%is_multiplier))
+      call place(self%f, self%own_f, f, self%writes_in_place, c)
+      if (allocated(error)) return
       select type (law)
       class is (hysteretic_law_t)
          allocate (self%memory)
          call new_law_memory(self%memory, law, characteristic)
       end select
+
+   contains
+
+      !> Where samples stand: those of the only degree of freedom, or those of the law alone.
+      subroutine place(samples, own, all_dofs, is_in_place, n_columns)
+         real(wp), pointer, contiguous, intent(inout) :: samples(:, :)
+         type(real_block_t), intent(inout) :: own
+         type(real_block_t), intent(in) :: all_dofs
+         logical, intent(in) :: is_in_place
+         integer, intent(in) :: n_columns
+
+         if (allocated(error)) return
+         if (is_in_place .and. n_columns > 0) then
+            samples => all_dofs%values(:, columns(1):columns(1))
+         else
+            call new_real_block(own, size(q%values, 1), n_columns, error)
+            samples => own%values
+         end if
+      end subroutine place
    end subroutine new_slot
 
    !> Makes room for the derivatives of a law without memory.
@@ -69,14 +107,15 @@ contains
       type(real_block_t), intent(in) :: q, v, s, f                    !! (n_samples, n_dofs); v, s empty where no law needs them
       integer :: c, k
 
+      if (self%writes_in_place) return
       associate (shape => law%shape, columns => self%columns)
-         do c = 1, size(shape, 2)
+         do c = 1, merge(0, size(shape, 2), self%reads_in_place)
             self%z(:, c) = shape(1, c)*q%values(:, columns(1))
             do k = 2, size(columns)
                self%z(:, c) = self%z(:, c) + shape(k, c)*q%values(:, columns(k))
             end do
          end do
-         if (size(self%v, 2) > 0) then
+         if (size(self%v, 2) > 0 .and. .not. self%reads_in_place) then
             do c = 1, size(shape, 2)
                self%v(:, c) = shape(1, c)*v%values(:, columns(1))
                do k = 2, size(columns)
@@ -152,6 +191,7 @@ contains
       type(real_block_t), intent(inout) :: f                          !! [N], (n_samples, n_dofs)
       integer :: c, k
 
+      if (self%writes_in_place) return
       associate (shape => law%shape)
          do c = 1, size(shape, 2)
             do k = 1, size(self%columns)
@@ -160,4 +200,15 @@ contains
          end do
       end associate
    end subroutine slot_scatter
+
+   !> Frees the samples of the law; safe to call twice.
+   subroutine slot_destroy(self)
+      class(slot_t), intent(inout) :: self
+
+      call self%own_z%destroy()
+      call self%own_v%destroy()
+      call self%own_p%destroy()
+      call self%own_f%destroy()
+      nullify (self%z, self%v, self%p, self%f)
+   end subroutine slot_destroy
 end module hb_law_slot

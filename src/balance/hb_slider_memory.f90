@@ -67,14 +67,15 @@ contains
       class(memory_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
-      real(wp) :: change, largest_move, rounding
+      real(wp) :: change, largest, largest_move, rounding
 
+      largest = maxval(abs(self%path(:, :, path_part%at_end, :)))
       call self%load_from_rest(law, with_derivatives=.false.)
       self%rounds = 0
       do
          call self%go_round(law, characteristic, with_derivatives=.false., change=change, largest_move=largest_move)
          self%rounds = self%rounds + 1
-         rounding = repeat_tolerance*max(maxval(abs(self%path(:, :, path_part%at_end, :))), maxval(abs(self%states)))
+         rounding = repeat_tolerance*max(largest, maxval(abs(self%states)))
          self%repeats = change <= rounding
          if (self%repeats .or. self%rounds >= most_rounds .or. .not. ieee_is_finite(change)) exit
       end do

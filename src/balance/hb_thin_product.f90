@@ -10,6 +10,7 @@ module hb_thin_product
    use hb_kinds, only: wp
    use hb_law_pairs, only: add_slopes_along
    use hb_law_set, only: law_set_t
+   use hb_packed_fft, only: way
    use hb_torus, only: cheap_size, new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
    implicit none
@@ -64,8 +65,8 @@ contains
       self%is_thinner = thin%n_total < torus%n_total
       if (.not. self%is_thinner) return
       call new_transform(self%transform, harmonics, thin, law_set%n_dofs, effort, error)
-      if (.not. allocated(error)) call new_transform(self%wide, band, torus, 1, effort, error)
-      if (.not. allocated(error)) call new_transform(self%narrow, band, thin, 1, effort, error)
+      if (.not. allocated(error)) call new_transform(self%wide, band, torus, 1, effort, error, way%to_spectrum)
+      if (.not. allocated(error)) call new_transform(self%narrow, band, thin, 1, effort, error, way%to_samples)
       n = thin%n_total
       call make(self%q, law_set%n_dofs, .true.)
       call make(self%v, law_set%n_dofs, law_set%needs_velocity)

@@ -1,4 +1,5 @@
-!> FFTW 3 behind a few types: aligned memory, batched real n-dimensional plans, wisdom. Nobody else touches FFTW.
+!> FFTW 3 behind a few types: aligned memory, batched real n-dimensional plans, complex ones along an axis, wisdom. Nobody
+!> else touches FFTW.
 !>
 !> Source of the interfaces: FFTW 3.3 manual, chapter "Calling FFTW from Modern Fortran".
 module hb_fftw
@@ -7,8 +8,8 @@ module hb_fftw
    use hb_kinds, only: wp
    implicit none
    private
-   public :: complex_block_t, export_wisdom, fft_plan_t, forget_plans, import_wisdom, line_plan_t, new_complex_block, new_fft_plan
-   public :: new_line_plan, new_real_block, planning, planning_names, real_block_t
+   public :: axis_plan_t, complex_block_t, export_wisdom, fft_plan_t, forget_plans, import_wisdom, new_axis_plan
+   public :: new_complex_block, new_fft_plan, new_real_block, planning, planning_names, real_block_t, two_together
 
    include 'fftw3.f03'
 
@@ -49,27 +50,28 @@ module hb_fftw
       procedure :: destroy => fft_plan_destroy
    end type fft_plan_t
 
-   !> A pair of plans of complex transforms in place, along one axis of a spectrum.
-   type :: line_plan_t
+   !> A pair of plans for complex transforms along one axis, spectrum -> samples and samples -> spectrum.
+   type :: axis_plan_t
       type(c_ptr), private :: backward = c_null_ptr
       type(c_ptr), private :: forward = c_null_ptr
       integer, private :: slot = 0                                    ! in the store, 0: none
    contains
-      procedure :: run_backward => line_plan_run_backward
-      procedure :: run_forward => line_plan_run_forward
-      procedure :: destroy => line_plan_destroy
-   end type line_plan_t
+      procedure :: to_samples => axis_plan_to_samples
+      procedure :: to_spectrum => axis_plan_to_spectrum
+      procedure :: destroy => axis_plan_destroy
+   end type axis_plan_t
 
    !> A pair of plans as it is kept from scene to scene: planning takes longer than many a solution.
    type :: stored_plan_t
-      integer, allocatable :: key(:)                                  ! flags, n_batch, n_samples; of lines -1, flags, shape
+      integer, allocatable :: key(:)                                  ! kind, flags, n_batch, n_samples or what shapes an axis
       type(c_ptr) :: backward = c_null_ptr
       type(c_ptr) :: forward = c_null_ptr
       integer :: n_users = 0
       integer :: last_use = 0
    end type stored_plan_t
 
-   type(stored_plan_t), save :: store(64)
+   integer, parameter :: is_real = 1, is_along_axis = 2                ! kinds of plans
+   type(stored_plan_t), save :: store(128)
    integer, save :: n_uses = 0
 
 contains
@@ -124,85 +126,86 @@ contains
       nullify (self%values)
    end subroutine complex_block_destroy
 
+   !> The same memory as complex numbers, two neighbours in each.
+   function two_together(values) result(pairs)
+      real(wp), intent(in), contiguous, target :: values(:)           !! an even number of them
+      complex(wp), pointer, contiguous :: pairs(:)
+
+      call c_f_pointer(c_loc(values), pairs, [size(values)/2])
+   end function two_together
+
    !> Plans `n_batch` real transforms of shape `n_samples` (first axis fastest), out of place, both ways.
    !>
    !> Samples of one transform are contiguous, (product(n_samples), n_batch); its spectrum is the half that FFTW keeps,
    !> (n_samples(1)/2 + 1, n_samples(2), ...), (n_spectrum, n_batch). The arrays given are overwritten while planning;
    !> arrays used later must come from `new_real_block` and `new_complex_block`. Plans outlive their users: the next of the
    !> same shape finds them made.
-   subroutine new_fft_plan(self, n_samples, n_batch, effort, any_column, samples, spectrum, error)
+   subroutine new_fft_plan(self, n_samples, n_batch, effort, samples, spectrum, error)
       type(fft_plan_t), intent(inout) :: self
       integer, intent(in) :: n_samples(:)
       integer, intent(in) :: n_batch
       integer, intent(in) :: effort                                   !! one of `planning`
-      logical, intent(in) :: any_column                               !! used from any column of a block, not just the first
       real(wp), intent(inout), contiguous :: samples(:, :)
       complex(wp), intent(inout), contiguous :: spectrum(:, :)
       type(error_t), allocatable, intent(out) :: error
-      integer(c_int) :: flags
-
-      call self%destroy()
-      flags = effort
-      if (any_column .and. modulo(product(n_samples), 2) /= 0) flags = ior(flags, int(FFTW_UNALIGNED, c_int))
-      self%slot = slot_of([int(flags), n_batch, n_samples])
-      if (self%slot == 0) call fill_slot(self%slot, n_samples, n_batch, flags, samples, spectrum)
-      if (self%slot == 0) then
-         call fail(error, "FFTW could not plan the transform")
-         return
-      end if
-      call take_pair(self%slot, self%backward, self%forward)
-   end subroutine new_fft_plan
-
-   !> Plans complex transforms of length `n` in place along an axis of stride `stride`: those that begin in the first `n_rows`
-   !> elements of each of `n_blocks` blocks `block_stride` apart, for `n_batch` spectra, each a column of the array.
-   subroutine new_line_plan(self, n, stride, n_rows, n_blocks, block_stride, effort, spectrum, n_batch, error)
-      type(line_plan_t), intent(inout) :: self
-      integer, intent(in) :: n, stride, n_rows, n_blocks, block_stride
-      integer, intent(in) :: effort                                   !! one of `planning`
-      complex(wp), intent(inout), contiguous, target :: spectrum(:, :)   !! from `new_complex_block`; overwritten
-      integer, intent(in) :: n_batch
-      type(error_t), allocatable, intent(out) :: error
-      type(fftw_iodim) :: line(1), others(3)
-      complex(wp), pointer, contiguous :: same(:, :)                  ! in place
-      integer(c_int) :: flags
       integer, allocatable :: key(:)
+      type(c_ptr) :: backward, forward
 
       call self%destroy()
-      flags = effort
-      key = [-1, int(flags), n, stride, n_rows, n_blocks, block_stride, n_batch, size(spectrum, 1)]
+      key = [is_real, effort, n_batch, n_samples]
       self%slot = slot_of(key)
       if (self%slot == 0) then
-         self%slot = free_slot()
-         if (self%slot > 0) then
-            call c_f_pointer(c_loc(spectrum), same, shape(spectrum))
-            line(1) = fftw_iodim(n, stride, stride)
-            others(1) = fftw_iodim(n_rows, 1, 1)
-            others(2) = fftw_iodim(n_blocks, block_stride, block_stride)
-            others(3) = fftw_iodim(n_batch, size(spectrum, 1), size(spectrum, 1))
-            associate (stored => store(self%slot))
-               stored%backward = fftw_plan_guru_dft(1, line, 3, others, spectrum, same, FFTW_BACKWARD, flags)
-               stored%forward = fftw_plan_guru_dft(1, line, 3, others, spectrum, same, FFTW_FORWARD, flags)
-               if (c_associated(stored%backward) .and. c_associated(stored%forward)) then
-                  stored%key = key
-               else
-                  call empty_slot(self%slot)
-                  self%slot = 0
-               end if
-            end associate
-         end if
+         call plan_real(n_samples, n_batch, effort, samples, spectrum, backward, forward)
+         call keep(key, backward, forward, self%slot)
       end if
+      call borrow(self%slot, self%backward, self%forward, error)
+   end subroutine new_fft_plan
+
+   !> Plans complex transforms of length `n` along the middle axis of arrays (leading, n, n_outer), out of place, both ways, for
+   !> the first `n_inner` places of the leading axis, whose extent may differ between spectrum and samples.
+   !>
+   !> Executed from any other place of the leading axis they transform the `n_inner` columns from there on. What is executed
+   !> later must be aligned to 16 bytes, as each column of the blocks of this module is. Plans outlive their users.
+   subroutine new_axis_plan(self, n, n_inner, n_outer, lead_spectrum, lead_samples, effort, error)
+      type(axis_plan_t), intent(inout) :: self
+      integer, intent(in) :: n, n_inner, n_outer
+      integer, intent(in) :: lead_spectrum, lead_samples              !! >= n_inner
+      integer, intent(in) :: effort                                   !! one of `planning`
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: key(:)
+      type(c_ptr) :: backward, forward
+      type(complex_block_t) :: samples, spectrum
+
+      call self%destroy()
+      key = [is_along_axis, effort, n, n_inner, n_outer, lead_spectrum, lead_samples]
+      self%slot = slot_of(key)
       if (self%slot == 0) then
+         call new_complex_block(spectrum, lead_spectrum*n*n_outer, 1, error)
+         if (.not. allocated(error)) call new_complex_block(samples, lead_samples*n*n_outer, 1, error)
+         if (.not. allocated(error)) then
+            call plan_axis(n, n_inner, n_outer, lead_spectrum, lead_samples, effort, spectrum%values, samples%values, &
+                           backward, forward)
+            call keep(key, backward, forward, self%slot)
+         end if
+         call spectrum%destroy()
+         call samples%destroy()
+         if (allocated(error)) return
+      end if
+      call borrow(self%slot, self%backward, self%forward, error)
+   end subroutine new_axis_plan
+
+   !> Hands out the plans of a place of the store; fails where there is none.
+   subroutine borrow(slot, backward, forward, error)
+      integer, intent(in) :: slot
+      type(c_ptr), intent(out) :: backward, forward
+      type(error_t), allocatable, intent(out) :: error
+
+      backward = c_null_ptr
+      forward = c_null_ptr
+      if (slot == 0) then
          call fail(error, "FFTW could not plan the transform")
          return
       end if
-      call take_pair(self%slot, self%backward, self%forward)
-   end subroutine new_line_plan
-
-   !> One more user of a stored pair.
-   subroutine take_pair(slot, backward, forward)
-      integer, intent(in) :: slot
-      type(c_ptr), intent(out) :: backward, forward
-
       associate (stored => store(slot))
          backward = stored%backward
          forward = stored%forward
@@ -210,7 +213,7 @@ contains
          n_uses = n_uses + 1
          stored%last_use = n_uses
       end associate
-   end subroutine take_pair
+   end subroutine borrow
 
    !> Place of a pair of plans in the store, 0 where it is not there.
    pure integer function slot_of(key)
@@ -224,46 +227,12 @@ contains
       slot_of = 0
    end function slot_of
 
-   !> Plans a pair and puts it into a free place of the store, or into that of the pair not used for longest; 0 on failure.
-   subroutine fill_slot(slot, n_samples, n_batch, flags, samples, spectrum)
+   !> Puts a pair into a free place of the store, or into that of the pair not used for longest; 0 where it was not planned or
+   !> all places are in use.
+   subroutine keep(key, backward, forward, slot)
+      integer, intent(in) :: key(:)
+      type(c_ptr), intent(in) :: backward, forward
       integer, intent(out) :: slot
-      integer, intent(in) :: n_samples(:), n_batch
-      integer(c_int), intent(in) :: flags
-      real(wp), intent(inout), contiguous :: samples(:, :)
-      complex(wp), intent(inout), contiguous :: spectrum(:, :)
-      integer(c_int) :: rank, shape_c(size(n_samples)), n_total, n_spectrum
-
-      slot = free_slot()
-      if (slot == 0) return
-      rank = size(n_samples)
-      shape_c = n_samples(rank:1:-1)                                  ! C order: last axis fastest
-      n_total = product(n_samples)
-      n_spectrum = (n_samples(1)/2 + 1)*product(n_samples(2:))
-      associate (stored => store(slot))
-         stored%backward = fftw_plan_many_dft_c2r(rank, shape_c, n_batch, spectrum, shape_spectrum(), 1, n_spectrum, &
-            samples, shape_c, 1, n_total, flags)
-         stored%forward = fftw_plan_many_dft_r2c(rank, shape_c, n_batch, samples, shape_c, 1, n_total, &
-            spectrum, shape_spectrum(), 1, n_spectrum, flags)
-         if (c_associated(stored%backward) .and. c_associated(stored%forward)) then
-            stored%key = [int(flags), n_batch, n_samples]
-         else
-            call empty_slot(slot)
-            slot = 0
-         end if
-      end associate
-
-   contains
-
-      pure function shape_spectrum() result(n)
-         integer(c_int) :: n(size(n_samples))
-
-         n = shape_c
-         n(rank) = n_samples(1)/2 + 1
-      end function shape_spectrum
-   end subroutine fill_slot
-
-   !> An empty place of the store, made by giving up the pair not used for longest; 0 where all are in use.
-   integer function free_slot() result(slot)
       integer :: i
 
       slot = 0
@@ -272,8 +241,52 @@ contains
          if (slot == 0) slot = i
          if (store(i)%last_use < store(slot)%last_use) slot = i
       end do
-      if (slot > 0) call empty_slot(slot)
-   end function free_slot
+      if (slot > 0 .and. c_associated(backward) .and. c_associated(forward)) then
+         call empty_slot(slot)
+         store(slot)%key = key
+         store(slot)%backward = backward
+         store(slot)%forward = forward
+      else
+         slot = 0
+         if (c_associated(backward)) call fftw_destroy_plan(backward)
+         if (c_associated(forward)) call fftw_destroy_plan(forward)
+      end if
+   end subroutine keep
+
+   subroutine plan_real(n_samples, n_batch, effort, samples, spectrum, backward, forward)
+      integer, intent(in) :: n_samples(:), n_batch, effort
+      real(wp), intent(inout), contiguous :: samples(:, :)
+      complex(wp), intent(inout), contiguous :: spectrum(:, :)
+      type(c_ptr), intent(out) :: backward, forward
+      integer(c_int) :: rank, samples_c(size(n_samples)), spectrum_c(size(n_samples)), flags
+
+      flags = int(effort, c_int)
+      rank = size(n_samples)
+      samples_c = n_samples(rank:1:-1)                                ! C order: last axis fastest
+      spectrum_c = samples_c
+      spectrum_c(rank) = n_samples(1)/2 + 1
+      backward = fftw_plan_many_dft_c2r(rank, samples_c, n_batch, spectrum, spectrum_c, 1, product(spectrum_c), &
+                                        samples, samples_c, 1, product(samples_c), flags)
+      forward = fftw_plan_many_dft_r2c(rank, samples_c, n_batch, samples, samples_c, 1, product(samples_c), &
+                                       spectrum, spectrum_c, 1, product(spectrum_c), flags)
+   end subroutine plan_real
+
+   subroutine plan_axis(n, n_inner, n_outer, lead_spectrum, lead_samples, effort, spectrum, samples, backward, forward)
+      integer, intent(in) :: n, n_inner, n_outer, lead_spectrum, lead_samples, effort
+      complex(wp), intent(inout), contiguous :: spectrum(:, :), samples(:, :)
+      type(c_ptr), intent(out) :: backward, forward
+      type(fftw_iodim) :: axis(1), batch(2)
+      integer(c_int) :: flags
+
+      flags = int(effort, c_int)
+      axis(1) = fftw_iodim(n, lead_spectrum, lead_samples)
+      batch(1) = fftw_iodim(n_inner, 1, 1)
+      batch(2) = fftw_iodim(n_outer, lead_spectrum*n, lead_samples*n)
+      backward = fftw_plan_guru_dft(1, axis, 2, batch, spectrum, samples, FFTW_BACKWARD, flags)
+      axis(1) = fftw_iodim(n, lead_samples, lead_spectrum)
+      batch(2) = fftw_iodim(n_outer, lead_samples*n, lead_spectrum*n)
+      forward = fftw_plan_guru_dft(1, axis, 2, batch, samples, spectrum, FFTW_FORWARD, flags)
+   end subroutine plan_axis
 
    subroutine empty_slot(slot)
       integer, intent(in) :: slot
@@ -307,37 +320,43 @@ contains
    subroutine fft_plan_destroy(self)
       class(fft_plan_t), intent(inout) :: self
 
-      if (self%slot > 0) store(self%slot)%n_users = store(self%slot)%n_users - 1
-      self%slot = 0
+      call give_back(self%slot)
       self%backward = c_null_ptr
       self%forward = c_null_ptr
    end subroutine fft_plan_destroy
 
-   !> Transforms with exp(+i), unnormalised.
-   subroutine line_plan_run_backward(self, spectrum)
-      class(line_plan_t), intent(in) :: self
-      complex(wp), intent(inout), contiguous :: spectrum(:, :)        !! shaped as that of the plan
+   !> Transforms spectra to samples along the axis (sum of spectrum * exp(+i j tau)), from columns that begin at the first
+   !> elements of both; the spectra stay as they are.
+   subroutine axis_plan_to_samples(self, spectrum, samples)
+      class(axis_plan_t), intent(in) :: self
+      complex(wp), intent(inout) :: spectrum(*), samples(*)
 
-      call fftw_execute_dft(self%backward, spectrum, spectrum)
-   end subroutine line_plan_run_backward
+      call fftw_execute_dft(self%backward, spectrum, samples)
+   end subroutine axis_plan_to_samples
 
-   !> Transforms with exp(-i), unnormalised.
-   subroutine line_plan_run_forward(self, spectrum)
-      class(line_plan_t), intent(in) :: self
-      complex(wp), intent(inout), contiguous :: spectrum(:, :)        !! shaped as that of the plan
+   !> Transforms samples to spectra along the axis (sum of samples * exp(-i j tau)); the samples stay as they are.
+   subroutine axis_plan_to_spectrum(self, samples, spectrum)
+      class(axis_plan_t), intent(in) :: self
+      complex(wp), intent(inout) :: samples(*), spectrum(*)
 
-      call fftw_execute_dft(self%forward, spectrum, spectrum)
-   end subroutine line_plan_run_forward
+      call fftw_execute_dft(self%forward, samples, spectrum)
+   end subroutine axis_plan_to_spectrum
 
    !> Gives the plans back to the store; safe to call twice.
-   subroutine line_plan_destroy(self)
-      class(line_plan_t), intent(inout) :: self
+   subroutine axis_plan_destroy(self)
+      class(axis_plan_t), intent(inout) :: self
 
-      if (self%slot > 0) store(self%slot)%n_users = store(self%slot)%n_users - 1
-      self%slot = 0
+      call give_back(self%slot)
       self%backward = c_null_ptr
       self%forward = c_null_ptr
-   end subroutine line_plan_destroy
+   end subroutine axis_plan_destroy
+
+   subroutine give_back(slot)
+      integer, intent(inout) :: slot
+
+      if (slot > 0) store(slot)%n_users = store(slot)%n_users - 1
+      slot = 0
+   end subroutine give_back
 
    !> Forgets all plans that nobody uses and what was learnt while planning, so that the next plans take as long as the
    !> first ones.

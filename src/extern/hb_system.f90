@@ -5,7 +5,8 @@ module hb_system
    use hb_kinds, only: wp
    implicit none
    private
-   public :: empty_file, exists, has_space, is_terminal, link_file, memory_peak, memory_resident, process_id, release_file
+   public :: empty_file, exists, has_space, is_terminal, keep_freed_memory, link_file, memory_peak, memory_resident, process_id
+   public :: release_file
    public :: release_memory, remove_file, rename_file, reset_memory_peak, sync_file, take_file, utc_now
 
    interface
@@ -81,6 +82,11 @@ module hb_system
          import :: c_int, c_size_t
          integer(c_size_t), value :: pad
       end function c_malloc_trim
+
+      integer(c_int) function c_mallopt(parameter, value) bind(c, name="mallopt")
+         import :: c_int
+         integer(c_int), value :: parameter, value
+      end function c_mallopt
    end interface
 
 contains
@@ -180,7 +186,18 @@ contains
       text = bytes(:length)
    end function utc_now
 
-   ! Memory of this process. Source: Linux, proc(5); glibc, malloc_trim(3).
+   ! Memory of this process. Source: Linux, proc(5); glibc, malloc_trim(3), mallopt(3).
+
+   !> Lets this process keep up to 64 MiB that is free for what it allocates next: a point allocates as much as the one before,
+   !> and pages that come fresh from the system have to be cleared by it first. Source of the numbers: glibc, malloc.h.
+   subroutine keep_freed_memory()
+      integer(c_int), parameter :: trim_threshold = -1, mmap_threshold = -3
+      integer(c_int), parameter :: mebibyte = 1048576
+      integer(c_int) :: ignored
+
+      ignored = c_mallopt(trim_threshold, 64*mebibyte)
+      ignored = c_mallopt(mmap_threshold, 32*mebibyte)
+   end subroutine keep_freed_memory
 
    !> Gives memory that is free in this process back to the system, so that what was done before is not counted.
    subroutine release_memory()

@@ -1,14 +1,12 @@
 !> Coefficients <-> samples on the torus, for many degrees of freedom at once, and the rate of change along time.
 !>
-!> With c = a - i b a motion is Re sum c_j exp(i j.tau); its discrete spectrum holds c/2 at j and conj(c)/2 at -j. Because
-!> the first non-zero entry of a kept tuple is positive, all j fall into the half spectrum that a real FFT keeps (j_1 >= 0);
-!> in its plane j_1 = 0 both j and -j are stored. On half a torus all tuples have sums of one parity. Source: docs/theory.md,
-!> section 3.
+!> With c = a - i b a motion is Re sum c_j exp(i j.tau). Functions are transformed one by one, so that the spectrum of one stays
+!> in the cache; see hb_packed_fft for its form. Source: docs/theory.md, section 3.
 module hb_transform
    use hb_error, only: error_t
-   use hb_grid_fft, only: grid_fft_t, new_grid_fft
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
+   use hb_packed_fft, only: new_packed_fft, packed_fft_t, way
    use hb_torus, only: torus_t
    implicit none
    private
@@ -18,72 +16,76 @@ module hb_transform
    type :: transform_t
       type(harmonics_t) :: harmonics
       type(torus_t) :: torus
-      integer :: n_channels = 0                                       !! transforms done at once
-      integer, allocatable, private :: at(:)                          ! (n_harmonics) place of j in the half spectrum
-      logical, allocatable, private :: is_conjugate(:)                ! where that place holds the conjugate
-      integer, allocatable, private :: mirror_at(:)                   ! place of -j, 0 where the half spectrum leaves it out
-      integer, private :: parity = 0                                  ! of the sums of tuples, on half a torus
-      type(grid_fft_t), private :: batch                              ! of all channels
-      type(grid_fft_t), private :: single                             ! of one, on half a torus of slopes
-      type(grid_fft_t), allocatable, private :: single_odd            ! of one odd function on half a torus, where batch has more
+      integer :: n_channels = 0                                       !! functions in a block of samples
+      type(packed_fft_t), private :: fft
+      type(packed_fft_t), private :: products                         ! of tuples up to twice the highest, if prepared
+      integer, private :: effort = 0                                  ! one of hb_fftw%planning
+      integer, allocatable, private :: at(:), mirror_at(:)            ! (n_harmonics) places of j and -j in the spectrum
+      logical, private :: has_shared_places = .false.                 ! of several harmonics
+      complex(wp), allocatable, private :: near_factor(:), far_factor(:)   ! (n_harmonics), see hb_packed_fft%factors
+      complex(wp), allocatable, private :: near_share(:), far_share(:)     ! (n_harmonics), see hb_packed_fft%shares
    contains
       procedure :: to_samples => transform_to_samples
       procedure :: to_rate_samples => transform_to_rate_samples
       procedure :: to_coefficients => transform_to_coefficients
       procedure :: to_coefficients_of_one => transform_to_coefficients_of_one
+      procedure :: prepare_products => transform_prepare_products
       procedure :: tabulate_product => transform_tabulate_product
       procedure :: destroy => transform_destroy
    end type transform_t
 
-   !> Fourier coefficients of a sampled function g at all sums and differences of the kept tuples, in the basis of
-   !> cos and sin. They hold the matrix of the operator x -> projection of g x; see `columns`.
+   !> Fourier coefficients of a few sampled functions g, its parts, at all sums and differences of the kept tuples. They hold the
+   !> matrices of the operators x -> projection of g x; see `columns`.
    type :: product_table_t
       integer :: centre = 0                                           !! place of tuple zero in the tables
       integer, allocatable :: offset(:)                               !! (n_harmonics) place of j, relative to the centre
-      real(wp), allocatable :: cosine(:), sine(:)                     !! mean of g cos(m.tau), g sin(m.tau)
-      integer, allocatable, private :: entry(:)                       ! of the tables that are filled
-      integer, allocatable, private :: source(:)                      ! place in the half spectrum, negative: conjugate
+      complex(wp), allocatable :: mean(:, :)                          !! of g exp(i m.tau), last tone fastest; (any, parts)
+      integer, allocatable, private :: at(:)                          ! of the same m, place in the spectrum; that of -m stands
+                                                                      ! as far from the other end
+      complex(wp), allocatable, private :: near_share(:), far_share(:)     ! by m_1
    contains
       procedure :: columns => product_table_columns
       procedure :: columns_among => product_table_columns_among
+      procedure :: add_columns => product_table_add_columns
    end type product_table_t
 
 contains
 
-   !> Plans the transforms of `n_channels` functions at once.
-   subroutine new_transform(self, harmonics, torus, n_channels, effort, error)
+   !> Plans the transforms of `n_channels` functions, both ways or one of them.
+   subroutine new_transform(self, harmonics, torus, n_channels, effort, error, ways)
       type(transform_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics                      !! on half a torus with sums of one parity
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: n_channels                               !! >= 1
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
-      integer :: h
-      logical :: is_conjugate
+      integer, intent(in), optional :: ways                           !! one of hb_packed_fft%way, default: both
+      logical, allocatable :: is_used(:)
+      integer :: chosen, first(0:harmonics%highest(1)), h
+      complex(wp), dimension(0:harmonics%highest(1)) :: far, near
 
       call self%destroy()
       self%harmonics = harmonics
       self%torus = torus
       self%n_channels = n_channels
-      self%parity = modulo(sum(harmonics%tuples(:, 1)), 2)
-      call new_grid_fft(self%batch, torus, self%parity, harmonics%highest(1), n_channels, effort, .false., error)
+      self%effort = effort
+      chosen = way%both
+      if (present(ways)) chosen = ways
+      call new_packed_fft(self%fft, torus, modulo(sum(harmonics%tuples(:, 1)), 2), harmonics%highest, chosen, effort, error)
       if (allocated(error)) return
-      call new_grid_fft(self%single, torus, 0, 2*harmonics%highest(1), 1, effort, .true., error)
-      if (allocated(error)) return
-      if (torus%is_half .and. self%parity == 1 .and. n_channels > 1) then
-         allocate (self%single_odd)
-         call new_grid_fft(self%single_odd, torus, 1, harmonics%highest(1), 1, effort, .true., error)
-         if (allocated(error)) return
-      end if
-      if (allocated(self%at)) deallocate (self%at, self%mirror_at, self%is_conjugate)
-      allocate (self%at(harmonics%n_harmonics), self%mirror_at(harmonics%n_harmonics), self%is_conjugate(harmonics%n_harmonics))
-      do h = 1, harmonics%n_harmonics
-         associate (j => harmonics%tuples(:, h))
-            call self%batch%find_place(j, self%at(h), self%is_conjugate(h))
-            self%mirror_at(h) = 0
-            if (j(1) == 0 .and. any(j /= 0)) call self%batch%find_place(-j, self%mirror_at(h), is_conjugate)
-         end associate
-      end do
+      self%at = [(self%fft%place(harmonics%tuples(:, h)), h=1, harmonics%n_harmonics)]
+      self%mirror_at = [(self%fft%place(-harmonics%tuples(:, h)), h=1, harmonics%n_harmonics)]
+      first = [(h, h=0, size(first) - 1)]                             ! of kept tuples none is negative
+      call self%fft%factors(first, near, far)
+      self%near_factor = near(harmonics%tuples(1, :))
+      self%far_factor = far(harmonics%tuples(1, :))
+      call self%fft%shares(first, near, far)
+      self%near_share = near(harmonics%tuples(1, :))
+      self%far_share = far(harmonics%tuples(1, :))
+      allocate (is_used(self%fft%n_places()), source=.false.)
+      is_used(self%at) = .true.
+      is_used(self%mirror_at) = .true.
+      self%has_shared_places = count(is_used) < 2*harmonics%n_harmonics - merge(1, 0, harmonics%has_zero)
    end subroutine new_transform
 
    !> Samples of the motions with coefficients `x`.
@@ -91,17 +93,18 @@ contains
       class(transform_t), intent(inout) :: self
       real(wp), intent(in) :: x(:, :)                                 !! (n_coefficients, n_channels)
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned
+      complex(wp) :: c(self%harmonics%n_harmonics)
       integer :: channel, h
 
-      associate (set => self%harmonics, spectra => self%batch%spectra%values)
-         spectra = (0.0_wp, 0.0_wp)
+      associate (set => self%harmonics)
+         if (set%has_zero) c(1) = 0.0_wp
          do channel = 1, self%n_channels
-            if (set%has_zero) spectra(self%at(1), channel) = x(1, channel)
+            if (set%has_zero) c(1) = x(1, channel)
             do h = merge(2, 1, set%has_zero), set%n_harmonics
-               call store(self, channel, h, 0.5_wp*cmplx(x(set%cos_at(h), channel), -x(set%sin_at(h), channel), wp))
+               c(h) = cmplx(x(set%cos_at(h), channel), -x(set%sin_at(h), channel), wp)
             end do
+            call sample_amplitudes(self, c, samples(:, channel))
          end do
-         call self%batch%to_samples(samples)
       end associate
    end subroutine transform_to_samples
 
@@ -111,31 +114,49 @@ contains
       real(wp), intent(in) :: x(:, :)                                 !! (n_coefficients, n_channels)
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned
+      complex(wp) :: c(self%harmonics%n_harmonics)
       integer :: channel, h
 
-      associate (set => self%harmonics, spectra => self%batch%spectra%values)
-         spectra = (0.0_wp, 0.0_wp)
+      associate (set => self%harmonics)
+         if (set%has_zero) c(1) = 0.0_wp
          do channel = 1, self%n_channels
             do h = merge(2, 1, set%has_zero), set%n_harmonics
-               call store(self, channel, h, &
-                  0.5_wp*frequencies(h)*cmplx(x(set%sin_at(h), channel), x(set%cos_at(h), channel), wp))
+               c(h) = frequencies(h)*cmplx(x(set%sin_at(h), channel), x(set%cos_at(h), channel), wp)
             end do
+            call sample_amplitudes(self, c, samples(:, channel))
          end do
-         call self%batch%to_samples(samples)
       end associate
    end subroutine transform_to_rate_samples
 
-   !> Puts one complex value at j and its conjugate at -j where the half spectrum stores both.
-   pure subroutine store(self, channel, h, value)
+   !> Samples of Re sum c exp(i j.tau). The same places of the spectrum are written each time, so that the others stay zero.
+   subroutine sample_amplitudes(self, c, samples)
       type(transform_t), intent(inout) :: self
-      integer, intent(in) :: channel, h
-      complex(wp), intent(in) :: value
+      complex(wp), intent(in) :: c(:)                                 !! (n_harmonics)
+      real(wp), intent(inout), contiguous :: samples(:)               !! (n_total), aligned
+      complex(wp), pointer, contiguous :: spectrum(:)
+      integer :: h
 
-      associate (spectra => self%batch%spectra%values)
-         spectra(self%at(h), channel) = merge(conjg(value), value, self%is_conjugate(h))
-         if (self%mirror_at(h) > 0) spectra(self%mirror_at(h), channel) = conjg(value)
-      end associate
-   end subroutine store
+      spectrum => self%fft%spectrum()
+      if (self%has_shared_places) then
+         spectrum(self%at) = (0.0_wp, 0.0_wp)
+         spectrum(self%mirror_at) = (0.0_wp, 0.0_wp)
+         do h = 1, size(c)
+            associate (near => spectrum(self%at(h)))
+               near = near + self%near_factor(h)*c(h)
+            end associate
+            associate (far => spectrum(self%mirror_at(h)))
+               far = far + self%far_factor(h)*conjg(c(h))
+            end associate
+         end do
+      else
+         do h = 1, size(c)
+            spectrum(self%at(h)) = self%near_factor(h)*c(h)
+            spectrum(self%mirror_at(h)) = self%far_factor(h)*conjg(c(h))
+         end do
+         if (self%harmonics%has_zero) spectrum(self%at(1)) = (self%near_factor(1) + self%far_factor(1))*real(c(1))
+      end if
+      call self%fft%to_samples(samples)
+   end subroutine sample_amplitudes
 
    !> Coefficients of the sampled functions in the kept harmonics (their projection).
    subroutine transform_to_coefficients(self, samples, x)
@@ -144,9 +165,8 @@ contains
       real(wp), intent(out) :: x(:, :)                                !! (n_coefficients, n_channels)
       integer :: channel
 
-      call self%batch%to_spectrum(samples)
       do channel = 1, self%n_channels
-         call read_spectrum(self, self%batch%spectra%values(:, channel), x(:, channel))
+         call find_coefficients(self, samples(:, channel), x(:, channel))
       end do
    end subroutine transform_to_coefficients
 
@@ -156,145 +176,206 @@ contains
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, 1), aligned; unchanged
       real(wp), intent(out) :: x(:)                                   !! (n_coefficients)
 
-      if (.not. self%torus%is_half .or. self%parity == 0) then
-         call project(self%single)
-      else if (allocated(self%single_odd)) then
-         call project(self%single_odd)
-      else
-         call project(self%batch)
-      end if
-
-   contains
-
-      subroutine project(plan)
-         type(grid_fft_t), intent(inout) :: plan
-
-         call plan%to_spectrum(samples)
-         call read_spectrum(self, plan%spectra%values(:, 1), x)
-      end subroutine project
+      call find_coefficients(self, samples(:, 1), x)
    end subroutine transform_to_coefficients_of_one
 
-   !> Coefficients from the spectrum of one channel.
-   pure subroutine read_spectrum(self, spectrum, x)
-      type(transform_t), intent(in) :: self
-      complex(wp), intent(in) :: spectrum(:)
+   subroutine find_coefficients(self, samples, x)
+      type(transform_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous :: samples(:)
       real(wp), intent(out) :: x(:)
+      complex(wp), pointer, contiguous :: spectrum(:)
+      complex(wp) :: c
       integer :: h
       real(wp) :: weight
 
+      call self%fft%to_spectrum(samples, spectrum)
       weight = 2.0_wp/self%torus%n_total
       associate (set => self%harmonics)
-         if (set%has_zero) x(1) = 0.5_wp*weight*real(spectrum(self%at(1)))
-         do h = merge(2, 1, set%has_zero), set%n_harmonics
-            x(set%cos_at(h)) = weight*real(spectrum(self%at(h)))
-            x(set%sin_at(h)) = merge(weight, -weight, self%is_conjugate(h))*aimag(spectrum(self%at(h)))
+         do h = 1, set%n_harmonics
+            c = weight*(self%near_share(h)*spectrum(self%at(h)) + self%far_share(h)*conjg(spectrum(self%mirror_at(h))))
+            if (h == 1 .and. set%has_zero) then
+               x(1) = 0.5_wp*real(c)
+            else
+               x(set%cos_at(h)) = real(c)
+               x(set%sin_at(h)) = -aimag(c)
+            end if
          end do
       end associate
-   end subroutine read_spectrum
+   end subroutine find_coefficients
 
-   !> Fills the table of `factor` times the function sampled in one column of `samples`. The table's index arrays are made at
-   !> its first use.
-   subroutine transform_tabulate_product(self, samples, column, table, factor)
+   !> Makes room for products: plans the transform of their tuples and lays out their table, at its first use.
+   subroutine transform_prepare_products(self, table, n_parts, error)
       class(transform_t), intent(inout) :: self
-      real(wp), intent(inout), contiguous, target :: samples(:, :)    !! (n_total, any); unchanged
+      type(product_table_t), intent(inout) :: table
+      integer, intent(in) :: n_parts                                  !! functions held at once, the same each time
+      type(error_t), allocatable, intent(out) :: error
+
+      if (allocated(table%at)) return
+      call new_packed_fft(self%products, self%torus, 0, 2*self%harmonics%highest, way%to_spectrum, self%effort, error)
+      if (.not. allocated(error)) call index_table(self, table, n_parts)
+   end subroutine transform_prepare_products
+
+   !> Fills one part of the table with `factor` times the function sampled in one column of `samples`, after `prepare_products`.
+   subroutine transform_tabulate_product(self, samples, column, table, part, factor)
+      class(transform_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, any); unchanged
       integer, intent(in) :: column
       type(product_table_t), intent(inout) :: table
+      integer, intent(in) :: part
       real(wp), intent(in) :: factor
-      integer :: i, place
-      real(wp) :: weight
+      complex(wp), pointer, contiguous :: spectrum(:)
+      complex(wp) :: far, near
+      integer :: i, m, n, n_inner
 
-      if (.not. allocated(table%source)) call index_table(self, table)
-      weight = factor/self%torus%n_total
-      call self%single%to_spectrum(samples(:, column:column))
-      do i = 1, size(table%source)
-         place = abs(table%source(i))
-         table%cosine(table%entry(i)) = weight*real(self%single%spectra%values(place, 1))
-         table%sine(table%entry(i)) = -sign(weight, real(table%source(i), wp))*aimag(self%single%spectra%values(place, 1))
+      call self%products%to_spectrum(samples(:, column), spectrum)
+      n = size(table%at)
+      n_inner = n/size(table%near_share)
+      do m = 1, size(table%near_share)
+         near = factor/self%torus%n_total*table%near_share(m)
+         far = factor/self%torus%n_total*table%far_share(m)
+         do i = (m - 1)*n_inner + 1, m*n_inner
+            table%mean(i, part) = conjg(near*spectrum(table%at(i)) + far*conjg(spectrum(table%at(n + 1 - i))))
+         end do
       end do
    end subroutine transform_tabulate_product
 
    !> Lays out the table over all m with |m_n| <= 2 N_n, wrapped onto the grid, so that what it holds is the exact
-   !> derivative of the discrete projection, aliases included. On half a torus those of odd sums are zero and left out.
-   subroutine index_table(self, table)
+   !> derivative of the discrete projection, aliases included. On half a torus slopes have even sums alone; nothing reads others.
+   subroutine index_table(self, table, n_parts)
       type(transform_t), intent(in) :: self
       type(product_table_t), intent(inout) :: table
+      integer, intent(in) :: n_parts
       integer :: extent(self%harmonics%n_tones), stride(self%harmonics%n_tones), j(self%harmonics%n_tones)
-      integer :: h, i, m, n_entries, place, rest
-      logical :: is_conjugate
+      integer :: h, i, m, rest
 
       associate (set => self%harmonics)
          extent = 4*set%highest + 1
-         stride(1) = 1
-         do m = 2, set%n_tones
-            stride(m) = stride(m - 1)*extent(m - 1)
+         stride(set%n_tones) = 1
+         do m = set%n_tones - 1, 1, -1
+            stride(m) = stride(m + 1)*extent(m + 1)
          end do
          table%centre = 1 + dot_product(2*set%highest, stride)
-         allocate (table%offset(set%n_harmonics), table%source(product(extent)), table%entry(product(extent)))
+         allocate (table%offset(set%n_harmonics), table%at(product(extent)))
          do h = 1, set%n_harmonics
             table%offset(h) = dot_product(set%tuples(:, h), stride)
          end do
-         n_entries = 0
-         do i = 1, product(extent)
+         do i = 1, size(table%at)
             rest = i - 1
-            do m = 1, set%n_tones
+            do m = set%n_tones, 1, -1
                j(m) = modulo(rest, extent(m)) - 2*set%highest(m)
                rest = rest/extent(m)
             end do
-            if (self%torus%is_half .and. modulo(sum(j), 2) == 1) cycle
-            n_entries = n_entries + 1
-            call self%single%find_place(j, place, is_conjugate)
-            table%entry(n_entries) = i
-            table%source(n_entries) = merge(-place, place, is_conjugate)
+            table%at(i) = self%products%place(j)
          end do
-         table%entry = table%entry(:n_entries)
-         table%source = table%source(:n_entries)
-         allocate (table%cosine(product(extent)), table%sine(product(extent)), source=0.0_wp)
+         allocate (table%near_share(extent(1)), table%far_share(extent(1)))
+         call self%products%shares([(m - 2*set%highest(1), m=0, extent(1) - 1)], table%near_share, table%far_share)
+         allocate (table%mean(size(table%at), n_parts))
       end associate
    end subroutine index_table
 
-   !> The two columns, for cosine and sine of harmonic k, of the matrix of x -> projection of g x:
+   !> The two columns, for cosine and sine of harmonic k, of the matrix of x -> projection of g x, with g a part of the table:
    !> its entry at cosine j, cosine k is mean g [cos((j-k).tau) + cos((j+k).tau)], and so on by the product formulas,
    !> half of that in the row of the zero tuple. Source: docs/theory.md, eq. (11).
-   pure subroutine product_table_columns(self, set, k, cosine_column, sine_column)
+   pure subroutine product_table_columns(self, part, set, k, cosine_column, sine_column)
       class(product_table_t), intent(in) :: self
+      integer, intent(in) :: part
       type(harmonics_t), intent(in) :: set
       integer, intent(in) :: k                                        !! harmonic
-      real(wp), intent(out) :: cosine_column(:), sine_column(:)       !! (n_coefficients); the sine of tuple zero is zero
+      real(wp), intent(out), contiguous :: cosine_column(:), sine_column(:)  !! (n_coefficients); the sine of tuple zero is zero
 
-      call self%columns_among(set, self%offset, self%offset(k), cosine_column, sine_column)
+      call self%columns_among(part, set, self%offset, self%offset(k), cosine_column, sine_column)
    end subroutine product_table_columns
 
    !> The same columns in the rows of some of the harmonics alone.
-   pure subroutine product_table_columns_among(self, set, offsets, offset, cosine_column, sine_column)
+   pure subroutine product_table_columns_among(self, part, set, offsets, offset, cosine_column, sine_column)
       class(product_table_t), intent(in) :: self
+      integer, intent(in) :: part
       type(harmonics_t), intent(in) :: set                            !! of these harmonics
       integer, intent(in) :: offsets(:)                               !! those of `offset`, (set%n_harmonics)
       integer, intent(in) :: offset                                   !! that of the column
-      real(wp), intent(out) :: cosine_column(:), sine_column(:)       !! (set%n_coefficients)
-      integer :: h, minus, plus
+      real(wp), intent(out), contiguous :: cosine_column(:), sine_column(:)  !! (set%n_coefficients)
+      complex(wp) :: difference, total
+      integer :: first, h, last, minus, plus, row
 
-      do h = merge(2, 1, set%has_zero), set%n_harmonics
-         minus = self%centre + offsets(h) - offset
-         plus = self%centre + offsets(h) + offset
-         cosine_column(set%cos_at(h)) = self%cosine(plus) + self%cosine(minus)
-         cosine_column(set%sin_at(h)) = self%sine(plus) + self%sine(minus)
-         sine_column(set%cos_at(h)) = self%sine(plus) - self%sine(minus)
-         sine_column(set%sin_at(h)) = self%cosine(minus) - self%cosine(plus)
-      end do
+      last = 0
+      row = 0
       if (set%has_zero) then
-         cosine_column(1) = self%cosine(self%centre + offset)
-         sine_column(1) = self%sine(self%centre + offset)
+         cosine_column(1) = real(self%mean(self%centre + offset, part))
+         sine_column(1) = aimag(self%mean(self%centre + offset, part))
+         last = 1
+         row = -1
       end if
+      do while (last < set%n_harmonics)                               ! one run of neighbours in the table after the other
+         first = last + 1
+         call find_run(offsets, first, last)
+         minus = self%centre + offsets(first) - first - offset
+         plus = self%centre + offsets(first) - first + offset
+         do h = first, last
+            total = self%mean(plus + h, part) + self%mean(minus + h, part)
+            difference = self%mean(plus + h, part) - self%mean(minus + h, part)
+            cosine_column(row + 2*h - 1) = real(total)
+            cosine_column(row + 2*h) = aimag(total)
+            sine_column(row + 2*h - 1) = aimag(difference)
+            sine_column(row + 2*h) = -real(difference)
+         end do
+      end do
    end subroutine product_table_columns_among
+
+   !> Adds a times the columns of `columns` and b times what a quarter of a turn makes of them: to that of the cosine b times that
+   !> of the sine, to that of the sine -b times that of the cosine.
+   pure subroutine product_table_add_columns(self, part, set, k, a, b, cosine_column, sine_column)
+      class(product_table_t), intent(in) :: self
+      integer, intent(in) :: part
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: k                                        !! harmonic
+      real(wp), intent(in) :: a, b
+      real(wp), intent(inout), contiguous :: cosine_column(:), sine_column(:)  !! (n_coefficients)
+      complex(wp) :: difference, total
+      integer :: first, h, last, minus, plus, row
+
+      last = 0
+      row = 0
+      if (set%has_zero) then
+         total = self%mean(self%centre + self%offset(k), part)
+         cosine_column(1) = cosine_column(1) + a*real(total) + b*aimag(total)
+         sine_column(1) = sine_column(1) + a*aimag(total) - b*real(total)
+         last = 1
+         row = -1
+      end if
+      do while (last < set%n_harmonics)
+         first = last + 1
+         call find_run(self%offset, first, last)
+         minus = self%centre + self%offset(first) - first - self%offset(k)
+         plus = self%centre + self%offset(first) - first + self%offset(k)
+         do h = first, last
+            total = self%mean(plus + h, part) + self%mean(minus + h, part)
+            difference = self%mean(plus + h, part) - self%mean(minus + h, part)
+            cosine_column(row + 2*h - 1) = cosine_column(row + 2*h - 1) + a*real(total) + b*aimag(difference)
+            cosine_column(row + 2*h) = cosine_column(row + 2*h) + a*aimag(total) - b*real(difference)
+            sine_column(row + 2*h - 1) = sine_column(row + 2*h - 1) + a*aimag(difference) - b*real(total)
+            sine_column(row + 2*h) = sine_column(row + 2*h) - a*real(difference) - b*aimag(total)
+         end do
+      end do
+   end subroutine product_table_add_columns
+
+   !> The last of the harmonics from `first` on that stand side by side in a table.
+   pure subroutine find_run(offsets, first, last)
+      integer, intent(in) :: offsets(:)
+      integer, intent(in) :: first
+      integer, intent(out) :: last
+
+      last = first
+      do while (last < size(offsets))
+         if (offsets(last + 1) /= offsets(last) + 1) exit
+         last = last + 1
+      end do
+   end subroutine find_run
 
    !> Frees plans and memory; safe to call twice.
    subroutine transform_destroy(self)
       class(transform_t), intent(inout) :: self
 
-      call self%batch%destroy()
-      call self%single%destroy()
-      if (.not. allocated(self%single_odd)) return
-      call self%single_odd%destroy()
-      deallocate (self%single_odd)
+      call self%fft%destroy()
+      call self%products%destroy()
    end subroutine transform_destroy
 end module hb_transform

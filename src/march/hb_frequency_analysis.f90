@@ -81,7 +81,7 @@ contains
       frequency = 0.0_wp
       call new_real_block(samples, size(x), 1, error)
       if (.not. allocated(error)) call new_complex_block(spectrum, size(x)/2 + 1, 1, error)
-      if (.not. allocated(error)) call new_fft_plan(plan, [size(x)], 1, planning%estimate, .false., samples%values, &
+      if (.not. allocated(error)) call new_fft_plan(plan, [size(x)], 1, planning%estimate, samples%values, &
                                                     spectrum%values, error)
       if (.not. allocated(error)) then
          samples%values(:, 1) = x

@@ -21,6 +21,7 @@ module hb_block_solver
       integer, private :: n_lower = 0, n_upper = 0, n_rhs = 0
       type(structure_block_t), private :: entries            !! scaled
       complex(wp), allocatable, private :: scale(:)          !! (n), real values, complex to multiply `rhs`
+      complex(wp), allocatable, private :: probe(:)          !! (n), of no particular direction
       complex(wp), allocatable, private :: matrix(:, :)      !! dense (n, n), or LAPACK band storage
       complex(wp), allocatable, private :: s(:)              !! values of the entries
       real(wp), allocatable, private :: magnitude(:), row_sum(:)
@@ -66,6 +67,7 @@ contains
       n_rows = 2*self%n_lower + self%n_upper + 1                      ! LAPACK keeps room for row exchanges
       self%is_banded = 2*n_rows <= n
       if (.not. self%is_banded) n_rows = max(1, n)
+      self%probe = [(cmplx(cos(real(e, wp)), kind=wp), e=1, n)]
       allocate (self%matrix(n_rows, n), self%rhs(n, n_rhs + 1), self%pivots(n), self%row_sum(n))
    end subroutine new_block_solver
 
@@ -99,9 +101,7 @@ contains
          self%rhs(:, i) = self%scale*self%rhs(:, i)
       end do
       associate (probe => self%rhs(:, self%n_rhs + 1:))
-         do i = 1, self%n
-            probe(i, 1) = cmplx(cos(real(i, wp)), kind=wp)
-         end do
+         probe(:, 1) = self%probe
          growth = 1.0_wp/length_of(probe)
          call back_substitute(self, "N", self%rhs)
          growth = growth*length_of(probe)

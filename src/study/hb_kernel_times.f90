@@ -158,7 +158,7 @@ contains
          if (allocated(error)) return
          call new_complex_block(shop%spectrum, (grid%n_samples(1)/2 + 1)*product(grid%n_samples(2:)), channels, error)
          if (allocated(error)) return
-         call new_fft_plan(shop%plan, grid%n_samples, channels, shop%scene%planning, .false., shop%samples%values, &
+         call new_fft_plan(shop%plan, grid%n_samples, channels, shop%scene%planning, shop%samples%values, &
             shop%spectrum%values, error)
          if (allocated(error)) return
       end associate

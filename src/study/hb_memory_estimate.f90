@@ -57,10 +57,10 @@ contains
       if (s%n_law_dofs <= 0) bytes%samples = 0
       if (s%n_law_dofs <= 0) return
 
-      tangent = real_bytes*(n*n + 12*n + table_size(s%highest)*2.5_wp)
+      tangent = real_bytes*(n*n + 12*n + table_size(s%highest)*6.5_wp)
       certificate = real_bytes*n*n
       if (s%solver%method == method%broyden) tangent = tangent + 2*real_bytes*n*s%solver%memory
-      if (s%solver%rescue) bytes%rescue = max(2*real_bytes*n*n + real_bytes*(20*n + table_size(s%highest)*2.5_wp), &
+      if (s%solver%rescue) bytes%rescue = max(2*real_bytes*n*n + real_bytes*(20*n + table_size(s%highest)*6.5_wp), &
                                               real_bytes*(n*n + 2*n*s%solver%memory))
       if (from_products(s)) then
          certificate = gmres_bytes(s) + preconditioner_bytes(s, .false.)
@@ -248,7 +248,7 @@ contains
       samples = s%samples
       if (.not. s%has_memory .and. all(s%samples >= 4*real(s%highest, wp) + 1)) samples = min(s%samples, fast_size(4*s%highest + 1))
       kinds = 1 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction)
-      preconditioner_bytes = real_bytes*(min(most_memory, factors) + table_size(s%highest)*2.5_wp + &
+      preconditioner_bytes = real_bytes*(min(most_memory, factors) + table_size(s%highest)*6.5_wp + &
                                          volume(samples)*((kinds + 1)*s%n_law_dofs + kinds*s%n_pairs) + 5*s%n_law_dofs**2)
       if (s%has_memory) preconditioner_bytes = preconditioner_bytes + real_bytes*3*volume(samples)*s%n_law_dofs
       preconditioner_bytes = preconditioner_bytes + complex_bytes*s%n_harmonics*s%n_law_dofs*s%n_tangent_rows
@@ -286,11 +286,11 @@ contains
       real(wp) :: blocks, kinds, n_slice, n_steps, per_sample
 
       blocks = 2 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction) + merge(3, 0, s%has_memory)
-      per_sample = s%n_law_dofs*blocks + (s%n_law_dofs + 1)*(1 + 2.0_wp/samples(1)) + s%laws_per_sample
+      per_sample = s%n_law_dofs*blocks + s%laws_per_sample + spectra(s%highest, samples)
       if (s%has_memory) per_sample = per_sample + 1.5_wp              ! order of the walk, one answer
       if (with_derivatives) then
          kinds = 1 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction)
-         per_sample = per_sample + kinds*s%n_pairs + s%derivatives_per_sample
+         per_sample = per_sample + kinds*s%n_pairs + s%derivatives_per_sample + min(2, size(samples))   ! transform of products
       end if
       if (with_answers) per_sample = per_sample + s%answers_per_sample
       sample_bytes = real_bytes*per_sample*volume(samples)
@@ -301,6 +301,20 @@ contains
       if (with_answers) sample_bytes = sample_bytes + &
          2*real_bytes*n_harmonics*(s%states*n_slice + n_slice + maxval(samples))
    end function sample_bytes
+
+   !> Real numbers per sample in the spectra of one function, stage by stage, and in work arrays; see hb_packed_fft.
+   pure real(wp) function spectra(highest, samples)
+      integer, intent(in) :: highest(:), samples(:)                   !! (n_tones)
+      real(wp) :: part
+      integer :: m
+
+      part = 1                                                        ! of the grid that a stage still holds
+      spectra = 0
+      do m = 1, size(samples)
+         spectra = spectra + part*merge(2, 1, m <= 2)                 ! two of them also as work arrays
+         part = part*min(1.0_wp, (2*highest(m) + 2)/(samples(m)/merge(2.0_wp, 1.0_wp, m == 1)))
+      end do
+   end function spectra
 
    !> Entries of the table of products, see hb_transform.
    pure real(wp) function table_size(highest)

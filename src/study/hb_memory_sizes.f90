@@ -50,6 +50,7 @@ contains
       integer, intent(in) :: stored_samples(:)                        !! of surfaces, size 0: none
       type(solver_config_t), intent(in) :: solver
       logical, intent(in) :: has_certificate, has_unknown_tones
+      integer, allocatable :: n_laws_on(:)                            ! each degree of freedom of the structure
       integer :: i
 
       self%n_dofs = structure%n_dofs
@@ -64,8 +65,12 @@ contains
       self%has_unknown_tones = has_unknown_tones
       self%largest_dense = largest_dense_tangent(laws)
       call scan_structure(self, structure)
+      allocate (n_laws_on(structure%n_dofs), source=0)
       do i = 1, size(laws)
-         call add_law(self, laws, i)
+         n_laws_on(laws(i)%law%dofs) = n_laws_on(laws(i)%law%dofs) + 1
+      end do
+      do i = 1, size(laws)
+         call add_law(self, laws, i, n_laws_on)
       end do
       self%n_pairs = min(self%n_pairs, self%n_law_dofs**2)
       call find_bands(self, structure, laws, law_dofs)
@@ -125,12 +130,14 @@ contains
    end subroutine scan_structure
 
    !> Adds what law i keeps for itself, see hb_law_slot, hb_slider_memory and hb_memory_tangent.
-   subroutine add_law(self, laws, i)
+   subroutine add_law(self, laws, i, n_laws_on)
       type(sizes_t), intent(inout) :: self
       type(law_box_t), intent(in) :: laws(:)
       integer, intent(in) :: i
+      integer, intent(in) :: n_laws_on(:)                             !! each degree of freedom of the structure
       real(wp) :: c, d, p, v
       integer :: k
+      logical :: reads_in_place, writes_in_place
 
       associate (law => laws(i)%law)
          c = size(law%shape, 2)
@@ -139,7 +146,11 @@ contains
          p = merge(c, 0.0_wp, law%is_multiplier)
          self%needs_velocity = self%needs_velocity .or. law%needs_velocity
          self%needs_reaction = self%needs_reaction .or. law%is_multiplier
-         self%laws_per_sample = self%laws_per_sample + 2*c + v + p
+         reads_in_place = .false.
+         if (size(law%shape) == 1) reads_in_place = law%shape(1, 1) == 1.0_wp
+         writes_in_place = reads_in_place .and. all(n_laws_on(law%dofs) == 1)
+         if (.not. reads_in_place) self%laws_per_sample = self%laws_per_sample + c + v
+         if (.not. writes_in_place) self%laws_per_sample = self%laws_per_sample + c + p
          select type (law)
          class is (hysteretic_law_t)
             associate (n => real(law%n_states, wp))

@@ -1,0 +1,332 @@
+!> Spectrum of low tuples <-> real samples on a grid of an even number of samples, by complex transforms of half the length.
+!>
+!> Two neighbours x(2k), x(2k + 1) along the first tone are the real and the imaginary part of z(k), as they stand in memory.
+!> The motion Re(c exp(i j.tau)) puts c (1 + i w)/2 at j and conj(c) (1 + i conj(w))/2 at -j into the spectrum of z, with
+!> w = exp(2 pi i j_1/n_1); back, c comes from both. Source of the method: Press et al., Numerical Recipes, section 12.3,
+!> for one tone. Where the first tone has an odd number of samples z is x, and w is left out.
+!>
+!> A function that a shift of all phases by pi multiplies by -1 or 1 has tuples of odd or even sum alone. Half of the grid, the
+!> first half of the last tone, then tells all, and the transform along this tone has half the length: with j_d = 2 l + p, p 0 or 1,
+!> exp(i j_d tau_d) is exp(2 pi i l i_d/(n_d/2)) times the twist exp(i p tau_d), and p follows from the other entries.
+!>
+!> One tone is transformed after the other. A column in which a tone not yet transformed has a tuple beyond the highest
+!> kept is zero, or of no interest: it is not transformed. Each stage has an array of its own, so that what it does not write
+!> stays zero. FFTW's transforms of several axes know nothing of that, and those of real numbers run one number at a time.
+module hb_packed_fft
+   use hb_error, only: error_t
+   use hb_fftw, only: axis_plan_t, complex_block_t, new_axis_plan, new_complex_block, two_together
+   use hb_kinds, only: two_pi, wp
+   use hb_torus, only: torus_t
+   implicit none
+   private
+   public :: new_packed_fft, packed_fft_t, way
+
+   !> The ways that a transform goes; each needs arrays of its own.
+   type :: way_t
+      integer :: both = 0
+      integer :: to_samples = 1
+      integer :: to_spectrum = 2
+   end type way_t
+   type(way_t), parameter :: way = way_t()
+
+   !> Transforms along one tone, from a spectrum in which lower tones stand close together and this one at full length, to one
+   !> in which the next lower tone has its full length as well.
+   type :: stage_t
+      type(axis_plan_t) :: plan
+      type(complex_block_t) :: spectrum                               ! (any, 1), only where there is a way to samples
+      integer :: high_spectrum = 0                                    ! where negative j of the next lower tone begin, in both;
+      integer :: high_samples = 0                                     ! 0: all of its j are transformed at once
+   end type stage_t
+
+   !> Owner of outside resources: call `destroy`.
+   type :: packed_fft_t
+      integer :: n_samples = 0                                        !! of the whole grid
+      integer, private :: n_together = 1                              ! samples in one complex number
+      integer, private :: n_first = 0                                 ! samples of the first tone
+      integer, allocatable, private :: extent(:)                      ! (n_tones) of the spectrum
+      logical, private :: is_half = .false.                           ! of the grid
+      integer, private :: parity = 0                                  ! of the sums of tuples, on half a grid
+      complex(wp), allocatable, private :: twist(:)                   ! exp(i tau_d) of the samples of the last tone, on half a grid
+      integer, allocatable, private :: twisted(:)                     ! columns of lower tones whose last entries are odd
+      integer, private :: n_columns = 0                               ! of lower tones, before the last is transformed
+      type(stage_t), allocatable, private :: stages(:)                ! (n_tones)
+      type(complex_block_t), private :: work(2)                       ! on the way to the spectrum
+      type(complex_block_t), private :: loose                         ! samples, where they are not transformed as they stand
+   contains
+      procedure :: place => packed_fft_place
+      procedure :: n_places => packed_fft_n_places
+      procedure :: factors => packed_fft_factors
+      procedure :: shares => packed_fft_shares
+      procedure :: spectrum => packed_fft_spectrum
+      procedure :: to_samples => packed_fft_to_samples
+      procedure :: to_spectrum => packed_fft_to_spectrum
+      procedure :: destroy => packed_fft_destroy
+   end type packed_fft_t
+
+contains
+
+   !> Plans the transforms of one function at a time on a grid, between samples and tuples with |j_m| <= highest(m).
+   subroutine new_packed_fft(self, torus, parity, highest, ways, effort, error)
+      type(packed_fft_t), intent(inout) :: self
+      type(torus_t), intent(in) :: torus
+      integer, intent(in) :: parity                                   !! 1 or 0: of the sums of tuples; any on the whole grid
+      integer, intent(in) :: highest(:)                               !! (n_tones) >= 0; larger than the grid tells apart: all
+      integer, intent(in) :: ways                                     !! one of `way`
+      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
+      type(error_t), allocatable, intent(out) :: error
+      integer :: grid(size(highest)), m, n_tones
+
+      call self%destroy()
+      n_tones = size(highest)
+      self%n_samples = torus%n_total
+      self%n_first = torus%n_samples(1)
+      self%is_half = torus%is_half
+      self%parity = parity
+      self%n_together = 2 - modulo(self%n_first, 2)
+      if (torus%is_half .and. n_tones > 1 .and. modulo(self%n_first, 4) == 2 .and. 2*highest(1) + 2 > self%n_first/2) &
+         self%n_together = 1                                          ! an odd number of pairs would mix tuples of both parities
+      grid = torus%n_samples
+      if (torus%is_half) grid(n_tones) = grid(n_tones)/2
+      grid(1) = grid(1)/self%n_together
+      self%extent = min(grid, 2*highest + 2)
+      self%extent(n_tones) = grid(n_tones)
+      allocate (self%stages(n_tones))
+      do m = 1, n_tones
+         if (.not. allocated(error)) call plan_stage(self%stages(m), m)
+         if (ways /= way%to_spectrum .and. .not. allocated(error)) &
+            call new_complex_block(self%stages(m)%spectrum, product(self%extent(:m - 1))*product(grid(m:)), 1, error)
+      end do
+      if (torus%is_half) call find_twist()
+      if ((self%n_together == 1 .or. (torus%is_half .and. n_tones == 1)) .and. .not. allocated(error)) &
+         call new_complex_block(self%loose, product(grid), 1, error)
+      if (ways == way%to_samples) return
+      if (.not. allocated(error)) call new_complex_block(self%work(1), product(grid), 1, error)
+      if (.not. allocated(error) .and. n_tones > 1) &
+         call new_complex_block(self%work(2), self%extent(1)*product(grid(2:)), 1, error)
+
+   contains
+
+      !> Which columns are twisted: those in which the lower tones leave an odd entry to the last.
+      subroutine find_twist()
+         integer :: b, i, k, lower, rest, total
+         real(wp) :: step
+
+         step = two_pi/torus%n_samples(n_tones)                       ! of the phase, from one sample that is kept to the next
+         if (n_tones == 1) step = step*self%n_together
+         self%twist = [(cmplx(cos(step*k), sin(step*k), wp), k=0, grid(n_tones) - 1)]
+         allocate (self%twisted(0))
+         self%n_columns = product(self%extent(:n_tones - 2))
+         if (n_tones > 1) self%n_columns = self%n_columns*grid(n_tones - 1)
+         do i = 1, self%n_columns
+            rest = i - 1
+            total = 0
+            do k = 1, n_tones - 2
+               total = total + modulo(rest, self%extent(k))           ! an even number of places: negative entries keep their parity
+               rest = rest/self%extent(k)
+            end do
+            if (n_tones > 1) then
+               lower = self%extent(n_tones - 1)/2                     ! entries from 0 on come first
+               b = rest
+               if (self%extent(n_tones - 1) < grid(n_tones - 1) .and. rest >= lower) b = rest - grid(n_tones - 1)
+               if (b < -lower) cycle                                  ! beyond the highest: zero, or of no interest
+               total = total + b
+            end if
+            if (modulo(parity - total, 2) == 1) self%twisted = [self%twisted, i]
+         end do
+      end subroutine find_twist
+
+      subroutine plan_stage(stage, m)
+         type(stage_t), intent(inout) :: stage
+         integer, intent(in) :: m
+         integer :: before, n_inner, next, next_grid
+
+         before = product(self%extent(:m - 2))
+         next = 1
+         next_grid = 1
+         if (m > 1) then
+            next = self%extent(m - 1)
+            next_grid = grid(m - 1)
+         end if
+         n_inner = before*next
+         if (next < next_grid) then                                   ! j = 0 .. highest, then -highest - 1 .. -1
+            n_inner = n_inner/2
+            stage%high_spectrum = n_inner
+            stage%high_samples = before*next_grid - n_inner
+         end if
+         call new_axis_plan(stage%plan, grid(m), n_inner, product(grid(m + 1:)), before*next, before*next_grid, effort, &
+                            error)
+      end subroutine plan_stage
+   end subroutine new_packed_fft
+
+   !> Where tuple j stands in the spectrum. On half a grid its sum has the parity of the plan; others get the place of a
+   !> neighbour.
+   pure integer function packed_fft_place(self, j)
+      class(packed_fft_t), intent(in) :: self
+      integer, intent(in) :: j(:)                                     !! any integers, (n_tones)
+      integer :: last, m
+
+      last = j(size(j))
+      if (self%is_half) then
+         last = last - modulo(self%parity - sum(j(:size(j) - 1)), 2)
+         last = (last - modulo(last, 2))/2
+      end if
+      packed_fft_place = modulo(last, self%extent(size(j)))
+      do m = size(j) - 1, 1, -1
+         packed_fft_place = packed_fft_place*self%extent(m) + modulo(j(m), self%extent(m))
+      end do
+      packed_fft_place = packed_fft_place + 1
+   end function packed_fft_place
+
+   !> What Re(c exp(i j.tau)) puts into the spectrum: `near` c at j and `far` conj(c) at -j.
+   elemental subroutine packed_fft_factors(self, first, near, far)
+      class(packed_fft_t), intent(in) :: self
+      integer, intent(in) :: first                                    !! j_1
+      complex(wp), intent(out) :: near, far
+      complex(wp) :: turn
+
+      turn = (0.0_wp, 0.0_wp)
+      if (self%n_together == 2) turn = cmplx(0.0_wp, 1.0_wp, wp)*turn_by(self, first)
+      near = 0.5_wp*(1.0_wp + turn)
+      far = 0.5_wp*(1.0_wp - conjg(turn))
+   end subroutine packed_fft_factors
+
+   !> The sum of x exp(-i j.tau) over all samples is `near` times the spectrum at j and `far` times the conjugate of that at -j.
+   elemental subroutine packed_fft_shares(self, first, near, far)
+      class(packed_fft_t), intent(in) :: self
+      integer, intent(in) :: first                                    !! j_1
+      complex(wp), intent(out) :: near, far
+      complex(wp) :: turn
+
+      near = 1.0_wp
+      far = 0.0_wp
+      if (self%n_together == 1) return
+      turn = cmplx(0.0_wp, 1.0_wp, wp)*conjg(turn_by(self, first))
+      near = 0.5_wp*(1.0_wp - turn)
+      far = 0.5_wp*(1.0_wp + turn)
+   end subroutine packed_fft_shares
+
+   !> exp(i tau_1) over j_1 steps of the grid.
+   elemental complex(wp) function turn_by(self, first)
+      type(packed_fft_t), intent(in) :: self
+      integer, intent(in) :: first
+      real(wp) :: angle
+
+      angle = two_pi*modulo(first, self%n_first)/self%n_first
+      turn_by = cmplx(cos(angle), sin(angle), wp)
+   end function turn_by
+
+   !> Number of places in the spectrum.
+   pure integer function packed_fft_n_places(self)
+      class(packed_fft_t), intent(in) :: self
+
+      packed_fft_n_places = product(self%extent)
+   end function packed_fft_n_places
+
+   !> The spectrum from which `to_samples` starts, zero at first and left as it is: who writes always the same places has
+   !> nothing to clear.
+   function packed_fft_spectrum(self) result(spectrum)
+      class(packed_fft_t), intent(in) :: self
+      complex(wp), pointer, contiguous :: spectrum(:)                 !! by `place`
+
+      spectrum => self%stages(size(self%stages))%spectrum%values(:, 1)
+   end function packed_fft_spectrum
+
+   !> Samples of what was written into `spectrum`.
+   subroutine packed_fft_to_samples(self, samples)
+      class(packed_fft_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous, target :: samples(:)       !! (n_samples), a column of a block of hb_fftw
+      complex(wp), pointer, contiguous :: z(:)
+      integer :: m
+
+      do m = size(self%stages), 2, -1
+         call run(self%stages(m), self%stages(m)%spectrum%values(:, 1), self%stages(m - 1)%spectrum%values(:, 1))
+         if (m == size(self%stages) .and. self%is_half) &
+            call multiply_by_twist(self, self%stages(m - 1)%spectrum%values(:, 1), .false.)
+      end do
+      if (self%n_together == 2) then
+         z => two_together(samples)
+         call run(self%stages(1), self%stages(1)%spectrum%values(:, 1), z)
+         if (size(self%stages) == 1 .and. self%is_half) call multiply_by_twist(self, z, .false.)
+      else
+         call run(self%stages(1), self%stages(1)%spectrum%values(:, 1), self%loose%values(:, 1))
+         samples = real(self%loose%values(:, 1))
+      end if
+
+   contains
+
+      subroutine run(stage, spectrum, z)
+         type(stage_t), intent(in) :: stage
+         complex(wp), intent(inout), contiguous :: spectrum(:), z(:)
+
+         call stage%plan%to_samples(spectrum, z)
+         if (stage%high_spectrum > 0) call stage%plan%to_samples(spectrum(1 + stage%high_spectrum:), z(1 + stage%high_samples:))
+      end subroutine run
+   end subroutine packed_fft_to_samples
+
+   !> Finds the spectrum of samples; it holds until the next call.
+   subroutine packed_fft_to_spectrum(self, samples, spectrum)
+      class(packed_fft_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous, target :: samples(:)       !! (n_samples), a column of a block of hb_fftw; unchanged
+      complex(wp), intent(out), pointer, contiguous :: spectrum(:)    !! by `place`
+      complex(wp), pointer, contiguous :: z(:)
+      integer :: from, m
+
+      if (self%n_together == 1) then
+         self%loose%values(:, 1) = samples
+         z => self%loose%values(:, 1)
+      else if (size(self%stages) == 1 .and. self%is_half) then
+         self%loose%values(:, 1) = two_together(samples)
+         z => self%loose%values(:, 1)
+         call multiply_by_twist(self, z, .true.)
+      else
+         z => two_together(samples)
+      end if
+      call self%stages(1)%plan%to_spectrum(z, self%work(1)%values(:, 1))
+      from = 1
+      do m = 2, size(self%stages)
+         associate (stage => self%stages(m), z => self%work(from)%values(:, 1), spectrum => self%work(3 - from)%values(:, 1))
+            if (m == size(self%stages) .and. self%is_half) call multiply_by_twist(self, z, .true.)
+            call stage%plan%to_spectrum(z, spectrum)
+            if (stage%high_spectrum > 0) &
+               call stage%plan%to_spectrum(z(1 + stage%high_samples:), spectrum(1 + stage%high_spectrum:))
+         end associate
+         from = 3 - from
+      end do
+      spectrum => self%work(from)%values(:, 1)
+   end subroutine packed_fft_to_spectrum
+
+   !> Multiplies the columns whose last entries are odd by the twist of each sample of the last tone, or by its conjugate.
+   pure subroutine multiply_by_twist(self, z, is_conjugate)
+      type(packed_fft_t), intent(in) :: self
+      complex(wp), intent(inout) :: z(self%n_columns, *)              !! a column for each sample of the last tone
+      logical, intent(in) :: is_conjugate
+      complex(wp) :: factor
+      integer :: i, k
+
+      do i = 2, size(self%twist)                                      ! the first is 1
+         factor = self%twist(i)
+         if (is_conjugate) factor = conjg(factor)
+         do k = 1, size(self%twisted)
+            z(self%twisted(k), i) = factor*z(self%twisted(k), i)
+         end do
+      end do
+   end subroutine multiply_by_twist
+
+   !> Frees plans and memory; safe to call twice.
+   subroutine packed_fft_destroy(self)
+      class(packed_fft_t), intent(inout) :: self
+      integer :: m
+
+      if (allocated(self%stages)) then
+         do m = 1, size(self%stages)
+            call self%stages(m)%plan%destroy()
+            call self%stages(m)%spectrum%destroy()
+         end do
+         deallocate (self%stages)
+      end if
+      call self%work(1)%destroy()
+      call self%work(2)%destroy()
+      call self%loose%destroy()
+      if (allocated(self%twist)) deallocate (self%twist, self%twisted)
+   end subroutine packed_fft_destroy
+end module hb_packed_fft
