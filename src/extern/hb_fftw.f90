@@ -9,7 +9,7 @@ module hb_fftw
    implicit none
    private
    public :: axis_plan_t, complex_block_t, export_wisdom, fft_plan_t, forget_plans, import_wisdom, new_axis_plan
-   public :: new_complex_block, new_fft_plan, new_real_block, planning, planning_names, real_block_t
+   public :: new_complex_block, new_fft_plan, new_real_block, planning, planning_names, real_block_t, two_together
 
    include 'fftw3.f03'
 
@@ -125,6 +125,14 @@ contains
       self%memory = c_null_ptr
       nullify (self%values)
    end subroutine complex_block_destroy
+
+   !> The same memory as complex numbers, two neighbours in each.
+   function two_together(values) result(pairs)
+      real(wp), intent(in), contiguous, target :: values(:)           !! an even number of them
+      complex(wp), pointer, contiguous :: pairs(:)
+
+      call c_f_pointer(c_loc(values), pairs, [size(values)/2])
+   end function two_together
 
    !> Plans `n_batch` real transforms of shape `n_samples` (first axis fastest), out of place, both ways.
    !>

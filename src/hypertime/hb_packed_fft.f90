@@ -9,9 +9,8 @@
 !> kept is zero, or of no interest: it is not transformed. Each stage has an array of its own, so that what it does not write
 !> stays zero. FFTW's transforms of several axes know nothing of that, and those of real numbers run one number at a time.
 module hb_packed_fft
-   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use hb_error, only: error_t
-   use hb_fftw, only: axis_plan_t, complex_block_t, new_axis_plan, new_complex_block
+   use hb_fftw, only: axis_plan_t, complex_block_t, new_axis_plan, new_complex_block, two_together
    use hb_kinds, only: two_pi, wp
    implicit none
    private
@@ -190,7 +189,7 @@ contains
          call run(self%stages(m), self%stages(m)%spectrum%values(:, 1), self%stages(m - 1)%spectrum%values(:, 1))
       end do
       if (self%n_together == 2) then
-         call c_f_pointer(c_loc(samples), z, [size(samples)/2])
+         z => two_together(samples)
          call run(self%stages(1), self%stages(1)%spectrum%values(:, 1), z)
       else
          call run(self%stages(1), self%stages(1)%spectrum%values(:, 1), self%loose%values(:, 1))
@@ -217,7 +216,7 @@ contains
       integer :: from, m
 
       if (self%n_together == 2) then
-         call c_f_pointer(c_loc(samples), z, [size(samples)/2])
+         z => two_together(samples)
       else
          self%loose%values(:, 1) = samples
          z => self%loose%values(:, 1)
