@@ -155,14 +155,14 @@ contains
          end do
          do i = 1, self%law_set%n_pairs
             associate (row => self%law_set%row(i), column => self%law_set%column(i))
-               call self%transform%tabulate_product(self%law_set%df_dq%values, i, self%table, 1, self%law_factor)
+               call self%transform%tabulate_product(self%law_set%df_dq%values, i, self%table, by_motion, self%law_factor)
                do h = 1, set%n_harmonics
                   call find_columns(h)
                   block(:, set%cos_at(h)) = cosine
                   if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = sine
                end do
                if (self%law_set%needs_velocity) then
-                  call self%transform%tabulate_product(self%law_set%df_dv%values, i, self%table, 1, self%law_factor)
+                  call self%transform%tabulate_product(self%law_set%df_dv%values, i, self%table, by_motion, self%law_factor)
                   do h = merge(2, 1, set%has_zero), set%n_harmonics
                      call find_columns(h)
                      associate (w => self%frequencies(coupled%kept(h)))
@@ -173,7 +173,7 @@ contains
                end if
                call coupled%add(row, column, block)
                if (.not. self%law_set%needs_reaction) cycle
-               call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table, 1, self%law_factor)
+               call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table, by_motion, self%law_factor)
                do k = pattern%first(column), pattern%last(column)
                   do h = 1, set%n_harmonics
                      call find_columns(h)
@@ -195,8 +195,8 @@ contains
          integer, intent(in) :: h                                     ! within those chosen
 
          associate (kept => self%coupled%kept)
-            call self%table%columns_among(1, self%coupled%set, self%table%offset(kept), self%table%offset(kept(h)), &
-                                            cosine, sine)
+            call self%table%columns_among(by_motion, self%coupled%set, self%table%offset(kept), self%table%offset(kept(h)), &
+                                          cosine, sine)
          end associate
       end subroutine find_columns
 

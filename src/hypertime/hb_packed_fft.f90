@@ -275,7 +275,8 @@ contains
          self%loose%values(:, 1) = samples
          z => self%loose%values(:, 1)
       else if (size(self%stages) == 1 .and. self%is_half) then
-         self%loose%values(:, 1) = two_together(samples)
+         z => two_together(samples)
+         self%loose%values(:, 1) = z
          z => self%loose%values(:, 1)
          call multiply_by_twist(self, z, .true.)
       else
