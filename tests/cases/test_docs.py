@@ -17,6 +17,7 @@ PAGE = ROOT / "docs" / "input.md"
 
 # Where neither the file nor the procedure (read_<group>) tells whose keys are read.
 SECTIONS_BY_FILE = {
+    "hb_truncation.f90": [("harmonics", "")],
     "hb_law.f90": [("law", "")],
     "hb_law_catalogue.f90": [("law", "")],
     "hb_proportional_damping.f90": [("structure", "")],
