@@ -27,7 +27,7 @@ module hb_verify
    integer, parameter :: periods_of_sliders = 20                      ! of the motion, in which sliders find their places
    real(wp), parameter :: safety = 10.0_wp                            ! on the estimates of the certificate
    real(wp), parameter :: smallest_tolerance = 1.0e-9_wp              ! relative to the motion
-   real(wp), parameter :: march_tolerance = 1.0e-12_wp                ! of the march, unless the input asks for less
+   real(wp), parameter :: march_tolerance = 1.0e-13_wp                ! of the march, unless the input asks for less
    real(wp), parameter :: grown = 30.0_wp                             ! difference of the last period over that of the first
 
    type :: verdict_kind_t
@@ -230,11 +230,11 @@ contains
       most_drift = result%tolerance*stored%frequency(:, point)
       where (ieee_is_finite(stored%frequency_estimates(:, point))) &
          most_drift = max(most_drift, safety*stored%frequency_estimates(:, point))
-      if (any(abs(result%drift) > most_drift)) then
-         result%kind = verdict%differs
-      else if (result%difference > smallest_tolerance .and. result%first_difference <= result%tolerance .and. &
-               result%growth*config%duration > log(grown)) then
+      if (result%difference > smallest_tolerance .and. result%first_difference <= result%tolerance .and. &
+          result%growth*config%duration > log(grown)) then            ! what drifts then is the motion that it goes to
          result%kind = verdict%unstable
+      else if (any(abs(result%drift) > most_drift)) then
+         result%kind = verdict%differs
       else if (result%difference <= result%tolerance) then
          result%kind = verdict%agrees
       else

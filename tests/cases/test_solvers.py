@@ -140,5 +140,5 @@ def test_homotopy_without_corrections_ends(tmp_path):
 &solver max_iterations = 2, homotopy_iterations = 2 /
 &sweep parameter = 'tones%frequency(2)', values = 1.414213562373095, 1.4142159765872 /
 """
-    out_of_budget = 3
-    assert (read(solve(text, tmp_path, status=None), "status") == out_of_budget).all()
+    out_of_budget, diverged = 3, 13
+    assert np.isin(read(solve(text, tmp_path, status=None), "status"), (out_of_budget, diverged)).all()

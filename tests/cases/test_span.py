@@ -17,8 +17,9 @@ MODES = """
 &load dof = 'x1', tuple = 1, 0, cos = 1.0 /
 &load dof = 'x3', tuple = 0, 1, cos = 0.7, sin = 0.3 /
 &certificate truncation = 10.0, aliasing = 10.0, penetration = 10.0 /
+&solver method = 'newton' /
 &output dofs = 'x3', 'x1' /
-"""
+"""  # steps from products end as soon as the tolerance is met, Newton's are exact by then
 POINT = "dofs = 'x1', 'x2', 'x3', weights = 1.0, -0.5, 0.8"
 OTHER_POINT = "dofs = 'x1', 'x3', weights = 0.3, 1.0"
 LAWS = {

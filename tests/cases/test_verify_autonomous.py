@@ -13,7 +13,7 @@ from program import read, run, solve
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
 AUTONOMOUS = sorted(path.stem for path in (INPUTS / "autonomous").glob("*.nml"))
 NOT_DONE, AGREES, UNSTABLE, DIFFERS = 0, 1, 2, 3
-COLLAPSED, NO_MOTION, LOCKED = 10, 11, 12
+COLLAPSED, NO_MOTION, LOCKED = 10, 11, 14
 
 VAN_DER_POL = (
     "&structure type='matrices', n_dofs=1, mass=1, stiffness=1 /\n&tones unknown=.true. /\n"
