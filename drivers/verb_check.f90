@@ -12,7 +12,9 @@ module verb_check
    use hb_mpi, only: comm_t, rank_of
    use hb_namelist, only: document_t
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
-   use hb_scene, only: read_scene, scene_t, sizes_of
+   use hb_scene, only: scene_t
+   use hb_scene_reader, only: read_scene
+   use hb_scene_sizes, only: sizes_of
    use hb_study, only: study_t
    use hb_text, only: join, to_text
    use verb_solve, only: load_study

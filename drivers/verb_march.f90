@@ -13,7 +13,8 @@ module verb_march
    use hb_mpi, only: comm_t, rank_of, share_error, wall_clock
    use hb_namelist, only: document_t
    use hb_progress, only: log_level, new_progress, progress_t
-   use hb_scene, only: read_scene, scene_t
+   use hb_scene, only: scene_t
+   use hb_scene_reader, only: read_scene
    use hb_study, only: study_t
    use hb_text, only: to_text
    use verb_solve, only: load_study

@@ -18,7 +18,8 @@ module hb_benchmark
    use hb_point, only: solve_point
    use hb_progress, only: new_progress, progress_t
    use hb_results, only: point_result_t
-   use hb_scene, only: group_names, read_scene, scene_t
+   use hb_scene, only: scene_t
+   use hb_scene_reader, only: group_names, read_scene
    use hb_solver_types, only: method_names
    use hb_study, only: apply_overrides
    use hb_system, only: exists, memory_peak, memory_resident, release_memory, reset_memory_peak

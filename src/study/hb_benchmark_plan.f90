@@ -6,7 +6,7 @@ module hb_benchmark_plan
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_namelist, only: document_t, group_t
-   use hb_scene, only: read_tones
+   use hb_scene_tones, only: read_tones
    use hb_solver_types, only: method_names
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: quote, string_t, to_text

@@ -1,12 +1,13 @@
 !> The scene of the point before, in which a next point that differs by numbers alone reads only what they change.
 !>
-!> Where all values that differ between two points stand in groups that are read one by one (`read_again` of hb_scene), neither
+!> Where all values that differ between two points stand in groups that are read one by one (hb_scene_reader: `read_again`), neither
 !> the structure nor the settings are read and checked anew. Whatever is unusual there, a mistake in the input included, ends in a
 !> complete reading, which has the last word.
 module hb_kept_scene
    use hb_error, only: error_t
    use hb_namelist, only: document_t
-   use hb_scene, only: groups_read_again, read_again, read_scene, scene_t
+   use hb_scene, only: scene_t
+   use hb_scene_reader, only: groups_read_again, read_again, read_scene
    use hb_sweep_plan, only: sweep_plan_t
    use hb_kinds, only: wp
    implicit none

@@ -20,7 +20,8 @@ module hb_kernel_times
    use hb_outcome, only: outcome
    use hb_point, only: solve_point
    use hb_results, only: point_result_t
-   use hb_scene, only: read_scene, scene_t
+   use hb_scene, only: scene_t
+   use hb_scene_reader, only: read_scene
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
    use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t

@@ -9,7 +9,8 @@ module hb_odd_motion
    use hb_kinds, only: wp
    use hb_odd_symmetry, only: even_part, has_memory
    use hb_results, only: point_result_t
-   use hb_scene, only: half_of_odd, is_solved_odd, scene_t
+   use hb_scene, only: scene_t
+   use hb_scene_symmetry, only: half_of_odd, is_solved_odd
    use hb_torus, only: torus_t
    use hb_truncation, only: symmetry
    use hb_two_level, only: exchange

@@ -7,7 +7,8 @@ module hb_study
    use hb_namelist, only: document_t, new_document
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row, new_plan, plan_t
-   use hb_scene, only: group_names, read_scene, scene_t
+   use hb_scene, only: scene_t
+   use hb_scene_reader, only: group_names, read_scene
    use hb_sweep_harmonics, only: tuples_of_sweep
    use hb_sweep_plan, only: parameter_units, read_sweep_plan, sweep_plan_t
    use hb_text, only: join, string_t, to_text

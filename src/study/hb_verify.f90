@@ -17,7 +17,8 @@ module hb_verify
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_namelist, only: document_t
    use hb_outcome, only: is_solved
-   use hb_scene, only: read_scene, scene_t
+   use hb_scene, only: scene_t
+   use hb_scene_reader, only: read_scene
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
    implicit none

@@ -27,6 +27,7 @@ SECTIONS_BY_FILE = {
 SECTIONS_BY_PROCEDURE = {
     "read_amplitude": [("load", ""), ("start", "")],
     "read_hardness": [("law", "blade_contact"), ("law", "contact_table")],
+    "read_truncation": [("harmonics", "")],
 }
 
 CALL = re.compile(r"\bcall\s+\w+%(?:get|require)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)
@@ -61,7 +62,7 @@ def names_in(path: Path, constant: str) -> list[str]:
 
 
 def groups_of_program() -> list[str]:
-    return names_in(SRC / "study" / "hb_scene.f90", "group_names") + ["sweep", "benchmark", "reference"]
+    return names_in(SRC / "study" / "hb_scene_reader.f90", "group_names") + ["sweep", "benchmark", "reference"]
 
 
 def kinds_of_program() -> set[tuple[str, str]]:

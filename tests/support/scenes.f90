@@ -8,7 +8,8 @@ module scenes
    use hb_namelist, only: document_t, new_document
    use hb_point, only: solve_point
    use hb_results, only: point_result_t
-   use hb_scene, only: read_scene, scene_t
+   use hb_scene, only: scene_t
+   use hb_scene_reader, only: read_scene
    use random_numbers, only: fill_random
    use user_law_paths, only: user_law_samples
    implicit none

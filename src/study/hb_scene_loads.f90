@@ -1,0 +1,90 @@
+!> Amplitudes of a scene by harmonic: loads (`&load`) and what is added to the first guess (`&start`).
+module hb_scene_loads
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_loads, only: add_harmonic
+   use hb_namelist, only: document_t, group_t
+   use hb_scene, only: scene_t
+   implicit none
+   private
+   public :: read_loads
+
+contains
+
+   !> Reads all `&load` and `&start`.
+   subroutine read_loads(self, document)
+      type(scene_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      integer :: i
+
+      if (document%count("load") > 0) then
+         self%loads = (0.0_wp, 0.0_wp)
+         self%load_slopes = (0.0_wp, 0.0_wp)
+      end if
+      do i = 1, document%count("load")
+         call read_load(self, document%group("load", i))
+      end do
+      if (document%count("start") > 0) self%start = (0.0_wp, 0.0_wp)
+      do i = 1, document%count("start")
+         call read_amplitude(self, document%group("start", i), self%start)
+      end do
+   end subroutine read_loads
+
+   !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it.
+   subroutine read_load(self, group)
+      type(scene_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      complex(wp), allocatable :: amplitudes(:, :)
+      real(wp), allocatable :: w(:)
+      integer :: h, power
+
+      power = 0
+      call group%get("frequency_power", power, minimum=0, maximum=4)
+      if (power > 0 .and. any(self%tones%is_unknown)) then
+         call group%problem("frequency_power", "loads cannot grow with frequencies where some of these are unknown")
+      end if
+      if (power == 0) then
+         call read_amplitude(self, group, self%loads)
+         return
+      end if
+      self%has_inertia_loads = .true.
+      allocate (amplitudes(size(self%loads, 1), size(self%loads, 2)), source=(0.0_wp, 0.0_wp))
+      call read_amplitude(self, group, amplitudes)
+      w = self%harmonics%frequencies(self%tones%omega)
+      do h = 1, size(w)
+         self%loads(:, h) = self%loads(:, h) + abs(w(h))**power*amplitudes(:, h)
+         self%load_slopes(:, h) = self%load_slopes(:, h) + power*abs(w(h))**(power - 1)*sign(1.0_wp, w(h))*amplitudes(:, h)
+      end do
+   end subroutine read_load
+
+   !> Reads `&load` and `&start`: `dof`, `tuple`, `cos`, `sin`, added to the amplitudes.
+   subroutine read_amplitude(self, group, amplitudes)
+      type(scene_t), intent(in) :: self
+      type(group_t), intent(inout) :: group
+      complex(wp), intent(inout) :: amplitudes(:, :)
+      character(:), allocatable :: name
+      integer, allocatable :: tuple(:)
+      type(error_t), allocatable :: error
+      real(wp) :: cosine, sine
+      integer :: dof
+
+      cosine = 0.0_wp
+      sine = 0.0_wp
+      call group%require("dof", name)
+      call group%require("tuple", tuple, n=self%tones%n_tones)
+      call group%get("cos", cosine)
+      call group%get("sin", sine)
+      if (.not. (group%given("cos") .or. group%given("sin"))) then
+         call group%problem("cos", "give 'cos', 'sin' or both")
+      end if
+      if (.not. (allocated(name) .and. allocated(tuple))) return
+      if (size(tuple) /= self%tones%n_tones) return
+      call self%structure%find_dof(name, dof, error)
+      if (allocated(error)) then
+         call group%problem("dof", error%message)
+         return
+      end if
+      call add_harmonic(amplitudes, self%harmonics, dof, tuple, cosine, sine, error)
+      if (allocated(error)) call group%problem("tuple", error%message)
+   end subroutine read_amplitude
+end module hb_scene_loads

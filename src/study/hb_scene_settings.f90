@@ -1,0 +1,134 @@
+!> How a scene is solved, judged and stored: the groups `&solver`, `&sampling`, `&certificate` and `&output`.
+module hb_scene_settings
+   use hb_error, only: error_t
+   use hb_fftw, only: planning, planning_names
+   use hb_kinds, only: wp
+   use hb_memory_estimate, only: gib
+   use hb_namelist, only: group_t
+   use hb_scene, only: certificate_config_t, scene_t
+   use hb_solver_types, only: method_names, start_names
+   use hb_text, only: string_t, to_text
+   use hb_torus, only: default_samples, new_torus, torus_t
+   implicit none
+   private
+   public :: read_certificate, read_output, read_sampling, read_solver
+
+   character(9), parameter :: first_guess_names(4) = [character(9) :: "linear", "zero", "neighbour", "march"]
+
+contains
+
+   !> Reads `&solver` into its configuration.
+   subroutine read_solver(self, group)
+      type(scene_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      character(:), allocatable :: first_guess, first_jacobian, name
+      real(wp) :: limit
+
+      associate (solver => self%solver)
+         name = trim(method_names(solver%method))
+         first_jacobian = trim(start_names(merge(2, 1, solver%start_with_tangent)))
+         first_guess = trim(first_guess_names(merge(1, 2, self%start_from_linear)))
+         call group%get("method", name, choices=method_names)
+         call group%get("tolerance", solver%tolerance, above=0.0_wp)
+         call group%get("max_iterations", solver%max_iterations, minimum=0)
+         call group%get("line_search", solver%line_search)
+         call group%get("rescue", solver%rescue)
+         call group%get("homotopy_iterations", solver%homotopy_iterations, minimum=0)
+         call group%get("memory", solver%memory, minimum=1, maximum=10000)
+         call group%get("first_jacobian", first_jacobian, choices=start_names)
+         call group%get("first_guess", first_guess, choices=first_guess_names)
+         call group%get("chain_length", self%chain%length, minimum=1, maximum=1000000)
+         call group%get("secant", self%chain%secant)
+         limit = 0.0_wp
+         call group%get("memory_limit", limit, minimum=0.0_wp)
+         if (limit > 0.0_wp) self%memory_limit = limit*gib
+         solver%method = max(1, findloc(method_names == name, .true., dim=1))
+         solver%start_with_tangent = first_jacobian == start_names(2)
+         self%chain%is_on = first_guess == first_guess_names(3)
+         self%start_from_linear = first_guess /= first_guess_names(2)
+         self%start_from_march = first_guess == first_guess_names(4)
+      end associate
+   end subroutine read_solver
+
+   !> Reads `&sampling`: `samples` per tone, effort and wisdom file of FFTW.
+   subroutine read_sampling(self, group)
+      type(scene_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      integer, allocatable :: samples(:)
+      character(:), allocatable :: effort
+      type(error_t), allocatable :: error
+      integer :: degree, i
+
+      degree = 1
+      do i = 1, size(self%laws)
+         if (self%laws(i)%law%degree == 0 .or. degree == 0) then
+            degree = 0
+         else
+            degree = max(degree, self%laws(i)%law%degree)
+         end if
+      end do
+      samples = [0]                                                   ! so that a sweep over the order has its own at each point
+      call group%get("samples", samples, minimum=0)
+      if (size(samples) == 1) samples = spread(samples(1), 1, self%tones%n_tones)
+      if (size(samples) == self%tones%n_tones) &
+         samples = merge(samples, default_samples(self%harmonics, degree), samples > 0)
+      call new_torus(self%torus, samples, self%harmonics, error)
+      if (allocated(error)) call group%problem("samples", error%message)
+
+      effort = planning_names(1)
+      call group%get("planning", effort, choices=planning_names)
+      select case (effort)
+      case ("measure"); self%planning = planning%measure
+      case ("patient"); self%planning = planning%patient
+      case default; self%planning = planning%estimate
+      end select
+      call group%get("wisdom", self%wisdom)
+   end subroutine read_sampling
+
+   !> Reads `&certificate`: whether it is made, and its thresholds.
+   subroutine read_certificate(self, group)
+      type(certificate_config_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+
+      call group%get("is_on", self%is_on)
+      call group%get("truncation", self%truncation, above=0.0_wp)
+      call group%get("aliasing", self%aliasing, above=0.0_wp)
+      call group%get("penetration", self%penetration, above=0.0_wp)
+      call group%get("improvement_steps", self%improvement_steps, minimum=0, maximum=1000)
+      call group%get("commensurability", self%commensurability, minimum=0.0_wp)
+   end subroutine read_certificate
+
+   !> Reads `&output`: title, stored degrees of freedom, grid of stored surfaces.
+   subroutine read_output(self, group)
+      type(scene_t), intent(inout) :: self
+      type(group_t), intent(inout) :: group
+      type(string_t), allocatable :: names(:)
+      type(torus_t) :: torus
+      type(error_t), allocatable :: error
+      integer :: i
+
+      associate (output => self%output)
+         output%title = ""
+         call group%get("title", output%title)
+         call group%get("samples", output%samples, minimum=1)
+         if (.not. allocated(output%samples)) allocate (output%samples(0))
+         if (size(output%samples) == 1) output%samples = spread(output%samples(1), 1, self%tones%n_tones)
+         if (size(output%samples) > 0 .and. size(output%samples) /= self%tones%n_tones) then
+            call group%problem("samples", "give one number, or one for each of the "//to_text(self%tones%n_tones)//" tones")
+         else if (size(output%samples) > 0) then
+            call new_torus(torus, output%samples, self%harmonics, error)
+            if (allocated(error)) call group%problem("samples", error%message)
+         end if
+         call group%get("dofs", names)
+         if (allocated(names)) then
+            allocate (output%dofs(size(names)))
+            do i = 1, size(names)
+               call self%structure%find_dof(names(i)%value, output%dofs(i), error)
+               if (allocated(error)) call group%problem("dofs", error%message)
+            end do
+         else
+            output%dofs = [(i, i=1, self%structure%n_dofs)]
+         end if
+      end associate
+   end subroutine read_output
+end module hb_scene_settings
