@@ -27,7 +27,6 @@ SECTIONS_BY_FILE = {
 SECTIONS_BY_PROCEDURE = {
     "read_amplitude": [("load", ""), ("start", "")],
     "read_hardness": [("law", "blade_contact"), ("law", "contact_table")],
-    "read_truncation": [("harmonics", "")],
 }
 
 CALL = re.compile(r"\bcall\s+\w+%(?:get|require)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)
