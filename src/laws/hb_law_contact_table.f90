@@ -198,8 +198,12 @@ contains
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
       logical :: is_told
 
-      if (.not. allocated(self%turns)) then
-         call push_back(self, z, p, f, df_dz, df_dp)
+      if (.not. allocated(self%turns)) then                           ! absent derivatives are not handed on: sanitizers mind
+         if (present(df_dz)) then
+            call push_back(self, z, p, f, df_dz, df_dp)
+         else
+            call push_back(self, z, p, f)
+         end if
          return
       end if
       is_told = allocated(self%cosine)
@@ -210,10 +214,14 @@ contains
          if (present(df_dp)) df_dp = f(1, 1)
          return
       end if
-      call push_back(self, seen(self, z), seen(self, p), f, df_dz, df_dp)
+      if (present(df_dz)) then
+         call push_back(self, seen(self, z), seen(self, p), f, df_dz, df_dp)
+         call turn_slopes(self, df_dz)
+         call turn_slopes(self, df_dp)
+      else
+         call push_back(self, seen(self, z), seen(self, p), f)
+      end if
       call turn(self, f, 1.0_wp)
-      if (present(df_dz)) call turn_slopes(self, df_dz)
-      if (present(df_dp)) call turn_slopes(self, df_dp)
    end subroutine contact_table_evaluate
 
    !> Forces of the table as it stands, elastic or rigid.
@@ -223,10 +231,14 @@ contains
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dp(:, :, :)
 
-      if (allocated(self%rigid)) then
+      if (allocated(self%rigid) .and. present(df_dz)) then
          call self%rigid%evaluate(z, p, f, df_dz, df_dp)
-      else
+      else if (allocated(self%rigid)) then
+         call self%rigid%evaluate(z, p, f)
+      else if (present(df_dz)) then
          call press(self, z, f, df_dz)
+      else
+         call press(self, z, f)
       end if
    end subroutine push_back
 
