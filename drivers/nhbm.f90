@@ -8,7 +8,7 @@ program nhbm
    use hb_error, only: error_t, fail
    use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
    use hb_system, only: keep_freed_memory
-   use hb_text, only: join, string_t
+   use hb_text, only: join
    use hb_version, only: git_commit, program_version
    use verb_bench, only: run_bench
    use verb_benchmark, only: run_benchmark_verb

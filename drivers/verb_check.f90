@@ -7,7 +7,7 @@ module verb_check
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_check, only: check_derivatives, derivative_check_t
-   use hb_law_set, only: law_dofs_of
+   use hb_law_forces, only: law_dofs_of
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text
    use hb_mpi, only: comm_t, rank_of
    use hb_namelist, only: document_t

@@ -10,7 +10,7 @@ module hb_certificate
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box, new_of_parity
    use hb_kinds, only: wp
    use hb_law, only: defects_t, law_box_t
-   use hb_law_set, only: law_dofs_of
+   use hb_law_forces, only: law_dofs_of
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_phase, only: phase_problem_t

@@ -5,13 +5,12 @@
 !> tuples have odd sums. Others may exist beside these. Source: docs/theory.md, section 2.
 module hb_odd_symmetry
    use hb_harmonics, only: harmonics_t, tuple_text
-   use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: asymmetry, even_part, has_memory, why_not_odd
+   public :: asymmetry, even_part, why_not_odd
 
 contains
 
@@ -59,20 +58,6 @@ contains
       end do
       if (even_part > 0.0_wp) even_part = even_part/maxval(abs(u))
    end function even_part
-
-   !> Whether any law has a memory, whose walk takes the whole grid under several tones.
-   pure logical function has_memory(laws)
-      type(law_box_t), intent(in) :: laws(:)
-      integer :: i
-
-      has_memory = .false.
-      do i = 1, size(laws)
-         select type (law => laws(i)%law)
-         class is (hysteretic_law_t)
-            has_memory = .true.
-         end select
-      end do
-   end function has_memory
 
    !> Largest sum of samples half a period apart in every tone, relative to the largest sample: 0 for an odd function.
    pure real(wp) function asymmetry(torus, samples)

@@ -10,7 +10,7 @@ module hb_rest
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
-   use hb_law_set, only: law_dofs_of
+   use hb_law_forces, only: law_dofs_of
    use hb_modes, only: modes_t, new_modes
    use hb_outcome, only: outcome
    use hb_solver, only: solve

@@ -96,14 +96,19 @@ static int note_crash(const char *cause)
    return write(STDERR_FILENO, line, length) < 0 ? -1 : 1;
 }
 
+int hb_note_signal(int number)
+{
+   for (size_t i = 0; i < n_crashes; i++)
+      if (crashes[i].number == number) return note_crash(crashes[i].cause) > 0;
+   return 0;
+}
+
 static void on_crash(int number, siginfo_t *information, void *context)
 {
    (void)context;
-   for (size_t i = 0; i < n_crashes; i++) {
-      if (crashes[i].number != number) continue;
-      note_crash(crashes[i].cause);
-      sigaction(number, &before[i], NULL);
-   }
+   hb_note_signal(number);
+   for (size_t i = 0; i < n_crashes; i++)
+      if (crashes[i].number == number) sigaction(number, &before[i], NULL);
    if (information->si_code <= 0) raise(number); /* it was sent; a fault comes again by itself after the return */
 }
 

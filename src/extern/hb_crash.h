@@ -26,6 +26,10 @@ void hb_begin_point(long long row);
 /* No point is being solved any more. */
 void hb_end_point(void);
 
+/* For a handler that was set since hb_watch_crashes and will end the process itself: notes that this signal has ended the point
+   under way, and says so. Returns 1, or 0 where there is no such point. */
+int hb_note_signal(int number);
+
 /* Ends what hb_watch_crashes has begun; safe to call twice. */
 void hb_end_watch(void);
 

@@ -5,7 +5,7 @@
 module hb_fftw
    use, intrinsic :: iso_c_binding
    use hb_error, only: error_t, fail
-   use hb_kinds, only: wp
+   use hb_kinds, only: int64, wp
    implicit none
    private
    public :: axis_plan_t, complex_block_t, export_wisdom, fft_plan_t, forget_plans, import_wisdom, new_axis_plan
@@ -67,12 +67,13 @@ module hb_fftw
       type(c_ptr) :: backward = c_null_ptr
       type(c_ptr) :: forward = c_null_ptr
       integer :: n_users = 0
-      integer :: last_use = 0
+      integer(int64) :: last_use = 0
    end type stored_plan_t
 
    integer, parameter :: is_real = 1, is_along_axis = 2                ! kinds of plans
-   type(stored_plan_t), save :: store(128)
-   integer, save :: n_uses = 0
+   integer, parameter :: n_places = 128                               ! in the store, unless more are in use at once
+   type(stored_plan_t), allocatable, save :: store(:)
+   integer(int64), save :: n_uses = 0
 
 contains
 
@@ -219,16 +220,18 @@ contains
    pure integer function slot_of(key)
       integer, intent(in) :: key(:)
 
-      do slot_of = 1, size(store)
-         if (.not. allocated(store(slot_of)%key)) cycle
-         if (size(store(slot_of)%key) /= size(key)) cycle
-         if (all(store(slot_of)%key == key)) return
-      end do
+      if (allocated(store)) then
+         do slot_of = 1, size(store)
+            if (.not. allocated(store(slot_of)%key)) cycle
+            if (size(store(slot_of)%key) /= size(key)) cycle
+            if (all(store(slot_of)%key == key)) return
+         end do
+      end if
       slot_of = 0
    end function slot_of
 
-   !> Puts a pair into a free place of the store, or into that of the pair not used for longest; 0 where it was not planned or
-   !> all places are in use.
+   !> Puts a pair into a free place of the store, or into that of the pair not used for longest; where all are in use, into a
+   !> new one. The place is 0 where the pair was not planned.
    subroutine keep(key, backward, forward, slot)
       integer, intent(in) :: key(:)
       type(c_ptr), intent(in) :: backward, forward
@@ -236,22 +239,34 @@ contains
       integer :: i
 
       slot = 0
+      if (.not. (c_associated(backward) .and. c_associated(forward))) then
+         if (c_associated(backward)) call fftw_destroy_plan(backward)
+         if (c_associated(forward)) call fftw_destroy_plan(forward)
+         return
+      end if
+      if (.not. allocated(store)) allocate (store(n_places))
       do i = 1, size(store)
          if (store(i)%n_users > 0) cycle
          if (slot == 0) slot = i
          if (store(i)%last_use < store(slot)%last_use) slot = i
       end do
-      if (slot > 0 .and. c_associated(backward) .and. c_associated(forward)) then
-         call empty_slot(slot)
-         store(slot)%key = key
-         store(slot)%backward = backward
-         store(slot)%forward = forward
-      else
-         slot = 0
-         if (c_associated(backward)) call fftw_destroy_plan(backward)
-         if (c_associated(forward)) call fftw_destroy_plan(forward)
+      if (slot == 0) then
+         slot = size(store) + 1
+         call enlarge_store()
       end if
+      call empty_slot(slot)
+      store(slot)%key = key
+      store(slot)%backward = backward
+      store(slot)%forward = forward
    end subroutine keep
+
+   subroutine enlarge_store()
+      type(stored_plan_t), allocatable :: larger(:)
+
+      allocate (larger(size(store) + n_places))
+      larger(:size(store)) = store
+      call move_alloc(larger, store)
+   end subroutine enlarge_store
 
    subroutine plan_real(n_samples, n_batch, effort, samples, spectrum, backward, forward)
       integer, intent(in) :: n_samples(:), n_batch, effort
@@ -363,9 +378,11 @@ contains
    subroutine forget_plans()
       integer :: slot
 
-      do slot = 1, size(store)
-         if (store(slot)%n_users == 0) call empty_slot(slot)
-      end do
+      if (allocated(store)) then
+         do slot = 1, size(store)
+            if (store(slot)%n_users == 0) call empty_slot(slot)
+         end do
+      end if
       call fftw_forget_wisdom()
    end subroutine forget_plans
 

@@ -112,6 +112,8 @@ contains
       call check(status, "read attribute '"//name//"'", error, self%place)
       if (allocated(error)) return
       call h5sclose_f(space, status)
-      if (n_values /= 1) call fail(error, self%place//": attribute '"//name//"' has "//to_text(n_values)//" values, expected 1")
+      if (n_values == 1) return
+      call fail(error, self%place//": attribute '"//name//"' has "//to_text(n_values)//" values, expected 1")
+      call h5aclose_f(attribute, status)
    end subroutine open_single
 end submodule hb_hdf5_attributes

@@ -139,13 +139,15 @@ contains
          if (n_dimensions > 0) call h5sget_simple_extent_dims_f(space, dataset%extents, max_extents, status)
       end if
       call check(status, "ask for the extents", error, dataset%place)
-      if (allocated(error)) return
-      call h5sclose_f(space, status)
-      if (class == H5S_NULL_F) then
-         call fail(error, dataset%place//" holds nothing, not even a size")
-      else if (any(dataset%extents > huge(1))) then
-         call fail(error, dataset%place//" has an axis of "//to_text(maxval(dataset%extents))//" entries")
+      if (.not. allocated(error)) then
+         call h5sclose_f(space, status)
+         if (class == H5S_NULL_F) then
+            call fail(error, dataset%place//" holds nothing, not even a size")
+         else if (any(dataset%extents > huge(1))) then
+            call fail(error, dataset%place//" has an axis of "//to_text(maxval(dataset%extents))//" entries")
+         end if
       end if
+      if (allocated(error)) call dataset%close()
    end procedure file_open_dataset
 
    module procedure dataset_close

@@ -6,8 +6,7 @@ module hb_system
    implicit none
    private
    public :: empty_file, exists, has_space, is_terminal, keep_freed_memory, link_file, memory_peak, memory_resident, process_id
-   public :: release_file
-   public :: release_memory, remove_file, rename_file, reset_memory_peak, sync_file, take_file, utc_now
+   public :: release_file, release_memory, remove_file, rename_file, reset_memory_peak, sync_file, take_file, utc_now
 
    interface
       integer(c_int) function c_link(old, new) bind(c, name="link")

@@ -22,7 +22,6 @@ module hb_torus
       procedure :: can_be_halved => torus_can_be_halved
       procedure :: half => torus_half
       procedure :: phases => torus_phases
-      procedure :: refined => torus_refined
    end type torus_t
 
 contains
@@ -148,15 +147,4 @@ contains
       half%is_half = .true.
       half%n_total = self%n_total/2
    end function torus_half
-
-   !> Grid with `factor` times the samples in each tone.
-   pure function torus_refined(self, factor) result(finer)
-      class(torus_t), intent(in) :: self
-      integer, intent(in) :: factor
-      type(torus_t) :: finer
-
-      finer%n_samples = factor*self%n_samples
-      finer%n_total = product(finer%n_samples)
-      if (self%is_half) finer = finer%half()
-   end function torus_refined
 end module hb_torus

@@ -3,7 +3,7 @@
 !> With c = a - i b a motion is Re sum c_j exp(i j.tau). Functions are transformed one by one, so that the spectrum of one stays
 !> in the cache; see hb_packed_fft for its form. Source: docs/theory.md, section 3.
 module hb_transform
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_packed_fft, only: new_packed_fft, packed_fft_t, way
@@ -212,7 +212,7 @@ contains
 
       if (allocated(table%at)) return
       call new_packed_fft(self%products, self%torus, 0, 2*self%harmonics%highest, way%to_spectrum, self%effort, error)
-      if (.not. allocated(error)) call index_table(self, table, n_parts)
+      if (.not. allocated(error)) call index_table(self, table, n_parts, error)
    end subroutine transform_prepare_products
 
    !> Fills one part of the table with `factor` times the function sampled in one column of `samples`, after `prepare_products`.
@@ -241,15 +241,21 @@ contains
 
    !> Lays out the table over all m with |m_n| <= 2 N_n, wrapped onto the grid, so that what it holds is the exact
    !> derivative of the discrete projection, aliases included. On half a torus slopes have even sums alone; nothing reads others.
-   subroutine index_table(self, table, n_parts)
+   subroutine index_table(self, table, n_parts, error)
       type(transform_t), intent(in) :: self
       type(product_table_t), intent(inout) :: table
       integer, intent(in) :: n_parts
+      type(error_t), allocatable, intent(inout) :: error
       integer :: extent(self%harmonics%n_tones), stride(self%harmonics%n_tones), j(self%harmonics%n_tones)
-      integer :: h, i, m, rest
+      integer :: h, i, m, rest, status
 
       associate (set => self%harmonics)
          extent = 4*set%highest + 1
+         allocate (table%mean(product(extent), n_parts), stat=status)
+         if (status /= 0) then
+            call fail(error, "out of memory for the table of products")
+            return
+         end if
          stride(set%n_tones) = 1
          do m = set%n_tones - 1, 1, -1
             stride(m) = stride(m + 1)*extent(m + 1)
@@ -269,7 +275,6 @@ contains
          end do
          allocate (table%near_share(extent(1)), table%far_share(extent(1)))
          call self%products%shares([(m - 2*set%highest(1), m=0, extent(1) - 1)], table%near_share, table%far_share)
-         allocate (table%mean(size(table%at), n_parts))
       end associate
    end subroutine index_table
 

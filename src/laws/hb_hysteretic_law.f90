@@ -6,10 +6,10 @@
 !> Source: docs/theory.md, section 5.5.
 module hb_hysteretic_law
    use hb_kinds, only: wp
-   use hb_law, only: law_t
+   use hb_law, only: law_box_t, law_t
    implicit none
    private
-   public :: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
+   public :: advance_step_by_step, has_memory, hysteretic_law_t, n_path_parts, path_part
 
    !> What is known of a coordinate along one step: its value at both ends [m], and its rate times the step [m].
    type :: path_part_t
@@ -59,6 +59,20 @@ module hb_hysteretic_law
    end interface
 
 contains
+
+   !> Whether any of these laws has a memory.
+   pure logical function has_memory(laws)
+      type(law_box_t), intent(in) :: laws(:)
+      integer :: i
+
+      has_memory = .false.
+      do i = 1, size(laws)
+         select type (law => laws(i)%law)
+         class is (hysteretic_law_t)
+            has_memory = .true.
+         end select
+      end do
+   end function has_memory
 
    !> Goes once round a closed line of samples, from the states of the first to those of the second and on, back to the first,
    !> which has those of the last times `closing` as its past. Laws may know a faster way to the same states.

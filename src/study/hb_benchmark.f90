@@ -11,7 +11,7 @@ module hb_benchmark
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: forget_plans
    use hb_kinds, only: wp
-   use hb_law_set, only: law_dofs_of
+   use hb_law_forces, only: law_dofs_of
    use hb_mpi, only: wall_clock
    use hb_namelist, only: document_t, new_document
    use hb_outcome, only: is_solved, outcome

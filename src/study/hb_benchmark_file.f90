@@ -15,7 +15,6 @@ module hb_benchmark_file
    use hb_solver_types, only: rescue_names
    use hb_sweep_plan, only: parameter_units
    use hb_system, only: utc_now
-   use hb_text, only: to_text
    use hb_tuple_union, only: tuple_union_t
    use hb_version, only: git_commit, program_version
    implicit none

@@ -11,7 +11,6 @@ module hb_kernel_file
    use hb_study, only: study_t
    use hb_sweep_plan, only: parameter_units
    use hb_system, only: utc_now
-   use hb_text, only: to_text
    use hb_version, only: git_commit, program_version
    implicit none
    private

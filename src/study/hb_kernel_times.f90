@@ -12,7 +12,7 @@ module hb_kernel_times
    use hb_fftw, only: complex_block_t, fft_plan_t, forget_plans, new_complex_block, new_fft_plan, new_real_block, real_block_t
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrf
-   use hb_law_set, only: law_dofs_of
+   use hb_law_forces, only: law_dofs_of
    use hb_law_span, only: law_span_t, reduce_to_span
    use hb_mpi, only: wall_clock
    use hb_namelist, only: document_t

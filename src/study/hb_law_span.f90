@@ -7,7 +7,7 @@
 !> section 4.
 module hb_law_span
    use hb_kinds, only: wp
-   use hb_law_set, only: law_dofs_of
+   use hb_law_forces, only: law_dofs_of
    use hb_results, only: point_result_t
    use hb_scene, only: scene_t
    implicit none

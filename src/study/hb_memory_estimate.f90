@@ -10,10 +10,9 @@ module hb_memory_estimate
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_memory_sizes, only: sizes_t
-   use hb_memory_tangent, only: width
    use hb_solver_types, only: largest_affordable, method
    use hb_text, only: to_text
-   use hb_torus, only: fast_size
+   use hb_torus, only: cheap_size
    implicit none
    private
    public :: amount, check_memory, estimate_memory, gib, memory_estimate_t, memory_text
@@ -246,7 +245,8 @@ contains
          end if
       end if
       samples = s%samples
-      if (.not. s%has_memory .and. all(s%samples >= 4*real(s%highest, wp) + 1)) samples = min(s%samples, fast_size(4*s%highest + 1))
+      if (.not. s%has_memory .and. all(s%samples >= 4*real(s%highest, wp) + 1)) &
+         samples = min(s%samples, cheap_size(4*s%highest + 1, size(samples)))
       kinds = 1 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction)
       preconditioner_bytes = real_bytes*(min(most_memory, factors) + table_size(s%highest)*6.5_wp + &
                                          volume(samples)*((kinds + 1)*s%n_law_dofs + kinds*s%n_pairs) + 5*s%n_law_dofs**2)
@@ -276,7 +276,7 @@ contains
       end associate
    end function linear_bytes
 
-   !> All that a balance keeps on a grid; see hb_transform, hb_law_set and what they use.
+   !> All that a balance keeps on a grid; see hb_transform, hb_law_forces and what they use.
    pure real(wp) function sample_bytes(s, n_harmonics, samples, with_derivatives, with_answers)
       type(sizes_t), intent(in) :: s
       real(wp), intent(in) :: n_harmonics

@@ -6,8 +6,9 @@ module hb_odd_motion
    use hb_certificate, only: choose_wider_set
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_of_parity
+   use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
-   use hb_odd_symmetry, only: even_part, has_memory
+   use hb_odd_symmetry, only: even_part
    use hb_results, only: point_result_t
    use hb_scene, only: scene_t
    use hb_scene_symmetry, only: half_of_odd, is_solved_odd

@@ -9,7 +9,7 @@ module hb_point
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_law_set, only: law_dofs_of
+   use hb_law_forces, only: law_dofs_of
    use hb_law_span, only: law_span_t, reduce_to_span
    use hb_locking, only: find_locking, locking_t, may_be_locked
    use hb_marched_start, only: marched_guess

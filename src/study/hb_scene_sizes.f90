@@ -2,7 +2,7 @@
 module hb_scene_sizes
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_of_parity
-   use hb_law_set, only: law_dofs_of
+   use hb_law_forces, only: law_dofs_of
    use hb_memory_sizes, only: new_sizes, sizes_t
    use hb_scene, only: scene_t
    use hb_scene_symmetry, only: half_of_odd, is_solved_odd

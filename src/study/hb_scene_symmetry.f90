@@ -2,9 +2,10 @@
 !>
 !> Source: docs/theory.md, section 2.
 module hb_scene_symmetry
+   use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_namelist, only: group_t
-   use hb_odd_symmetry, only: has_memory, why_not_odd
+   use hb_odd_symmetry, only: why_not_odd
    use hb_scene, only: scene_t
    use hb_torus, only: torus_t
    use hb_truncation, only: symmetry

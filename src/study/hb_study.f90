@@ -3,7 +3,7 @@
 module hb_study
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_law_set, only: law_dofs_of
+   use hb_law_forces, only: law_dofs_of
    use hb_namelist, only: document_t, new_document
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row, new_plan, plan_t

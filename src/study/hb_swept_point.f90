@@ -6,7 +6,7 @@ module hb_swept_point
    use hb_harmonics, only: harmonics_t
    use hb_kept_scene, only: kept_scene_t
    use hb_kinds, only: wp
-   use hb_law_set, only: law_dofs_of
+   use hb_law_forces, only: law_dofs_of
    use hb_mpi, only: wall_clock
    use hb_namelist, only: document_t
    use hb_neighbour, only: neighbour_t

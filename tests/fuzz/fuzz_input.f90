@@ -10,7 +10,7 @@ program fuzz_input
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law_check, only: check_derivatives, derivative_check_t
-   use hb_law_set, only: law_dofs_of
+   use hb_law_forces, only: law_dofs_of
    use hb_mpi, only: start_mpi, stop_mpi
    use hb_point, only: solve_point
    use hb_results, only: point_result_t

@@ -4,7 +4,7 @@ module scenes
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_law_set, only: law_dofs_of
+   use hb_law_forces, only: law_dofs_of
    use hb_namelist, only: document_t, new_document
    use hb_point, only: solve_point
    use hb_results, only: point_result_t
