@@ -47,6 +47,8 @@ module hb_balance
       real(wp), allocatable, private :: reaction(:, :), force(:, :)   ! (n_coefficients, n_dofs)
       real(wp), allocatable, private :: columns(:, :)                 ! (n_coefficients, 2) of a product
       real(wp), allocatable, private :: u_before(:, :)                ! (n_coefficients, n_dofs) motion a step of time earlier
+      real(wp), allocatable, private :: sampled(:, :)                 ! (n_coefficients, n_dofs) motion that law_set holds
+      logical, private :: has_samples = .false.                       ! of it, at today's frequencies and loads
       type(real_block_t), private :: answer                           ! (n_samples, 1) of a law with memory
       type(block_factors_t), private :: factors                       ! LU of S of each harmonic
       type(block_pattern_t), private :: tangent_pattern               ! of the tangent of one harmonic
@@ -76,6 +78,7 @@ module hb_balance
       procedure :: coarse_guess => balance_coarse_guess
       procedure :: linear_solution => balance_linear_solution
       procedure :: sample => balance_sample
+      procedure, private :: sample_if_new => balance_sample_if_new
       procedure :: project => balance_project
       procedure :: project_one => balance_project_one
       procedure :: all_dofs => balance_all_dofs
@@ -235,6 +238,7 @@ contains
       self%largest_dense = largest_dense_tangent(laws)
       self%law_factor = 1.0_wp
       self%load_factor = 1.0_wp
+      self%has_samples = .false.
       call new_transform(self%transform, harmonics, torus, self%n_dofs, effort, error)
       if (allocated(error)) return
       call new_law_set(self%law_set, laws, torus, omega, error)
@@ -319,7 +323,20 @@ contains
       associate (set => self%law_set)
          call sample_onto(self, u, set%q, set%v, set%s, set%q_before, set%step_rate, set%step_rate_before)
       end associate
+      self%sampled = u
+      self%has_samples = .true.
    end subroutine balance_sample
+
+   !> The same, unless these samples are there: a tangent is mostly asked for where the residual was.
+   subroutine balance_sample_if_new(self, u)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+
+      if (self%has_samples) then
+         if (all(abs(u - self%sampled) <= 0.0_wp)) return
+      end if
+      call balance_sample(self, u)
+   end subroutine balance_sample_if_new
 
    !> Samples of a motion, or of a direction of it, with `reaction` found before: q, and what else the laws ask for. Laws with
    !> memory need the steps of time that end at the samples: motion at their start, rates at both ends.
@@ -403,7 +420,7 @@ contains
       logical, intent(out) :: is_ready
       type(error_t), allocatable :: error
 
-      call balance_sample(self, x)
+      call self%sample_if_new(x)
       call self%law_set%differentiate(error)
       if (.not. (allocated(error) .or. allocated(self%thin))) then
          allocate (self%thin)
@@ -458,6 +475,7 @@ contains
       integer, intent(in) :: kind
       real(wp), intent(in) :: amount
 
+      self%has_samples = .false.
       if (kind == deformation%nonlinearity) self%law_factor = amount
       if (kind == deformation%load) self%load_factor = amount
    end subroutine balance_deform

@@ -22,6 +22,7 @@ contains
       if (all(is_same)) return
       self%omega = omega
       self%xi = xi
+      self%has_samples = .false.
       self%frequencies = self%harmonics%frequencies(omega)
       if (.not. is_same(1)) call self%law_set%move(self%transform%torus, omega)
       call self%stiffness%move(self%frequencies, self%drives(), error)

@@ -26,7 +26,7 @@ contains
       logical :: is_filled(self%n_dofs, self%n_dofs)
       integer :: h, i, k
 
-      call balance_sample(self, u)
+      call self%sample_if_new(u)
       call self%law_set%differentiate(error)
       if (.not. allocated(error)) call self%transform%prepare_products(self%table, n_parts, error)
       if (allocated(error)) then                                      ! out of memory: no tangent, the solver sees it

@@ -125,8 +125,7 @@ contains
       self%n_tones = size(orders)
       do pass = 1, 2                                                   ! count, then keep
          n_kept = 0
-         j = -orders
-         j(1) = 0
+         j = 0                                                        ! after it come those of canonical sign alone
          box: do
             if (is_kept(j)) then
                n_kept = n_kept + 1
@@ -154,10 +153,9 @@ contains
       pure logical function is_kept(tuple)
          integer, intent(in) :: tuple(:)
 
-         is_kept = sum(abs(tuple)) <= largest_sum .and. (all(tuple == 0) .or. canonical_sign(tuple) == 1)
+         is_kept = sum(abs(tuple)) <= largest_sum
          ! the sum of entries has the same parity as the sum of their magnitudes
          if (is_kept .and. odd_only) is_kept = mod(sum(abs(tuple)), 2) == 1
-         if (is_kept .and. all(tuple == 0)) is_kept = .not. odd_only
       end function is_kept
 
       !> Next tuple in the order of an odometer, last entry fastest; false after the last one.

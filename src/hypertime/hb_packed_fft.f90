@@ -170,12 +170,21 @@ contains
          last = last - modulo(self%parity - sum(j(:size(j) - 1)), 2)
          last = (last - modulo(last, 2))/2
       end if
-      packed_fft_place = modulo(last, self%extent(size(j)))
+      packed_fft_place = wrapped(last, self%extent(size(j)))
       do m = size(j) - 1, 1, -1
-         packed_fft_place = packed_fft_place*self%extent(m) + modulo(j(m), self%extent(m))
+         packed_fft_place = packed_fft_place*self%extent(m) + wrapped(j(m), self%extent(m))
       end do
       packed_fft_place = packed_fft_place + 1
    end function packed_fft_place
+
+   !> modulo(j, n), without a division where j is near: places of thousands of tuples are looked up for each solution.
+   pure integer function wrapped(j, n)
+      integer, intent(in) :: j, n
+
+      wrapped = j
+      if (j < 0) wrapped = j + n
+      if (wrapped < 0 .or. wrapped >= n) wrapped = modulo(j, n)
+   end function wrapped
 
    !> What Re(c exp(i j.tau)) puts into the spectrum: `near` c at j and `far` conj(c) at -j.
    elemental subroutine packed_fft_factors(self, first, near, far)

@@ -1,11 +1,12 @@
 !> Linear equations with a square block of the dynamic stiffness at one frequency after the other.
 !>
-!> Narrow blocks are factored as band matrices, others as dense ones (LAPACK, with row exchanges). Rows and
+!> Narrow blocks are factored as band matrices, others as dense ones (LAPACK, or hb_small_lu; with row exchanges). Rows and
 !> columns are scaled once with the sizes on the diagonal, so that the verdict "singular" does not depend on
 !> units.
 module hb_block_solver
    use hb_kinds, only: wp
    use hb_lapack, only: zgbtrf, zgbtrs, zgetrf, zgetrs
+   use hb_small_lu, only: factorise_small, largest_small, solve_small
    use hb_structure_block, only: structure_block_t
    implicit none
    private
@@ -84,6 +85,7 @@ contains
       real(wp), intent(out) :: reciprocal_condition          !! from 0, singular (rhs is undefined then), to 1
       real(wp) :: growth, norm
       integer :: i, info
+      logical :: is_singular
 
       reciprocal_condition = 1.0_wp
       if (self%n == 0) return
@@ -92,10 +94,14 @@ contains
       if (self%is_banded) then
          call zgbtrf(self%n, self%n, self%n_lower, self%n_upper, self%matrix, size(self%matrix, 1), &
                      self%pivots, info)
+         is_singular = info > 0
+      else if (self%n <= largest_small) then
+         call factorise_small(self%matrix, self%pivots, is_singular)
       else
          call zgetrf(self%n, self%n, self%matrix, self%n, self%pivots, info)
+         is_singular = info > 0
       end if
-      if (info > 0) return
+      if (is_singular) return
 
       do i = 1, self%n_rhs
          self%rhs(:, i) = self%scale*self%rhs(:, i)
@@ -144,6 +150,8 @@ contains
       if (self%is_banded) then
          call zgbtrs(form, self%n, self%n_lower, self%n_upper, size(b, 2), self%matrix, &
                      size(self%matrix, 1), self%pivots, b, self%n, info)
+      else if (self%n <= largest_small .and. form == "N") then
+         call solve_small(self%matrix, self%pivots, b)
       else
          call zgetrs(form, self%n, size(b, 2), self%matrix, self%n, self%pivots, b, self%n, info)
       end if
