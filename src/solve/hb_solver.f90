@@ -22,8 +22,8 @@ contains
 
    !> Solves r(x) = 0 from the given x. When the direct attempt fails and rescue is on: another first guess, the solution of a
    !> smaller problem as first guess, the other method, the other guess with it, homotopy in the nonlinearity from the linear
-   !> solution, homotopy in the load from zero, several guesses. The report adds up all attempts and says which one succeeded; if none did, x and the status are those of the direct
-   !> attempt.
+   !> solution, homotopy in the load from zero, several guesses. The report adds up all attempts and says which one succeeded;
+   !> if none did, x and the status are those of the direct attempt.
    subroutine solve(problem, config, linear_solution, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
