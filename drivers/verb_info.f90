@@ -12,7 +12,7 @@ module verb_info
    use hb_results_record, only: open_points, read_record, record_t
    use hb_study, only: read_input
    use hb_sweep_plan, only: parameter_units, read_sweep_plan, swept_t, sweep_plan_t
-   use hb_text, only: to_text
+   use hb_text, only: number_of, to_text
    implicit none
    private
    public :: run_info
@@ -191,16 +191,6 @@ contains
       field = name
       write (output_unit, "(a)") field//trim(text)
    end subroutine write_fact
-
-   !> `1 point`, `2 points`.
-   pure function number_of(n, word) result(text)
-      integer, intent(in) :: n
-      character(*), intent(in) :: word
-      character(:), allocatable :: text
-
-      text = to_text(n)//" "//word
-      if (n /= 1) text = text//"s"
-   end function number_of
 
    pure function list_of(words) result(text)
       character(*), intent(in) :: words(:)

@@ -15,7 +15,7 @@ module verb_solve
    use hb_signals, only: catch_signals, signal_caught, signal_name
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
-   use hb_text, only: join, split, string_t, to_text
+   use hb_text, only: join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
    use hb_timing, only: timing_lines
    use hb_version, only: git_commit, program_version
@@ -78,8 +78,8 @@ contains
       status = success
       is_told = rank_of(comm) == 0 .and. options%level >= log_level%normal
       if (is_told) write (output_unit, "(a)") "nhbm "//options%verb//" "//options%input//": "// &
-         to_text(study%plan%n_points)//" points on "//to_text(size_of(comm))//" ranks, "// &
-         to_text(study%scene%tones%n_tones)//" tones, "//to_text(size(study%tuples, 2))//" harmonics"
+         number_of(study%plan%n_points, "point")//" on "//number_of(size_of(comm), "rank")//", "// &
+         number_of(study%scene%tones%n_tones, "tone")//", "//number_of(size(study%tuples, 2), "harmonic")
       call catch_signals("nhbm: ended by a second signal, points in flight are dropped; nhbm resume "//path// &
          " goes on", incomplete, error)
       if (allocated(error)) return

@@ -23,6 +23,7 @@ BEAM = """\
 ! tangent by up to a million times the beam, and because order 5 is far too low where stiff stops make the motion bounce. Whether the
 ! equations of the points that do not converge have a solution at all is not known. docs/hard.md lists them.
 !
+! label: long
 ! expect: solved > 165
 !
 &structure
@@ -51,6 +52,7 @@ MASS = """\
 ! two-tone motion: marched from three initial states the motions are still apart after 360 s (docs/hard.md, with the list of
 ! the points that do not converge).
 !
+! label: long
 ! expect: solved > 95
 !
 &structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.2, stiffness = 1.0 /

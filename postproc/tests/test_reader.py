@@ -70,7 +70,7 @@ def test_degrees_of_freedom_have_their_own_units(tmp_path):
 
 
 def test_names_of_statuses_are_those_of_the_schema():
-    assert list(_STATUS_NAMES) == list(range(14)) and " ".join(_STATUS_NAMES.values()) == STATUS_WORDS
+    assert list(_STATUS_NAMES) == list(range(15)) and " ".join(_STATUS_NAMES.values()) == STATUS_WORDS
 
 
 def test_selection_of_points(sweep):

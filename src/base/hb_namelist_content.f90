@@ -25,6 +25,7 @@ module hb_namelist_content
    type :: key_t
       integer :: line = 0                                   !! of its first appearance; 0: set from outside
       integer :: second_line = 0                            !! line where the key is wrongly given again
+      logical :: has_problem = .false.                      !! its reader has said what is wrong with it
       integer :: head = 0, tail = 0                         !! listed values
       integer :: n_listed = 0                               !! their number, repeat counts included
       integer :: element_head = 0, element_tail = 0         !! values of elements

@@ -75,6 +75,7 @@ contains
       if (len_trim(key) == 0) then
          call add_problem(self, self%place()//": "//text)
       else if (self%content%is_given(i_key)) then
+         self%content%keys(i_key)%has_problem = .true.
          call add_problem(self, &
                           place_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(key)//": "//text)
       else
@@ -90,7 +91,7 @@ contains
       call add_problem(self, text)
    end subroutine record_problem_as_is
 
-   !> Reports all problems, keys given twice and keys of the file nobody asked for, one per line.
+   !> Reports all problems, keys given twice and keys of the file that nobody asked for or said anything about, one per line.
    pure subroutine record_finish(self, error)
       class(record_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -110,7 +111,7 @@ contains
                call add_line(lines, n, place_at(self, content%keys(i)%second_line, .true.)//": key '"// &
                              trim(content%names%names(i))//"' is given again; give it once")
             end if
-            if (content%keys(i)%asked > 0 .or. .not. content%is_given(i)) cycle
+            if (content%keys(i)%asked > 0 .or. content%keys(i)%has_problem .or. .not. content%is_given(i)) cycle
             if (n >= max_problems) then
                n = n + 1
             else

@@ -5,7 +5,7 @@ module hb_text
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: join, lower, parse_integer, parse_real, quote, split, string_t, text_builder_t, to_text
+   public :: join, lower, number_of, parse_integer, parse_real, quote, split, string_t, text_builder_t, to_text
 
    character(*), parameter :: digits = "0123456789"
 
@@ -355,4 +355,14 @@ contains
       text = ""
       if (allocated(self%buffer)) text = self%buffer(1:self%length)
    end function text_builder_text
+
+   !> A number of things: `1 point`, `2 points`.
+   pure function number_of(n, word) result(text)
+      integer, intent(in) :: n
+      character(*), intent(in) :: word                                !! of one of them
+      character(:), allocatable :: text
+
+      text = to_text(n)//" "//word
+      if (n /= 1) text = text//"s"
+   end function number_of
 end module hb_text

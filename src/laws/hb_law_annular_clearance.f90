@@ -89,8 +89,11 @@ contains
          call group%require("rotor_speed", speed)
          call group%require("slip_velocity", slip_velocity, above=0.0_wp)
          if (slip_velocity > 0.0_wp) call set_sliding(self, radius*speed, slip_velocity)
+         if (group%given("spin")) call group%problem("spin", "not beside 'rotor_radius': the sign of 'rotor_speed' tells the sense")
       else
          call group%get("spin", spin, choices=spin_names)
+         if (group%given("rotor_speed")) call group%problem("rotor_speed", "needs 'rotor_radius' and 'slip_velocity'")
+         if (group%given("slip_velocity")) call group%problem("slip_velocity", "needs 'rotor_radius' and 'rotor_speed'")
       end if
       call group%get("center", center, n=2)
       if (spin == spin_names(2)) friction = -friction

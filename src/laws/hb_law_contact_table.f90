@@ -172,6 +172,8 @@ contains
       is_rigid = kind == kinds(2)
       if (.not. is_rigid) then
          call group%require("stiffness", stiffness, minimum=0.0_wp)
+         if (group%given("augmentation")) call group%problem("augmentation", "only rigid contacts have one: leave it out, or "// &
+                                                             "take contact = 'rigid'")
          return
       end if
       if (group%given("stiffness")) call group%problem("stiffness", "rigid contacts have none: leave it out, or take "// &

@@ -3,7 +3,7 @@ module hb_point
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
-   use hb_certificate, only: certify
+   use hb_certificate, only: certificate_t, certify
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
@@ -225,6 +225,7 @@ contains
       integer, intent(in) :: law_dofs(:)
       type(point_result_t), intent(inout) :: result
       type(locking_t) :: locking
+      type(certificate_t) :: none
 
       select case (result%status)
       case (outcome%stalled)
@@ -240,6 +241,8 @@ contains
       if (.not. locking%is_locked) return
       result%status = outcome%locked
       result%message = locking%message()
+      result%certificate = none                                       ! of a torus that there is not
+      result%is_near_commensurate = .false.
       where (scene%tones%is_unknown) result%frequency = locking%multiples*locking%base
    end subroutine look_for_locking
 

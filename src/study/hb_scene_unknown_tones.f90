@@ -67,15 +67,18 @@ contains
          call group%get("mode", mode%mode, minimum=0)
          if (mode%has_energy) then
             call group%require("energy", mode%energy, above=0.0_wp)
+            call refuse_beside_energy(group)
             call check_energy(self, group)
+         else if (.not. any([group%given("amplitude"), group%given("dof"), group%given("measure")])) then
+            call group%problem("amplitude", "give 'amplitude' and 'dof', or 'energy'")
          else
             call group%require("amplitude", mode%amplitude)
             call group%require("dof", dof)
+            if (group%given("amplitude") .and. mode%amplitude == 0.0_wp) call group%problem("amplitude", "must not be 0")
             call group%get("measure", measure, choices=measure_names)
          end if
          mode%is_peak = measure == measure_names(1)
          if (allocated(dof)) call find_law_dof(self, group, "dof", dof, mode%dof)
-         if (group%given("amplitude") .and. mode%amplitude == 0.0_wp) call group%problem("amplitude", "must not be 0")
       end associate
       if (self%start_from_march) call group%problem_as_is(group%place()//": a normal mode attracts nothing, so that "// &
          "&solver first_guess = 'march' does not find it")
@@ -87,6 +90,17 @@ contains
          call group%problem("measure", "with several tones there is no common peak; use 'harmonic'")
       end if
    end subroutine read_normal_mode
+
+   !> Refuses keys of a mode by amplitude where the energy is given.
+   subroutine refuse_beside_energy(group)
+      type(group_t), intent(inout) :: group
+      character(9), parameter :: keys(3) = [character(9) :: "amplitude", "dof", "measure"]
+      integer :: i
+
+      do i = 1, size(keys)
+         if (group%given(trim(keys(i)))) call group%problem(trim(keys(i)), "not beside 'energy'; leave out one of the two")
+      end do
+   end subroutine refuse_beside_energy
 
    !> Refuses what leaves a free motion without a mechanical energy: laws without a potential, loads that vary, a stiffness
    !> that is not symmetric.

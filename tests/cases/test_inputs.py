@@ -1,15 +1,17 @@
 """Every example input runs as it is and gives the numbers that it promises in its `! expect:` lines.
 
-Those with a line `! label: long` take many seconds and run with the long tests alone.
+Those with a line `! label: long` take many seconds and run with the long tests alone; of the random problems every tenth
+is solved in the short run as well.
 """
 
+import re
 from pathlib import Path
 
 import pytest
-from nhbm_post.reader import Results
+from nhbm_post.reader import SOLVED, Results
 
 from expectations import expects_only_converged, failures, read_expectations
-from program import ALL_CONVERGED, NOT_ALL_CONVERGED, messages_of, run
+from program import ALL_CONVERGED, NOT_ALL_CONVERGED, messages_of, run, solve
 from user_law import with_its_law
 
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
@@ -41,6 +43,19 @@ def test_input_gives_what_it_promises(source, tmp_path):
     with Results(result) as results:
         problems = failures(expectations, results)
     assert not problems, "\n".join(problems)
+
+
+@pytest.mark.parametrize(("name", "least"), [("random_contact_beam", 16), ("random_contact_mass", 9)])
+def test_a_tenth_of_the_random_problems(name, least, tmp_path):
+    """Of every tenth of 200 problems as large a share is solved as of all."""
+
+    def every_tenth(values):
+        return "values =" + ",".join(values.group(1).split(",")[::10]) + "/"
+
+    text = re.sub(r"values =([^/]*)/", every_tenth, (INPUTS / "hard" / f"{name}.nml").read_text())
+    with Results(solve(text, tmp_path, status=NOT_ALL_CONVERGED)) as results:
+        assert results.n_points == 20
+        assert sum(status in SOLVED for status in results.status) >= least
 
 
 @pytest.mark.parametrize("source", CASES)
