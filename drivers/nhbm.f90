@@ -4,6 +4,7 @@ program nhbm
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use arguments, only: argument_list, arguments_t, read_arguments
    use exit_status, only: bad_input, not_all_right, success
+   use hb_blas_threads, only: use_one_blas_thread
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
@@ -47,6 +48,7 @@ program nhbm
    integer :: status
 
    call keep_freed_memory()
+   call use_one_blas_thread()
    call start_mpi()
    comm = world()
    status = success
@@ -159,6 +161,7 @@ contains
          "             marching does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
          "             limit came first; resume solves them.", &
          "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run once the points in flight are solved, a second one at once.", &
-         "Set OPENBLAS_NUM_THREADS=1 under mpirun. docs/input.md lists the keys of the input, docs/schema.md the results."
+         "BLAS works with one thread unless OPENBLAS_NUM_THREADS says otherwise. docs/input.md lists the keys of the", &
+         "input, docs/schema.md the results."
    end subroutine write_help
 end program nhbm
