@@ -111,9 +111,6 @@ contains
          integer :: b, i, k, lower, rest, total
          real(wp) :: step
 
-         step = two_pi/torus%n_samples(n_tones)                       ! of the phase, from one sample that is kept to the next
-         if (n_tones == 1) step = step*self%n_together
-         self%twist = [(cmplx(cos(step*k), sin(step*k), wp), k=0, grid(n_tones) - 1)]
          allocate (self%twisted(0))
          self%n_columns = product(self%extent(:n_tones - 2))
          if (n_tones > 1) self%n_columns = self%n_columns*grid(n_tones - 1)
@@ -133,6 +130,9 @@ contains
             end if
             if (modulo(parity - total, 2) == 1) self%twisted = [self%twisted, i]
          end do
+         step = two_pi/torus%n_samples(n_tones)                       ! of the phase, from one sample that is kept to the next
+         if (n_tones == 1) step = step*self%n_together
+         self%twist = [(cmplx(cos(step*k), sin(step*k), wp), k=0, merge(grid(n_tones), 0, size(self%twisted) > 0) - 1)]
       end subroutine find_twist
 
       subroutine plan_stage(stage, m)
@@ -186,7 +186,7 @@ contains
       if (wrapped < 0 .or. wrapped >= n) wrapped = modulo(j, n)
    end function wrapped
 
-   !> What Re(c exp(i j.tau)) puts into the spectrum: `near` c at j and `far` conj(c) at -j.
+   !> What Re(c exp(i j.tau)) puts into the spectrum: `near` c at j and `far` conj(c) at -j. For -j_1 they change places.
    elemental subroutine packed_fft_factors(self, first, near, far)
       class(packed_fft_t), intent(in) :: self
       integer, intent(in) :: first                                    !! j_1
@@ -199,19 +199,18 @@ contains
       far = 0.5_wp*(1.0_wp - conjg(turn))
    end subroutine packed_fft_factors
 
-   !> The sum of x exp(-i j.tau) over all samples is `near` times the spectrum at j and `far` times the conjugate of that at -j.
-   elemental subroutine packed_fft_shares(self, first, near, far)
+   !> The sum of x exp(-i j.tau) over all samples is `near` times the spectrum at j and `far` times the conjugate of that at -j;
+   !> both follow from what `factors` says of the same j.
+   elemental subroutine packed_fft_shares(self, near_factor, far_factor, near, far)
       class(packed_fft_t), intent(in) :: self
-      integer, intent(in) :: first                                    !! j_1
+      complex(wp), intent(in) :: near_factor, far_factor
       complex(wp), intent(out) :: near, far
-      complex(wp) :: turn
 
       near = 1.0_wp
       far = 0.0_wp
       if (self%n_together == 1) return
-      turn = cmplx(0.0_wp, 1.0_wp, wp)*conjg(turn_by(self, first))
-      near = 0.5_wp*(1.0_wp - turn)
-      far = 0.5_wp*(1.0_wp + turn)
+      near = conjg(near_factor)
+      far = far_factor
    end subroutine packed_fft_shares
 
    !> exp(i tau_1) over j_1 steps of the grid.

@@ -79,9 +79,9 @@ contains
       call self%fft%factors(first, near, far)
       self%near_factor = near(harmonics%tuples(1, :))
       self%far_factor = far(harmonics%tuples(1, :))
-      call self%fft%shares(first, near, far)
-      self%near_share = near(harmonics%tuples(1, :))
-      self%far_share = far(harmonics%tuples(1, :))
+      self%near_share = self%near_factor
+      self%far_share = self%far_factor
+      call self%fft%shares(self%near_factor, self%far_factor, self%near_share, self%far_share)
       allocate (is_used(self%fft%n_places()), source=.false.)
       is_used(self%at) = .true.
       is_used(self%mirror_at) = .true.
@@ -247,6 +247,7 @@ contains
       integer, intent(in) :: n_parts
       type(error_t), allocatable, intent(inout) :: error
       integer :: extent(self%harmonics%n_tones), stride(self%harmonics%n_tones), j(self%harmonics%n_tones)
+      complex(wp), dimension(4*self%harmonics%highest(1) + 1) :: far, near
       integer :: h, i, m, rest, status
 
       associate (set => self%harmonics)
@@ -274,7 +275,12 @@ contains
             table%at(i) = self%products%place(j)
          end do
          allocate (table%near_share(extent(1)), table%far_share(extent(1)))
-         call self%products%shares([(m - 2*set%highest(1), m=0, extent(1) - 1)], table%near_share, table%far_share)
+         associate (n => 2*set%highest(1))
+            call self%products%factors([(m, m=0, n)], near(n + 1:), far(n + 1:))
+            near(:n) = far(extent(1):n + 2:-1)
+            far(:n) = near(extent(1):n + 2:-1)
+            call self%products%shares(near, far, table%near_share, table%far_share)
+         end associate
       end associate
    end subroutine index_table
 
