@@ -9,7 +9,7 @@
 !> Blades may be rigid (see hb_rigid_contacts) if all have one share.
 !> Source: docs/theory.md, sections 5.2 and 5.3. Sign: f stands beside K q on the left-hand side.
 module hb_law_blade_contact
-   use hb_kinds, only: two_pi, wp
+   use hb_kinds, only: int64, two_pi, wp
    use hb_law, only: read_dofs
    use hb_law_contact_table, only: contact_table_t, make_rigid, new_contact_table, one_for_each, read_hardness, set_turns
    use hb_namelist, only: group_t
@@ -41,7 +41,8 @@ contains
       integer :: i
 
       ! The remainder keeps the angle small, so that blades half a wave apart get the same digits.
-      angle = [(two_pi*real(modulo(n_diameters*i, size(gaps)), wp)/real(size(gaps), wp), i=1, size(gaps))]
+      angle = [(two_pi*real(modulo(int(n_diameters, int64)*i, int(size(gaps), int64)), wp)/real(size(gaps), wp), &
+                i=1, size(gaps))]
       shapes(:, 1) = -shares*cos(angle)
       shapes(:, 2) = -shares*sin(angle)
       shapes(:, 3) = cos(angle)

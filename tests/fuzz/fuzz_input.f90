@@ -31,7 +31,7 @@ program fuzz_input
       end function processor_time
    end interface
 
-   integer, parameter :: largest_unknowns = 150, largest_samples = 3000, largest_structure = 60   ! of what is solved
+   integer, parameter :: largest_unknowns = 150, largest_samples = 1000, largest_structure = 60   ! of what is solved
    integer, parameter :: every = 10                                   ! inputs, one of which is solved
    real(wp), parameter :: memory_limit = 2.5e8_wp                     ! bytes that a study may ask for
    character(:), allocatable :: folder, mutant
