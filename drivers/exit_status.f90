@@ -1,4 +1,4 @@
-!> Exit statuses of the program, listed in `nhbm --help` and docs/running.md.
+!> Exit statuses of the program, listed in `nhbm --help` and docs/user/running.md.
 module exit_status
    implicit none
    private

@@ -148,7 +148,7 @@ contains
          "  --budget SECONDS     bench: time spent on each kernel of each point, 0.5 by default", &
          "  -h, --help           this text", &
          "", &
-         "options of plan (docs/cluster.md):", &
+         "options of plan (docs/user/cluster.md):", &
          "  --ranks N,N,...      numbers of ranks; default: 1 to 100000 by tens", &
          "  --points N           points, in place of those of the input", &
          "  --cost-from FILE     seconds of the points of a result file, in their order", &
@@ -161,7 +161,7 @@ contains
          "             marching does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
          "             limit came first; resume solves them.", &
          "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run once the points in flight are solved, a second one at once.", &
-         "BLAS works with one thread unless OPENBLAS_NUM_THREADS says otherwise. docs/input.md lists the keys of the", &
-         "input, docs/schema.md the results."
+         "BLAS works with one thread unless OPENBLAS_NUM_THREADS says otherwise. docs/user/input.md lists the keys of the", &
+         "input, docs/user/schema.md the results."
    end subroutine write_help
 end program nhbm

@@ -1,4 +1,4 @@
-"""Writes small result files by docs/schema.md with h5py, dimension scales attached, for the tests."""
+"""Writes small result files by docs/user/schema.md with h5py, dimension scales attached, for the tests."""
 
 import itertools
 

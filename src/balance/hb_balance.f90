@@ -2,7 +2,7 @@
 !>
 !> Forces are evaluated on the torus and projected back (alternating frequency/time); the tangent is the exact derivative
 !> of this discrete residual. Unknowns u(n_coefficients, n_dofs) are cosines and sines, degree of freedom by degree of
-!> freedom. Source: docs/theory.md, sections 3 to 5.
+!> freedom. Source: docs/user/theory.md, sections 3 to 5.
 !>
 !> Forces with memory depend on all samples; their columns of the tangent come from the walk that found them.
 !>
@@ -445,7 +445,7 @@ contains
    end subroutine balance_apply_tangent
 
    !> J u: u onto the torus, times the derivatives of the laws there, and back. Where the answer of a memory does not repeat it
-   !> is what the last round gives, as in the dense tangent. Source: docs/theory.md, section 6.6.
+   !> is what the last round gives, as in the dense tangent. Source: docs/user/theory.md, section 6.6.
    subroutine apply_tangent_to(self, u, product)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)

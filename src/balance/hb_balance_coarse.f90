@@ -1,7 +1,7 @@
 !> A first guess from fewer harmonics: the balance of half the orders is solved first, and that of half of these before it.
 !>
 !> Contact that comes and goes on the way from the linear motion is settled where a step costs next to nothing.
-!> Source: docs/theory.md, section 6.4.
+!> Source: docs/user/theory.md, section 6.4.
 submodule (hb_balance) hb_balance_coarse
    use hb_harmonics, only: new_harmonics
    use hb_krylov, only: solve_krylov

@@ -1,5 +1,5 @@
 !> The balance at other base frequencies and artificial damping, and its derivatives by both.
-!> Source: docs/theory.md, sections 5.6 and 6.5.
+!> Source: docs/user/theory.md, sections 5.6 and 6.5.
 submodule (hb_balance) hb_balance_frequency
    use hb_error, only: fail
    use hb_text, only: to_text
@@ -30,7 +30,7 @@ contains
    end subroutine balance_move
 
    !> The drive of each harmonic, sum over the tones of xi_m j_m omega_m [rad**2/s**2]: the artificial forces
-   !> -M sum_m xi_m omega_m dx/dtau_m on the left-hand side. Source: docs/theory.md, section 6.5.
+   !> -M sum_m xi_m omega_m dx/dtau_m on the left-hand side. Source: docs/user/theory.md, section 6.5.
    pure module function balance_drives(self) result(drives)
       class(balance_t), intent(in) :: self
       real(wp) :: drives(self%harmonics%n_harmonics)
@@ -89,7 +89,7 @@ contains
    !> dR/domega_m = j_m (dS/dw u - dP/dw) + the projection of df/dv dv/domega_m + df/ds ds/domega_m.
    !>
    !> What laws were told by the structure (`prepare`) stays. Fails where the stiffness was made without slopes, for a tone
-   !> that does not exist, where the answer of a memory does not repeat, and out of memory. Source: docs/theory.md, section 5.6.
+   !> that does not exist, where the answer of a memory does not repeat, and out of memory. docs/user/theory.md, section 5.6.
    module subroutine balance_frequency_derivative(self, u, m, derivative, error)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]

@@ -1,7 +1,7 @@
 !> The preconditioner of the balance: the exact tangent between the harmonics that the laws couple most, and the tangent of
 !> each other harmonic by itself.
 !>
-!> Source: docs/theory.md, section 6.6.
+!> Source: docs/user/theory.md, section 6.6.
 submodule (hb_balance) hb_balance_precondition
    use hb_block_factors, only: new_block_factors
    use hb_coarse_tangent, only: factor_memory, factor_work, most_memory, new_coarse_tangent

@@ -1,6 +1,6 @@
 !> The dense tangent of the balance.
 !>
-!> Source: docs/theory.md, section 5.4.
+!> Source: docs/user/theory.md, section 5.4.
 submodule (hb_balance) hb_balance_tangent
    use hb_memory_tangent, only: width
    implicit none
@@ -16,7 +16,7 @@ contains
    end subroutine balance_tangent
 
    !> J = S + T[df/dq] + T[df/dv] d/dt - T[df/ds] S, with T[g] the projection of multiplication by g.
-   !> Source: docs/theory.md, eq. (11) to (13).
+   !> Source: docs/user/theory.md, eq. (11) to (13).
    subroutine balance_tangent_of(self, u, jacobian)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)

@@ -2,7 +2,7 @@
 !>
 !> A small residual only says that the truncated, sampled problem is solved. The certificate looks at the same motion with
 !> up to twice the order and on a finer grid: the forces there that nothing balances are what the solution neglects, and
-!> one step towards balancing them estimates its error. Source: docs/theory.md, section 7.
+!> one step towards balancing them estimates its error. Source: docs/user/theory.md, section 7.
 module hb_certificate
    use hb_balance, only: balance_t, new_balance
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness

@@ -1,5 +1,5 @@
 !> Derivatives of the samples of all laws along one direction: of the motion, or by a base frequency while all coefficients
-!> stay. Source: docs/theory.md, sections 5.6 and 6.6.
+!> stay. Source: docs/user/theory.md, sections 5.6 and 6.6.
 module hb_direction_samples
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t

@@ -1,7 +1,7 @@
 !> What a law with memory keeps beside its samples: the walk of its states over the torus, and how that walk answers to the
 !> motion, coefficient by coefficient or along a direction, and to a base frequency.
 !>
-!> Source: docs/theory.md, sections 5.5 and 5.6.
+!> Source: docs/user/theory.md, sections 5.5 and 5.6.
 module hb_law_memory
    use hb_characteristic, only: characteristic_t
    use hb_direction_walk, only: direction_walk_t, new_direction_walk

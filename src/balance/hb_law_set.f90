@@ -1,7 +1,7 @@
 !> All laws of a scene on the samples of one torus, as the balance asks for them: their forces and derivatives, what they answer
 !> to a direction or to single coefficients of the motion, and what holds of them on the torus as a whole.
 !>
-!> Source: docs/theory.md, sections 5.3 to 5.5.
+!> Source: docs/user/theory.md, sections 5.3 to 5.5.
 module hb_law_set
    use hb_direction_samples, only: direction_samples_t, new_direction_samples
    use hb_error, only: error_t

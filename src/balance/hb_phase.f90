@@ -2,7 +2,7 @@
 !>
 !> Each further unknown brings one equation, a linear form of the coefficients u that has a given value: phase conditions,
 !> which pick one of the motions that differ by a shift of an unknown phase alone, and amplitudes. The last one may be an energy
-!> instead, whose derivatives then take the place of its form. Solvers see one more abstract problem. Source: docs/theory.md,
+!> instead, whose derivatives then take the place of its form. Solvers see one more abstract problem. Source: docs/user/theory.md,
 !> section 6.5.
 module hb_phase
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value

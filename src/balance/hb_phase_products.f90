@@ -3,7 +3,7 @@
 !>     (A B; C D) (x; y) = (r; s),   x = A^-1 r - A^-1 B y,   (D - C A^-1 B) y = s - C A^-1 r.
 !>
 !> A is the tangent of the balance, or its preconditioner; B the derivatives by the further unknowns; C and D the forms.
-!> Source: docs/theory.md, section 6.6.
+!> Source: docs/user/theory.md, section 6.6.
 submodule (hb_phase) hb_phase_products
    use hb_lapack, only: dgetrf, dgetrs
    implicit none

@@ -2,7 +2,7 @@
 !>
 !> The balance over the tuples without unknown tones is solved first: the equilibrium, or the forced motion. The structure
 !> with the mean slopes that the laws have along it then has modes with growth rates. Rigid laws count as open.
-!> Source: docs/theory.md, section 6.5.
+!> Source: docs/user/theory.md, section 6.5.
 module hb_rest
    use hb_balance, only: balance_t, new_balance
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness

@@ -1,5 +1,5 @@
 !> Self-excited motion: limit cycles and tori with unknown base frequencies, from the modes of the rest, never the rest itself.
-!> Source: docs/theory.md, section 6.5.
+!> Source: docs/user/theory.md, section 6.5.
 module hb_self_excitation
    use hb_amplitude_curve, only: follow_curve
    use hb_amplitude_flow, only: follow_flow

@@ -3,7 +3,7 @@
 !>
 !> The first slice starts from rest, loaded straight to where the motion is there. Where all sliders slip, the start is
 !> forgotten and the states that repeat are the only ones. A slider that never slips keeps its place for ever, and any
-!> place would do: starting from rest is the rule that picks one, `full_stick` tells of it. Source: docs/theory.md,
+!> place would do: starting from rest is the rule that picks one, `full_stick` tells of it. Source: docs/user/theory.md,
 !> section 5.5.
 module hb_slider_memory
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite

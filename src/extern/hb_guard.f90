@@ -6,7 +6,7 @@ module hb_guard
    private
    public :: lower_guard, raise_guard
 
-   integer(c_int), parameter :: bad_input = 2                         ! exit status, docs/running.md
+   integer(c_int), parameter :: bad_input = 2                         ! exit status, docs/user/running.md
    integer, parameter :: longest = 1000
 
    interface

@@ -1,6 +1,6 @@
 !> The HDF5 file of a march: record, coefficients, and the state from which it can be continued.
 !>
-!> Made whole under another name and then put in place, by one process. docs/schema.md lists what is in it.
+!> Made whole under another name and then put in place, by one process. docs/user/schema.md lists what is in it.
 module hb_march_file
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_place, put_in_place

@@ -2,7 +2,7 @@
 !>
 !> Works on b/r_scale, so that the residual it makes small is the one that Newton's method measures. Orthogonalises by
 !> classical Gram-Schmidt, done twice where the first time cancels: as good as the modified form, fit for matrix-vector products.
-!> Source: docs/theory.md, section 6.6; Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869; Giraud, Langou,
+!> Source: docs/user/theory.md, section 6.6; Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869; Giraud, Langou,
 !> Rozloznik, van den Eshof, Numer. Math. 101 (2005) 87-100 (twice is enough).
 module hb_gmres
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite

@@ -4,7 +4,7 @@
 !> in between, because what counts for a contact stiffness is its ratio to the stiffness of the structure. The curve of
 !> solutions (x, theta) is followed by tangent predictor and Newton corrector in the plane across the tangent; its
 !> orientation is that of the determinant of the bordered tangent, which also holds at the kinks of contact laws.
-!> Source: docs/theory.md, section 6.4; Allgower and Georg, Introduction to Numerical Continuation Methods, SIAM 2003,
+!> Source: docs/user/theory.md, section 6.4; Allgower and Georg, Introduction to Numerical Continuation Methods, SIAM 2003,
 !> chapters 2, 3, 6 and (orientation of piecewise linear curves) 12.
 module hb_homotopy
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite

@@ -2,7 +2,7 @@
 !> text.
 !>
 !> An outcome is part of a result and never an error: code says `if (result%status == outcome%converged)`. The
-!> numbers stand in the result file (docs/schema.md): they may be added to, never changed.
+!> numbers stand in the result file (docs/user/schema.md): they may be added to, never changed.
 module hb_outcome
    implicit none
    private

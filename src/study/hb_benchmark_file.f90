@@ -1,4 +1,4 @@
-!> The file of a benchmark, one row a rung: the only writer of the second schema in docs/schema.md.
+!> The file of a benchmark, one row a rung: the only writer of the second schema in docs/user/schema.md.
 module hb_benchmark_file
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_benchmark, only: benchmark_t, measured_t, part, part_names

@@ -1,6 +1,6 @@
 !> The rungs of a benchmark: which order, method, number of samples and further input values each of them takes.
 !>
-!> The component initialisers are the defaults of the group `&benchmark`; docs/input.md lists the keys.
+!> The component initialisers are the defaults of the group `&benchmark`; docs/user/input.md lists the keys.
 module hb_benchmark_plan
    use hb_error, only: annotate, error_t
    use hb_harmonics, only: harmonics_t

@@ -96,7 +96,7 @@ contains
    end function column_of
 
    !> Reads `tuple` (harmonic, tone) and `coefficients` ([point,] dof, harmonic, component) with the labels `dof` of a file
-   !> such as `nhbm solve` writes; docs/schema.md. `frequency` and `status` are looked at where the file has them.
+   !> such as `nhbm solve` writes; docs/user/schema.md. `frequency` and `status` are looked at where the file has them.
    subroutine read_reference_file(self, path, point, omega, dofs, error)
       type(coefficient_set_t), intent(out) :: self
       character(*), intent(in) :: path

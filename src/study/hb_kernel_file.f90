@@ -1,4 +1,4 @@
-!> The file of kernel times, one row a point of the input: the only writer of the third schema in docs/schema.md.
+!> The file of kernel times, one row a point of the input: the only writer of the third schema in docs/user/schema.md.
 module hb_kernel_file
    use hb_benchmark_table, only: add_integers, add_one_text, add_reals, add_texts, begin_table, end_table, table_t, &
       text_length, threads_text

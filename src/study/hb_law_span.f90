@@ -3,7 +3,7 @@
 !> join the interior, which is condensed out.
 !>
 !> With W an orthonormal basis of the shapes of all laws and N of what is orthogonal to it, q = [W N] y at the degrees of
-!> freedom of the laws. Laws act on y = W^T q alone; motions and forces come back by [W N] and W. Source: docs/theory.md,
+!> freedom of the laws. Laws act on y = W^T q alone; motions and forces come back by [W N] and W. Source: docs/user/theory.md,
 !> section 4.
 module hb_law_span
    use hb_kinds, only: wp

@@ -1,7 +1,7 @@
 !> Half the unknowns where equations are odd: a scene with the odd tuples of its set alone, on half of its grid.
 !>
 !> The motion found balances all harmonics, the even ones vanish on both sides. Whether other motions exist beside it is
-!> another question: `symmetry = 'none'` looks among all. Source: docs/theory.md, section 2.
+!> another question: `symmetry = 'none'` looks among all. Source: docs/user/theory.md, section 2.
 module hb_odd_motion
    use hb_certificate, only: choose_wider_set
    use hb_error, only: error_t

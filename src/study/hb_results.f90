@@ -1,4 +1,4 @@
-!> The result file of a run: the only writer of the schema in docs/schema.md.
+!> The result file of a run: the only writer of the schema in docs/user/schema.md.
 !>
 !> In the order of use: fill a `results_layout_t`, `create_results` or, to go on with a file, `open_results`, then
 !> `write_point` by any rank for any point, then `close`. The file is made whole before the first point is solved;

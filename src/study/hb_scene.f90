@@ -1,6 +1,6 @@
 !> A scene: all that one point of a study needs.
 !>
-!> The component initialisers of the types here and below are the defaults of the input; docs/input.md lists the keys.
+!> The component initialisers of the types here and below are the defaults of the input; docs/user/input.md lists the keys.
 !> hb_scene_reader fills scenes from an input.
 module hb_scene
    use hb_fftw, only: planning

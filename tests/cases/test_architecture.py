@@ -1,4 +1,4 @@
-"""Rules of docs/architecture.md that the compiler does not check: floors, names, outside libraries, who may stop."""
+"""Rules of docs/develop/architecture.md that the compiler does not check: floors, names, outside libraries, who may stop."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ SOURCES = pytest.mark.parametrize("path", sources(), ids=name_of)
 @SOURCES
 def test_source_stands_on_a_known_floor(path):
     assert floor_of(path) in FLOORS, (
-        f"{path.relative_to(ROOT)}: '{floor_of(path)}' is no floor; add it to FLOORS here, to docs/architecture.md "
+        f"{path.relative_to(ROOT)}: '{floor_of(path)}' is no floor; add it to FLOORS here, to docs/develop/architecture.md "
         "and to src/CMakeLists.txt"
     )
 
@@ -177,9 +177,9 @@ def test_use_statements_name_what_they_use(path):
 
 
 def test_floors_are_documented():
-    """docs/architecture.md lists the floors in this order and has a paragraph for each module."""
-    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    """docs/develop/architecture.md lists the floors in this order and has a paragraph for each module."""
+    page = (ROOT / "docs" / "develop" / "architecture.md").read_text(encoding="utf-8")
     listed = re.findall(r"^### `src/(\w+)/`", page, re.MULTILINE)
     assert listed == FLOORS
     missing = [name for name in FLOOR_OF_MODULE if f"**`{name}`**" not in page]
-    assert not missing, f"docs/architecture.md says nothing of {', '.join(sorted(missing))}"
+    assert not missing, f"docs/develop/architecture.md says nothing of {', '.join(sorted(missing))}"

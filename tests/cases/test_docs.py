@@ -1,4 +1,4 @@
-"""docs/input.md against the source: every group and key that the program reads is documented, and no other.
+"""docs/user/input.md against the source: every group and key that the program reads is documented, and no other.
 
 Headings of the page say where a key belongs: `### `&law`` for a group, `#### `type = 'rigid_wall'`` for one kind of it.
 In the tables the first column names the key.
@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
-PAGE = ROOT / "docs" / "input.md"
+PAGE = ROOT / "docs" / "user" / "input.md"
 
 # Where neither the file nor the procedure (read_<group>) tells whose keys are read.
 SECTIONS_BY_FILE = {
@@ -143,26 +143,26 @@ def test_keys_belong_to_known_groups():
 
 @pytest.mark.parametrize("group", groups_of_program())
 def test_group_is_documented(group):
-    assert (group, "") in keys_of_page(), f"docs/input.md has no heading '### `&{group}`'"
+    assert (group, "") in keys_of_page(), f"docs/user/input.md has no heading '### `&{group}`'"
 
 
 @pytest.mark.parametrize("kind", sorted(kinds_of_program()))
 def test_kind_is_documented(kind):
     group, name = kind
-    assert kind in keys_of_page(), f"docs/input.md has no heading '#### `type = '{name}'`' under &{group}"
+    assert kind in keys_of_page(), f"docs/user/input.md has no heading '#### `type = '{name}'`' under &{group}"
 
 
 @pytest.mark.parametrize("section", sorted(keys_of_program()), ids=heading)
 def test_keys_are_documented(section):
     documented = keys_of_page().get(section, set())
     missing = [f"{key} ({place})" for key, place in keys_of_program()[section].items() if key not in documented]
-    assert not missing, f"docs/input.md lacks under {heading(section)}: {', '.join(missing)}"
+    assert not missing, f"docs/user/input.md lacks under {heading(section)}: {', '.join(missing)}"
 
 
 @pytest.mark.parametrize("section", sorted(keys_of_page()), ids=heading)
 def test_documented_keys_exist(section):
     invented = sorted(keys_of_page()[section] - set(keys_of_program().get(section, {})))
-    assert not invented, f"docs/input.md has under {heading(section)} keys that nothing reads: {', '.join(invented)}"
+    assert not invented, f"docs/user/input.md has under {heading(section)} keys that nothing reads: {', '.join(invented)}"
 
 
 def test_choices_are_documented():
@@ -171,7 +171,7 @@ def test_choices_are_documented():
     for path in sorted(SRC.rglob("*.f90")):
         for constant in re.findall(r"choices=(\w+)", "\n".join(code_of(path))):
             for word in _choices(path, constant):
-                assert f"`'{word}'`" in page, f"docs/input.md does not tell of '{word}', a choice in {path.name}"
+                assert f"`'{word}'`" in page, f"docs/user/input.md does not tell of '{word}', a choice in {path.name}"
 
 
 def _choices(path: Path, constant: str) -> list[str]:
@@ -183,16 +183,16 @@ def _choices(path: Path, constant: str) -> list[str]:
 
 
 def test_sections_of_theory_exist():
-    """Sections and equations that comments cite stand in docs/theory.md."""
-    theory = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+    """Sections and equations that comments cite stand in docs/user/theory.md."""
+    theory = (ROOT / "docs" / "user" / "theory.md").read_text(encoding="utf-8")
     known = set(re.findall(r"^#{2,3} (\d(?:\.\d)?)\.? ", theory, re.MULTILINE))
     known |= {f"({number})" for number in re.findall(r"\\tag\{(\d+)\}", theory)}
-    citation = re.compile(r"docs/theory\.md, (?:sections? ([\d., toand]+)|eq\. ([()\d, toand]+))")
+    citation = re.compile(r"docs/user/theory\.md, (?:sections? ([\d., toand]+)|eq\. ([()\d, toand]+))")
     n_cited = 0
     for path in sorted(SRC.rglob("*.f90")):
         for sections, equations in citation.findall(path.read_text(encoding="utf-8")):
             cited = re.findall(r"\d(?:\.\d)?", sections) + re.findall(r"\(\d+\)", equations)
             n_cited += len(cited)
             missing = sorted(set(cited) - known)
-            assert not missing, f"{path.relative_to(ROOT)} cites what docs/theory.md lacks: {', '.join(missing)}"
+            assert not missing, f"{path.relative_to(ROOT)} cites what docs/user/theory.md lacks: {', '.join(missing)}"
     assert n_cited > 10, "the pattern of citations no longer fits the source"

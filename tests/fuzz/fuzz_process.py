@@ -2,7 +2,7 @@
 
     python tests/fuzz/fuzz_process.py NHBM [--count N] [--first K] [--seed S] [--kinds input,law,wisdom,result,content]
 
-Each case is a process of its own. It has to end with an exit status that docs/running.md lists, with a message where that
+Each case is a process of its own. It has to end with an exit status that docs/user/running.md lists, with a message where that
 is 2, within 10 s of processor time and 1 GiB of resident memory; never by a signal, never with a trace of the Fortran
 runtime, HDF5 or MPI. `solve` and `resume` may have honest work for longer: after 3 s they get SIGTERM twice, which has to end them.
 Files may grow to 100 MB. Case K of seed S is always the same. What failed is kept in the folder of --keep.

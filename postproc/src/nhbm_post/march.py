@@ -1,4 +1,4 @@
-"""The only reader of the records of `nhbm march`; docs/schema.md says what is in them."""
+"""The only reader of the records of `nhbm march`; docs/user/schema.md says what is in them."""
 
 from __future__ import annotations
 

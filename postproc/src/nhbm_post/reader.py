@@ -1,4 +1,4 @@
-"""The only reader of the result file of nhbm; its schema is written down in docs/schema.md."""
+"""The only reader of the result file of nhbm; its schema is written down in docs/user/schema.md."""
 
 from __future__ import annotations
 
