@@ -10,9 +10,11 @@ module verb_march
    use hb_march_file, only: march_origin_t, read_march_state, write_march_file
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
+   use hb_modes, only: modes_t, new_modes
    use hb_mpi, only: comm_t, rank_of, share_error, wall_clock
    use hb_namelist, only: document_t
    use hb_progress, only: log_level, new_progress, progress_t
+   use hb_record_tones, only: find_tones
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use hb_study, only: study_t
@@ -21,6 +23,8 @@ module verb_march
    implicit none
    private
    public :: run_march
+
+   integer, parameter :: fewest_samples = 32                          ! from which frequencies are read
 
    type, extends(march_watcher_t) :: shown_progress_t
       type(progress_t) :: progress
@@ -81,8 +85,8 @@ contains
       type(march_judgement_t) :: judgement
       type(march_origin_t) :: origin
       type(shown_progress_t) :: watcher
-      real(wp) :: seconds, step
-      real(wp), allocatable :: frequencies(:)
+      real(wp) :: seconds, share, step
+      real(wp), allocatable :: frequencies(:), omega(:)
       character(:), allocatable :: path
 
       path = default_output(options%input)
@@ -91,24 +95,29 @@ contains
       call annotate(error, "march record '"//path//"'")
       if (allocated(error)) return
       associate (scene => study%scene)
-         frequencies = scene%harmonics%frequencies(scene%tones%omega)
-         call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, scene%tones%omega)
+         call guess_frequencies(scene, omega, error)
+         if (allocated(error)) return
+         frequencies = scene%harmonics%frequencies(omega)
+         call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, omega)
          call first_state(scene, system, frequencies, state, error)
          if (allocated(error)) return
-         step = step_of(scene%march, scene%tones%omega)
+         step = step_of(scene%march, omega)
          watcher%level = options%level
          seconds = wall_clock()
          call march_from(system, scene%march, step, scene%output%dofs, state, record, error, watcher)
          if (allocated(error)) return
          seconds = wall_clock() - seconds
          if (watcher%is_begun) call watcher%progress%finish(watcher%all, 0)
+         call read_frequencies(scene, record, omega, share, error)
+         if (allocated(error)) return
+         frequencies = scene%harmonics%frequencies(omega)
          call judge(record, frequencies, scene%march%n_peaks, judgement, error)
          if (allocated(error)) return
          origin%title = scene%output%title
          origin%method = trim(march_method_names(scene%march%method))
          origin%input_text = study%input_text
          origin%input_complete = study%input_complete
-         origin%omega = scene%tones%omega
+         origin%omega = omega
          origin%tuples = scene%harmonics%tuples
          origin%kept_dofs = scene%output%dofs
          call write_march_file(path, options%overwrite, origin, scene%structure, system%laws, record, judgement, &
@@ -117,9 +126,62 @@ contains
       if (allocated(error) .or. options%level < log_level%normal) return
       write (output_unit, "(a, f0.3, a)") "marched to t = "//to_text(state%time)//" s in ", seconds, &
          " s of computing; record in "//path
+      if (any(study%scene%tones%is_unknown)) then
+         if (share > 0.0_wp) then
+            write (output_unit, "(a, *(es23.15e2))") "frequencies read from the record [rad/s]:", &
+               pack(omega, study%scene%tones%is_unknown)
+         else
+            write (output_unit, "(a)") "the record has no tone of its own; the coefficients of unknown tones mean nothing"
+         end if
+      end if
       write (output_unit, "(a, es7.1)") "largest difference between coefficients of both halves of the record: ", &
          maxval(judgement%spread)
    end subroutine march_scene
+
+   !> Base frequencies for the march: unknown ones without a first guess take those of the linear structure, the lowest first.
+   subroutine guess_frequencies(scene, omega, error)
+      type(scene_t), intent(in) :: scene
+      real(wp), allocatable, intent(out) :: omega(:)                  !! [rad/s], (n_tones), > 0
+      type(error_t), allocatable, intent(out) :: error
+      type(modes_t) :: modes
+      integer :: m, n
+
+      omega = scene%tones%omega
+      if (all(omega > 0.0_wp)) return
+      associate (structure => scene%structure)
+         call new_modes(modes, structure%mass, structure%damping, structure%stiffness, error)
+      end associate
+      n = 0
+      do m = 1, size(omega)
+         if (allocated(error)) exit
+         if (omega(m) > 0.0_wp) cycle
+         n = n + 1
+         if (n > modes%n_modes) then
+            call fail(error, "the linear structure has "//to_text(modes%n_modes)// &
+                      " oscillatory modes, not one for each unknown tone")
+         else
+            omega(m) = modes%frequency(n)
+         end if
+      end do
+      call annotate(error, "give first guesses of the frequencies in &tones")
+   end subroutine guess_frequencies
+
+   !> Reads the frequencies of unknown tones from a record. Where it has none, guesses stay and the share is zero.
+   subroutine read_frequencies(scene, record, omega, share, error)
+      type(scene_t), intent(in) :: scene
+      type(march_record_t), intent(in) :: record
+      real(wp), intent(inout) :: omega(:)                             !! [rad/s], (n_tones)
+      real(wp), intent(out) :: share                                  !! of the power of the record that they explain
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: found(size(omega))
+
+      share = 0.0_wp
+      if (.not. any(scene%tones%is_unknown) .or. size(record%every_displacement, 1) < fewest_samples) return
+      found = scene%tones%omega                                       ! only guesses of the user count
+      call find_tones(record%every_displacement, record%start, record%step, scene%harmonics%tuples, scene%tones%is_unknown, &
+                      found, share, error)
+      if (share > 0.0_wp) omega = found
+   end subroutine read_frequencies
 
    !> Rest, or the sum of the `&start` amplitudes at time zero, or the end of an earlier record.
    subroutine first_state(scene, system, frequencies, state, error)

@@ -3,6 +3,7 @@
 !> `march_from` is the whole of it for a caller; `judge` makes coefficients of a record.
 module hb_march
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_available_memory, only: available_memory
    use hb_birkhoff, only: coefficients_at
    use hb_central_differences, only: central_differences_t, new_central_differences
    use hb_error, only: error_t, fail
@@ -134,6 +135,8 @@ contains
       class(march_watcher_t), intent(inout), optional :: watcher
       integer :: done, i, n_kept, n_steps, n_stored, n_transient, stat, stride
 
+      call check_length(config, step, size(kept_dofs), system%laws%n_coordinates, error)
+      if (allocated(error)) return
       n_transient = nint(config%transient/step)
       n_steps = max(1, nint(config%duration/step))
       do done = 0, n_transient - 1, steps_between_looks
@@ -179,6 +182,25 @@ contains
          call integrator%forces(state, record%force(row, :))
       end subroutine keep
    end subroutine follow
+
+   !> Fails where steps cannot be counted, or where the record would not fit into memory.
+   subroutine check_length(config, step, n_kept, n_coordinates, error)
+      type(march_config_t), intent(in) :: config
+      real(wp), intent(in) :: step                                    !! [s], > 0
+      integer, intent(in) :: n_kept, n_coordinates
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: bytes, n_steps
+
+      n_steps = (config%transient + config%duration)/step
+      bytes = 8.0_wp*(config%duration/step + 1.0_wp)*(n_kept + (1 + 2*n_kept + n_coordinates)/real(config%decimation, wp))
+      if (.not. n_steps < real(huge(1), wp)) then
+         call fail(error, "a march of "//to_text(config%transient + config%duration)//" s has "//to_text(n_steps)//" steps of "// &
+                   to_text(step)//" s, at most "//to_text(huge(1))//" can be counted: give a shorter duration or a larger step")
+      else if (bytes > available_memory()) then
+         call fail(error, "a record of "//to_text(config%duration)//" s takes "//to_text(nint(bytes/2.0_wp**20))// &
+                   " MiB, more than there is: give a shorter duration, a larger step or a larger decimation")
+      end if
+   end subroutine check_length
 
    subroutine advance(integrator, state, n_steps, largest, error)
       class(integrator_t), intent(inout) :: integrator

@@ -15,6 +15,10 @@ INPUTS = Path(__file__).resolve().parents[2] / "inputs"
 
 MASS = "&structure type='matrices', n_dofs=1, mass=1, damping=0.1, stiffness=1 /\n&tones frequency=1.3 /\n&harmonics order=3 /\n"
 FREE = "&structure type='matrices', n_dofs=1, mass=1, stiffness=1 /\n&tones frequency=1 /\n&harmonics order=1 /\n"
+VAN_DER_POL = (
+    "&structure type='matrices', n_dofs=1, mass=1, stiffness=1 /\n&tones unknown=.true. /\n"
+    "&harmonics order=9, odd_only=.true. /\n&law type='van_der_pol', dof='x1', strength=1 /\n"
+)
 FORCED = MASS + "&load dof='x1', tuple=1, cos=0.4 /\n&law type='cubic_spring', dof='x1', stiffness=0.5 /\n"
 
 
@@ -126,6 +130,18 @@ def test_forced_mass_is_that_of_the_balance(tmp_path):
             FORCED + "&march duration=1 /\n&law type='contact_table', contact='rigid', dofs='x1', n_contacts=1, shapes=-1, gaps=1 /",
             "no method of &march holds rigid contacts",
         ),
+        (FORCED + "&march duration=1e12 /", "at most 2147483647 can be counted"),
+        (FORCED + "&march duration=2e7, transient=1e20 /", "at most 2147483647 can be counted"),
+        (
+            "&structure type='chain', n_masses=1000, mass=1, coupling_stiffness=1 /\n&tones frequency=1 /\n"
+            "&harmonics order=1 /\n&march duration=2e9, step=1 /",
+            "more than there is",
+        ),
+        (
+            "&structure type='matrices', n_dofs=1, mass=1, stiffness=0 /\n&tones unknown=.true. /\n&harmonics order=1 /\n"
+            "&law type='van_der_pol', dof='x1', strength=1 /\n&march duration=10 /\n",
+            "give first guesses of the frequencies in &tones",
+        ),
         (
             FORCED + "&march duration=10 /\n&sweep parameter='law(1)%stiffness', values=1,2 /",
             "points 0 to 1; march follows one",
@@ -154,6 +170,23 @@ def test_point_of_a_sweep_is_followed(tmp_path):
     second = march(swept, tmp_path, "--point", "1", name="swept")
     alone = march(FORCED.replace("stiffness=0.5", "stiffness=2") + "&march duration=10, step=0.1 /", tmp_path, name="alone")
     np.testing.assert_array_equal(read(second, "displacement"), read(alone, "displacement"))
+
+
+# Unknown tones
+
+
+def test_unknown_tone_without_a_guess_is_read_from_the_record(tmp_path):
+    text = VAN_DER_POL + "&start dof='x1', tuple=1, cos=1 /\n&march start='given', transient=100, duration=400, tolerance=1e-12 /"
+    record = march(text, tmp_path)
+    assert 2 * np.pi / read(record, "frequency")[0] == pytest.approx(6.6632868593231361, rel=1e-9)
+    assert read(record, "spread").max() < 1e-8
+
+
+def test_record_without_a_tone_of_its_own_says_so(tmp_path):
+    source = tmp_path / "rest.nml"
+    source.write_text(VAN_DER_POL + "&march duration=50 /")
+    done = run("march", source, cwd=tmp_path)
+    assert done.status == 0 and "no tone of its own" in done.stdout, done.stderr
 
 
 # Known motions
