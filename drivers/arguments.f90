@@ -9,10 +9,10 @@ module arguments
    private
    public :: argument_list, arguments_t, default_output, read_arguments, read_numbers
 
-   character(12), parameter :: options(20) = [character(12) :: &
+   character(12), parameter :: options(21) = [character(12) :: &
       "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet", "--verbose", "--log-level", &
       "--resume", "--retry", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", "--machine", "--periods", "--point", &
-      "--budget"]
+      "--budget", "--repeats"]
 
    type :: arguments_t
       character(:), allocatable :: verb
@@ -21,6 +21,7 @@ module arguments
       type(string_t), allocatable :: overrides(:)                     !! path=value
       integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
       real(wp) :: budget = 0.5_wp                                     !! seconds for each kernel of bench
+      integer :: n_repeats = 3                                        !! solutions of each point of bench
       integer :: n_periods = 0                                        !! 0: not given
       logical :: overwrite = .false.
       logical :: resumes = .false.                                    !! goes on with an existing result file
@@ -74,7 +75,7 @@ contains
             case ("--retry")
                self%retries = .true.
             case ("--output", "-o", "--set", "--log-level", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", &
-                  "--machine", "--periods", "--point", "--budget")
+                  "--machine", "--periods", "--point", "--budget", "--repeats")
                i = i + 1
                if (value_length(words, i) == 0) then
                   call fail(error, word//" needs a value")
@@ -122,6 +123,9 @@ contains
       case ("--periods")
          call read_numbers(option, value, 2, numbers, error)
          if (.not. allocated(error)) self%n_periods = numbers(1)
+      case ("--repeats")
+         call read_numbers(option, value, 1, numbers, error)
+         if (.not. allocated(error)) self%n_repeats = numbers(1)
       case ("--budget")
          call parse_real(value, self%budget, is_number)
          if (.not. (is_number .and. self%budget >= 0.0_wp .and. self%budget <= huge(1.0_wp))) &

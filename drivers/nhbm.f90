@@ -11,8 +11,7 @@ program nhbm
    use hb_system, only: keep_freed_memory
    use hb_text, only: join
    use hb_version, only: git_commit, program_version
-   use verb_bench, only: run_bench
-   use verb_benchmark, only: run_benchmark_verb
+   use verb_bench, only: run_bench_verb
    use verb_check, only: run_check
    use verb_info, only: run_info
    use verb_march, only: run_march
@@ -21,7 +20,7 @@ program nhbm
    use verb_verify, only: run_verify
    implicit none
 
-   character(9), parameter :: verbs(11) = [character(9) :: &
+   character(9), parameter :: verbs(10) = [character(9) :: &
       "solve", &
       "resume", &
       "info", &
@@ -30,7 +29,6 @@ program nhbm
       "march", &
       "verify", &
       "bench", &
-      "benchmark", &
       "help", &
       "version"]
 
@@ -93,13 +91,10 @@ contains
       else if (verb == "plan") then
          call run_plan(options, comm, error)
       else if (verb == "bench") then
-         call run_bench(options, comm, all_right, error)
+         call run_bench_verb(options, comm, all_right, error)
          if (.not. all_right) status = not_all_right
       else if (verb == "resume") then
          call run_resume(options, comm, status, error)
-      else if (verb == "benchmark") then
-         call run_benchmark_verb(options, comm, all_right, error)
-         if (.not. all_right) status = not_all_right
       else if (verb == "verify") then
          call run_verify(options, comm, all_right, error)
          if (.not. all_right) status = not_all_right
@@ -122,10 +117,9 @@ contains
          "       nhbm check INPUT [options]      read the input, every point of it, say what it asks for, and compare the", &
          "                                       derivatives of its laws with differences of their forces", &
          "       nhbm plan INPUT [options]       say how large the result becomes and how the run would go on many ranks", &
-         "       nhbm bench INPUT [options]      time the kernels of each point (residual, tangent, Newton step, solution)", &
-         "                                       beside the bare transforms and LU of the same size; nhbm-post bench draws it", &
-         "       nhbm benchmark INPUT [options]  solve one scene at many orders, samples and methods, measure time, memory", &
-         "                                       and error of each, write an HDF5 file; nhbm-post work-precision draws it", &
+         "       nhbm bench INPUT [options]      solve each point from nothing again and again, and time its kernels (residual,", &
+         "                                       tangent, Newton step, solution) beside bare transforms and LU of the same size;", &
+         "                                       nhbm-post work-precision, convergence, cost and bench draw what it writes", &
          "       nhbm march INPUT [options]      follow the motion through time as &march says, write an HDF5 record", &
          "       nhbm verify RESULT [options]    march from the points of a result file and say whether their motions stay", &
          "       nhbm version                    version and commit", &
@@ -145,7 +139,8 @@ contains
          "  --point N            march: the point of a sweep to be followed, from 0", &
          "  --points N,N,...     verify: the points to start from; default: all that are solved", &
          "  --periods N          verify: length of each march in periods of the slowest tone, 20 by default", &
-         "  --budget SECONDS     bench: time spent on each kernel of each point, 0.5 by default", &
+         "  --budget SECONDS     bench: time spent on each kernel of each point, 0.5 by default; 0: no kernels", &
+         "  --repeats N          bench: solutions of each point, 3 by default", &
          "  -h, --help           this text", &
          "", &
          "options of plan (docs/user/cluster.md):", &

@@ -1,68 +1,190 @@
-"""Pictures of the times of kernels."""
+"""Files of nhbm bench: the reader, errors against references, the rates, and the pictures."""
 
 import h5py
 import numpy as np
 import pytest
-from nhbm_post.bench import KERNELS, KernelTimes
+from nhbm_post import ReaderError, UsageError, draw
+from nhbm_post.bench import KERNELS, Bench, read_reference
 from nhbm_post.cli import main
-from nhbm_post.draw import draw_bench
-from nhbm_post.errors import ReaderError
+from nhbm_post.rates import convergence_rate, cost_exponent, falling_part
 from nhbm_post.reader import SCHEMA_VERSION
 
+ORDERS = np.array([3, 5, 7, 9])
+N = (2 * ORDERS + 1) ** 2
+# Errors of x = cos tau_1 + 0.5 cos tau_2 + ..., whose rms is that of the reference; the last point of each method is the reference.
+TUPLES = np.array([[0, 0], [0, 1], [1, 0]])
+TRUTH = np.array([[0.1, 0.0], [0.5, 0.0], [1.0, 0.0]])
 
-@pytest.fixture
-def times(tmp_path):
-    """Four sizes at which the tangent costs n^2, all else n; the largest is not solved."""
-    path = tmp_path / "times.h5"
-    n = np.array([10, 20, 40, 80])
+
+def write_ladder(path, errors, status=None):
+    """Two methods at the orders; what is off is the cosine of the first tone."""
+    n = errors.size
+    text = h5py.string_dtype()
+    size = np.sqrt(TRUTH[0, 0] ** 2 + 0.5 * (TRUTH[1:, 0] ** 2).sum())
     with h5py.File(path, "w") as file:
-        file.attrs.update(kind="bench", schema_version=SCHEMA_VERSION, title="Test")
-        for name, values in (
-            ("n_tones", [2] * 4),
-            ("n_harmonics", n),
-            ("n_unknowns", 2 * n - 1),
-            ("n_samples", n**2),
-            ("n_channels", [1] * 4),
-            ("status", [1, 1, 1, 3]),
-        ):
-            file[name] = np.asarray(values, dtype=np.int32)
-        file["parameter_harmonics_order"] = n / 10.0
-        file["parameter_harmonics_order"].attrs["parameter"] = "harmonics%order"
+        file.attrs.update(schema_version=SCHEMA_VERSION, title="ladder")
+        file["point"] = np.arange(n, dtype=np.int32)
+        file["tone"] = np.arange(1, 3, dtype=np.int32)
+        file["dof"] = np.array(["x0", "x1"], dtype=text)
+        file["law_dof"] = np.array(["x1"], dtype=text)
+        file["tuple"] = TUPLES
+        values = np.full((n, 2, 3, 2), 9.0)
+        values[:, 1] = TRUTH
+        values[:, 1, 2, 0] += np.sqrt(2.0) * size * errors
+        file["coefficients"] = values
+        file["harmonics_order"] = np.tile(ORDERS, 2).astype(float)
+        file["harmonics_order"].attrs["parameter"] = "harmonics%order"
+        file["solver_method"] = np.array(["newton"] * 4 + ["broyden"] * 4, dtype=text)
+        file["solver_method"].attrs["parameter"] = "solver%method"
+        file["n_unknowns"] = np.tile(N, 2).astype(np.int32)
+        file["n_harmonics"] = np.tile(N // 2 + 1, 2).astype(np.int32)
+        file["status"] = np.array([7, 1, 1, 1, 1, 1, 1, 3] if status is None else status, dtype=np.int32)
+        for part in ("total", "cpu", "setup", "solver", "certificate"):
+            seconds = np.concatenate([1e-6 * N**2.0, 1e-5 * N])
+            for end, factor in (("", 1.0), ("_min", 0.9), ("_max", 1.2)):
+                file[f"bench_{part}_seconds{end}"] = factor * seconds
         for kernel in KERNELS:
-            seconds = 1e-9 * n.astype(float) ** (2 if kernel == "tangent" else 1)
+            seconds = 1e-9 * np.tile(N, 2).astype(float) ** (2 if kernel == "tangent" else 1)
             for end, factor in (("seconds", 1.0), ("seconds_min", 0.9), ("yardstick", 2.0)):
-                file[f"{kernel}_{end}"] = factor * seconds
+                file[f"kernel_{kernel}_{end}"] = factor * seconds
     return path
 
 
-def test_exponents_are_those_of_the_file(times):
-    exponents = dict(draw_bench(KernelTimes(times), "n_harmonics")[1])
+@pytest.fixture
+def ladder(tmp_path):
+    """Errors fall by e**-N and N**-3, times grow with the square and the first power; the last point is not solved."""
+    return write_ladder(tmp_path / "ladder.h5", np.concatenate([np.exp(-ORDERS), ORDERS**-3.0]))
+
+
+@pytest.fixture
+def table(tmp_path):
+    path = tmp_path / "truth.csv"
+    path.write_text("# known\ndof,tuple 1,tuple 2,cos,sin\nx1,0,0,0.1,0\nx1,0,-1,0.5,0\nx1,1,0,1.0,0\n")
+    return path
+
+
+def test_curves_are_the_methods(ladder):
+    curves = Bench(ladder).curves("order")
+    assert [curve.label for curve in curves] == ["newton", "broyden"]
+    assert [curve.points.tolist() for curve in curves] == [[0, 1, 2, 3], [4, 5, 6, 7]]
+
+
+def test_errors_against_a_table(ladder, table):
+    errors = Bench(ladder).errors(read_reference(str(table)), only_known=True)
+    np.testing.assert_allclose(errors[:7], np.concatenate([np.exp(-ORDERS), ORDERS**-3.0])[:7], rtol=1e-9)
+    assert np.isnan(errors[7]), "not solved"
+
+
+def test_errors_against_a_point_of_a_file(ladder):
+    with h5py.File(ladder, "a") as file:
+        file["coefficients"][3, 1] = TRUTH
+    errors = Bench(ladder).errors(read_reference(f"{ladder}@3"))
+    assert errors[3] == 0.0
+    np.testing.assert_allclose(errors[:3], np.exp(-ORDERS[:3]), rtol=1e-9)
+    for text, message in ((str(ladder), "choose one"), (f"{ladder}@9", "no point 9"), (f"{ladder}@7", "not solved")):
+        with pytest.raises(UsageError, match=message):
+            read_reference(text)
+
+
+def test_points_of_the_finest_set_are_the_reference(tmp_path):
+    path = write_ladder(tmp_path / "ladder.h5", np.concatenate([np.exp(-ORDERS), ORDERS**-3.0]) * np.tile([1, 1, 1, 0], 2), [1] * 8)
+    errors = Bench(path).errors()
+    assert np.isnan(errors[[3, 7]]).all()
+    np.testing.assert_allclose(errors[:3], np.exp(-ORDERS[:3]), rtol=1e-9)
+
+
+def test_what_one_set_lacks_counts_as_zero_in_the_union(ladder, table):
+    table.write_text("dof,tuple 1,tuple 2,cos,sin\nx1,1,0,1.0,0\n")
+    reference = read_reference(str(table))
+    known, union = (Bench(ladder).errors(reference, only_known=which)[0] for which in (True, False))
+    assert known < union and union == pytest.approx(np.sqrt(known**2 + (0.1**2 + 0.5 * 0.5**2) / 0.5))
+
+
+def test_tables_say_what_is_wrong(table):
+    table.write_text("dof,cos\nx1,1\n")
+    with pytest.raises(ReaderError, match="columns dof"):
+        read_reference(str(table))
+    with pytest.raises(ReaderError, match="No such file"):
+        read_reference("nowhere.csv")
+
+
+def test_the_better_rate_is_chosen():
+    rate = convergence_rate(ORDERS, 5.0 * np.exp(-0.7 * ORDERS))
+    assert rate.kind == "exponential" and rate.exponent == pytest.approx(-0.7) and rate.factor == pytest.approx(5.0)
+    rate = convergence_rate(ORDERS, 2.0 * ORDERS**-2.5)
+    assert rate.kind == "algebraic" and rate.exponent == pytest.approx(-2.5)
+    assert rate(4.0) == pytest.approx(2.0 * 4.0**-2.5)
+
+
+def test_a_plateau_is_left_out():
+    error = np.array([1e-1, 1e-2, 1e-3, 0.99e-3, 1.01e-3])
+    assert falling_part(error).tolist() == [0, 1, 2]
+    assert falling_part(np.array([1e-3, np.nan, 1e-6, 1e-9, 1e-15])).tolist() == [0, 2, 3]
+
+
+def test_few_points_give_no_rate():
+    assert convergence_rate(ORDERS[:2], np.array([1e-1, 1e-2])) is None
+    assert cost_exponent(ORDERS[:2], np.array([1.0, 2.0])) is None
+
+
+def test_cost_looks_at_the_larger_half():
+    n = np.array([10.0, 20.0, 40.0, 80.0, 160.0, 320.0])
+    seconds = np.where(n < 50.0, 1.0, (n / 50.0) ** 3)
+    assert cost_exponent(n, seconds).exponent == pytest.approx(3.0)
+
+
+def test_commands_draw_and_print_rates(ladder, table, capsys):
+    for command, *options in (("work-precision", "--reference", table), ("convergence", "--reference", table), ("cost",)):
+        assert main([command, str(ladder), *map(str, options)]) == 0
+        assert ladder.with_name(f"ladder_{command}.png").stat().st_size > 10_000
+    out = capsys.readouterr().out
+    assert "newton: error ~ exp(-1 harmonics%order)" in out
+    assert "broyden: error ~ harmonics%order^-3" in out
+    assert "newton: time ~ unknowns^2" in out
+
+
+def test_pictures_say_what_they_leave_out(ladder, table):
+    bench = Bench(ladder)
+    fig = draw.draw_work_precision(bench, draw.Errors(bench.errors(read_reference(str(table)))))
+    text = " ".join(t.get_text() for t in fig.texts)
+    assert "1 of 8 points not solved" in text and "hollow" in text
+
+
+def test_improved_curves_need_an_improvement(ladder):
+    bench = Bench(ladder)
+    errors, none = np.exp(-np.tile(ORDERS, 2)), np.full(8, np.nan)
+    with pytest.raises(UsageError, match="improvement_steps"):
+        draw.draw_work_precision(bench, draw.Errors(errors, none))
+    improved = np.where(np.arange(8) < 4, 0.1 * errors, np.nan)
+    fig, rates = draw.draw_convergence(bench, draw.Errors(errors, improved))
+    assert [curve.label for curve, _ in rates] == ["newton", "newton, improved", "broyden"]
+
+
+def test_exponents_are_those_of_the_kernels(ladder):
+    exponents = dict(draw.draw_bench(Bench(ladder), "n_unknowns")[1])
     assert exponents["tangent"].exponent == pytest.approx(2.0, abs=1e-9)
     assert exponents["residual"].exponent == pytest.approx(1.0, abs=1e-9)
-    assert 3 not in exponents["solution"].points
+    assert 7 not in exponents["solution"].points
 
 
-def test_sizes_by_column_and_by_path(times):
-    data = KernelTimes(times)
-    assert data.varying() == "n_unknowns"
-    np.testing.assert_array_equal(data.column("harmonics%order"), [1.0, 2.0, 4.0, 8.0])
+def test_sizes_by_column_and_by_path(ladder):
+    data = Bench(ladder)
+    assert data.varying() == "harmonics%order"
+    np.testing.assert_array_equal(data.column("harmonics%order"), data.column("order"))
     with pytest.raises(ReaderError, match="sizes of this file"):
         data.column("n_nothing")
 
 
-def test_files_are_joined(times):
-    assert KernelTimes(times, times).n_points == 8
+def test_files_are_joined(ladder):
+    assert Bench(ladder, ladder).n_points == 16
 
 
-def test_command_draws_and_prints(times, capsys):
-    assert main(["bench", str(times), "--also", str(times), "--over", "harmonics%order"]) == 0
-    assert "tangent: time ~ n^2" in capsys.readouterr().out
-    assert times.with_name("times_bench.png").exists()
+def test_command_draws_kernels(ladder, capsys):
+    assert main(["bench", str(ladder), "--also", str(ladder), "--over", "harmonics%order"]) == 0
+    assert "tangent: time ~ n^" in capsys.readouterr().out
+    assert ladder.with_name("ladder_bench.png").exists()
 
 
-def test_other_files_are_refused(tmp_path):
-    path = tmp_path / "other.h5"
-    with h5py.File(path, "w") as file:
-        file.attrs["kind"] = "benchmark"
+def test_other_files_are_refused(sweep):
     with pytest.raises(ReaderError, match="no file of 'nhbm bench'"):
-        KernelTimes(path)
+        Bench(sweep)

@@ -308,17 +308,20 @@ contains
       call end_opening(self, access, error)
    end subroutine create_file
 
-   !> Opens a file for reading by this process alone.
-   subroutine open_file(self, path, error)
+   !> Opens a file by this process alone, for reading unless `for_writing` is true.
+   subroutine open_file(self, path, error, for_writing)
       type(h5_file_t), intent(out) :: self
       character(*), intent(in) :: path
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: for_writing
       integer(hid_t) :: access
-      integer :: status
+      integer :: flags, status
 
+      flags = H5F_ACC_RDONLY_F
+      if (present(for_writing)) flags = merge(H5F_ACC_RDWR_F, flags, for_writing)
       call begin_opening(self, path, access, error)
       if (.not. allocated(error)) then
-         call h5fopen_f(path, H5F_ACC_RDONLY_F, self%id, status, access)
+         call h5fopen_f(path, flags, self%id, status, access)
          call check(status, "open", error)
       end if
       call end_opening(self, access, error)

@@ -6,9 +6,8 @@
 !> where odd motions are solved on half of it), and LAPACK's LU factorisation of a full matrix of the same size.
 module hb_kernel_times
    use hb_balance, only: balance_t, new_balance
-   use hb_benchmark_table, only: median
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
-   use hb_error, only: error_t, fail
+   use hb_error, only: error_t
    use hb_fftw, only: complex_block_t, fft_plan_t, forget_plans, new_complex_block, new_fft_plan, new_real_block, real_block_t
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrf
@@ -17,7 +16,6 @@ module hb_kernel_times
    use hb_mpi, only: wall_clock
    use hb_namelist, only: document_t
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
-   use hb_outcome, only: outcome
    use hb_point, only: solve_point
    use hb_results, only: point_result_t
    use hb_scene, only: scene_t
@@ -27,7 +25,8 @@ module hb_kernel_times
    use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
    implicit none
    private
-   public :: kernel, kernel_names, kernel_times_t, measure_kernels, memory_bandwidth
+   public :: has_kernels, kernel, kernel_names, kernel_times_t, kernel_words, measure_kernels, median, memory_bandwidth, &
+      yardstick_words
 
    !> What is measured; numbers as in the file.
    type :: kernel_t
@@ -39,6 +38,11 @@ module hb_kernel_times
    end type kernel_t
    type(kernel_t), parameter :: kernel = kernel_t()
    character(*), parameter :: kernel_names(5) = [character(11) :: "residual", "tangent", "newton_step", "solution", "point"]
+   character(*), parameter :: kernel_words(5) = [character(55) :: "one residual", "assembly of the tangent", &
+      "one Newton step: tangent, factorisation, step, residual", "set-up and solution of the equations", &
+      "a whole point: input, solution, recovery, certificate"]
+   character(*), parameter, private :: lu = "LU factorisation of a full matrix of the same size"
+   character(*), parameter :: yardstick_words(5) = [character(50) :: "bare pair of transforms", lu, lu, lu, lu]
 
    integer, parameter :: fewest = 5, most = 1001                       ! repetitions
    integer, parameter :: largest_matrix = 8000                        ! unknowns; beyond, nothing with a full matrix is timed
@@ -48,15 +52,9 @@ module hb_kernel_times
 
    !> Times in seconds; NaN where something was not measured.
    type :: kernel_times_t
-      integer :: n_tones = 0
-      integer :: n_harmonics = 0
-      integer :: n_unknowns = 0
+      integer :: n_unknowns = 0                                       !! 0: nothing to time
       integer :: n_samples = 0                                        !! of the whole grid
       integer :: n_channels = 0                                       !! degrees of freedom of the laws
-      integer :: status = outcome%pending                             !! of the solution
-      integer :: iterations = 0
-      integer :: evaluations = 0
-      real(wp) :: residual = 0.0_wp                                   !! norm that the solution reached
       real(wp) :: seconds(size(kernel_names)) = unknown               !! median
       real(wp) :: first(size(kernel_names)) = unknown                 !! the first run, nothing planned
       real(wp) :: fastest(size(kernel_names)) = unknown
@@ -84,7 +82,8 @@ module hb_kernel_times
 
 contains
 
-   !> Measures all kernels of the scene in `document`, for about `budget` seconds each.
+   !> Measures all kernels of the scene in `document`, for about `budget` seconds each. A scene without laws, or with unknown
+   !> base frequencies, has none that could be timed by themselves.
    subroutine measure_kernels(self, document, budget, error)
       type(kernel_times_t), intent(out) :: self
       type(document_t), intent(in) :: document
@@ -94,18 +93,15 @@ contains
       integer :: i
 
       shop%document = document
+      call read_fresh(shop%scene, shop%document, error)
+      if (allocated(error)) return
+      if (size(shop%scene%laws) == 0 .or. any(shop%scene%tones%is_unknown)) return
       call run_first(self, shop, error)
       if (.not. allocated(error)) call set_up(shop, error)
       if (.not. allocated(error)) then
-         self%n_tones = shop%scene%tones%n_tones
-         self%n_harmonics = shop%balance%harmonics%n_harmonics
          self%n_unknowns = shop%balance%n_unknowns
          self%n_samples = shop%scene%torus%n_total
          self%n_channels = shop%balance%n_dofs
-         self%status = shop%report%status
-         self%iterations = shop%report%iterations
-         self%evaluations = shop%report%evaluations
-         self%residual = shop%report%residual
          do i = 1, size(kernel_names)
             call measure(self, shop, i, budget, error)
             if (allocated(error)) exit
@@ -117,6 +113,13 @@ contains
       call shop%spectrum%destroy()
    end subroutine measure_kernels
 
+   !> Whether the scene had kernels to time.
+   pure logical function has_kernels(self)
+      type(kernel_times_t), intent(in) :: self
+
+      has_kernels = self%n_unknowns > 0
+   end function has_kernels
+
    !> Times the first point and the first solution, each without any plan from before, and keeps the latter.
    subroutine run_first(self, shop, error)
       type(kernel_times_t), intent(inout) :: self
@@ -124,14 +127,6 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: started
 
-      call read_fresh(shop%scene, shop%document, error)
-      if (allocated(error)) return
-      if (size(shop%scene%laws) == 0) then
-         call fail(error, "a scene without laws has no kernels to time; add a &law")
-      else if (any(shop%scene%tones%is_unknown)) then
-         call fail(error, "kernels are timed at given base frequencies; give &tones frequency in place of guess")
-      end if
-      if (allocated(error)) return
       call forget_plans()
       started = wall_clock()
       call run_point(shop, error)
@@ -383,4 +378,23 @@ contains
       end do
       memory_bandwidth = median(bandwidth)
    end function memory_bandwidth
+
+   !> Median of some numbers; of an even number of them the mean of the middle two.
+   pure real(wp) function median(values)
+      real(wp), intent(in) :: values(:)                               !! at least one
+      real(wp) :: sorted(size(values)), moved
+      integer :: i, k
+
+      sorted = values
+      do i = 2, size(sorted)
+         moved = sorted(i)
+         do k = i - 1, 1, -1
+            if (sorted(k) <= moved) exit
+            sorted(k + 1) = sorted(k)
+         end do
+         sorted(k + 1) = moved
+      end do
+      i = size(sorted)
+      median = 0.5_wp*(sorted((i + 1)/2) + sorted(i/2 + 1))
+   end function median
 end module hb_kernel_times

@@ -191,6 +191,7 @@ contains
       result%iterations = report%iterations
       result%evaluations = report%evaluations
       result%residual = report%residual
+      result%n_unknowns = balance%n_unknowns
       result%rescue = report%rescue
       if (balance%law_set%is_given_up) then
          call fail(error, balance%law_set%complaint)

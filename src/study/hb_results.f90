@@ -38,6 +38,7 @@ module hb_results
       real(wp) :: certificate_cpu_seconds = 0.0_wp      !! processor time of the certificate
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
+      integer :: n_unknowns = 0                         !! of the equations that were solved; 0: none
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
       real(wp), allocatable :: artificial_damping(:)    !! [1/s], (n_tones), of a normal mode
       real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
@@ -225,6 +226,7 @@ contains
       call put(self, "solve_seconds", [point%solve_seconds], error)
       call put(self, "rank", [point%rank], error)
       call put(self, "n_harmonics", [point%n_harmonics], error)
+      call put(self, "n_unknowns", [point%n_unknowns], error)
       call put(self, "is_odd", [merge(1, 0, point%is_odd)], error)
       call put(self, "n_full_stick", [point%n_full_stick], error)
       if (allocated(point%frequency)) call put(self, "frequency", point%frequency, error)

@@ -109,6 +109,7 @@ contains
          call add("solve_seconds", is_real, [point_axis], "s", "wall time of the point")
          call add("rank", is_integer, [point_axis], "1", "MPI rank that solved the point")
          call add("n_harmonics", is_integer, [point_axis], "1", "number of harmonics in the set of the point")
+         call add("n_unknowns", is_integer, [point_axis], "1", "number of unknowns of the equations that were solved")
          call add("is_odd", is_integer, [point_axis], "1", &
             "1 where the motion was sought among those of odd tuples alone, the equations being odd")
          call add("n_full_stick", is_integer, [point_axis], "1", &

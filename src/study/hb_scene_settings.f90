@@ -8,7 +8,7 @@ module hb_scene_settings
    use hb_scene, only: certificate_config_t, scene_t
    use hb_solver_types, only: method_names, start_names
    use hb_text, only: string_t, to_text
-   use hb_torus, only: default_samples, new_torus, torus_t
+   use hb_torus, only: default_samples, fast_size, new_torus, torus_t
    implicit none
    private
    public :: read_certificate, read_output, read_sampling, read_solver
@@ -57,6 +57,7 @@ contains
       integer, allocatable :: samples(:)
       character(:), allocatable :: effort
       type(error_t), allocatable :: error
+      real(wp) :: oversampling
       integer :: degree, i
 
       degree = 1
@@ -69,6 +70,12 @@ contains
       end do
       samples = [0]                                                   ! so that a sweep over the order has its own at each point
       call group%get("samples", samples, minimum=0)
+      oversampling = 0.0_wp
+      call group%get("oversampling", oversampling, minimum=0.0_wp, maximum=1000.0_wp)
+      if (oversampling > 0.0_wp) then
+         if (any(samples > 0)) call group%problem("oversampling", "give either 'samples' or 'oversampling', not both")
+         samples = fast_size(ceiling(max(1.0_wp, oversampling)*(2*self%harmonics%highest + 1)))
+      end if
       if (size(samples) == 1) samples = spread(samples(1), 1, self%tones%n_tones)
       if (size(samples) == self%tones%n_tones) &
          samples = merge(samples, default_samples(self%harmonics, degree), samples > 0)

@@ -15,7 +15,7 @@ module hb_study
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: apply_overrides, describe_layout, new_study, read_input, row_of_study, study_t
+   public :: describe_layout, new_study, read_input, row_of_study, study_t
 
    !> An input that was read without a problem, ready to run.
    type :: study_t
@@ -71,10 +71,6 @@ contains
 
       call new_document(document, file_name, text, error)
       if (allocated(error)) return
-      if (document%count("benchmark") > 0) then
-         call fail(error, file_name//": has a group &benchmark; such an input is for 'nhbm benchmark'")
-         return
-      end if
       call document%expect_groups([group_names, "sweep      "], error)
       if (.not. allocated(error)) call apply_overrides(document, overrides, error)
    end subroutine read_input

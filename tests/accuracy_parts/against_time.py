@@ -7,7 +7,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from nhbm_post.benchmark import Benchmark
+from nhbm_post.bench import Bench
 from runs import Balance, Refused, Scene, march, nhbm, rms, series
 
 # A march is as good as it gets where a longer transient brings its error down by less than this.
@@ -89,7 +89,7 @@ CASES = [
     Case(
         name="cubic_10",
         title="paper's beam, 10 N/m³",
-        scene=Scene("benchmark/paper_cubic", **MIDSPAN, sets=("law(1)%stiffness=10",)),
+        scene=Scene("ladder/paper_cubic", **MIDSPAN, sets=("law(1)%stiffness=10",)),
         sample=0.1,
         longest=9.0,
         marches=PAPER_BEAM,
@@ -100,7 +100,7 @@ CASES = [
     Case(
         name="cubic_1e10",
         title="paper's beam, 1e10 N/m³",
-        scene=Scene("benchmark/paper_cubic", **MIDSPAN),
+        scene=Scene("ladder/paper_cubic", **MIDSPAN),
         sample=0.1,
         longest=9.0,
         marches=PAPER_BEAM,
@@ -111,7 +111,7 @@ CASES = [
     Case(
         name="modal_1e10",
         title="beam of three modes, 1e10 N/m³",
-        scene=Scene("benchmark/dynamic_cubic", **STOP),
+        scene=Scene("ladder/dynamic_cubic", **STOP),
         sample=0.1,
         longest=16.0,
         marches={
@@ -126,7 +126,7 @@ CASES = [
     Case(
         name="light_damping",
         title="lightly damped beam, fast tones",
-        scene=Scene("benchmark/light_damping", **STOP),
+        scene=Scene("ladder/light_damping", **STOP),
         sample=0.02,
         longest=1200.0,
         marches={"runge_kutta_4": (10, 20, 40, 80), "central_differences": (16, 64, 160)},
@@ -136,7 +136,7 @@ CASES = [
     Case(
         name="long_beam",
         title="beam of 200 degrees of freedom",
-        scene=Scene("benchmark/long_beam", dofs=("v51",), weights=(1.0,)),
+        scene=Scene("ladder/long_beam", dofs=("v51",), weights=(1.0,)),
         sample=0.1,
         longest=15.0,
         has_cvode_reference=False,
@@ -147,7 +147,7 @@ CASES = [
     Case(
         name="wall",
         title="paper's beam at a rigid wall",
-        scene=Scene("benchmark/paper_wall", **MIDSPAN, sets=("law(1)%augmentation=1e5",)),
+        scene=Scene("ladder/paper_wall", **MIDSPAN, sets=("law(1)%augmentation=1e5",)),
         sample=0.02,
         longest=9.0,
         marches={"central_differences": (40, 80, 160, 320, 640, 1280)},
@@ -162,7 +162,7 @@ CASES = [
     Case(
         name="stop_c2a",
         title="one mass, elastic stop (C2a)",
-        scene=Scene("benchmark/stop_two_tones", **MASS),
+        scene=Scene("ladder/stop_two_tones", **MASS),
         sample=0.1,
         longest=480.0,
         marches={"runge_kutta_4": (1, 2, 4, 8, 16, 32, 64), "central_differences": (1, 4, 16, 64)},
@@ -176,7 +176,7 @@ CASES = [
     Case(
         name="dynamic_stop",
         title="beam of three modes, stop of 1e6 N/m",
-        scene=Scene("benchmark/dynamic_stop", **STOP),
+        scene=Scene("ladder/dynamic_stop", **STOP),
         sample=0.02,
         longest=16.0,
         marches={"runge_kutta_4": (10, 20, 40, 80, 160, 320, 640), "central_differences": (16, 80, 400)},
@@ -190,7 +190,7 @@ CASES = [
     Case(
         name="jenkins",
         title="one mass, elastic friction (Jenkins)",
-        scene=Scene("benchmark/jenkins_two_tones", **MASS),
+        scene=Scene("ladder/jenkins_two_tones", **MASS),
         sample=0.1,
         longest=800.0,
         marches={"runge_kutta_4": (1, 2, 4, 8, 16, 32, 64), "central_differences": (1, 4, 16, 64)},
@@ -274,24 +274,26 @@ def _orders(case: Case, method: str) -> list[int]:
 
 
 def _balances(case: Case, method: str, folder: Path, t, reference, size: float) -> list[Point]:
-    benchmark = _benchmark(case, method, folder)
-    rates = benchmark.tuples @ _base_frequencies(folder)
+    bench, orders = _bench(case, method, folder)
+    omega = _base_frequencies(folder)
     points = []
-    for rung in np.flatnonzero(benchmark.is_solved):
-        values, scene = benchmark.coefficients[rung], case.scene
-        pairs = sum(w * values[benchmark.dofs.index(dof)] for dof, w in zip(scene.dofs, scene.weights))
-        error = rms(series(t, rates, pairs) - reference) / size
-        points.append(Point(f"order {benchmark.column('order')[rung]}", float(benchmark.column("cpu_seconds")[rung]), error))
+    for i in np.flatnonzero(bench.is_solved):
+        motion, scene = bench.motion(i), case.scene
+        pairs = sum(w * motion.values[motion.dofs.index(dof)] for dof, w in zip(scene.dofs, scene.weights))
+        error = rms(series(t, motion.tuples @ omega, pairs) - reference) / size
+        points.append(Point(f"order {orders[i]}", float(bench.column("bench_cpu_seconds")[i]), error))
     return points
 
 
-def _benchmark(case: Case, method: str, folder: Path, *sets: str) -> Benchmark:
-    source, result = folder / "benchmark.nml", folder / "benchmark.h5"
-    orders = ",".join(map(str, _orders(case, method)))
-    group = f"&benchmark orders={orders}, methods='{method}', repeats={TRIES} /\n"
+def _bench(case: Case, method: str, folder: Path, *sets: str) -> tuple[Bench, list[int]]:
+    """Costs of a scene over its orders, without kernels; and these orders."""
+    source, result = folder / "ladder.nml", folder / "ladder.h5"
+    orders = _orders(case, method)
+    group = f"&sweep parameter='harmonics%order', values={', '.join(map(str, orders))} /\n"
     source.write_text(case.scene.text() + group, encoding="utf-8")
-    nhbm("benchmark", source, result, case.scene.sets + sets)
-    return Benchmark(result)
+    sets = (*case.scene.sets, *sets, f"solver%method='{method}'")
+    nhbm("bench", source, result, sets, "--budget", "0", "--repeats", str(TRIES))
+    return Bench(result), orders
 
 
 def _base_frequencies(folder: Path) -> np.ndarray:
@@ -304,12 +306,12 @@ def _improved(case: Case, folder: Path, t, reference, size: float) -> list[Point
     """Motions that are improved by some steps towards twice their order; the time is that of both, of the steps the wall time."""
     method = case.improved_method
     steps = "certificate%improvement_steps=8"
-    benchmark = _benchmark(case, method, folder, steps)
+    bench, orders = _bench(case, method, folder, steps)
     points = []
-    for rung in np.flatnonzero(benchmark.is_solved):
-        order = int(benchmark.column("order")[rung])
+    for i in np.flatnonzero(bench.is_solved):
+        order = orders[i]
         balance = Balance(case.scene, folder, f"harmonics%order={order}", steps, f"solver%method='{method}'", name="improved")
         error = rms(balance.at(t, is_improved=True) - reference) / size
-        seconds = float(benchmark.column("cpu_seconds")[rung] + benchmark.column("certificate_seconds_min")[rung])
+        seconds = float(bench.column("bench_cpu_seconds")[i] + bench.column("bench_certificate_seconds_min")[i])
         points.append(Point(f"order {order}", seconds, error))
     return points

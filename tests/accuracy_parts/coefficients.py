@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import h5py
 import numpy as np
 from against_time import TRIES
-from nhbm_post.benchmark import Benchmark, convergence_rate
+from nhbm_post.bench import Bench, read_reference
+from nhbm_post.rates import convergence_rate
 from runs import INPUTS, Scene, nhbm
 
 LENGTHS = (200, 600, 2000, 6000, 20000, 60000)  # [s]
 ORDERS = (3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25)
-_GROUP = re.compile(r"^&reference dof = 'x1', tuple = (\S+), (\S+),\s+cos = (\S+?)(?:, sin = (\S+))? /", re.MULTILINE)
+KNOWN = INPUTS / "ladder" / "stop_two_tones.csv"
 
 
 def marched(folder: Path) -> str:
@@ -40,15 +40,15 @@ def marched(folder: Path) -> str:
 
 def balanced(folder: Path) -> tuple[str, np.ndarray, np.ndarray]:
     """Table: rms of the error of the eight known tuples over the order; and orders and errors for the picture."""
-    source, result = INPUTS / "benchmark" / "stop_two_tones.nml", folder / "c2a.h5"
-    orders = ",".join(map(str, ORDERS))
-    sets = (f"benchmark%orders={orders}", "benchmark%methods='broyden'", f"benchmark%repeats={TRIES}")
-    nhbm("benchmark", source, result, sets)
-    benchmark = Benchmark(result)
-    order, error = benchmark.column("order").astype(float), benchmark.error()
+    source, result = folder / "c2a.nml", folder / "c2a.h5"
+    text = Scene("ladder/stop_two_tones", (), ()).text()
+    source.write_text(f"{text}&sweep parameter='harmonics%order', values={', '.join(map(str, ORDERS))} /\n", encoding="utf-8")
+    nhbm("bench", source, result, ("solver%method='broyden'",), "--budget", "0", "--repeats", str(TRIES))
+    bench = Bench(result)
+    order, error = bench.column("order").astype(float), bench.errors(read_reference(str(KNOWN)), only_known=True)
     rate = convergence_rate(order, error, "algebraic")
     text = "| order | error of the eight tuples | processor seconds |\n|---|---|---|\n"
-    for n, e, s in zip(order, error, benchmark.column("cpu_seconds")):
+    for n, e, s in zip(order, error, bench.column("bench_cpu_seconds")):
         text += f"| {n:.0f} | {e:.1e} | {s:.2g} |\n"
     if rate:
         text += f"\nObserved rate: {rate.plain('N')}.\n"
@@ -56,5 +56,5 @@ def balanced(folder: Path) -> tuple[str, np.ndarray, np.ndarray]:
 
 
 def _known() -> dict[tuple[int, int], np.ndarray]:
-    text = (INPUTS / "benchmark" / "stop_two_tones.nml").read_text(encoding="utf-8")
-    return {(int(a), int(b)): np.array([float(c), float(s or 0.0)]) for a, b, c, s in _GROUP.findall(text)}
+    reference = read_reference(str(KNOWN))
+    return {tuple(j): pair for j, pair in zip(reference.tuples.tolist(), reference.values[0])}

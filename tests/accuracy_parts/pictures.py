@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from against_time import MARCHES
 from matplotlib.lines import Line2D
-from nhbm_post.benchmark import convergence_rate
+from nhbm_post.rates import convergence_rate
 from nhbm_post.draw import style
 from nhbm_post.draw.style import save  # noqa: F401
 from times import best_balance, order_of

@@ -1,4 +1,4 @@
-"""Runs nhbm on inputs without their sweeps and benchmarks, and reads what comes out as motions over time."""
+"""Runs nhbm on inputs without their sweeps, and reads what comes out as motions over time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from program import BAD_INPUT, command, environment
 ROOT = Path(__file__).resolve().parents[2]
 INPUTS = ROOT / "inputs"
 
-_GROUP_OF_A_STUDY = re.compile(r"^&(?:benchmark|reference|sweep)\b[^\n]*/[^\n]*\n", re.MULTILINE)
+_SWEEP = re.compile(r"^&sweep\b[^\n]*/[^\n]*\n", re.MULTILINE)
 
 
 class Refused(RuntimeError):
@@ -41,9 +41,9 @@ class Scene:
     sets: tuple[str, ...] = ()
 
     def text(self) -> str:
-        """The input without groups of studies, each of which stands on one line."""
+        """The input without its sweeps, each of which stands on one line."""
         text = (INPUTS / f"{self.source}.nml").read_text(encoding="utf-8")
-        return _GROUP_OF_A_STUDY.sub("", text)
+        return _SWEEP.sub("", text)
 
     def with_sets(self, *sets: str) -> Scene:
         return Scene(self.source, self.dofs, self.weights, self.sets + sets)
@@ -132,7 +132,7 @@ def rms(x: np.ndarray) -> float:
 def known_methods(folder: Path) -> list[str]:
     """Solvers that this program knows, from what it says of one that it does not."""
     source = folder / "methods.nml"
-    source.write_text(Scene("benchmark/paper_cubic", (), ()).text(), encoding="utf-8")
+    source.write_text(Scene("ladder/paper_cubic", (), ()).text(), encoding="utf-8")
     words = command("solve", source, "-o", folder / "methods.h5", "--set", "solver%method='none'")
     done = subprocess.run(words, cwd=folder, env=environment(), capture_output=True, text=True, check=False)
     found = re.search(r"known: ([\w, ]+)", done.stderr)

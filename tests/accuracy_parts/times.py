@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from against_time import CASES, MARCHES, Finding, Point, measure
-from nhbm_post.benchmark import convergence_rate
+from nhbm_post.rates import convergence_rate
 from runs import ROOT, known_methods
 
 KEPT = ROOT / "docs" / "pictures" / "accuracy.json"

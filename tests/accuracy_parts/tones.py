@@ -100,7 +100,7 @@ def _status_name(path: Path) -> str:
 
 
 def investigate_both(folder: Path) -> list[Torus]:
-    scene = Scene("benchmark/dynamic_stop", **MIDSPAN)
+    scene = Scene("ladder/dynamic_stop", **MIDSPAN)
     return [
         investigate("tones π and e", scene, 40.0, 1200.0, (3, 5, 7, 9), folder),
         investigate("ten times faster", scene.with_sets(*FAST), 40.0, 400.0, (3, 5, 7), folder),

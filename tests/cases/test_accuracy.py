@@ -34,7 +34,7 @@ def test_page_has_both_marks_of_each_text():
 
 def test_each_case_has_its_input_and_pictures_stand_beside_the_page():
     for case in against_time.CASES:
-        assert "&benchmark" not in case.scene.text() and "&structure" in case.scene.text(), case.name
+        assert "&sweep" not in case.scene.text() and "&structure" in case.scene.text(), case.name
     page = ROOT / "docs" / "user" / "accuracy.md"
     names = re.findall(r"\]\((\.\./pictures/\w+\.png)\)", page.read_text(encoding="utf-8"))
     assert names
@@ -44,7 +44,7 @@ def test_each_case_has_its_input_and_pictures_stand_beside_the_page():
 
 def test_march_from_the_state_of_a_balance_stays_on_its_motion(tmp_path):
     """Displacement and velocity of all degrees of freedom fit into one tuple of &start; a wrong one would be seen at once."""
-    scene = Scene("benchmark/paper_cubic", **MIDSPAN, sets=("law(1)%stiffness=10",))
+    scene = Scene("ladder/paper_cubic", **MIDSPAN, sets=("law(1)%stiffness=10",))
     balance = Balance(scene, tmp_path, "harmonics%order=5")
     record = march(scene, tmp_path, "method='cvode'", "step=0.02", "duration=1", "tolerance=1e-13", start=balance.start_groups())
     assert record.cpu > 0.0

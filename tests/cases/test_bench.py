@@ -1,36 +1,69 @@
-"""`nhbm bench`: it runs on the inputs of inputs/bench, and its numbers are positive and in order. No time is judged here."""
+"""`nhbm bench`: its numbers are positive and in order, its file is a result file, and the ladders keep what they promise.
+
+The inputs of inputs/ladder/ promise numbers in lines `! expect: [COLUMN=VALUE ...] COLUMN < NUMBER`, or `COLUMN = NUMBER to
+TOLERANCE` (relative), about the points whose columns have these values. `error` is that of nhbm-post: against the table beside the
+input, else against the point with the most harmonics. No time is judged here.
+"""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray
+from nhbm_post.bench import KERNELS, Bench, read_reference
+from program import ALL_CONVERGED, BAD_INPUT, NOT_ALL_CONVERGED, run, solve
 
-from program import ALL_CONVERGED, BAD_INPUT, NOT_ALL_CONVERGED, run
+INPUTS = Path(__file__).resolve().parents[2] / "inputs"
+FOLDER = INPUTS / "bench"
+LADDERS = sorted((INPUTS / "ladder").glob("*.nml"))
+PARTS = ("setup", "solver", "recovery", "certificate", "total", "cpu")
+ROUNDING = 1e-12
 
-FOLDER = Path(__file__).resolve().parents[2] / "inputs" / "bench"
-KERNELS = ("residual", "tangent", "newton_step", "solution", "point")
+# One mass on a cubic spring, two tones.
+SCENE = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0,
+   ground_stiffness = 1.0, damping_mass = 0.2 /
+&tones frequency = 0.6, 0.9707963267948966 /
+&harmonics order = 3 /
+&load dof = 'x1', tuple = 1, 0, cos = 0.2 /
+&load dof = 'x1', tuple = 0, 1, cos = 0.2 /
+&law type = 'cubic_spring', label = 'spring', dof = 'x1', stiffness = 0.5 /
+"""
+ORDERS = "&sweep parameter = 'harmonics%order', values = {} /\n"
+
+LINE = re.compile(
+    r"! expect: (?P<where>(?:\w+=\S+ )*)(?P<column>\w+) (?:< (?P<bound>\S+)|= (?P<number>\S+) to (?P<tolerance>\S+))"
+)
 
 
-def bench(source: Path, folder: Path, *options, status=ALL_CONVERGED) -> xarray.Dataset:
-    result = folder / "times.h5"
-    done = run("bench", source, "-o", result, "--quiet", "--budget", "0.01", *options, cwd=folder)
+def bench(source: Path | str, folder: Path, *options, status=ALL_CONVERGED, name="times") -> Path:
+    """Runs the verb on a file or a text; the path of the result."""
+    if isinstance(source, str):
+        text, source = source, folder / f"{name}.nml"
+        source.write_text(text)
+    result = folder / f"{name}.h5"
+    done = run("bench", source, "-o", result, "--quiet", *options, cwd=folder)
     assert done.status == status, done.stderr
     assert done.stdout == ""
-    with xarray.open_dataset(result) as data:
+    return result
+
+
+def load(path: Path) -> xarray.Dataset:
+    with xarray.open_dataset(path) as data:
         return data.load()
 
 
 @pytest.mark.parametrize("name", ["duffing", "jenkins"])
 def test_times_are_positive_and_in_order(name, tmp_path):
-    data = bench(FOLDER / f"{name}.nml", tmp_path)
-    assert data.attrs["kind"] == "bench" and data.attrs["threads"]
-    assert (data.memory_bandwidth.values > 0.0).all()
+    data = load(bench(FOLDER / f"{name}.nml", tmp_path, "--budget", "0.01", "--repeats", "2"))
+    assert data.attrs["threads"]
+    assert (data.bench_memory_bandwidth.values > 0.0).all()
     for kernel in KERNELS:
         columns = {
-            end: data[f"{kernel}_{end}"].values
+            end: data[f"kernel_{kernel}_{end}"].values
             for end in ("seconds", "seconds_first", "seconds_min", "seconds_max", "yardstick", "ratio", "ratio_low", "ratio_high")
         }
         for column in columns.values():
@@ -46,35 +79,100 @@ def test_times_are_positive_and_in_order(name, tmp_path):
         ("newton_step", "solution"),
         ("solution", "point"),
     ):
-        assert (data[f"{part}_seconds_min"].values < data[f"{whole}_seconds_max"].values).all(), (part, whole)
+        least, most = data[f"kernel_{part}_seconds_min"].values, data[f"kernel_{whole}_seconds_max"].values
+        assert (least < most).all(), (part, whole)
 
 
 def test_rows_say_what_was_timed(tmp_path):
-    data = bench(FOLDER / "duffing.nml", tmp_path)
-    np.testing.assert_array_equal(data.parameter_tones_frequency.values, [2.0, 0.9])
-    assert data.parameter_tones_frequency.attrs["parameter"] == "tones%frequency"
+    data = load(bench(FOLDER / "duffing.nml", tmp_path, "--budget", "0.01", "--repeats", "1"))
+    np.testing.assert_array_equal(data.tones_frequency.values, [2.0, 0.9])
     assert data.n_unknowns.values.tolist() == [8, 8], "an odd motion: harmonics 1, 3, 5, 7"
-    assert data.n_samples.values.tolist() == [64, 64]
-    assert data.n_harmonics.values.tolist() == [4, 4]
-    assert data.n_tones.values.tolist() == [1, 1]
-    assert (data.residual_norm.values < 1e-12).all() and (data.evaluations.values > data.iterations.values).all()
-    assert str(data.input_text.values) == (FOLDER / "duffing.nml").read_text()
+    assert data.bench_n_samples.values.tolist() == [64, 64]
+    assert data.bench_n_channels.values.tolist() == [1, 1]
+    assert (data.residual.values < 1e-12).all() and (data.evaluations.values > data.iterations.values).all()
+
+
+def test_parts_add_up_and_lie_between_their_ends(tmp_path):
+    path = bench(SCENE + ORDERS.format("3, 7"), tmp_path, "--budget", "0", "--repeats", "5")
+    data = load(path)
+    assert not any(name.startswith("kernel_") for name in data)
+    for part in PARTS:
+        least, middle, most = (data[f"bench_{part}_seconds{end}"].values for end in ("_min", "", "_max"))
+        assert (least >= 0.0).all() and (least <= middle).all() and (middle <= most).all()
+    assert (data.bench_solver_seconds.values > 0.0).all() and (data.bench_setup_seconds.values > 0.0).all()
+    parts = data.bench_setup_seconds_min + data.bench_solver_seconds_min + data.bench_recovery_seconds_min
+    assert (parts.values <= data.bench_total_seconds_min.values * (1.0 + ROUNDING)).all()
+    # One thread: no processor time without wall time, but for the tick of its clock.
+    assert (data.bench_cpu_seconds_min.values <= data.bench_total_seconds_max.values + 0.01).all()
+
+
+def test_file_is_that_of_solve(tmp_path):
+    """Each point solved by itself, from nothing."""
+    text = SCENE + ORDERS.format("3, 2")
+    data = load(bench(text, tmp_path, "--budget", "0", "--repeats", "2"))
+    solved = load(solve(text, tmp_path, name="solved"))
+    for name in ("coefficients", "iterations", "evaluations", "residual", "truncation_estimate", "status", "n_unknowns"):
+        np.testing.assert_array_equal(data[name].values, solved[name].values, err_msg=name)
+
+
+def test_memory_grows_with_the_tangent(tmp_path):
+    """Newton's dense tangent of 61 MB at order 26 (2809 unknowns) must show; at order 3 there is next to nothing."""
+    text = SCENE + "&solver method = 'newton' /\n&sampling samples = 54 /\n&certificate is_on = .false. /\n"
+    options = ("--budget", "0", "--repeats", "1", "--set", "harmonics%symmetry='none'")
+    data = load(bench(text + ORDERS.format("3, 26"), tmp_path, *options))
+    if np.isnan(data.bench_memory_peak.values).any():
+        pytest.skip("this system does not tell the peak of the memory")
+    small, large = data.bench_memory_peak.values
+    assert large >= 8 * 2809**2
+    assert large <= 4 * 8 * 2809**2
+    assert small < 0.2 * large
+
+
+def test_improved_motion_is_nearer(tmp_path):
+    text = SCENE + "&certificate improvement_steps = 12 /\n" + ORDERS.format("3, 11")
+    data = Bench(bench(text, tmp_path, "--budget", "0", "--repeats", "1"))
+    assert data.errors(is_improved=True)[0] < 0.01 * data.errors()[0]
+
+
+def test_improved_motion_of_solve_is_on_the_wider_set(tmp_path):
+    result = load(solve(SCENE + "&certificate improvement_steps = 12 /\n", tmp_path))
+    tuples, plain, improved = (result[name].values for name in ("tuple", "coefficients", "improved_coefficients"))
+    is_inside = np.abs(tuples).max(axis=1) <= 3
+    assert np.abs(tuples).max() == 6
+    assert np.isnan(plain[0, 0, ~is_inside]).all() and np.isfinite(plain[0, 0, is_inside]).all()
+    assert np.isfinite(improved).all()
+    wide = load(solve(SCENE.replace("order = 3", "order = 6"), tmp_path, name="wide"))
+    known = dict(zip(map(tuple, wide["tuple"].values.tolist()), wide.coefficients.values[0, 0]))
+    expected = np.array([known[tuple(j)] for j in tuples.tolist()])
+    assert np.abs(improved[0, 0] - expected).max() < 0.01 * np.abs(plain[0, 0, is_inside] - expected[is_inside]).max()
+
+
+def test_oversampling_makes_the_grid(tmp_path):
+    options = ("--budget", "0.001", "--repeats", "1", "--set", "sampling%oversampling=3.0")
+    data = load(bench(SCENE, tmp_path, *options, name="three"))
+    assert data.bench_n_samples.values.tolist() == [24 * 24], "3 (2 3 + 1) = 21 samples, rounded up"
+    done = run("check", tmp_path / "three.nml", "--set", "sampling%oversampling=2", "--set", "sampling%samples=16", cwd=tmp_path)
+    assert done.status == BAD_INPUT and "either 'samples' or 'oversampling'" in done.stderr
 
 
 def test_unsolved_points_are_told_by_the_exit_status(tmp_path):
-    options = ("--set", "solver%max_iterations=1", "--set", "solver%rescue=.false.")
-    data = bench(FOLDER / "duffing.nml", tmp_path, *options, status=NOT_ALL_CONVERGED)
+    options = ("--budget", "0.01", "--repeats", "1", "--set", "solver%max_iterations=1", "--set", "solver%rescue=.false.")
+    data = load(bench(FOLDER / "duffing.nml", tmp_path, *options, status=NOT_ALL_CONVERGED))
     assert (data.status.values == 3).all()
 
 
+def test_unknown_tones_have_costs_but_no_kernels(tmp_path):
+    data = load(bench(INPUTS / "autonomous" / "van_der_pol.nml", tmp_path, "--budget", "0.01", "--repeats", "1"))
+    assert (data.bench_total_seconds.values > 0.0).all() and "kernel_point_seconds" not in data
+
+
 def test_refusals(tmp_path):
-    autonomous = next(iter(sorted((FOLDER.parent / "autonomous").glob("van_der_pol*.nml"))))
     source = FOLDER / "duffing.nml"
     (tmp_path / "there.h5").write_text("precious")
     for words, message in (
-        ((autonomous,), "given base frequencies"),
         ((source, "--budget", "soon"), "--budget needs seconds"),
         ((source, "--budget", "-1"), "--budget needs seconds"),
+        ((source, "--repeats", "0"), "--repeats needs numbers from 1 on"),
         ((source, "-o", "there.h5"), "--overwrite"),
     ):
         done = run("bench", *words, cwd=tmp_path)
@@ -88,6 +186,29 @@ def test_ranks_are_refused(tmp_path):
     assert done.status == BAD_INPUT and "without mpirun" in done.stderr
 
 
-def test_help_tells_the_two_verbs_apart(tmp_path):
-    text = run("--help", cwd=tmp_path).stdout
-    assert "nhbm bench INPUT" in text and "nhbm benchmark INPUT" in text
+@pytest.mark.parametrize("source", LADDERS, ids=lambda file: file.stem)
+def test_ladder_gives_what_it_promises(source, tmp_path):
+    lines = [line for line in source.read_text().splitlines() if "! expect" in line]
+    assert lines, f"{source} has no '! expect:' line"
+    result = tmp_path / "result.h5"
+    done = run("bench", source, "-o", result, "--quiet", "--budget", "0", "--repeats", "1", cwd=tmp_path)
+    assert done.status in (ALL_CONVERGED, NOT_ALL_CONVERGED), done.stderr
+    data = Bench(result)
+    assert data.is_solved.all(), data.column("status")
+    table = source.with_suffix(".csv")
+    errors = data.errors(read_reference(str(table)), only_known=True) if table.exists() else data.errors()
+    for line in lines:
+        match = LINE.fullmatch(line)
+        assert match, f"not a known form: {line}"
+        values = errors if match["column"] == "error" else data.column(match["column"])
+        chosen = np.isfinite(errors)
+        for word in match["where"].split():
+            name, value = word.split("=")
+            column = data.column(name)
+            chosen &= column == (value if column.dtype == object else float(value))
+        values = values[chosen]
+        assert values.size, f"no point fits: {line}"
+        if match["bound"]:
+            assert (values < float(match["bound"])).all(), f"{line}: {values}"
+        else:
+            np.testing.assert_allclose(values, float(match["number"]), rtol=float(match["tolerance"]), err_msg=line)

@@ -15,9 +15,9 @@ from program import ALL_CONVERGED, NOT_ALL_CONVERGED, messages_of, run, solve
 from user_law import with_its_law
 
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
-# Those of user_law need libraries that are built first: test_user_law.py runs them. Those of benchmark are for another
-# verb: test_benchmark.py runs them.
-FILES = sorted(file for file in INPUTS.rglob("*.nml") if file.parent.name not in ("user_law", "benchmark"))
+# Those of user_law need libraries that are built first: test_user_law.py runs them. Those of ladder are for another
+# verb: test_bench.py runs them.
+FILES = sorted(file for file in INPUTS.rglob("*.nml") if file.parent.name not in ("user_law", "ladder"))
 
 
 def case(file: Path):

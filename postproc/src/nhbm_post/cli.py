@@ -9,8 +9,7 @@ import sys
 from pathlib import Path
 
 from . import __version__, report
-from .bench import KernelTimes
-from .benchmark import Benchmark
+from .bench import Bench, read_reference
 from .errors import NhbmPostError, UsageError
 from .march import read_displacement
 from .reader import DAMAGES, QUANTITIES, Results
@@ -236,23 +235,22 @@ def _parser() -> argparse.ArgumentParser:
         (
             "work-precision",
             _work_precision,
-            "error over time of a benchmark",
-            "Draws the error of each rung of a file of nhbm benchmark over its wall time, one curve for each method "
-            "and formulation.",
+            "error over time of the points of a ladder",
+            "Draws the error of each point of a file of nhbm bench over its wall time, one curve for each setting of all swept "
+            "values but one number.",
         ),
         (
             "convergence",
             _convergence,
-            "error over order of a benchmark, with its rate",
-            "Draws the error of each rung of a file of nhbm benchmark over its order, or over its samples, and prints "
-            "the rate, exponential or algebraic, whichever fits the falling part better.",
+            "error over order, or another swept number, with its rate",
+            "Draws the error of each point of a file of nhbm bench over the number that is swept and prints the rate,  exponential or algebraic, whichever fits the falling part better.",
         ),
         (
             "cost",
             _cost,
-            "time over unknowns of a benchmark, with its exponent",
-            "Draws the wall time of each rung of a file of nhbm benchmark over its number of unknowns (over its samples "
-            "where there is one order) and prints the exponent of the larger half.",
+            "time over unknowns, with its exponent",
+            "Draws the wall time of each point of a file of nhbm bench over its number of unknowns and prints the exponent of "
+            "the larger half.",
         ),
     ):
         sub = command(name, run, help_text, description)
@@ -265,12 +263,23 @@ def _parser() -> argparse.ArgumentParser:
                 "machine hardly changes)",
             )
         else:
-            sub.add_argument("--over", choices=("order", "samples"), help="axis (default: order if it varies)")
+            sub.add_argument("--over", metavar="PATH", help="axis: a swept parameter or a size (default: what varies)")
         if name != "cost":
             sub.add_argument(
                 "--improved",
                 action="store_true",
                 help="draw also the error of the improved motion (&certificate improvement_steps)",
+            )
+            sub.add_argument(
+                "--reference",
+                metavar="FILE[@POINT]",
+                help="what errors are measured against: a point of a result file, a record of a march, or a table (.csv) with the "
+                "columns dof, tuple ..., cos, sin (default: the solved point with the most harmonics)",
+            )
+            sub.add_argument(
+                "--known",
+                action="store_true",
+                help="measure over the tuples of the reference alone, as always with a table",
             )
         _add_output(sub)
 
@@ -551,36 +560,45 @@ def _time(arguments):
 def _work_precision(arguments):
     from . import draw
 
-    benchmark = Benchmark(arguments.file)
-    _save(draw.draw_work_precision(benchmark, part=arguments.part, has_improved=arguments.improved), arguments)
+    bench = Bench(arguments.file)
+    _save(draw.draw_work_precision(bench, _errors(bench, arguments), part=arguments.part), arguments)
 
 
 def _convergence(arguments):
     from . import draw
 
-    benchmark = Benchmark(arguments.file)
-    over = arguments.over or benchmark.varying()
-    fig, rates = draw.draw_convergence(benchmark, over=over, has_improved=arguments.improved)
+    bench = Bench(arguments.file)
+    over = arguments.over or bench.varying()
+    fig, rates = draw.draw_convergence(bench, _errors(bench, arguments), over=over)
     for curve, rate in rates:
         print(f"{curve.label}: " + (f"error ~ {rate.plain(over)}" if rate else "too few points for a rate"))
     _save(fig, arguments)
 
 
+def _errors(bench: Bench, arguments):
+    from . import draw
+
+    reference = read_reference(arguments.reference) if arguments.reference else None
+    only_known = arguments.known or str(arguments.reference).endswith(".csv")
+    plain, improved = (
+        bench.errors(reference, only_known=only_known, is_improved=which) for which in (False, True)
+    )
+    return draw.Errors(plain, improved if arguments.improved else None)
+
+
 def _cost(arguments):
     from . import draw
 
-    benchmark = Benchmark(arguments.file)
-    fig, exponents = draw.draw_cost(benchmark, part=arguments.part)
-    what = "unknowns" if benchmark.varying() == "order" else "samples"
+    fig, exponents = draw.draw_cost(Bench(arguments.file), part=arguments.part)
     for curve, rate in exponents:
-        print(f"{curve.label}: " + (f"time ~ {rate.plain(what)}" if rate else "too few points for an exponent"))
+        print(f"{curve.label}: " + (f"time ~ {rate.plain('unknowns')}" if rate else "too few points for an exponent"))
     _save(fig, arguments)
 
 
 def _bench(arguments):
     from . import draw
 
-    fig, exponents = draw.draw_bench(KernelTimes(arguments.file, *arguments.also), arguments.over)
+    fig, exponents = draw.draw_bench(Bench(arguments.file, *arguments.also), arguments.over)
     for kernel, rate in exponents:
         print(f"{kernel}: " + (f"time ~ {rate.plain('n')}" if rate else "too few points for an exponent"))
     _save(fig, arguments)

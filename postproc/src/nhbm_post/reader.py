@@ -432,10 +432,6 @@ class Results:
         return self._file[name]
 
     def _check_schema(self) -> None:
-        if _text(self._file.attrs.get("kind", "")) == "benchmark":
-            raise ReaderError(
-                f"{self.path}: a file of nhbm benchmark; nhbm-post work-precision, convergence and cost draw it"
-            )
         version = self._file.attrs.get("schema_version")
         if version is None:
             raise ReaderError(f"{self.path}: no result file of nhbm: it has no attribute 'schema_version'")

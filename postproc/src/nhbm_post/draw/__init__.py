@@ -8,9 +8,10 @@ from .rotor import draw_rotor
 from .spectrum import draw_spectrum
 from .style import save
 from .time_history import draw_time
-from .work_precision import draw_convergence, draw_cost, draw_work_precision
+from .work_precision import Errors, draw_convergence, draw_cost, draw_work_precision
 
 __all__ = [
+    "Errors",
     "draw_bench",
     "draw_convergence",
     "draw_correction",

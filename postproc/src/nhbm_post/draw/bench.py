@@ -5,17 +5,20 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..bench import KERNELS, SIZES, KernelTimes
-from ..benchmark import Rate, cost_exponent
+from ..bench import KERNELS, Bench
+from ..errors import UsageError
+from ..rates import Rate, cost_exponent
 from . import style
 
 
-def draw_bench(times: KernelTimes, over: str | None = None) -> tuple[Figure, list[tuple[str, Rate | None]]]:
+def draw_bench(times: Bench, over: str | None = None) -> tuple[Figure, list[tuple[str, Rate | None]]]:
     """Time of each kernel over `over`, and the exponents that were observed over the larger half of the sizes.
 
     Solid: the kernel, median of the repeats; the band goes from the least time to the median. Dashed: the yardstick of the
     residual (the bare pair of transforms) and of all others (LU of a full matrix).
     """
+    if not times.has_kernels:
+        raise UsageError(f"{times.path}: no kernel was timed; nhbm bench --budget 0 leaves them out, a scene without laws has none")
     over = over or times.varying()
     x = times.column(over).astype(float)
     order = np.argsort(x, kind="stable")
@@ -24,22 +27,22 @@ def draw_bench(times: KernelTimes, over: str | None = None) -> tuple[Figure, lis
         fig = style.figure(7.0, 4.6)
         ax = fig.add_subplot()
         for i, kernel in enumerate(KERNELS):
-            seconds = times.column(f"{kernel}_seconds")
+            seconds = times.column(f"kernel_{kernel}_seconds")
             if kernel in ("solution", "point"):
                 seconds = np.where(times.is_solved, seconds, np.nan)
             rate = cost_exponent(x, seconds)
             exponents.append((kernel, rate))
             label = kernel.replace("_", " ") + (f"  {rate.text('n')}" if rate else "")
             ax.plot(x[order], seconds[order], color=style.COLOURS[i], marker=style.MARKERS[i], label=label)
-            least = times.column(f"{kernel}_seconds_min")
+            least = times.column(f"kernel_{kernel}_seconds_min")
             ax.fill_between(x[order], least[order], seconds[order], color=style.COLOURS[i], alpha=0.2, linewidth=0.0)
         for kernel, label in (("residual", "pair of transforms"), ("tangent", "LU of a full matrix")):
-            yardstick = times.column(f"{kernel}_yardstick")
+            yardstick = times.column(f"kernel_{kernel}_yardstick")
             if np.isfinite(yardstick).any():
                 ax.plot(x[order], yardstick[order], linestyle="--", color="0.4" if kernel == "residual" else "0.7", label=label)
         ax.set_xscale("log")
         ax.set_yscale("log")
-        ax.set_xlabel(SIZES.get(over, over))
+        ax.set_xlabel(times.axis(over))
         ax.set_ylabel("time [s]")
         ax.grid(True)
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=3, borderaxespad=0.3, columnspacing=1.4)

@@ -1,14 +1,16 @@
-"""What a benchmark found: error over time, error over order with its rate, cost over unknowns with its exponent."""
+"""Ladders of orders, samples or methods: error over time, error over order with its rate, cost over unknowns with its exponent."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from ..benchmark import Benchmark, Curve, Rate, convergence_rate, cost_exponent
+from ..bench import Bench, Curve, Motion
 from ..errors import UsageError
+from ..rates import Rate, convergence_rate, cost_exponent
 from . import style
 
 # Parts of the wall time that can stand on an axis.
@@ -19,121 +21,134 @@ PARTS = {
     "solver": "wall time of the iterations",
     "certificate": "wall time of the certificate",
 }
-_SYMBOLS = {"order": "N", "samples": "n"}
-_AXES = {"order": "order $N$ of the series", "samples": "samples $n$ per tone"}
+# Axes that have a symbol, by the end of their path.
+_SYMBOLS = {"order": "N", "n_unknowns": "n"}
+_AXES = {"order": "order $N$ of the series", "samples": "samples per tone", "n_unknowns": "number of unknowns $n$"}
 
 
-def draw_work_precision(benchmark: Benchmark, *, part: str = "total", has_improved: bool = False):
-    """Error over wall time (median of the repeats, bars from least to most), one curve for each method and formulation."""
-    over = benchmark.varying()
-    middle, least, most = (benchmark.column(f"{part}_seconds{end}") for end in ("", "_min", "_max"))
-    curves, errors = _drawable(benchmark, over, has_improved)
+@dataclass(frozen=True)
+class Errors:
+    """Errors of all points of a file, NaN: none, and those of improved motions where they are asked for."""
+
+    plain: np.ndarray
+    improved: np.ndarray | None = None
+
+
+def draw_work_precision(bench: Bench, errors: Errors, *, part: str = "total"):
+    """Error over wall time (median of the repeats, bars from least to most), one curve for each setting of all but one number."""
+    over = bench.varying()
+    middle, least, most = (bench.column(f"bench_{part}_seconds{end}") for end in ("", "_min", "_max"))
+    curves, values = _drawable(bench, over, errors)
     with style.look():
         fig, ax = _picture(len(curves))
-        for i, (curve, error) in enumerate(zip(curves, errors)):
-            rungs = curve.rungs[np.isfinite(error[curve.rungs])]
+        for i, (curve, error) in enumerate(zip(curves, values)):
+            points = curve.points[np.isfinite(error[curve.points])]
             look = _curve_look(i)
             ax.errorbar(
-                middle[rungs],
-                error[rungs],
-                xerr=[middle[rungs] - least[rungs], most[rungs] - middle[rungs]],
+                middle[points],
+                error[points],
+                xerr=[middle[points] - least[points], most[points] - middle[points]],
                 capsize=2.0,
                 elinewidth=0.8,
                 label=curve.label,
                 **look,
             )
-            _hollow(ax, benchmark, rungs, middle, error, look)
-            _mark_ends(ax, over, benchmark, rungs, middle, error)
+            _hollow(ax, bench, points, middle, error, look)
+            _mark_ends(ax, over, bench, points, middle, error)
         ax.set(xscale="log", yscale="log")
         ax.set_xlabel(style.with_unit(PARTS[part], "s"))
         ax.set_ylabel("relative rms error")
-        _finish(fig, ax, benchmark, "Error over time", f"along each curve: {_AXES[over].replace('$', '')}")
+        _finish(fig, ax, bench, "Error over time", f"along each curve: {_axis(bench, over).replace('$', '')}")
     return fig
 
 
-def draw_convergence(benchmark: Benchmark, *, over: str = "", has_improved: bool = False):
-    """(figure, [(curve, rate or None)]): error over the order, or over the samples, with the observed rates."""
-    over = over or benchmark.varying()
-    x = benchmark.x_of(over)
-    curves, errors = _drawable(benchmark, over, has_improved)
-    if max(len(set(x[c.rungs].tolist())) for c in curves) < 2:
-        raise UsageError(f"{benchmark.path}: all rungs have the same {over}; nothing can be drawn over it")
-    rates = [convergence_rate(x[c.rungs], e[c.rungs]) for c, e in zip(curves, errors)]
+def draw_convergence(bench: Bench, errors: Errors, *, over: str = ""):
+    """(figure, [(curve, rate or None)]): error over the order, or another number that varies, with the observed rates."""
+    over = over or bench.varying()
+    x = bench.column(over).astype(float)
+    curves, values = _drawable(bench, over, errors)
+    if max(len(set(x[c.points].tolist())) for c in curves) < 2:
+        raise UsageError(f"{bench.path}: all points have the same {over}; nothing can be drawn over it")
+    rates = [convergence_rate(x[c.points], e[c.points]) for c, e in zip(curves, values)]
     algebraic = [rate.kind == "algebraic" for rate in rates if rate]
     with style.look():
         fig, ax = _picture(len(curves))
-        for i, (curve, error, rate) in enumerate(zip(curves, errors, rates)):
-            rungs = curve.rungs[np.isfinite(error[curve.rungs])]
+        for i, (curve, error, rate) in enumerate(zip(curves, values, rates)):
+            points = curve.points[np.isfinite(error[curve.points])]
             look = _curve_look(i)
-            label = f"{curve.label}: {rate.text(_SYMBOLS[over])}" if rate else curve.label
-            ax.plot(x[rungs], error[rungs], label=label, **look)
-            _hollow(ax, benchmark, rungs, x, error, look)
+            label = f"{curve.label}: {rate.text(_symbol(over))}" if rate else curve.label
+            ax.plot(x[points], error[points], label=label, **look)
+            _hollow(ax, bench, points, x, error, look)
             if rate:
-                _draw_rate(ax, x[curve.rungs][rate.points], rate, look["color"])
+                _draw_rate(ax, x[curve.points][rate.points], rate, look["color"])
         ax.set_yscale("log")
         _number_axis(ax, x, is_logarithmic=bool(algebraic) and 2 * sum(algebraic) >= len(algebraic))
-        ax.set_xlabel(_AXES[over])
+        ax.set_xlabel(_axis(bench, over))
         ax.set_ylabel("relative rms error")
-        _finish(fig, ax, benchmark, f"Error over {over}", "thin lines: fitted rates, over the points that they span")
+        _finish(fig, ax, bench, f"Error over {over.split('%')[-1]}", "thin lines: fitted rates, over the points that they span")
     return fig, list(zip(curves, rates))
 
 
-def draw_cost(benchmark: Benchmark, *, part: str = "total"):
+def draw_cost(bench: Bench, *, part: str = "total", over: str = "n_unknowns"):
     """(figure, [(curve, exponent or None)]): wall time over the number of unknowns, with the observed exponents."""
-    over = benchmark.varying()
-    x = benchmark.x_of("unknowns") if over == "order" else benchmark.size_of_sampling().astype(float)
-    symbol = "n" if over == "order" else "m"
+    x = bench.column(over).astype(float)
     middle, least, most = (
-        np.where(benchmark.is_solved, benchmark.column(f"{part}_seconds{end}"), np.nan) for end in ("", "_min", "_max")
+        np.where(bench.is_solved, bench.column(f"bench_{part}_seconds{end}"), np.nan) for end in ("", "_min", "_max")
     )
-    curves = [c for c in benchmark.curves(over) if np.isfinite(middle[c.rungs]).any()]
+    curves = [c for c in bench.curves(bench.varying()) if np.isfinite(middle[c.points]).any()]
     if not curves:
-        raise UsageError(f"{benchmark.path}: no rung is solved")
-    exponents = [cost_exponent(x[c.rungs], middle[c.rungs]) for c in curves]
+        raise UsageError(f"{bench.path}: no point is solved")
+    exponents = [cost_exponent(x[c.points], middle[c.points]) for c in curves]
     with style.look():
         fig, ax = _picture(len(curves))
         for i, (curve, exponent) in enumerate(zip(curves, exponents)):
-            rungs = curve.rungs[np.isfinite(middle[curve.rungs])]
+            points = curve.points[np.isfinite(middle[curve.points])]
             look = _curve_look(i)
             ax.errorbar(
-                x[rungs],
-                middle[rungs],
-                yerr=[middle[rungs] - least[rungs], most[rungs] - middle[rungs]],
+                x[points],
+                middle[points],
+                yerr=[middle[points] - least[points], most[points] - middle[points]],
                 capsize=2.0,
                 elinewidth=0.8,
-                label=f"{curve.label}: {exponent.text(symbol)}" if exponent else curve.label,
+                label=f"{curve.label}: {exponent.text(_symbol(over))}" if exponent else curve.label,
                 **look,
             )
-            _hollow(ax, benchmark, rungs, x, middle, look)
+            _hollow(ax, bench, points, x, middle, look)
             if exponent:
-                _draw_rate(ax, x[curve.rungs][exponent.points], exponent, look["color"])
+                _draw_rate(ax, x[curve.points][exponent.points], exponent, look["color"])
         ax.set(xscale="log", yscale="log")
-        ax.set_xlabel("number of unknowns $n$" if over == "order" else "samples on the torus $m$")
+        ax.set_xlabel(_axis(bench, over))
         ax.set_ylabel(style.with_unit(PARTS[part], "s"))
-        _finish(fig, ax, benchmark, "Cost", "thin lines: powers fitted to the larger half, over the points that they span")
+        _finish(fig, ax, bench, "Cost", "thin lines: powers fitted to the larger half, over the points that they span")
     return fig, list(zip(curves, exponents))
 
 
 # Parts of the pictures
 
 
-def _drawable(benchmark: Benchmark, over: str, has_improved: bool) -> tuple[list[Curve], list[np.ndarray]]:
-    """Curves that have an error somewhere, each with the errors of all rungs; improved ones after those that they belong to."""
-    plain = benchmark.error()
-    improved = benchmark.error("improved_error") if has_improved else None
-    if has_improved and not np.isfinite(improved).any():
-        raise UsageError(f"{benchmark.path}: no rung has an improved motion; it needs &certificate improvement_steps")
-    curves, errors = [], []
-    for curve in benchmark.curves(over):
-        if np.isfinite(plain[curve.rungs]).any():
+def _drawable(bench: Bench, over: str, errors: Errors) -> tuple[list[Curve], list[np.ndarray]]:
+    """Curves that have an error somewhere, each with the errors of all points; improved ones after those that they belong to."""
+    if errors.improved is not None and not np.isfinite(errors.improved).any():
+        raise UsageError(f"{bench.path}: no point has an improved motion; it needs &certificate improvement_steps")
+    curves, values = [], []
+    for curve in bench.curves(over):
+        if np.isfinite(errors.plain[curve.points]).any():
             curves.append(curve)
-            errors.append(plain)
-        if improved is not None and np.isfinite(improved[curve.rungs]).any():
-            curves.append(Curve(f"{curve.label}, improved", curve.rungs))
-            errors.append(improved)
+            values.append(errors.plain)
+        if errors.improved is not None and np.isfinite(errors.improved[curve.points]).any():
+            curves.append(Curve(f"{curve.label}, improved", curve.points))
+            values.append(errors.improved)
     if not curves:
-        raise UsageError(f"{benchmark.path}: no rung has an error; is only the reference solved?")
-    return curves, errors
+        raise UsageError(f"{bench.path}: no point has an error; is only the reference solved?")
+    return curves, values
+
+
+def _symbol(over: str) -> str:
+    return _SYMBOLS.get(over.split("%")[-1], "x")
+
+
+def _axis(bench: Bench, over: str) -> str:
+    return _AXES.get(over.split("%")[-1], bench.axis(over))
 
 
 def _picture(n_curves: int):
@@ -153,21 +168,21 @@ def _curve_look(i: int) -> dict:
     }
 
 
-def _hollow(ax, benchmark: Benchmark, rungs, x, y, look) -> None:
-    """White inside for solved rungs that miss a threshold of the certificate."""
-    missed = rungs[~benchmark.is_converged[rungs]]
+def _hollow(ax, bench: Bench, points, x, y, look) -> None:
+    """White inside for solved points that miss a threshold of the certificate."""
+    missed = points[~bench.is_converged[points]]
     ax.plot(
         x[missed], y[missed], linestyle="none", marker=look["marker"], markersize=look["markersize"], zorder=4,
         color=look["color"], markerfacecolor="white",
     )  # fmt: skip
 
 
-def _mark_ends(ax, over: str, benchmark: Benchmark, rungs, x, y) -> None:
+def _mark_ends(ax, over: str, bench: Bench, points, x, y) -> None:
     """Order (or samples) at both ends of a curve."""
-    numbers = benchmark.x_of(over)
-    for rung in {*rungs[:1].tolist(), *rungs[-1:].tolist()}:
+    numbers = bench.column(over)
+    for point in {*points[:1].tolist(), *points[-1:].tolist()}:
         ax.annotate(
-            f"{numbers[rung]:.0f}", (x[rung], y[rung]), (4, 4), textcoords="offset points", size=7.0, color=style.MUTED
+            f"{numbers[point]:.0f}", (x[point], y[point]), (4, 4), textcoords="offset points", size=7.0, color=style.MUTED
         )
 
 
@@ -218,7 +233,7 @@ def _bare(label: str) -> str:
     return re.sub(r"\\\w+|[${}^,\\]", "", label)
 
 
-def _finish(fig, ax, benchmark: Benchmark, title: str, *details: str) -> None:
+def _finish(fig, ax, bench: Bench, title: str, *details: str) -> None:
     for axis in (ax.xaxis, ax.yaxis):
         if axis.get_scale() == "log" and not isinstance(axis.get_major_locator(), FixedLocator):
             _decade_axis(axis, axis.get_view_interval())
@@ -231,11 +246,11 @@ def _finish(fig, ax, benchmark: Benchmark, title: str, *details: str) -> None:
         borderaxespad=0.3,
         columnspacing=1.4,
     )
-    lost = benchmark.n_rungs - int(benchmark.is_solved.sum())
+    lost = bench.n_points - int(bench.is_solved.sum())
     notes = [*details]
-    if (benchmark.is_solved & ~benchmark.is_converged).any():
+    if (bench.is_solved & ~bench.is_converged).any():
         notes.append("hollow: solved, but missing a threshold of the certificate")
     if lost:
-        notes.append(f"{lost} of {benchmark.n_rungs} rungs not solved")
-    head = f"{title}: {benchmark.title}" if benchmark.title else title
+        notes.append(f"{lost} of {bench.n_points} points not solved")
+    head = f"{title}: {bench.title}" if bench.title else title
     style.head(fig, head, "; ".join(notes))

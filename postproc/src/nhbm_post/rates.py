@@ -1,0 +1,76 @@
+"""Rates that are fitted to errors and costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+# An error reaches a plateau, ruled by something else than the order, where it drops less than this.
+_LEAST_DROP = 0.8
+# Errors that rounding decides.
+_ROUNDING = 2e-14
+
+
+@dataclass(frozen=True)
+class Rate:
+    """y = factor * exp(-rate x) (`exponential`) or factor * x**exponent (`algebraic`), by least squares of the logarithms."""
+
+    kind: str
+    factor: float
+    exponent: float
+    misfit: float
+    points: np.ndarray = field(repr=False)
+
+    def __call__(self, x) -> np.ndarray:
+        x = np.asarray(x, dtype=float)
+        return self.factor * (np.exp(self.exponent * x) if self.kind == "exponential" else x**self.exponent)
+
+    def text(self, symbol: str) -> str:
+        """Such as `N^-2.9`, or `exp(-0.81 N)`, in mathtext."""
+        if self.kind == "exponential":
+            return rf"$\sim \mathrm{{e}}^{{{self.exponent:.2f}\,{symbol}}}$"
+        return rf"$\sim {symbol}^{{{self.exponent:.1f}}}$"
+
+    def plain(self, symbol: str) -> str:
+        """The same as plain text."""
+        if self.kind == "exponential":
+            return f"exp({self.exponent:.3g} {symbol})"
+        return f"{symbol}^{self.exponent:.3g}"
+
+
+def convergence_rate(x: np.ndarray, error: np.ndarray, kind: str = "") -> Rate | None:
+    """Rate of the falling part of an error, exponential or algebraic, whichever fits better; None for fewer than three rungs."""
+    chosen = falling_part(error)
+    x, error = x[chosen], error[chosen]
+    if len(x) < 3 or (x <= 0.0).any():
+        return None
+    kinds = (kind,) if kind else ("exponential", "algebraic")
+    return min((_fit(name, x, error, chosen) for name in kinds), key=lambda rate: rate.misfit)
+
+
+def cost_exponent(x: np.ndarray, seconds: np.ndarray) -> Rate | None:
+    """Exponent of the cost over the larger half of the sizes, where what is constant matters least; at least three rungs."""
+    known = np.flatnonzero(np.isfinite(seconds) & (seconds > 0.0) & (x > 0.0))
+    if len(known) < 3:
+        return None
+    chosen = known[-max(3, (len(known) + 1) // 2) :]
+    return _fit("algebraic", x[chosen], seconds[chosen], chosen)
+
+
+def falling_part(error: np.ndarray) -> np.ndarray:
+    """Numbers of the known errors up to where they stop to fall: at rounding, or at the error of the reference."""
+    known = np.flatnonzero(np.isfinite(error) & (error > _ROUNDING))
+    kept = list(known[:1])
+    for i in known[1:]:
+        if error[i] > _LEAST_DROP * error[kept[-1]] and len(kept) > 2:
+            break
+        kept.append(i)
+    return np.array(kept, dtype=int)
+
+
+def _fit(kind: str, x: np.ndarray, y: np.ndarray, points: np.ndarray) -> Rate:
+    abscissa = x if kind == "exponential" else np.log(x)
+    (slope, level), *_ = np.linalg.lstsq(np.column_stack([abscissa, np.ones_like(abscissa)]), np.log(y), rcond=None)
+    misfit = float(np.sqrt(np.mean((np.log(y) - level - slope * abscissa) ** 2)))
+    return Rate(kind, float(np.exp(level)), float(slope), misfit, points)
