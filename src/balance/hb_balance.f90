@@ -422,12 +422,12 @@ contains
 
       call self%sample_if_new(x)
       call self%law_set%differentiate(error)
-      if (.not. (allocated(error) .or. allocated(self%thin))) then
-         allocate (self%thin)
-         call new_thin_product(self%thin, self%harmonics, self%transform%torus, self%law_set, self%effort, error)
-      end if
       is_ready = .not. allocated(error)
       if (.not. is_ready) return
+      if (.not. allocated(self%thin)) then
+         allocate (self%thin)
+         call new_thin_product(self%thin, self%harmonics, self%transform%torus, self%law_set, self%effort)
+      end if
       if (self%thin%is_thinner) then
          call self%thin%update(self%law_set)
       else

@@ -35,36 +35,28 @@ module hb_thin_product
 
 contains
 
-   !> Prepares products for the laws of a set, where a thinner grid than theirs will do.
-   subroutine new_thin_product(self, harmonics, torus, law_set, effort, error)
+   !> Prepares products for the laws of a set, where a thinner grid than theirs will do and there is room for what it needs;
+   !> `is_thinner` stays false else, as products on the grid of the laws are as exact.
+   subroutine new_thin_product(self, harmonics, torus, law_set, effort)
       type(thin_product_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus                              !! of the laws
       type(law_set_t), intent(in) :: law_set
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
-      type(error_t), allocatable, intent(out) :: error
-      type(harmonics_t) :: band, box
+      type(error_t), allocatable :: error
+      type(harmonics_t) :: band
       type(torus_t) :: thin
       integer :: m, n
 
       call self%destroy()
-      self%is_thinner = .not. law_set%has_memory .and. all(torus%n_samples >= 4*harmonics%highest + 1)
-      if (.not. self%is_thinner) return
-      call new_box(box, 2*harmonics%highest, .false., error)
-      if (allocated(error)) return
-      if (torus%is_half) then                                         ! slopes of odd forces are even
-         call new_of_parity(band, box, 0, error)
-         if (allocated(error)) return
-      else
-         band = box
-      end if
+      if (law_set%has_memory .or. any(torus%n_samples < 4*harmonics%highest + 1)) return
       call new_torus(thin, [(min(torus%n_samples(m), cheap_size(4*harmonics%highest(m) + 1, harmonics%n_tones)), &
-                             m=1, harmonics%n_tones)], band, error)
+                             m=1, harmonics%n_tones)], harmonics, error)
       if (allocated(error)) return
       if (torus%is_half .and. thin%can_be_halved()) thin = thin%half()
-      self%is_thinner = thin%n_total < torus%n_total
-      if (.not. self%is_thinner) return
-      call new_transform(self%transform, harmonics, thin, law_set%n_dofs, effort, error)
+      if (thin%n_total >= torus%n_total) return
+      call new_band(band, harmonics, torus, error)                    ! fails where it has more tuples than a set may have
+      if (.not. allocated(error)) call new_transform(self%transform, harmonics, thin, law_set%n_dofs, effort, error)
       if (.not. allocated(error)) call new_transform(self%wide, band, torus, 1, effort, error, way%to_spectrum)
       if (.not. allocated(error)) call new_transform(self%narrow, band, thin, 1, effort, error, way%to_samples)
       n = thin%n_total
@@ -76,8 +68,12 @@ contains
       call make(self%df_dq, law_set%n_pairs, .true.)
       call make(self%df_dv, law_set%n_pairs, law_set%needs_velocity)
       call make(self%df_ds, law_set%n_pairs, law_set%needs_reaction)
-      if (allocated(self%spectrum)) deallocate (self%spectrum)
-      allocate (self%spectrum(band%n_coefficients, 1))
+      self%is_thinner = .not. allocated(error)
+      if (self%is_thinner) then
+         allocate (self%spectrum(band%n_coefficients, 1))
+      else
+         call self%destroy()
+      end if
 
    contains
 
@@ -89,6 +85,23 @@ contains
          if (is_needed .and. .not. allocated(error)) call new_real_block(block, n, n_columns, error)
       end subroutine make
    end subroutine new_thin_product
+
+   !> The harmonics of slopes that a product needs: up to twice those of the motion; of odd forces they are even.
+   subroutine new_band(band, harmonics, torus, error)
+      type(harmonics_t), intent(out) :: band
+      type(harmonics_t), intent(in) :: harmonics
+      type(torus_t), intent(in) :: torus
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: box
+
+      call new_box(box, 2*harmonics%highest, .false., error)
+      if (allocated(error)) return
+      if (torus%is_half) then
+         call new_of_parity(band, box, 0, error)
+      else
+         band = box
+      end if
+   end subroutine new_band
 
    !> Takes over the slopes of the laws, after `differentiate`.
    subroutine thin_product_update(self, law_set)
@@ -134,6 +147,8 @@ contains
    subroutine thin_product_destroy(self)
       class(thin_product_t), intent(inout) :: self
 
+      self%is_thinner = .false.
+      if (allocated(self%spectrum)) deallocate (self%spectrum)
       call self%transform%destroy()
       call self%wide%destroy()
       call self%narrow%destroy()

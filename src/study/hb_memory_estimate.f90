@@ -108,12 +108,24 @@ contains
          call fail(error, "there would be "//to_text(anint(unknowns(s, s%n_harmonics)))//" unknowns, more than can be counted; "// &
                    "lower the order of the harmonics")
          return
+      else if (largest_row(s) > real(huge(1), wp)) then
+         call fail(error, "a point would store "//to_text(anint(largest_row(s)))//" values of one kind, more than can be "// &
+                   "counted; store fewer &output dofs or samples, or lower the order of the harmonics")
+         return
       end if
       bytes = estimate_memory(s)
       if (bytes%worst() <= limit) return
       call fail(error, "this point would need "//amount(bytes%worst())//" of memory, "//amount(limit)// &
                 " are there for each process: "//memory_text(bytes)//". "//what_fits(s, limit))
    end subroutine check_memory
+
+   !> Values that a point has at most in one dataset of the result file.
+   pure real(wp) function largest_row(s)
+      type(sizes_t), intent(in) :: s
+
+      largest_row = 2*s%n_harmonics*max(s%n_stored_dofs, s%n_law_dofs)
+      if (size(s%stored_samples) > 0) largest_row = max(largest_row, volume(s%stored_samples)*s%n_law_dofs)
+   end function largest_row
 
    !> The parts that matter, the largest first: such as `tangent 3.1 GiB, samples 0.4 GiB`.
    pure function memory_text(bytes) result(text)
