@@ -181,15 +181,16 @@ contains
 
    !> Gives the key at `path` another value, in namelist form; the path names a group by its number or label.
    !> A single group that the file does not have is added.
-   pure subroutine document_set(self, path, value_text, error)
+   pure subroutine document_set(self, path, value_text, error, sweep_line)
       class(document_t), intent(inout) :: self
       character(*), intent(in) :: path                      !! like law(2)%gap, see `path_help`
       character(*), intent(in) :: value_text                !! like 1.5e-3 or 'newton' or 3, 5
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: sweep_line           !! line of the group &sweep that gives the value
       type(content_t) :: content
       type(scan_t) :: scan
       character(:), allocatable :: body, key, name, place, selector
-      integer :: i_group
+      integer :: i_group, line
 
       place = "override '"//shown(path)//" = "//shown(value_text)//"': "
       if (index(path//value_text, achar(0)) > 0) then
@@ -230,7 +231,9 @@ contains
          error%message = place//error%message
          return
       end if
-      call self%groups%holders(i_group)%group%content%override(content)
+      line = 0
+      if (present(sweep_line)) line = -sweep_line
+      call self%groups%holders(i_group)%group%content%override(content, line)
    end subroutine document_set
 
    !> Fails with the problems of all groups, one per line.

@@ -14,7 +14,7 @@ module hb_namelist_content
    !> One value, or equal values in a row, as written.
    type :: value_t
       integer :: first = 1, last = 0                        !! span in the text, without quotes
-      integer :: line = 0                                   !! 0: set from outside
+      integer :: line = 0                                   !! 0: set from outside; below 0: by the group &sweep of that line
       integer :: count = 1                                  !! repeat count
       integer :: i = 0, j = 0                               !! element index, 0 where there is none
       integer :: next = 0                                   !! next value of the key, 0 after the last
@@ -23,9 +23,10 @@ module hb_namelist_content
 
    !> One key: a chain of listed values, a chain of single elements, or (set from outside) both.
    type :: key_t
-      integer :: line = 0                                   !! of its first appearance; 0: set from outside
+      integer :: line = 0                                   !! of its first appearance; from outside as above
       integer :: second_line = 0                            !! line where the key is wrongly given again
       logical :: has_problem = .false.                      !! its reader has said what is wrong with it
+      logical :: is_real = .false.                          !! has been read as real numbers
       integer :: head = 0, tail = 0                         !! listed values
       integer :: n_listed = 0                               !! their number, repeat counts included
       integer :: element_head = 0, element_tail = 0         !! values of elements
@@ -43,6 +44,7 @@ module hb_namelist_content
    contains
       procedure :: add_key => content_add_key
       procedure :: add_value => content_add_value
+      procedure :: comma_advice => content_comma_advice
       procedure :: is_given => content_is_given
       procedure :: override => content_override
       procedure :: word => content_word
@@ -106,9 +108,10 @@ contains
    end subroutine link_value
 
    !> Puts the only key of `other` in the place of the same key of `self`: all its values, or one element.
-   pure subroutine content_override(self, other)
+   pure subroutine content_override(self, other, line)
       class(content_t), intent(inout) :: self
       type(content_t), intent(in) :: other
+      integer, intent(in) :: line                           !! 0, or -line of the group &sweep that gives the values
       type(value_t), allocatable :: larger(:)
       integer :: asked, i, i_key, n, same, second_line, shift
 
@@ -121,7 +124,7 @@ contains
          second_line = self%keys(i_key)%second_line
          self%keys(i_key) = key_t(asked=asked, second_line=second_line)
       end if
-      self%keys(i_key)%line = 0
+      self%keys(i_key)%line = line
       shift = 0
       if (allocated(self%text)) then
          shift = len(self%text)
@@ -138,7 +141,7 @@ contains
          self%values(n) = other%values(i)
          self%values(n)%first = other%values(i)%first + shift
          self%values(n)%last = other%values(i)%last + shift
-         self%values(n)%line = 0
+         self%values(n)%line = line
          self%values(n)%next = 0
          same = 0
          if (other%values(i)%i > 0) same = self%keys(i_key)%element_head
@@ -165,6 +168,38 @@ contains
       is_given = .false.
       if (i_key > 0) is_given = self%keys(i_key)%head > 0 .or. self%keys(i_key)%element_head > 0
    end function content_is_given
+
+   !> What to say where a value of a key of real numbers looks like the first half of a number with a decimal comma:
+   !> `1,5e-3` is two values. From value number `i_value` on, or of that alone; empty where none looks so.
+   pure function content_comma_advice(self, i_key, i_value, only_this) result(advice)
+      class(content_t), intent(in) :: self
+      integer, intent(in) :: i_key, i_value
+      logical, intent(in) :: only_this
+      character(:), allocatable :: advice
+      character(*), parameter :: digits = "0123456789"
+      integer :: comma, first, i, last
+
+      advice = ""
+      i = i_value
+      if (.not. self%keys(i_key)%is_real) i = 0
+      do while (i > 0)
+         associate (value => self%values(i), text => self%text)
+            comma = value%last + 1
+            first = 0                                       ! of the value behind
+            if (value%next > 0) first = self%values(value%next)%first
+            if (first == comma + 1 .and. verify(text(value%first:value%last), "+-"//digits) == 0) then
+               last = self%values(value%next)%last
+               if (text(comma:comma) == "," .and. index(digits, text(first:first)) > 0) then
+                  advice = "; if "//text(value%first:last)//" is one number, write it with a point: "// &
+                     text(value%first:value%last)//"."//text(first:last)
+                  return
+               end if
+            end if
+            i = value%next
+            if (only_this) return
+         end associate
+      end do
+   end function content_comma_advice
 
    !> Text of value number `i_value`; of a quoted one without its quotes, doubled quotes made single.
    pure function content_word(self, i_value) result(word)

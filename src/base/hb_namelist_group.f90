@@ -396,6 +396,10 @@ contains
 
       call ask(self, key, is_required, kind, i_asked, i_key)
       if (i_key == 0) return
+      select type (found)
+      type is (reals_t)
+         self%content%keys(i_key)%is_real = .true.
+      end select
       call pick(self, i_key, extents, order)
       if (.not. allocated(order)) return
       call found%reserve(size(order))

@@ -76,8 +76,8 @@ contains
          call add_problem(self, self%place()//": "//text)
       else if (self%content%is_given(i_key)) then
          self%content%keys(i_key)%has_problem = .true.
-         call add_problem(self, &
-                          place_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(key)//": "//text)
+         call add_problem(self, place_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(key)//": "//text// &
+                          self%content%comma_advice(i_key, self%content%keys(i_key)%head, .false.))
       else
          call add_problem(self, self%place()//": "//trim(key)//": "//text)
       end if
@@ -203,7 +203,8 @@ contains
       character(*), intent(in) :: text
 
       call add_problem(self, place_at(self, self%content%keys(i_key)%line, .true.)//": "// &
-                       trim(self%content%names%names(i_key))//" "//text)
+                       trim(self%content%names%names(i_key))//" "//text// &
+                       self%content%comma_advice(i_key, self%content%keys(i_key)%head, .false.))
    end subroutine key_problem
 
    !> Adds a problem with one value of a key.
@@ -218,7 +219,7 @@ contains
       if (self%content%values(i_value)%is_quoted) word = quote(word)
       call add_problem(self, place_at(self, self%content%values(i_value)%line, .true.)//": "// &
                        element_text(trim(self%content%names%names(i_key)), i, j)//" = "// &
-                       shown(word)//" "//text)
+                       shown(word)//" "//text//self%content%comma_advice(i_key, i_value, .true.))
    end subroutine value_problem
 
    !> Keys asked for, in alphabetical order.
@@ -258,7 +259,7 @@ contains
       end if
    end function advice
 
-   !> Place of a line of the group; a key without line was set from outside.
+   !> Place of a line of the group; a key without line was set from outside, one of a negative line by a sweep.
    pure function place_at(self, line, is_key) result(place)
       class(record_t), intent(in) :: self
       integer, intent(in) :: line
@@ -269,7 +270,8 @@ contains
       if (line > 0) then
          place = place//":"//to_text(line)
       else if (is_key) then
-         place = place//" (override)"
+         if (line == 0) place = place//" (override)"
+         if (line < 0) place = place//":"//to_text(-line)//": &sweep"
       end if
       place = place//": &"//self%name
       if (self%is_repeated) place = place//"("//to_text(self%number)//")"

@@ -125,7 +125,7 @@ contains
    !> Advances step by step and writes down.
    subroutine follow(integrator, system, config, step, kept_dofs, state, record, error, watcher)
       class(integrator_t), intent(inout) :: integrator
-      type(march_system_t), intent(inout) :: system
+      type(march_system_t), intent(inout), target :: system               !! the integrator points to it
       type(march_config_t), intent(in) :: config
       real(wp), intent(in) :: step
       integer, intent(in) :: kept_dofs(:)

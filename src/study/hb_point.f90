@@ -341,7 +341,7 @@ contains
    !> Makes the certificate of a solved point; one that misses a threshold gets the status that says so.
    subroutine keep_certificate(scene, balance, search, u, result, error)
       type(scene_t), intent(in) :: scene
-      type(balance_t), intent(inout) :: balance
+      type(balance_t), intent(inout), target :: balance               !! the search points to it
       type(search_t), intent(inout) :: search                         !! of a scene with unknown tones
       real(wp), intent(in) :: u(:, :)
       type(point_result_t), intent(inout) :: result

@@ -18,6 +18,7 @@ module hb_sweep_plan
       character(:), allocatable :: path                               !! in the input, such as law(1)%gap
       character(:), allocatable :: group                              !! its name in lower case
       character(:), allocatable :: place                              !! of its group &sweep, for messages
+      integer :: line = 0                                             !! the same as a line, 0 without one
       integer :: axis = 0                                             !! index among the axes of the plan
       logical :: is_text = .false.
       real(wp), allocatable :: values(:)                              !! numbers, unless is_text
@@ -67,6 +68,7 @@ contains
       do i = 1, size(ranges)
          group => document%group("sweep", i)
          self%parameters(i)%place = group%place()
+         self%parameters(i)%line = group%line
          call read_values(self%parameters(i), ranges(i), group)
          call refuse_twice(self%parameters(:i), group)
          call group%finish(error)
@@ -385,19 +387,23 @@ contains
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       character(*), intent(in), optional :: groups(:)                 !! lower case
+      character(:), allocatable :: text
       integer :: i
 
       do i = 1, size(self%parameters)
-         if (present(groups)) then
-            if (.not. any(groups == self%parameters(i)%group)) cycle
-            call document%set(self%parameters(i)%path, full_text(self%parameters(i), self%index_on(i, point)), error)
-         else
-            call document%set(self%parameters(i)%path, value_text(self%parameters(i), self%index_on(i, point)), error)
-         end if
-         if (allocated(error)) then
-            call annotate(error, self%parameters(i)%place)
-            return
-         end if
+         associate (parameter => self%parameters(i))
+            if (present(groups)) then
+               if (.not. any(groups == parameter%group)) cycle
+               text = full_text(parameter, self%index_on(i, point))
+            else
+               text = value_text(parameter, self%index_on(i, point))
+            end if
+            call document%set(parameter%path, text, error, sweep_line=parameter%line)
+            if (allocated(error)) then
+               call annotate(error, parameter%place)
+               return
+            end if
+         end associate
       end do
    end subroutine sweep_plan_apply
 

@@ -194,3 +194,43 @@ def test_page_is_no_list_of_modules():
     """What a module is for stands on top of its file, once; a page that repeats it is wrong at the next change."""
     named = {name for name in re.findall(r"\bhb_\w+", PAGE) if name in FLOOR_OF_MODULE}
     assert len(named) < len(FLOOR_OF_MODULE) / 4, f"docs/develop/architecture.md names {len(named)} modules"
+
+
+TYPE = re.compile(r"^type\b\s*(?:,[^:]*)?(?:::)?\s*(\w+)$", re.IGNORECASE)
+POINTER = re.compile(r"^(?:type|class)\s*\(\s*(\w+)\s*\)\s*,.*\bpointer\b.*::", re.IGNORECASE)
+DUMMY = re.compile(r"^(?:type|class)\s*\(\s*(\w+)\s*\)(.*\bintent\b.*)::(.*)$", re.IGNORECASE)
+
+
+def _holders() -> set[tuple[str, str]]:
+    """Pairs of a type and another, of which it keeps a pointer."""
+    pairs = set()
+    for path in sources():
+        inside = ""
+        for _, statement in statements(path):
+            if match := TYPE.match(statement):
+                inside = match.group(1).lower()
+            elif re.match(r"end\s*type\b|contains\b", statement, re.IGNORECASE):
+                inside = ""
+            elif inside and (match := POINTER.match(statement)):
+                pairs.add((inside, match.group(1).lower()))
+    return pairs
+
+
+HOLDERS = _holders()
+
+
+@SOURCES
+def test_what_is_pointed_to_is_a_target(path):
+    """Where a procedure takes an object and another that points to such, a compiler must know that they may be the same."""
+    dummies: dict[str, str] = {}  # attributes by type, of all dummies of a procedure
+    wrong = ""
+    for number, statement in [*statements(path), (0, "end subroutine")]:
+        if re.match(r"end\s*(subroutine|function|procedure|interface)\b", statement, re.IGNORECASE):
+            assert not wrong, wrong
+            dummies = {}
+        if match := DUMMY.match(statement):
+            dummies[match.group(1).lower()] = dummies.get(match.group(1).lower(), "") + match.group(2).lower()
+            wrong = ""
+        for holder, held in HOLDERS:
+            if match and holder in dummies and held in dummies and "target" not in dummies[held]:
+                wrong = f"{path.relative_to(ROOT)}:{number}: a {holder} may point to the {held}, which is no target"
