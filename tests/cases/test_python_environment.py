@@ -1,0 +1,40 @@
+"""The scripts of tests/ on a Python without the packages that they need: they go on under build/venv."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).resolve().parents[1]
+
+
+def without_packages(script: Path, *arguments: str) -> subprocess.CompletedProcess:
+    """Runs a script by a Python that has its standard library alone."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    return subprocess.run(
+        [sys._base_executable, "-S", script, *arguments], env=environment, capture_output=True, text=True, timeout=120
+    )
+
+
+@pytest.mark.parametrize("name", ["accuracy", "certificate", "hard", "large", "performance"])
+def test_script_finds_an_environment(name):
+    done = without_packages(TESTS / name, "--help")
+    assert done.returncode == 0, done.stderr
+    assert f"tests/{name}" in done.stdout
+
+
+def test_what_is_missing_there_too_is_named(tmp_path):
+    script = tmp_path / "measure"
+    script.write_text(
+        f"import sys; sys.path.insert(0, {str(TESTS)!r})\n"
+        "import python_environment\n"
+        "python_environment.enter('h5py', 'no_such_package')\n"
+    )
+    done = without_packages(script)
+    assert done.returncode == 2
+    assert done.stderr.startswith("measure: build/venv has no no_such_package; ")
+    assert "Traceback" not in done.stderr
