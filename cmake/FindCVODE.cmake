@@ -1,4 +1,5 @@
-# CVODE of SUNDIALS, by its C interface: target CVODE::cvode.
+# CVODE of SUNDIALS, by its C interface: target CVODE::cvode. Its indices must have 64 bits and its numbers double precision,
+# as src/extern/hb_sundials.f90 declares them.
 find_path(CVODE_INCLUDE_DIR cvode/cvode.h)
 set(CVODE_LIBRARIES)
 foreach(part IN ITEMS cvode nvecserial)
@@ -7,13 +8,19 @@ foreach(part IN ITEMS cvode nvecserial)
    list(APPEND CVODE_LIBRARIES ${CVODE_${part}_LIBRARY})
 endforeach()
 if(CVODE_INCLUDE_DIR)
-   file(STRINGS ${CVODE_INCLUDE_DIR}/sundials/sundials_config.h CVODE_VERSION REGEX "define SUNDIALS_VERSION ")
-   string(REGEX REPLACE ".*\"(.*)\".*" "\\1" CVODE_VERSION "${CVODE_VERSION}")
+   file(READ ${CVODE_INCLUDE_DIR}/sundials/sundials_config.h config)
+   string(REGEX MATCH "\n#define SUNDIALS_VERSION \"([^\"]*)\"" CVODE_VERSION "${config}")
+   set(CVODE_VERSION "${CMAKE_MATCH_1}")
+   string(REGEX MATCH "\n#define SUNDIALS_INT64_T" CVODE_HAS_64_BIT_INDICES "${config}")
+   string(REGEX MATCH "\n#define SUNDIALS_DOUBLE_PRECISION" CVODE_HAS_DOUBLE_PRECISION "${config}")
 endif()
 
 include(FindPackageHandleStandardArgs)
-find_package_handle_standard_args(CVODE REQUIRED_VARS CVODE_cvode_LIBRARY CVODE_nvecserial_LIBRARY CVODE_INCLUDE_DIR
-   VERSION_VAR CVODE_VERSION)
+find_package_handle_standard_args(CVODE HANDLE_VERSION_RANGE VERSION_VAR CVODE_VERSION
+   REQUIRED_VARS CVODE_cvode_LIBRARY CVODE_nvecserial_LIBRARY CVODE_INCLUDE_DIR CVODE_HAS_64_BIT_INDICES
+      CVODE_HAS_DOUBLE_PRECISION
+   REASON_FAILURE_MESSAGE "nhbm calls CVODE 6 of SUNDIALS with 64-bit indices and double precision: libsundials-dev of Debian 12, \
+or SUNDIALS 6.x built with SUNDIALS_INDEX_SIZE=64. -DCMAKE_PREFIX_PATH=... says where it is.")
 mark_as_advanced(CVODE_INCLUDE_DIR)
 
 if(CVODE_FOUND AND NOT TARGET CVODE::cvode)

@@ -1,4 +1,5 @@
-# Compiler flags, as interface targets that only our own targets link.
+# Compiler flags, as interface targets that only our own targets link. No other file has any: each stands here under the
+# compiler that knows it. Compilers without an entry get what CMake gives them, -O3 or -g.
 
 add_library(hb_warnings INTERFACE)
 # Bindings of abstract types have arguments that not every law or structure uses.
@@ -6,6 +7,7 @@ target_compile_options(hb_warnings INTERFACE
    $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:-std=f2018 -Wall -Wextra -Wimplicit-interface
       -Wno-unused-dummy-argument -Wno-compare-reals -Wno-maybe-uninitialized
       $<$<NOT:$<CONFIG:Debug>>:-Wno-uninitialized -Wno-function-elimination>>
+   $<$<COMPILE_LANG_AND_ID:Fortran,LLVMFlang>:-std=f2018>
    $<$<COMPILE_LANG_AND_ID:C,GNU,Clang>:-std=c11 -Wall -Wextra -Wpedantic -Wconversion>)
 if(HB_WARNINGS_AS_ERRORS)
    target_compile_options(hb_warnings INTERFACE -Werror)
@@ -18,6 +20,9 @@ target_compile_options(hb_flags INTERFACE
 if(HB_NATIVE)
    target_compile_options(hb_flags INTERFACE -march=native)
 endif()
+if((HB_SANITIZE OR HB_COVERAGE) AND NOT CMAKE_Fortran_COMPILER_ID STREQUAL "GNU")
+   message(FATAL_ERROR "HB_SANITIZE and HB_COVERAGE need gfortran, the compiler is ${CMAKE_Fortran_COMPILER_ID}")
+endif()
 if(HB_SANITIZE)
    target_compile_options(hb_flags INTERFACE -fsanitize=address,undefined -fno-omit-frame-pointer -g)
    target_link_options(hb_flags INTERFACE -fsanitize=address,undefined)
@@ -26,3 +31,6 @@ if(HB_COVERAGE)
    target_compile_options(hb_flags INTERFACE --coverage)
    target_link_options(hb_flags INTERFACE --coverage)
 endif()
+
+# For generated sources with lines of any length.
+set(HB_LONG_LINES $<$<Fortran_COMPILER_ID:GNU>:-ffree-line-length-none>)

@@ -234,3 +234,17 @@ def test_what_is_pointed_to_is_a_target(path):
         for holder, held in HOLDERS:
             if match and holder in dummies and held in dummies and "target" not in dummies[held]:
                 wrong = f"{path.relative_to(ROOT)}:{number}: a {holder} may point to the {held}, which is no target"
+
+
+def test_compiler_options_stand_in_one_file():
+    """In cmake/Flags.cmake, each under the compiler that knows it: another compiler must not meet an option of gfortran."""
+    option = re.compile(r"(?:^|[\s;\"(:])(-(?:std=|f[a-z]|W(?!l,)[a-z]|m[a-z]+=|O[0-9g])[\w=,-]*)")
+    for path in sorted(ROOT.rglob("CMakeLists.txt")) + sorted((ROOT / "cmake").glob("*.cmake")):
+        if "build" in path.relative_to(ROOT).parts or path.name == "Flags.cmake":
+            continue
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+            found = option.search(line.partition("#")[0])
+            assert not found, f"{path.relative_to(ROOT)}:{number}: '{found.group(1)}'; options of compilers stand in cmake/Flags.cmake"
+    flags = (ROOT / "cmake" / "Flags.cmake").read_text(encoding="utf-8")
+    for entry in re.findall(r"^[^#\n]*?-f(?!sanitize|no-omit)[a-z]", flags, re.MULTILINE):
+        assert "ID:" in entry, f"cmake/Flags.cmake: no compiler is named in '{entry}'"

@@ -1,0 +1,16 @@
+# Configures the project in FOLDER: expect("" ...) wants it to succeed, expect(<text> ...) to be refused with this text.
+function(expect text)
+   execute_process(COMMAND ${CMAKE_COMMAND} -S ${FOLDER} -B ${FOLDER}/build ${ARGN}
+      RESULT_VARIABLE status OUTPUT_VARIABLE output ERROR_VARIABLE output)
+   string(REGEX REPLACE "[ \n]+" " " words "${output}")
+   if(text STREQUAL "")
+      if(NOT status EQUAL 0)
+         message(FATAL_ERROR "should configure:\n${output}")
+      endif()
+   else()
+      string(FIND "${words}" "${text}" place)
+      if(status EQUAL 0 OR place LESS 0)
+         message(FATAL_ERROR "should be refused with '${text}':\n${output}")
+      endif()
+   endif()
+endfunction()
