@@ -144,6 +144,8 @@ contains
          call add("combination", is_integer, [tone_axis, point_axis], "1", "integers k of combination_frequency")
          call add("is_near_commensurate", is_integer, [point_axis], "1", &
             "1 where combination_frequency is below the threshold: the tones are hard to tell from commensurate ones")
+         call add("branch", is_integer, [point_axis], "1", &
+            "piece of the response along the fastest swept parameter, from 1; 0 where that is not known")
          call add("march_verdict", is_integer, [point_axis], "1", "what marching from the point says of it")
          call add("march_first_difference", is_real, [point_axis], "1", &
             "largest difference to marching in the first period of the slowest tone, relative to the motion")
