@@ -4,6 +4,7 @@ module verb_info
    use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t
    use exit_status, only: incomplete, success
+   use hb_branches, only: jumps_between
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, max_over, rank_of, share_error
@@ -39,6 +40,7 @@ contains
             call write_origin(record, options%input)
             call write_parameters(plan)
             call write_statuses(record)
+            call write_jumps(record, plan)
             call write_worst(record, plan)
             call write_times(record, plan)
             call write_rest(record, options%input)
@@ -109,6 +111,22 @@ contains
       n = count(record%is_near_commensurate > 0)
       if (n > 0) call write_fact("", to_text(n)//" where a low-order combination of the tones nearly vanishes")
    end subroutine write_statuses
+
+   !> Where the motion jumps to another branch.
+   subroutine write_jumps(record, plan)
+      type(record_t), intent(in) :: record
+      type(sweep_plan_t), intent(in) :: plan
+      integer, allocatable :: points(:)
+      integer, parameter :: most = 10
+      integer :: i
+
+      points = jumps_between(record%branch, plan%n_fastest())
+      do i = 1, min(size(points), most)
+         call write_fact(merge("jumps", "     ", i == 1), "to another branch at point "//to_text(points(i) - 1)//" ("// &
+            plan%describe(points(i))//")")
+      end do
+      if (size(points) > most) call write_fact("", "and "//to_text(size(points) - most)//" more (see 'branch')")
+   end subroutine write_jumps
 
    !> Where to look first, for statuses that somebody will look for.
    function first_of(name, point) result(text)

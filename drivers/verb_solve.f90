@@ -15,6 +15,7 @@ module verb_solve
    use hb_signals, only: catch_signals, signal_caught, signal_name
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
+   use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
    use hb_timing, only: timing_lines
@@ -87,7 +88,7 @@ contains
       if (allocated(error)) return
       if (summary%counts(outcome%converged) < summary%n_points) status = not_all_right
       if (summary%n_left > 0) status = incomplete
-      if (is_told) call write_summary(summary, path)
+      if (is_told) call write_summary(summary, study%plan, path)
       if (is_told .and. options%level >= log_level%verbose) call write_times(summary)
       if (rank_of(comm) == 0 .and. status == incomplete) write (error_unit, "(a)") "nhbm: "//reason(summary)//": "// &
          to_text(summary%n_left)//" points are left; nhbm resume "//path//" solves them"
@@ -118,8 +119,9 @@ contains
       write (output_unit, "(a)") "where the time of the ranks went:", (trim(lines(i)), i=1, size(lines))
    end subroutine write_times
 
-   subroutine write_summary(summary, path)
+   subroutine write_summary(summary, plan, path)
       type(run_summary_t), intent(in) :: summary
+      type(sweep_plan_t), intent(in) :: plan
       character(*), intent(in) :: path
       integer :: status
 
@@ -135,6 +137,8 @@ contains
          " needed more than the direct attempt (see 'rescue' in the results)"
       if (summary%n_certified > 0) write (output_unit, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", &
          summary%truncation, " by truncation, ", summary%aliasing, " by aliasing"
+      if (summary%n_jumps > 0) write (output_unit, "(a)") number_of(summary%n_jumps, "jump")// &
+         " between neighbours to another branch of motions (see 'branch'), the first to "//plan%describe(summary%first_jump)
       if (summary%n_near_commensurate > 0) write (output_unit, "(a)") "warning: in "// &
          to_text(summary%n_near_commensurate)//" points a low-order combination of the tones nearly vanishes"// &
          " (see 'combination'); such tones are hard to tell from commensurate ones"

@@ -15,7 +15,8 @@ module hb_hdf5
    use hb_kinds, only: wp
    use hb_mpi, only: comm_handle, comm_t, no_info_handle
    use hdf5, only: H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, &
-      H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, h5fclose_f, h5fcreate_f, h5fopen_f, H5P_FILE_ACCESS_F, &
+      H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, h5fflush_f, h5fopen_f, &
+      H5P_FILE_ACCESS_F, &
       h5pclose_f, h5pcreate_f, h5pset_fapl_mpio_f, h5pset_fclose_degree_f, h5pset_libver_bounds_f, hid_t, hsize_t
    implicit none
    private
@@ -48,10 +49,13 @@ module hb_hdf5
       procedure :: has_scale => dataset_has_scale
       procedure :: make_scale => dataset_make_scale
       generic :: read => read_integer, read_real, read_texts
+      generic :: read_rows => read_integer_rows, read_real_rows
       generic :: write => write_integer, write_real
       generic :: write_row => write_integer_row, write_real_row, write_text_row
       procedure, private :: read_integer => dataset_read_integer
+      procedure, private :: read_integer_rows => dataset_read_integer_rows
       procedure, private :: read_real => dataset_read_real
+      procedure, private :: read_real_rows => dataset_read_real_rows
       procedure, private :: read_texts => dataset_read_texts
       procedure, private :: write_integer => dataset_write_integer
       procedure, private :: write_integer_row => dataset_write_integer_row
@@ -69,6 +73,7 @@ module hb_hdf5
       procedure :: add_text => file_add_text
       procedure :: add_texts => file_add_texts
       procedure :: close => file_close
+      procedure :: flush => file_flush
       procedure :: open_dataset => file_open_dataset
    end type h5_file_t
 
@@ -220,6 +225,23 @@ module hb_hdf5
          character(*), intent(in) :: text
          type(error_t), allocatable, intent(out) :: error
       end subroutine dataset_write_text_row
+
+      !> Reads whole rows (all indices but the slowest) that follow each other, as many as there is room for; independent
+      !> of other ranks.
+      module subroutine dataset_read_real_rows(self, first, values, error)
+         class(h5_dataset_t), intent(in) :: self
+         integer, intent(in) :: first                  !! row, from 1
+         real(wp), intent(out), contiguous, target :: values(:, :)
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine dataset_read_real_rows
+
+      !> The same of integers, of a dataset of single numbers.
+      module subroutine dataset_read_integer_rows(self, first, values, error)
+         class(h5_dataset_t), intent(in) :: self
+         integer, intent(in) :: first                  !! row, from 1
+         integer, intent(out), contiguous, target :: values(:)
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine dataset_read_integer_rows
 
       !> Reads the whole dataset.
       module subroutine dataset_read_real(self, values, error)
@@ -386,6 +408,16 @@ contains
       if (allocated(error)) self%id = no_id
       call annotate(error, self%place)
    end subroutine end_opening
+
+   !> Hands on what was written, so that other ranks read it after a barrier; collective.
+   subroutine file_flush(self, error)
+      class(h5_file_t), intent(in) :: self
+      type(error_t), allocatable, intent(out) :: error
+      integer :: status
+
+      call h5fflush_f(self%id, H5F_SCOPE_LOCAL_F, status)
+      call check(status, "flush", error, self%place)
+   end subroutine file_flush
 
    !> Closes the file with all its datasets; safe to call twice.
    subroutine file_close(self, error)

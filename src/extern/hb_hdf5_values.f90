@@ -70,8 +70,26 @@ contains
       type(c_ptr), intent(in) :: address
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: n_rows
-      integer(hsize_t) :: start(size(self%extents)), block(size(self%extents))
       integer(hid_t) :: in_file, in_memory
+      integer :: n, status
+
+      n = 1
+      if (present(n_rows)) n = n_rows
+      call select_rows(self, row, n, n_values, in_file, in_memory, error)
+      if (allocated(error) .or. n_values == 0) return
+      call h5dwrite_f(self%id, memory_type, address, status, in_memory, in_file)
+      call check(status, "write", error, self%place)
+      call h5sclose_f(in_memory, status)
+      call h5sclose_f(in_file, status)
+   end subroutine write_values_of_rows
+
+   !> Selects rows that follow each other, and room for their values in memory; none for no values.
+   subroutine select_rows(self, row, n_rows, n_values, in_file, in_memory, error)
+      class(h5_dataset_t), intent(in) :: self
+      integer, intent(in) :: row, n_rows, n_values
+      integer(hid_t), intent(out) :: in_file, in_memory
+      type(error_t), allocatable, intent(out) :: error
+      integer(hsize_t) :: start(size(self%extents)), block(size(self%extents))
       integer :: last, n, status
 
       n = size(self%extents)
@@ -79,9 +97,8 @@ contains
          call fail(error, self%place//" has no rows")
          return
       end if
-      last = row
-      if (present(n_rows)) last = row + n_rows - 1
-      call check_size(self, n_values, product(self%extents(:n - 1))*(last - row + 1), error)
+      last = row + n_rows - 1
+      call check_size(self, n_values, product(self%extents(:n - 1))*n_rows, error)
       if (allocated(error)) return
       if (row < 1 .or. last > self%extents(n)) then
          call fail(error, self%place//": no row "//to_text(merge(row, last, row < 1))//", there are "//to_text(self%extents(n)))
@@ -91,16 +108,12 @@ contains
       start = 0
       start(n) = row - 1
       block = self%extents
-      block(n) = last - row + 1
+      block(n) = n_rows
       call new_space(in_file, self%extents, status)
       if (status >= 0) call h5sselect_hyperslab_f(in_file, H5S_SELECT_SET_F, start, block, status)
       if (status >= 0) call new_space(in_memory, [int(n_values, hsize_t)], status)
-      if (status >= 0) call h5dwrite_f(self%id, memory_type, address, status, in_memory, in_file)
-      call check(status, "write", error, self%place)
-      if (allocated(error)) return
-      call h5sclose_f(in_memory, status)
-      call h5sclose_f(in_file, status)
-   end subroutine write_values_of_rows
+      call check(status, "select rows of", error, self%place)
+   end subroutine select_rows
 
    ! Reading
 
@@ -111,6 +124,33 @@ contains
    module procedure dataset_read_integer
       call read_all(self, H5T_NATIVE_INTEGER, c_loc(values), size(values), error)
    end procedure dataset_read_integer
+
+   module procedure dataset_read_real_rows
+      call read_values_of_rows(self, first, size(values, 2), H5T_NATIVE_DOUBLE, c_loc(values), size(values), error)
+   end procedure dataset_read_real_rows
+
+   module procedure dataset_read_integer_rows
+      call read_values_of_rows(self, first, size(values), H5T_NATIVE_INTEGER, c_loc(values), size(values), error)
+   end procedure dataset_read_integer_rows
+
+   subroutine read_values_of_rows(self, first, n_rows, memory_type, address, n_values, error)
+      class(h5_dataset_t), intent(in) :: self
+      integer, intent(in) :: first, n_rows, n_values
+      integer(hid_t), intent(in) :: memory_type
+      type(c_ptr), intent(in) :: address
+      type(error_t), allocatable, intent(out) :: error
+      type(c_ptr) :: buffer
+      integer(hid_t) :: in_file, in_memory
+      integer :: status
+
+      call select_rows(self, first, n_rows, n_values, in_file, in_memory, error)
+      if (allocated(error) .or. n_values == 0) return
+      buffer = address
+      call h5dread_f(self%id, memory_type, buffer, status, in_memory, in_file)
+      call check(status, "read", error, self%place)
+      call h5sclose_f(in_memory, status)
+      call h5sclose_f(in_file, status)
+   end subroutine read_values_of_rows
 
    module procedure dataset_read_texts
       integer(hid_t) :: text_type

@@ -71,6 +71,10 @@ module hb_results
       procedure :: crash_place => results_crash_place
       procedure :: flush => results_flush
       procedure :: hold_seconds => results_hold_seconds
+      procedure :: motion_size => results_motion_size
+      procedure :: read_motions => results_read_motions
+      procedure :: share => results_share
+      procedure :: write_branches => results_write_branches
       procedure :: write_point => results_write_point
       procedure :: write_times => results_write_times
    end type results_t
@@ -312,6 +316,52 @@ contains
       end do
       call annotate(error, "times of rank "//to_text(rank))
    end subroutine results_write_times
+
+   !> Writes what is held back, so that every rank may read every point after a barrier; collective.
+   subroutine results_share(self, error)
+      class(results_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      call self%flush(error)
+      if (.not. allocated(error)) call self%file%flush(error)
+   end subroutine results_share
+
+   !> Number of coefficients that tell the motion of a point, at the degrees of freedom of the laws: 0 without laws.
+   pure integer function results_motion_size(self)
+      class(results_t), intent(in) :: self
+      integer :: i
+
+      i = index_of(self, "corrected_coefficients")
+      associate (axes => self%plan%variables(i)%axes)
+         results_motion_size = product(self%plan%axes(axes(:size(axes) - 1))%length)
+      end associate
+   end function results_motion_size
+
+   !> Reads the statuses and motions of points that follow each other; independent of other ranks, after `share`.
+   subroutine results_read_motions(self, first, status, motion, error)
+      class(results_t), intent(in) :: self
+      integer, intent(in) :: first                      !! point, from 1
+      integer, intent(out) :: status(:)                 !! (points)
+      real(wp), intent(out) :: motion(:, :)             !! (motion_size, points)
+      type(error_t), allocatable, intent(out) :: error
+
+      associate (variables => self%plan%variables)
+         call variables(index_of(self, "status"))%dataset%read_rows(first, status, error)
+         if (.not. allocated(error)) &
+            call variables(index_of(self, "corrected_coefficients"))%dataset%read_rows(first, motion, error)
+      end associate
+   end subroutine results_read_motions
+
+   !> Writes the branches of points that follow each other; independent of other ranks.
+   subroutine results_write_branches(self, first, branch, error)
+      class(results_t), intent(in) :: self
+      integer, intent(in) :: first                      !! point, from 1
+      integer, intent(in) :: branch(:)                  !! (points)
+      type(error_t), allocatable, intent(out) :: error
+
+      call self%plan%variables(index_of(self, "branch"))%dataset%write_row(first, branch, error, size(branch))
+      call annotate(error, "result file '"//self%path//"': 'branch'")
+   end subroutine results_write_branches
 
    subroutine put_certificate(self, point, error)
       class(results_t), intent(inout) :: self

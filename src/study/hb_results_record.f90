@@ -26,6 +26,7 @@ module hb_results_record
       integer, allocatable :: status(:)                 !! (n_points), hb_outcome; as the next
       integer, allocatable :: rescue(:)
       integer, allocatable :: is_near_commensurate(:)
+      integer, allocatable :: branch(:)                 !! hb_branches; 0 where that is not known
       real(wp), allocatable :: residual(:)
       real(wp), allocatable :: solve_seconds(:)         !! [s]; NaN for a point not solved, as the next
       real(wp), allocatable :: truncation(:), aliasing(:)
@@ -111,6 +112,7 @@ contains
       end if
       call read_all(file, "rescue", self%rescue, error, self%n_points)
       call read_all(file, "is_near_commensurate", self%is_near_commensurate, error, self%n_points)
+      call read_all(file, "branch", self%branch, error, self%n_points)
       call read_all(file, "residual", self%residual, error, self%n_points)
       call read_all(file, "solve_seconds", self%solve_seconds, error, self%n_points)
       call read_all(file, "truncation_estimate", self%truncation, error, self%n_points)

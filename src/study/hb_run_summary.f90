@@ -19,6 +19,8 @@ module hb_run_summary
       integer :: n_rescued = 0                                        !! points where the direct attempt failed, but others did not
       integer :: n_certified = 0                                      !! points with a certificate
       integer :: n_near_commensurate = 0
+      integer :: n_jumps = 0                                          !! between neighbours, hb_branches
+      integer :: first_jump = 0                                       !! point from 1 to which the first of them leads
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
       real(wp) :: aliasing = 0.0_wp
       real(wp) :: seconds = 0.0_wp

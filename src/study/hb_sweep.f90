@@ -5,6 +5,7 @@
 !> numbers for any number of ranks (with FFTW's planning by estimate, which is the default; measured plans may differ in the
 !> last digit).
 module hb_sweep
+   use hb_branch_marks, only: mark_branches
    use hb_crash_watch, only: begin_point, crash_place_t, end_point, end_watch, watch_crashes
    use hb_error, only: error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
@@ -102,6 +103,8 @@ contains
          call run_points(self, run, options%level, comm, summary, error)
          call end_watch()
          call share_error(comm, error)
+         if (summary%n_left == 0 .and. .not. allocated(error)) &
+            call mark_branches(run%results, self%plan, comm, summary%n_jumps, summary%first_jump, error)
       end if
       call run%results%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)

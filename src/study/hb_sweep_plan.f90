@@ -47,6 +47,7 @@ module hb_sweep_plan
       procedure :: differ_within => sweep_plan_differ_within
       procedure :: describe => sweep_plan_describe
       procedure :: fastest_value => sweep_plan_fastest_value
+      procedure :: is_ordered => sweep_plan_is_ordered
       procedure :: n_fastest => sweep_plan_n_fastest
    end type sweep_plan_t
 
@@ -292,6 +293,34 @@ contains
       end do
       sweep_plan_fastest_value = real(modulo(point - 1, self%n_fastest()), wp)
    end function sweep_plan_fastest_value
+
+   !> Whether neighbours along the axis that runs fastest are neighbours: its parameters are numbers, and each goes up or
+   !> down, one of them from point to point.
+   pure logical function sweep_plan_is_ordered(self)
+      class(sweep_plan_t), intent(in) :: self
+      integer :: i
+      logical :: is_first
+
+      sweep_plan_is_ordered = .false.
+      is_first = .true.
+      do i = 1, size(self%parameters)
+         if (self%parameters(i)%axis < size(self%length)) cycle
+         if (self%parameters(i)%is_text) then
+            sweep_plan_is_ordered = .false.
+            return
+         end if
+         associate (values => self%parameters(i)%values, n => size(self%parameters(i)%values))
+            if (.not. (all(values(2:) >= values(:n - 1)) .or. all(values(2:) <= values(:n - 1)))) then
+               sweep_plan_is_ordered = .false.
+               return
+            end if
+            if (is_first .and. minval(values) < maxval(values)) then  ! that of fastest_value
+               sweep_plan_is_ordered = all(abs(values(2:) - values(:n - 1)) > 0.0_wp)
+               is_first = .false.
+            end if
+         end associate
+      end do
+   end function sweep_plan_is_ordered
 
    !> Whether two points have the same values in a group.
    pure logical function sweep_plan_agree_in(self, group, first, second) result(agree)

@@ -208,7 +208,7 @@ def test_points_with_common_degrees_of_freedom_share_a_file(tmp_path):
     assert np.isfinite(coefficients).all() and not np.array_equal(coefficients[0], coefficients[1])
 
 
-# Points that start from their neighbours
+# Branches, and points that start from their neighbours
 
 DUFFING = """
 &structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,
@@ -247,6 +247,33 @@ def test_whole_line_as_a_chain_follows_the_upper_branch(tmp_path):
     result = solve(DUFFING + "&solver first_guess = 'neighbour', chain_length = 200 /\n", tmp_path)
     amplitude = np.hypot(*read(result, "coefficients")[:, 0, 1, :].T)
     assert amplitude.max() > 2.2
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+@pytest.mark.parametrize("length", [200, 70])
+def test_jumps_are_told_and_stored(length, ranks, tmp_path):
+    """A line falls off the upper branch, in one chain behind its peak, else where the next chain begins below; the line of a
+    small load has one branch. Whoever solved the points."""
+    source = tmp_path / "case.nml"
+    loads = "&sweep parameter = 'load(1)%cos', values = 0.1, 0.001, 0.1 /\n"
+    text = DUFFING.replace("&sweep", loads + "&sweep") + f"&solver first_guess = 'neighbour', chain_length = {length} /\n"
+    source.write_text(text)
+    done = run("solve", source, cwd=tmp_path, ranks=ranks)
+    branch, frequency, x = read(tmp_path / "case.h5", "branch", "tones_frequency", "coefficients")
+    branch = branch.reshape(3, 200)
+    assert branch[0].tolist() == branch[2].tolist() and (branch[1] == 1).all()
+    steps = np.abs(np.diff(np.hypot(*x[:200, 0, 1].T)))
+    assert np.flatnonzero(np.diff(branch[0])).tolist() == np.flatnonzero(steps > 0.1).tolist() == [{200: 170, 70: 69}[length]]
+    first = np.flatnonzero(np.diff(branch[0]))[0] + 1
+    place = f"load(1)%cos = 0.1, tones%frequency = {frequency[first]!s}"
+    assert f"2 jumps between neighbours to another branch of motions (see 'branch'), the first to {place}" in done.stdout
+    told = run("info", tmp_path / "case.h5", cwd=tmp_path).stdout
+    assert f"jumps      to another branch at point {first} ({place})" in told
+
+
+def test_no_branches_without_an_order(tmp_path):
+    result = solve(swept("parameter = 'law(wall)%gap', values = 1.0e-3, 3.0e-3, 2.0e-3"), tmp_path)
+    assert read(result, "branch").tolist() == [0, 0, 0]
 
 
 def test_chain_restarts_after_a_failed_point(tmp_path):

@@ -1,0 +1,80 @@
+!> Marks the branches of a run in its result file, when all of its points are there: a jump is judged by the points on both
+!> sides of it, which different ranks may have solved.
+module hb_branch_marks
+   use hb_branches, only: jumps_between, line_t, new_line
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_mpi, only: barrier, comm_t, max_over, rank_of, share_error, size_of, sum_over
+   use hb_outcome, only: is_solved
+   use hb_results, only: results_t
+   use hb_sweep_plan, only: sweep_plan_t
+   implicit none
+   private
+   public :: mark_branches
+
+   integer, parameter :: most_numbers = 4000000                       ! of motions in memory
+
+contains
+
+   !> Numbers the branches along each line of the sweep and writes them; collective, and an error is the same on all ranks.
+   !> Does nothing where the fastest parameter has no order.
+   subroutine mark_branches(results, plan, comm, n_jumps, first_jump, error)
+      type(results_t), intent(inout) :: results
+      type(sweep_plan_t), intent(in) :: plan
+      type(comm_t), intent(in) :: comm
+      integer, intent(out) :: n_jumps
+      integer, intent(out) :: first_jump                              !! point from 1 to which it leads; 0: there is none
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: branch(:), points(:)
+      integer :: line, n
+
+      n_jumps = 0
+      first_jump = 0
+      if (.not. plan%is_ordered()) return
+      call results%share(error)
+      call share_error(comm, error)
+      if (allocated(error)) return
+      call barrier(comm)
+      n = plan%n_fastest()
+      allocate (branch(n))
+      do line = rank_of(comm), plan%n_points/n - 1, size_of(comm)
+         call number_line(results, plan, line*n, branch, error)
+         if (.not. allocated(error)) call results%write_branches(line*n + 1, branch, error)
+         if (allocated(error)) exit
+         points = jumps_between(branch, n)
+         n_jumps = n_jumps + size(points)
+         if (first_jump == 0 .and. size(points) > 0) first_jump = line*n + points(1)
+      end do
+      call share_error(comm, error)
+      n_jumps = sum_over(comm, n_jumps)
+      if (first_jump == 0) first_jump = huge(1)
+      first_jump = -max_over(comm, -first_jump)
+      if (n_jumps == 0) first_jump = 0
+   end subroutine mark_branches
+
+   !> Numbers the branches of the line behind a point, whose motions are read in pieces.
+   subroutine number_line(results, plan, before, branch, error)
+      type(results_t), intent(in) :: results
+      type(sweep_plan_t), intent(in) :: plan
+      integer, intent(in) :: before                                   !! point
+      integer, intent(out) :: branch(:)                               !! (points of the line)
+      type(error_t), allocatable, intent(out) :: error
+      type(line_t) :: line
+      real(wp), allocatable :: motion(:, :)
+      integer, allocatable :: status(:)
+      integer :: first, i, n
+
+      n = min(size(branch), max(1, most_numbers/max(1, results%motion_size())))
+      allocate (motion(results%motion_size(), n), status(n))
+      call new_line(line, size(branch))
+      do first = 1, size(branch), n
+         n = min(n, size(branch) - first + 1)
+         call results%read_motions(before + first, status(:n), motion(:, :n), error)
+         if (allocated(error)) return
+         do i = 1, n
+            if (is_solved(status(i))) call line%add(first + i - 1, plan%fastest_value(before + first + i - 1), motion(:, i))
+         end do
+      end do
+      call line%number(branch)
+   end subroutine number_line
+end module hb_branch_marks

@@ -1,0 +1,167 @@
+!> Where the motion jumps from one branch of solutions to another along a line of a sweep.
+!>
+!> Between two neighbours the motion x moves with the slope |x_k+1 - x_k|/|p_k+1 - p_k|. A jump is a slope that stands far above
+!> those on both sides of it. How far a smooth response can come is known from the steepest shapes that there are: the slope
+!> across a resonance without damping, x = 1/(p - p0), is at most three times that of either neighbour, however coarse the
+!> points are; across the vertical tangent of a cusp, x = (p - p0)**(1/3), 4.5 times. Where both sides differ much, as before a
+!> fold (steep) and behind the jump (flat), less is needed: the limit is taken of a mean of both that the larger one leads.
+module hb_branches
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_kinds, only: wp
+   implicit none
+   private
+   public :: jumps_between, line_t, new_line
+
+   real(wp), parameter :: least_ratio = 3.0_wp                        ! to the larger slope beside a jump
+   real(wp), parameter :: mean_ratio = 6.0_wp                         ! to larger**(3/4)*smaller**(1/4)
+   real(wp), parameter :: smallest_jump = 1.0e-2_wp                   ! relative to the motion: less is no other branch to anybody
+   real(wp), parameter :: return_ratio = 1.5_wp                       ! slope past points that lie elsewhere, to those beside it
+   integer, parameter :: longest_run = 8                              ! steps to and fro between two branches
+
+   !> The solved points of a line, in their order.
+   type :: line_t
+      private
+      integer :: n = 0
+      integer, allocatable :: point(:)
+      real(wp), allocatable :: parameter(:), norm(:)
+      real(wp), allocatable :: step(:)                                ! to a point from that before it
+      real(wp), allocatable :: cosine(:)                              ! of the angle between this step and that before it
+      real(wp), allocatable :: last(:), direction(:)                  ! the last motion, and the step to it, of length 1
+   contains
+      procedure :: add => line_add
+      procedure :: number => line_number
+   end type line_t
+
+contains
+
+   !> A line without points yet.
+   pure subroutine new_line(self, n_points)
+      type(line_t), intent(out) :: self
+      integer, intent(in) :: n_points                                 !! at most
+
+      allocate (self%point(n_points), self%parameter(n_points), self%norm(n_points), self%step(n_points), self%cosine(n_points))
+   end subroutine new_line
+
+   !> Adds the next solved point.
+   pure subroutine line_add(self, point, parameter, motion)
+      class(line_t), intent(inout) :: self
+      integer, intent(in) :: point                                    !! its place on the line, from 1
+      real(wp), intent(in) :: parameter
+      real(wp), intent(in) :: motion(:)                               !! coefficients; those that it lacks are no numbers
+      real(wp) :: direction(size(motion)), x(size(motion))
+      real(wp) :: cosine, step
+
+      x = 0.0_wp
+      where (ieee_is_finite(motion)) x = motion
+      if (self%n == 0) then
+         self%direction = 0.0_wp*x
+         self%last = x
+      end if
+      direction = x - self%last
+      step = norm2(direction)
+      if (step > 0.0_wp) direction = direction/step
+      cosine = dot_product(direction, self%direction)
+      self%n = self%n + 1
+      self%point(self%n) = point
+      self%parameter(self%n) = parameter
+      self%norm(self%n) = norm2(x)
+      self%step(self%n) = step
+      self%cosine(self%n) = cosine
+      self%direction = direction
+      self%last = x
+   end subroutine line_add
+
+   !> Numbers the branches of a line from 1; 0 where there is no solved point.
+   pure subroutine line_number(self, branch)
+      class(line_t), intent(in) :: self
+      integer, intent(out) :: branch(:)                               !! (points of the line)
+      logical :: is_jump(2:max(2, self%n))
+      integer :: i, number
+
+      branch = 0
+      if (self%n == 0) return
+      call find_jumps(self, is_jump)
+      number = 1
+      branch(self%point(1)) = number
+      do i = 2, self%n
+         if (is_jump(i)) number = number + 1
+         branch(self%point(i)) = number
+      end do
+   end subroutine line_number
+
+   !> Finds the steps that are jumps: single ones, and several in a row that lead to and fro.
+   pure subroutine find_jumps(self, is_jump)
+      type(line_t), intent(in) :: self
+      logical, intent(out) :: is_jump(2:)
+      real(wp) :: after, before, slope(2:max(2, self%n))
+      integer :: i, last, n
+
+      is_jump = .false.
+      n = self%n
+      if (n < 4) return
+      slope = self%step(2:n)/abs(self%parameter(2:n) - self%parameter(:n - 1))
+      i = 2
+      do while (i <= n)
+         do last = i, min(n, i + longest_run - 1)
+            if (last > i) then
+               if (self%cosine(last) > 0.0_wp) exit
+            end if
+            before = slope(max(2, i - 1))
+            after = slope(min(n, last + 1))
+            if (i == 2) before = slope(min(n, last + 2))              ! at an end both stand on one side
+            if (last == n) after = slope(max(2, i - 2))
+            if (last > i .and. (i == 2 .or. last == n)) cycle
+            if (.not. all(is_far_above(slope(i:last), before, after))) cycle
+            if (.not. all(self%step(i:last) > smallest_jump*max(self%norm(i - 1:last - 1), self%norm(i:last)))) cycle
+            if (last == i + 1) then
+               if (.not. returns(self, i, max(before, after))) cycle
+            end if
+            is_jump(i:last) = .true.
+            exit
+         end do
+         i = merge(last + 1, i + 1, is_jump(i))
+      end do
+   end subroutine find_jumps
+
+   !> Whether a slope stands out from those on both sides of it.
+   elemental logical function is_far_above(slope, before, after)
+      real(wp), intent(in) :: slope, before, after
+
+      associate (larger => max(before, after), smaller => min(before, after))
+         is_far_above = slope > least_ratio*larger .and. slope > mean_ratio*larger**0.75_wp*smaller**0.25_wp
+      end associate
+   end function is_far_above
+
+   !> Whether the motion is back on its way after one point elsewhere; behind the peak of a resonance that only one point meets
+   !> it is not, since the phase has turned.
+   pure logical function returns(self, i, slope)
+      type(line_t), intent(in) :: self
+      integer, intent(in) :: i                                        !! the point elsewhere
+      real(wp), intent(in) :: slope                                   !! on either side
+      real(wp) :: across
+
+      associate (there => self%step(i), back => self%step(i + 1))
+         across = sqrt(max(0.0_wp, (there - back)**2 + 2.0_wp*there*back*(1.0_wp + self%cosine(i + 1))))
+      end associate
+      returns = across <= return_ratio*slope*abs(self%parameter(i + 1) - self%parameter(i - 1))
+   end function returns
+
+   !> Points of a sweep, from 1, to which the motion jumps from the solved point before them on their line.
+   pure function jumps_between(branch, line_length) result(points)
+      integer, intent(in) :: branch(:)                                !! of all points
+      integer, intent(in) :: line_length
+      integer, allocatable :: points(:)
+      integer :: i, last
+      logical :: is_jump(size(branch))
+
+      is_jump = .false.
+      last = 0
+      do i = 1, size(branch)
+         if (modulo(i - 1, line_length) == 0) last = 0
+         if (branch(i) == 0) cycle
+         is_jump(i) = last > 0 .and. branch(i) /= last
+         last = branch(i)
+      end do
+      points = pack([(i, i=1, size(branch))], is_jump)
+   end function jumps_between
+end module hb_branches
