@@ -28,9 +28,9 @@ module hb_scene
    !> What makes a solved point count as not good enough.
    type :: certificate_config_t
       logical :: is_on = .true.
-      real(wp) :: truncation = 0.1_wp                                 !! largest estimated error, relative to the motion
-      real(wp) :: aliasing = 0.1_wp                                   !! largest estimated error, relative to the motion
-      real(wp) :: penetration = 0.1_wp                                !! largest, relative to the largest harmonic
+      real(wp) :: truncation = 1.0e-2_wp                              !! largest estimated error, relative to the motion
+      real(wp) :: aliasing = 1.0e-2_wp                                !! largest estimated error, relative to the motion
+      real(wp) :: penetration = 1.0e-2_wp                             !! largest, relative to the largest harmonic
       integer :: improvement_steps = 0                                !! steps towards the motion in a wider set
       real(wp) :: commensurability = 1.0e-3_wp                        !! smallest |k.omega| relative to the largest tone
    end type certificate_config_t

@@ -61,7 +61,7 @@ CONVERGED, TRUNCATED, ALIASED, PENETRATING = 1, 7, 8, 9
 def test_estimate_is_within_a_factor_of_three_of_the_true_error(name, tmp_path):
     scene, orders = CASES[name]
     values = ", ".join(str(order) for order in orders)
-    thresholds = "&certificate truncation = 10.0 /\n"
+    thresholds = "&certificate truncation = 10.0, penetration = 10.0 /\n"
     sweep = f"&harmonics order = 1 /\n&sweep parameter = 'harmonics%order', values = {values} /\n"
     result = solve(scene + thresholds + sweep, tmp_path)
     motion, truncation, aliasing = read(result, "coefficients", "truncation_estimate", "aliasing_estimate")
@@ -96,6 +96,17 @@ def test_thresholds_give_the_status_and_keep_the_coefficients(tmp_path):
     assert (coefficients == coefficients[-1]).all()
 
 
+def test_an_error_above_one_per_cent_is_told_by_default(tmp_path):
+    """The motion against the wall at order 3 is off by 2 %; it is stored all the same."""
+    scene = BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3 /\n&harmonics order = 3 /\n"
+    status, coefficients, estimate = read(
+        solve(scene, tmp_path, status=1), "status", "coefficients", "truncation_estimate"
+    )
+    assert status.tolist() == [TRUNCATED]
+    assert 0.01 < estimate[0] < 0.1
+    assert np.isfinite(coefficients).all()
+
+
 def test_error_of_an_unknown_frequency_is_stored(tmp_path):
     """Free vibration on two springs, 11 : 1, with the frequency 2 w1 w2/(w1 + w2)."""
     scene = "&structure type='matrices', n_dofs=1, mass=1, stiffness=1 /\n&tones unknown=.true. /\n"
@@ -108,6 +119,7 @@ def test_error_of_an_unknown_frequency_is_stored(tmp_path):
 
 def test_powers_balance(tmp_path):
     scene = CASES["rigid wall"][0] + "&harmonics order = 8 /\n"
+    scene += "&certificate penetration = 1.0 /\n"  # of a truncated motion, by 2 %
     names = ("power_in", "power_damping", "power_laws", "truncation_estimate")
     power_in, damping, laws, error = (float(np.sum(values[0])) for values in read(solve(scene, tmp_path), *names))
     assert power_in > 0.0
