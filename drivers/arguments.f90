@@ -1,5 +1,6 @@
 !> The command line of nhbm.
 module arguments
+   use command_table, only: long_name, option_names, options_of, takes_value, verb_names
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -8,11 +9,6 @@ module arguments
    implicit none
    private
    public :: argument_list, arguments_t, default_output, read_arguments, read_numbers
-
-   character(12), parameter :: options(21) = [character(12) :: &
-      "--help", "-h", "--output", "-o", "--overwrite", "--set", "--quiet", "--verbose", "--log-level", &
-      "--resume", "--retry", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", "--machine", "--periods", "--point", &
-      "--budget", "--repeats"]
 
    type :: arguments_t
       character(:), allocatable :: verb
@@ -29,9 +25,11 @@ module arguments
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s]
       integer :: level = log_level%normal                             !! how much to tell
       logical :: wants_help = .false.
+      logical :: wants_version = .false.
       character(:), allocatable :: ranks, cost, cost_from             !! of plan
       character(:), allocatable :: points                             !! of plan their number, of verify a list
       type(string_t), allocatable :: machine(:)                       !! of plan, key=value
+      type(string_t), allocatable :: given(:)                         !! the options that were given, by their long names
    end type arguments_t
 
 contains
@@ -54,55 +52,97 @@ contains
       type(arguments_t), intent(out) :: self
       type(string_t), intent(in) :: words(:)
       type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: closest
+      character(:), allocatable :: name, value
       integer :: i
 
-      allocate (self%overrides(0), self%machine(0))
+      allocate (self%overrides(0), self%machine(0), self%given(0))
       i = 1
       do while (i <= size(words))
-         associate (word => words(i)%value)
-            select case (word)
-            case ("--help", "-h")
-               self%wants_help = .true.
-            case ("--overwrite")
-               self%overwrite = .true.
-            case ("--quiet")
-               self%level = log_level%quiet
-            case ("--verbose")
-               self%level = log_level%verbose
-            case ("--resume")
-               self%resumes = .true.
-            case ("--retry")
-               self%retries = .true.
-            case ("--output", "-o", "--set", "--log-level", "--time-limit", "--ranks", "--points", "--cost", "--cost-from", &
-                  "--machine", "--periods", "--point", "--budget", "--repeats")
+         if (index(words(i)%value, "-") == 1) then
+            call cut_option(words(i)%value, name, value, error)
+            if (allocated(error)) return
+            if (takes_value(name) .and. .not. allocated(value)) then
                i = i + 1
-               if (value_length(words, i) == 0) then
-                  call fail(error, word//" needs a value")
-                  return
-               end if
-               call take_value(self, word, words(i)%value, error)
-               if (allocated(error)) return
-            case default
-               if (index(word, "-") == 1) then
-                  closest = closest_word(word, options)
-                  if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
-                  call fail(error, "unknown option '"//word//"';"//closest//" known: "//join(options, ", "))
-                  return
-               else if (.not. allocated(self%verb)) then
-                  self%verb = word
-               else if (.not. allocated(self%input)) then
-                  self%input = word
-               else
-                  call fail(error, "unexpected argument '"//word//"'; the input file is '"//self%input//"'")
-                  return
-               end if
-            end select
-         end associate
+               value = ""
+               if (i <= size(words)) value = words(i)%value
+            end if
+            call take_option(self, name, value, error)
+         else
+            call take_word(self, words(i)%value, error)
+         end if
+         if (allocated(error)) return
          i = i + 1
       end do
       call check_combination(self, error)
    end subroutine read_arguments
+
+   !> Keeps a word that is no option: the verb, then the file.
+   subroutine take_word(self, word, error)
+      type(arguments_t), intent(inout) :: self
+      character(*), intent(in) :: word
+      type(error_t), allocatable, intent(out) :: error
+
+      if (.not. allocated(self%verb)) then
+         self%verb = word
+      else if (.not. allocated(self%input)) then
+         self%input = word
+      else
+         call fail(error, "unexpected argument '"//word//"'; the input file is '"//self%input//"'")
+      end if
+   end subroutine take_word
+
+   !> Cuts `--name=value`, `--name` or `-n` into the long name and the value, if there is one.
+   subroutine cut_option(word, name, value, error)
+      character(*), intent(in) :: word
+      character(:), allocatable, intent(out) :: name, value
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: closest, given
+      integer :: equals
+
+      equals = 0
+      if (index(word, "--") == 1) equals = index(word, "=")
+      given = word
+      if (equals > 0) then
+         given = word(:equals - 1)
+         value = word(equals + 1:)
+      end if
+      name = long_name(given)
+      if (name == "") then
+         closest = closest_word(given, option_names())
+         if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
+         call fail(error, "unknown option '"//given//"';"//closest//" known: "//join(option_names(), ", "))
+      end if
+   end subroutine cut_option
+
+   !> Keeps what an option says.
+   subroutine take_option(self, name, value, error)
+      type(arguments_t), intent(inout) :: self
+      character(*), intent(in) :: name                                !! the long one
+      character(:), allocatable, intent(in) :: value
+      type(error_t), allocatable, intent(out) :: error
+
+      self%given = [self%given, string_t(name)]
+      if (takes_value(name)) then
+         if (len(value) == 0) then
+            call fail(error, name//" needs a value")
+         else
+            call take_value(self, name, value, error)
+         end if
+         return
+      else if (allocated(value)) then
+         call fail(error, name//" takes no value, there is '"//value//"'")
+         return
+      end if
+      select case (name)
+      case ("--help"); self%wants_help = .true.
+      case ("--version"); self%wants_version = .true.
+      case ("--overwrite"); self%overwrite = .true.
+      case ("--quiet"); self%level = log_level%quiet
+      case ("--verbose"); self%level = log_level%verbose
+      case ("--resume"); self%resumes = .true.
+      case ("--retry"); self%retries = .true.
+      end select
+   end subroutine take_option
 
    !> Keeps the value of an option that has one.
    subroutine take_value(self, option, value, error)
@@ -185,17 +225,23 @@ contains
          call fail(error, "--overwrite makes a new result file, which leaves nothing to resume; give one of them")
       else if (self%retries .and. .not. (is_resume .or. self%resumes)) then
          call fail(error, "--retry solves points of an existing result file again; it goes with resume or --resume")
+      else if (allocated(self%verb)) then
+         if (any(verb_names() == self%verb) .and. .not. self%wants_help) call refuse_others(self, error)
       end if
    end subroutine check_combination
 
-   !> Length of word i, 0 where there is none.
-   pure integer function value_length(words, i)
-      type(string_t), intent(in) :: words(:)
-      integer, intent(in) :: i
+   !> Refuses options that mean nothing to the verb.
+   subroutine refuse_others(self, error)
+      type(arguments_t), intent(in) :: self
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
 
-      value_length = 0
-      if (i <= size(words)) value_length = len(words(i)%value)
-   end function value_length
+      do i = 1, size(self%given)
+         if (any(option_names(self%verb) == self%given(i)%value) .or. self%wants_version) cycle
+         call fail(error, self%verb//" has no option "//self%given(i)%value//"; it has "//options_of(self%verb))
+         return
+      end do
+   end subroutine refuse_others
 
    !> The name of the input without its folder, ending in .h5: results go to the current folder.
    pure function default_output(input) result(path)

@@ -11,9 +11,12 @@ module verb_info
    use hb_namelist, only: document_t
    use hb_outcome, only: outcome, outcome_name, outcome_text
    use hb_results_record, only: open_points, read_record, record_t
+   use hb_run_summary, only: count_kept, found_frequency, run_summary_t
+   use hb_scene_tones, only: read_tones
    use hb_study, only: read_input
    use hb_sweep_plan, only: parameter_units, read_sweep_plan, swept_t, sweep_plan_t
    use hb_text, only: number_of, to_text
+   use hb_tones, only: tones_t
    implicit none
    private
    public :: run_info
@@ -29,6 +32,7 @@ contains
       type(record_t) :: record
       type(document_t), target :: document
       type(sweep_plan_t) :: plan
+      type(tones_t) :: tones
 
       status = success
       if (rank_of(comm) == 0) then
@@ -36,10 +40,13 @@ contains
          if (.not. allocated(error)) &
             call read_input(document, record%input_name, record%input_text, record%overrides, error)
          if (.not. allocated(error)) call read_sweep_plan(plan, document, error)
+         if (.not. allocated(error)) call plan%apply(1, document, error)
+         if (.not. allocated(error)) call read_tones(tones, document, error)
          if (.not. allocated(error)) then
             call write_origin(record, options%input)
             call write_parameters(plan)
             call write_statuses(record)
+            call write_found(record, tones%is_unknown)
             call write_jumps(record, plan)
             call write_worst(record, plan)
             call write_times(record, plan)
@@ -127,6 +134,20 @@ contains
       end do
       if (size(points) > most) call write_fact("", "and "//to_text(size(points) - most)//" more (see 'branch')")
    end subroutine write_jumps
+
+   !> The frequencies of unknown tones.
+   subroutine write_found(record, is_unknown)
+      type(record_t), intent(in) :: record
+      logical, intent(in) :: is_unknown(:)              !! (n_tones)
+      type(run_summary_t) :: summary
+      integer :: i, none(0)
+
+      if (.not. any(is_unknown)) return
+      call count_kept(summary, record, none)
+      do i = 1, size(is_unknown)
+         if (is_unknown(i)) call write_fact("unknown", found_frequency(summary, i))
+      end do
+   end subroutine write_found
 
    !> Where to look first, for statuses that somebody will look for.
    function first_of(name, point) result(text)

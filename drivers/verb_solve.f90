@@ -11,7 +11,7 @@ module verb_solve
    use hb_outcome, only: outcome, outcome_text
    use hb_progress, only: log_level
    use hb_results_record, only: read_record, record_t
-   use hb_run_summary, only: run_summary_t
+   use hb_run_summary, only: found_frequency, run_summary_t
    use hb_signals, only: catch_signals, signal_caught, signal_name
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
@@ -88,7 +88,7 @@ contains
       if (allocated(error)) return
       if (summary%counts(outcome%converged) < summary%n_points) status = not_all_right
       if (summary%n_left > 0) status = incomplete
-      if (is_told) call write_summary(summary, study%plan, path)
+      if (is_told) call write_summary(summary, study%plan, path, study%scene%tones%is_unknown)
       if (is_told .and. options%level >= log_level%verbose) call write_times(summary)
       if (rank_of(comm) == 0 .and. status == incomplete) write (error_unit, "(a)") "nhbm: "//reason(summary)//": "// &
          to_text(summary%n_left)//" points are left; nhbm resume "//path//" solves them"
@@ -119,11 +119,12 @@ contains
       write (output_unit, "(a)") "where the time of the ranks went:", (trim(lines(i)), i=1, size(lines))
    end subroutine write_times
 
-   subroutine write_summary(summary, plan, path)
+   subroutine write_summary(summary, plan, path, is_unknown)
       type(run_summary_t), intent(in) :: summary
       type(sweep_plan_t), intent(in) :: plan
       character(*), intent(in) :: path
-      integer :: status
+      logical, intent(in) :: is_unknown(:)                            !! of each tone
+      integer :: i, status
 
       if (allocated(summary%made_by)) write (output_unit, "(a)") "note: the file was made by "//summary%made_by// &
          ", this is nhbm "//program_version//" ("//git_commit//")"
@@ -135,6 +136,9 @@ contains
       end do
       if (summary%n_rescued > 0) write (output_unit, "(a)") to_text(summary%n_rescued)// &
          " needed more than the direct attempt (see 'rescue' in the results)"
+      do i = 1, size(is_unknown)
+         if (is_unknown(i)) write (output_unit, "(a)") "unknown "//found_frequency(summary, i)
+      end do
       if (summary%n_certified > 0) write (output_unit, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", &
          summary%truncation, " by truncation, ", summary%aliasing, " by aliasing"
       if (summary%n_jumps > 0) write (output_unit, "(a)") number_of(summary%n_jumps, "jump")// &

@@ -6,7 +6,7 @@ module hb_tones
    use hb_text, only: to_text
    implicit none
    private
-   public :: new_tones, tones_t
+   public :: max_tones, new_tones, tones_t
 
    integer, parameter :: max_tones = 10                               ! grids of more would not fit anywhere
 

@@ -27,6 +27,7 @@ module hb_results_record
       integer, allocatable :: rescue(:)
       integer, allocatable :: is_near_commensurate(:)
       integer, allocatable :: branch(:)                 !! hb_branches; 0 where that is not known
+      real(wp), allocatable :: frequency(:, :)          !! [rad/s], (n_tones, n_points)
       real(wp), allocatable :: residual(:)
       real(wp), allocatable :: solve_seconds(:)         !! [s]; NaN for a point not solved, as the next
       real(wp), allocatable :: truncation(:), aliasing(:)
@@ -125,6 +126,18 @@ contains
          call dataset%read(self%tuples, error)
       else
          call fail(error, "there is no memory for dataset 'tuple'")
+      end if
+      if (.not. allocated(error)) call open_column(file, "frequency", dataset, 2, extents, error)
+      if (allocated(error)) return
+      if (any(extents /= [size(self%tuples, 1), self%n_points])) then
+         call fail(error, "dataset 'frequency' has not one number for each tone and point")
+         return
+      end if
+      allocate (self%frequency(extents(1), extents(2)), stat=status)
+      if (status == 0) then
+         call dataset%read(self%frequency, error)
+      else
+         call fail(error, "there is no memory for dataset 'frequency'")
       end if
    end subroutine read_datasets
 

@@ -4,13 +4,15 @@ module hb_run_summary
    use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, max_over, sum_over
-   use hb_outcome, only: outcome_names
+   use hb_outcome, only: is_solved, outcome_names
    use hb_results, only: point_result_t
    use hb_results_record, only: record_t
+   use hb_text, only: to_text
+   use hb_tones, only: max_tones
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: count_kept, count_point, run_summary_t, sum_up
+   public :: count_kept, count_point, found_frequency, run_summary_t, sum_up
 
    !> What a run came to, over all ranks.
    type :: run_summary_t
@@ -23,6 +25,8 @@ module hb_run_summary
       integer :: first_jump = 0                                       !! point from 1 to which the first of them leads
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
       real(wp) :: aliasing = 0.0_wp
+      real(wp) :: lowest(max_tones) = huge(1.0_wp)                    !! frequency of each tone over solved points [rad/s]
+      real(wp) :: highest(max_tones) = 0.0_wp                         !! below the lowest where there is no such point
       real(wp) :: seconds = 0.0_wp
       real(wp), allocatable :: times(:, :)                            !! of all ranks, on rank 0, for hb_timing
       integer :: n_left = 0                                           !! points that the run should have solved and has not
@@ -38,7 +42,7 @@ contains
       type(record_t), intent(in) :: record
       integer, intent(in) :: points(:)                                !! those that are
       logical :: is_kept(record%n_points)
-      integer :: status
+      integer :: i, status
 
       is_kept = .true.
       is_kept(points) = .false.
@@ -47,6 +51,9 @@ contains
       end do
       summary%n_rescued = count(is_kept .and. record%rescue > 0)
       summary%n_near_commensurate = count(is_kept .and. record%is_near_commensurate > 0)
+      do i = 1, record%n_points
+         if (is_kept(i) .and. is_solved(record%status(i))) call count_frequency(summary, record%frequency(:, i))
+      end do
       is_kept = is_kept .and. .not. ieee_is_nan(record%truncation)
       summary%n_certified = count(is_kept)
       summary%truncation = max(0.0_wp, maxval(record%truncation, is_kept))
@@ -66,13 +73,42 @@ contains
       if (result%is_near_commensurate) summary%n_near_commensurate = summary%n_near_commensurate + 1
       summary%truncation = max(summary%truncation, result%certificate%truncation)
       summary%aliasing = max(summary%aliasing, result%certificate%aliasing)
+      if (is_solved(result%status) .and. allocated(result%frequency)) call count_frequency(summary, result%frequency)
    end subroutine count_point
+
+   !> Widens the ranges of the frequencies by those of a point.
+   subroutine count_frequency(summary, frequency)
+      type(run_summary_t), intent(inout) :: summary
+      real(wp), intent(in) :: frequency(:)                            !! [rad/s], (n_tones); NaN where there is none
+
+      associate (lowest => summary%lowest(:size(frequency)), highest => summary%highest(:size(frequency)))
+         where (.not. ieee_is_nan(frequency))
+            lowest = min(lowest, frequency)
+            highest = max(highest, frequency)
+         end where
+      end associate
+   end subroutine count_frequency
+
+   !> Says at which frequency, or between which, an unknown tone was found.
+   function found_frequency(summary, tone) result(text)
+      type(run_summary_t), intent(in) :: summary
+      integer, intent(in) :: tone
+      character(:), allocatable :: text
+      character(24) :: lowest, highest
+
+      text = "tone "//to_text(tone)//" was not found"
+      if (summary%highest(tone) < summary%lowest(tone)) return
+      write (lowest, "(g0.8)") summary%lowest(tone)
+      write (highest, "(g0.8)") summary%highest(tone)
+      text = "tone "//to_text(tone)//" at "//trim(lowest)//" rad/s"
+      if (lowest /= highest) text = "tone "//to_text(tone)//" from "//trim(lowest)//" to "//trim(highest)//" rad/s"
+   end function found_frequency
 
    !> Turns what each rank counted into what all ranks did.
    subroutine sum_up(summary, comm)
       type(run_summary_t), intent(inout) :: summary
       type(comm_t), intent(in) :: comm
-      integer :: status
+      integer :: i, status
 
       do status = lbound(summary%counts, 1), ubound(summary%counts, 1)
          summary%counts(status) = sum_over(comm, summary%counts(status))
@@ -82,5 +118,9 @@ contains
       summary%n_near_commensurate = sum_over(comm, summary%n_near_commensurate)
       summary%truncation = max_over(comm, summary%truncation)
       summary%aliasing = max_over(comm, summary%aliasing)
+      do i = 1, max_tones
+         summary%lowest(i) = -max_over(comm, -summary%lowest(i))
+         summary%highest(i) = max_over(comm, summary%highest(i))
+      end do
    end subroutine sum_up
 end module hb_run_summary

@@ -1,0 +1,195 @@
+!> The verbs and options of nhbm, each written once: what the command line may have, and what the help says.
+module command_table
+   use, intrinsic :: iso_fortran_env, only: output_unit
+   use hb_text, only: join, split, string_t
+   implicit none
+   private
+   public :: long_name, option_names, options_of, takes_value, verb_names, write_help
+
+   type :: verb_t
+      character(9) :: name
+      character(6) :: argument
+      character(240) :: text
+   end type verb_t
+
+   type :: option_t
+      character(12) :: name
+      character(2) :: short
+      character(11) :: value                            !! what stands behind; blank: nothing
+      character(64) :: verbs                            !! that have it, separated by blanks
+      character(200) :: text
+   end type option_t
+
+   type(verb_t), parameter :: verbs(10) = [ &
+      verb_t("solve", "INPUT", "solve all points of a namelist file, write an HDF5 file"), &
+      verb_t("resume", "RESULT", "solve the points that an ended run has left in its result file"), &
+      verb_t("info", "RESULT", "what a result file holds, whether it is complete"), &
+      verb_t("check", "INPUT", "read the input, every point of it, say what it asks for, and compare the derivatives of "// &
+         "its laws with differences of their forces"), &
+      verb_t("plan", "INPUT", "say how large the result becomes and how the run would go on many ranks (docs/user/cluster.md)"), &
+      verb_t("bench", "INPUT", "solve each point from nothing again and again, and time its kernels (residual, tangent, "// &
+         "Newton step, solution) beside bare transforms and LU of the same size; nhbm-post work-precision, convergence, cost "// &
+         "and bench draw"), &
+      verb_t("march", "INPUT", "follow the motion through time as &march says, write an HDF5 record"), &
+      verb_t("verify", "RESULT", "march from the points of a result file and say whether their motions stay"), &
+      verb_t("version", "", "version and commit; also --version"), &
+      verb_t("help", "", "this text; nhbm help VERB and nhbm VERB --help tell of one verb")]
+
+   character(*), parameter :: all_verbs = "solve resume info check plan bench march verify"
+
+   type(option_t), parameter :: options(22) = [ &
+      option_t("--output", "-o", "FILE", "solve bench march", &
+         "file of results; default: name of the input, ending in .h5, in the current folder"), &
+      option_t("--output", "-o", "FILE", "plan", "write the table as comma-separated values too, for nhbm-post plan"), &
+      option_t("--overwrite", "", "", "solve bench march", "replace the file of results if there is one"), &
+      option_t("--resume", "", "", "solve", "go on with the result file if there is one; the input must be the same"), &
+      option_t("--retry", "", "", "solve resume", "when going on: also solve again the points that did not converge"), &
+      option_t("--time-limit", "", "SECONDS", "solve resume", &
+         "begin no point that would end later, as long as the longest so far"), &
+      option_t("--set", "", "PATH=VALUE", "solve check plan bench march", "change one input value, such as law(1)%gap=1.5e-3 "// &
+         "or solver%method='broyden'; may be given several times"), &
+      option_t("--quiet", "", "", all_verbs, "errors alone: neither progress nor summary; as --log-level quiet"), &
+      option_t("--verbose", "", "", all_verbs, "also where the time of each rank went; as --log-level verbose"), &
+      option_t("--log-level", "", "LEVEL", all_verbs, &
+         "quiet, normal (progress, summary, warnings), verbose, debug (also a line a point)"), &
+      option_t("--point", "", "N", "march", "the point of a sweep to be followed, from 0"), &
+      option_t("--points", "", "N,N,...", "verify", "the points to start from; default: all that are solved"), &
+      option_t("--periods", "", "N", "verify", "length of each march in periods of the slowest tone"), &
+      option_t("--budget", "", "SECONDS", "bench", "time spent on each kernel of each point, 0.5 by default; 0: no kernels"), &
+      option_t("--repeats", "", "N", "bench", "solutions of each point, 3 by default"), &
+      option_t("--ranks", "", "N,N,...", "plan", "numbers of ranks; default: 1 to 100000 by tens"), &
+      option_t("--points", "", "N", "plan", "points, in place of those of the input"), &
+      option_t("--cost-from", "", "FILE", "plan", "seconds of the points of a result file, in their order"), &
+      option_t("--cost", "", "MEAN,SPREAD", "plan", "seconds of a point, and the standard deviation of its logarithm"), &
+      option_t("--machine", "", "KEY=VALUE", "plan", "latency, counter_rate, write_latency, write_rate, bandwidth, hold, "// &
+         "group_size; may be given several times"), &
+      option_t("--help", "-h", "", all_verbs//" version help", "this text"), &
+      option_t("--version", "", "", "version", "version and commit")]
+
+   integer, parameter :: column_of_text = 31, width = 118
+
+contains
+
+   !> Names of the verbs.
+   pure function verb_names() result(names)
+      character(9) :: names(size(verbs))
+
+      names = verbs%name
+   end function verb_names
+
+   !> Names of the options of a verb, of all without one; long and short ones, each once.
+   pure function option_names(verb) result(names)
+      character(*), intent(in), optional :: verb
+      character(12), allocatable :: names(:)
+      integer :: i
+
+      allocate (names(0))
+      do i = 1, size(options)
+         if (present(verb)) then
+            if (.not. has(options(i), verb)) cycle
+         end if
+         if (any(names == options(i)%name)) cycle
+         names = [names, options(i)%name]
+         if (options(i)%short /= "") names = [names, [character(12) :: options(i)%short]]
+      end do
+   end function option_names
+
+   !> Options of a verb as a message lists them.
+   pure function options_of(verb) result(text)
+      character(*), intent(in) :: verb
+      character(:), allocatable :: text
+
+      text = join(option_names(verb), ", ")
+   end function options_of
+
+   !> The long name of an option that may be given by its short one; empty where it is unknown.
+   pure function long_name(name) result(long)
+      character(*), intent(in) :: name
+      character(:), allocatable :: long
+      integer :: i
+
+      long = ""
+      do i = 1, size(options)
+         if (name /= "" .and. (options(i)%name == name .or. options(i)%short == name)) long = trim(options(i)%name)
+      end do
+   end function long_name
+
+   !> Whether a value stands behind an option.
+   pure logical function takes_value(name)
+      character(*), intent(in) :: name                  !! a long one
+
+      takes_value = any(options%name == name .and. options%value /= "")
+   end function takes_value
+
+   pure logical function has(option, verb)
+      type(option_t), intent(in) :: option
+      character(*), intent(in) :: verb
+
+      has = index(" "//trim(option%verbs)//" ", " "//trim(verb)//" ") > 0
+   end function has
+
+   !> Writes the help of one verb, or of all when it names none.
+   subroutine write_help(verb)
+      character(*), intent(in) :: verb
+      logical :: is_one
+      integer :: i
+
+      is_one = any(verbs%name == verb .and. verbs%argument /= "")
+      if (.not. is_one) write (output_unit, "(a)") &
+         "nhbm finds the steady vibration of structures with contact and other strong nonlinearities", &
+         "under several tones, by the n-dimensional harmonic balance method.", ""
+      do i = 1, size(verbs)
+         if (is_one .and. verbs(i)%name /= verb) cycle
+         call write_entry(merge("usage: nhbm ", "       nhbm ", i == 1 .or. is_one)//trim(verbs(i)%name)//" "// &
+            trim(verbs(i)%argument)//merge(" [options]", "          ", verbs(i)%argument /= ""), verbs(i)%text, 42)
+      end do
+      if (.not. is_one .or. verb == "solve") &
+         call write_entry("       mpirun -n 4 nhbm solve INPUT", "the same, points spread over 4 ranks", 42)
+      write (output_unit, "(a)") "", "options:"
+      do i = 1, size(options)
+         if (is_one .and. .not. has(options(i), verb)) cycle
+         call write_entry("  "//merge(options(i)%short//", ", "    ", options(i)%short /= "")//trim(options(i)%name)//" "// &
+            options(i)%value, trim(verbs_before(options(i), is_one))//" "//options(i)%text, column_of_text)
+      end do
+      write (output_unit, "(a)") "", &
+         "exit status: 0 all points converged, 1 some did not (their status is in the file), a derivative is wrong or", &
+         "             marching does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
+         "             limit came first; resume solves them.", &
+         "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run once the points in flight are solved, a second one at once.", &
+         "BLAS works with one thread unless OPENBLAS_NUM_THREADS says otherwise. docs/user/input.md lists the keys of the", &
+         "input, docs/user/schema.md the results."
+   end subroutine write_help
+
+   !> The verbs of an option, where the help tells of all verbs and not all have it.
+   pure function verbs_before(option, is_one) result(text)
+      type(option_t), intent(in) :: option
+      logical, intent(in) :: is_one
+      character(:), allocatable :: text
+      type(string_t), allocatable :: words(:)
+
+      text = ""
+      if (is_one .or. index(option%verbs, all_verbs) == 1 .or. option%verbs == "version") return
+      call split(trim(option%verbs), " ", words)
+      text = join(words, ", ")//":"
+   end function verbs_before
+
+   !> Writes a name and, from a column on, words wrapped to the width of the help.
+   subroutine write_entry(name, text, column)
+      character(*), intent(in) :: name, text
+      integer, intent(in) :: column                     !! of the text
+      type(string_t), allocatable :: words(:)
+      character(:), allocatable :: line
+      integer :: i
+
+      line = name//repeat(" ", max(0, column - 1 - len(name)))
+      call split(trim(adjustl(text)), " ", words)
+      do i = 1, size(words)
+         if (len_trim(line) > 0 .and. len(line) + len(words(i)%value) > width) then
+            write (output_unit, "(a)") trim(line)
+            line = repeat(" ", column - 1)
+         end if
+         line = line//words(i)%value//" "
+      end do
+      write (output_unit, "(a)") trim(line)
+   end subroutine write_entry
+end module command_table

@@ -1,0 +1,104 @@
+"""What the command line takes, and that the worked example of docs/user/input.md prints what the page shows."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from program import ALL_CONVERGED, BAD_INPUT, read, run
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "user" / "input.md"
+VERBS = ("solve", "resume", "info", "check", "plan", "bench", "march", "verify")
+
+OSCILLATOR = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
+&tones frequency = 1.5 /
+&harmonics order = 3 /
+&load dof = 'x1', tuple = 1, cos = 1.0 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /
+"""
+VAN_DER_POL = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.0, stiffness = 1.0 /
+&tones unknown = .true. /
+&harmonics order = 7 /
+&law type = 'van_der_pol', dof = 'x1', strength = 0.5 /
+"""
+
+
+def test_version_is_an_option_too(tmp_path):
+    assert run("--version", cwd=tmp_path) == run("version", cwd=tmp_path)
+    assert run("solve", "--version", cwd=tmp_path).stdout.startswith("nhbm ")
+
+
+def test_values_may_stand_behind_an_equals_sign(tmp_path):
+    (tmp_path / "case.nml").write_text(OSCILLATOR)
+    words = ("--set=tones%frequency=2.5", "--set", "law(1)%stiffness=0.2", "--output=other.h5", "--log-level=quiet")
+    done = run("solve", "case.nml", *words, cwd=tmp_path)
+    assert (done.status, done.stdout, done.stderr) == (ALL_CONVERGED, "", "")
+    assert read(tmp_path / "other.h5", "frequency")[0, 0] == 2.5
+    assert b"stiffness = 0.2" in bytes(read(tmp_path / "other.h5", "input_complete"))
+
+
+@pytest.mark.parametrize(
+    "words, says",
+    [
+        (("solve", "case.nml", "--overwrite=yes"), "--overwrite takes no value, there is 'yes'"),
+        (("solve", "case.nml", "--output="), "--output needs a value"),
+        (("solve", "case.nml", "--ouput=x.h5"), "unknown option '--ouput'; did you mean '--output'?"),
+        (("info", "case.h5", "--set", "a%b=1"), "info has no option --set; it has --quiet"),
+        (("verify", "case.h5", "--overwrite"), "verify has no option --overwrite; it has --quiet"),
+        (("march", "case.nml", "--points=1"), "march has no option --points; it has --output, -o, --overwrite"),
+    ],
+)
+def test_what_an_option_is_not(tmp_path, words, says):
+    done = run(*words, cwd=tmp_path)
+    assert (done.status, done.stdout) == (BAD_INPUT, "")
+    assert len(done.messages) == 1 and done.messages[0].startswith(says), done.stderr
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_each_verb_has_its_help(tmp_path, verb):
+    done = run(verb, "--help", cwd=tmp_path)
+    assert (done.status, done.stderr) == (ALL_CONVERGED, "")
+    assert done == run("help", verb, cwd=tmp_path)
+    assert done.stdout.startswith(f"usage: nhbm {verb} ")
+    assert re.findall(r"nhbm (\w+) (?:INPUT|RESULT)", done.stdout.split("options:")[0]).count(verb) >= 1
+    assert ("--machine" in done.stdout) == (verb == "plan")
+    assert ("--set" in done.stdout) == (verb in ("solve", "check", "plan", "bench", "march"))
+    assert max(map(len, done.stdout.splitlines())) <= 120
+
+
+def test_the_page_knows_all_options(tmp_path):
+    """The table of docs/user/input.md and the help name the same options."""
+    section = PAGE.read_text(encoding="utf-8").split("## Command line and exit status")[1]
+    options = set(re.findall(r"`(--[a-z-]+)", section.split("| exit status |")[0]))
+    assert options == set(re.findall(r"(--[a-z-]+)", run("help", cwd=tmp_path).stdout.split("options:")[1]))
+
+
+def test_frequencies_that_were_unknown_are_told(tmp_path):
+    (tmp_path / "case.nml").write_text(VAN_DER_POL + "&sweep parameter = 'law(1)%strength', values = 0.5, 1.0 /\n")
+    done = run("solve", "case.nml", cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stderr
+    low, high = sorted(read(tmp_path / "case.h5", "frequency")[:, 0])
+    found = re.search(r"^unknown tone 1 from (\S+) to (\S+) rad/s$", done.stdout, re.MULTILINE)
+    assert found, done.stdout
+    assert [float(word) for word in found.groups()] == pytest.approx([low, high], rel=1e-7)
+    assert f"unknown    tone 1 from {found.group(1)} to {found.group(2)} rad/s\n" in run("info", "case.h5", cwd=tmp_path).stdout
+    done = run("solve", "case.nml", "-o", "one.h5", "--set", "sweep(1)%values=0.5", cwd=tmp_path)
+    assert re.search(r"^unknown tone 1 at \d\.\d+ rad/s$", done.stdout, re.MULTILINE), done.stdout
+
+
+def test_worked_example_prints_what_the_page_shows(tmp_path):
+    """`...` on the page stands for anything, such as the memory of the machine, or the rounding errors of a check."""
+    section = PAGE.read_text(encoding="utf-8").split("## A worked example")[1].split("\n## ")[0]
+    text = re.search(r"```fortran\n(.*?)```", section, re.DOTALL).group(1)
+    console = re.search(r"```console\n(.*?)```", section, re.DOTALL).group(1)
+    (tmp_path / "wall.nml").write_text(text)
+    for block in console.removeprefix("$ ").split("\n$ "):
+        command, _, shown = block.partition("\n")
+        words = shlex.split(command)
+        ranks = int(words[words.index("-n") + 1]) if words[0] == "mpirun" else None
+        done = run(*words[words.index("nhbm") + 1 :], cwd=tmp_path, ranks=ranks)
+        assert done.status == ALL_CONVERGED, done.stderr
+        pattern = ".*?".join(re.escape(part) for part in shown.strip("\n").split("..."))
+        assert re.fullmatch(pattern, done.stdout.strip("\n")), f"{command}\nprints\n{done.stdout}\nthe page shows\n{shown}"
