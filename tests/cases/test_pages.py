@@ -1,0 +1,97 @@
+"""The pages of the documentation: links that lead somewhere, an index of all, commands that work."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+from pathlib import Path
+
+import pytest
+from program import ALL_CONVERGED, NOT_ALL_CONVERGED, run
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("postproc/*.md")])
+CONVERGENCE = (ROOT / "docs" / "user" / "convergence.md").read_text(encoding="utf-8")
+
+SCENE = """&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0
+   damping_mass = 0.1 /
+&tones frequency = 1.2 /
+&harmonics order = 7 /
+&load dof = 'x1', tuple = 1, cos = 1.0 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 1.0 /
+&sweep parameter = 'solver%max_iterations', values = 50, 0 /
+"""
+
+
+def without_code(page: Path) -> str:
+    return re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors that a reader of Markdown gives to the headings."""
+    headings = re.findall(r"^#+ (.*)$", without_code(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", without_code(page)):
+        if target.startswith(("http:", "https:")):
+            continue
+        name, _, anchor = target.partition("#")
+        file = (page.parent / name).resolve() if name else page
+        assert file.exists(), f"{page.relative_to(ROOT)}: there is no {target}"
+        if anchor and file.suffix == ".md":
+            assert anchor in anchors(file), f"{page.relative_to(ROOT)}: {target}: no such heading"
+
+
+def test_index_lists_every_page():
+    index = ROOT / "docs" / "README.md"
+    listed = {(index.parent / name).resolve() for name in re.findall(r"\]\(([^)#]+)\)", index.read_text(encoding="utf-8"))}
+    missing = [page.name for page in PAGES if page.parent.name in ("user", "develop") and page not in listed]
+    assert not missing, f"docs/README.md does not list {', '.join(missing)}"
+
+
+def test_license_is_told_where_it_is_looked_for():
+    assert "GNU GENERAL PUBLIC LICENSE\n                       Version 3" in (ROOT / "LICENSE").read_text(encoding="utf-8")
+    for name in ("README.md", "CITATION.cff", "CONTRIBUTING.md", "postproc/pyproject.toml"):
+        assert "GPL-3.0-or-later" in (ROOT / name).read_text(encoding="utf-8"), name
+    version = re.search(r"project\(nhbm VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")).group(1)
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_every_status_has_its_advice():
+    source = (ROOT / "src" / "solve" / "hb_outcome.f90").read_text(encoding="utf-8")
+    names = re.findall(r"\"(\w+)\"", re.search(r"outcome_names\(0:\d+\) = \[(.*?)\]", source, re.DOTALL).group(1))
+    assert "stalled" in names
+    missing = [name for name in names if f"`{name}`" not in CONVERGENCE]
+    assert not missing, f"docs/user/convergence.md says nothing of {', '.join(missing)}"
+
+
+def test_settings_of_the_advice_are_accepted(tmp_path):
+    (tmp_path / "case.nml").write_text(SCENE)
+    settings = re.findall(r"--set (\"[^\"]+\"|[^\s`]+)", CONVERGENCE)
+    groups = re.findall(r"^ {7}(&.*/)$", CONVERGENCE, re.MULTILINE)
+    assert len(settings) >= 3 and len(groups) >= 2
+    done = run("check", "case.nml", *(f"--set={text.strip(chr(34))}" for text in settings), cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stderr
+    (tmp_path / "chain.nml").write_text(SCENE.split("&sweep")[0] + "\n".join(groups) + "\n")
+    done = run("check", "chain.nml", cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stderr
+
+
+def test_messages_are_read_as_the_page_says(tmp_path):
+    (tmp_path / "sweep.nml").write_text(SCENE)
+    done = run("solve", "sweep.nml", "--set", "solver%rescue=.false.", cwd=tmp_path)
+    assert done.status == NOT_ALL_CONVERGED, done.stderr
+    code = re.search(r"```python\n(.*?)```", CONVERGENCE, re.DOTALL).group(1)
+    before, printed = os.getcwd(), io.StringIO()
+    os.chdir(tmp_path)
+    try:
+        with contextlib.redirect_stdout(printed):
+            exec(compile(code, "convergence.md", "exec"), {})
+    finally:
+        os.chdir(before)
+    assert re.fullmatch(r"1 3 .*\n", printed.getvalue()), printed.getvalue()
