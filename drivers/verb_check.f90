@@ -68,7 +68,7 @@ contains
          law_dofs = law_dofs_of(scene%laws)
          write (output_unit, "(a)") "points      "//to_text(study%plan%n_points)
          do i = 1, size(study%plan%parameters)
-            write (output_unit, "(a)") "sweep       "//study%plan%parameters(i)%path
+            write (output_unit, "(a)") "swept       "//study%plan%parameters(i)%describe()
          end do
          write (output_unit, "(a)") "structure   "//to_text(scene%structure%n_dofs)//" degrees of freedom"
          write (output_unit, "(a, *(a, :, ', '))") "tones       ", &

@@ -14,7 +14,7 @@ module verb_info
    use hb_run_summary, only: count_kept, found_frequency, run_summary_t
    use hb_scene_tones, only: read_tones
    use hb_study, only: read_input
-   use hb_sweep_plan, only: parameter_units, read_sweep_plan, swept_t, sweep_plan_t
+   use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: number_of, to_text
    use hb_tones, only: tones_t
    implicit none
@@ -79,28 +79,10 @@ contains
       integer :: i
 
       do i = 1, size(plan%parameters)
-         call write_fact("swept", range_text(plan%parameters(i)))
+         call write_fact("swept", plan%parameters(i)%describe())
       end do
       if (size(plan%parameters) == 0) call write_fact("swept", "nothing")
    end subroutine write_parameters
-
-   !> Path, number of values, range and units of a swept parameter.
-   function range_text(parameter) result(text)
-      type(swept_t), intent(in) :: parameter
-      character(:), allocatable :: text, units
-
-      text = parameter%path//": "
-      if (parameter%is_text) then
-         text = text//number_of(size(parameter%texts), "value")//", '"//parameter%texts(1)%value//"' to '"// &
-            parameter%texts(size(parameter%texts))%value//"'"
-      else
-         units = parameter_units(parameter%path)
-         if (len(units) > 0 .and. units /= "1") units = " "//units
-         if (units == "1") units = ""
-         text = text//number_of(size(parameter%values), "value")//", "//to_text(minval(parameter%values))//" to "// &
-            to_text(maxval(parameter%values))//units
-      end if
-   end function range_text
 
    subroutine write_statuses(record)
       type(record_t), intent(in) :: record

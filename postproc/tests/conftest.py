@@ -53,15 +53,15 @@ def single(path, n_tones, order=3, seed=2, **more):
     return write_results(path, tuples, [np.sqrt([2.0, 3.0, 5.0, 7.0])[:n_tones]], coefficients, **more)
 
 
-def walled(path, n_tones, n_samples=16, order=3, **more):
-    """One converged point with stored surfaces, the corrected one cut at a wall."""
+def walled(path, n_tones, n_samples=16, order=3, has_samples=True, **more):
+    """One converged point cut at a wall, with stored surfaces unless told otherwise."""
     tuples = box(n_tones, order)
     coefficients = random_coefficients(3, 1, 1, tuples)
     axes = [2.0 * np.pi * np.arange(n_samples) / n_samples] * n_tones
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     phase = grid @ tuples.T
     surface = np.cos(phase) @ coefficients[0, 0, :, 0] + np.sin(phase) @ coefficients[0, 0, :, 1]
-    wall = 0.7 * surface.max()
+    wall = surface.max() - 0.3 * np.ptp(surface)
     cut = np.minimum(surface, wall)
     corrected = np.stack(
         [(cut[..., None] * f(phase)).mean(axis=tuple(range(n_tones))) for f in (np.cos, np.sin)], axis=-1
@@ -73,9 +73,15 @@ def walled(path, n_tones, n_samples=16, order=3, **more):
         [np.sqrt([2.0, 3.0, 5.0])[:n_tones]],
         coefficients,
         corrected=corrected[None, None],
-        samples=surface.T[None, None],
-        corrected_samples=cut.T[None, None],
-        force_samples=0.0 * surface.T[None, None],
+        **(
+            {
+                "samples": surface.T[None, None],
+                "corrected_samples": cut.T[None, None],
+                "force_samples": 0.0 * surface.T[None, None],
+            }
+            if has_samples
+            else {}
+        ),
         penetration=[surface.max() - wall],
         **more,
     )

@@ -124,7 +124,7 @@ def test_a_plateau_is_left_out():
 
 def test_few_points_give_no_rate():
     assert convergence_rate(ORDERS[:2], np.array([1e-1, 1e-2])) is None
-    assert cost_exponent(ORDERS[:2], np.array([1.0, 2.0])) is None
+    assert not cost_exponent(ORDERS[:2], np.array([1.0, 2.0]))
 
 
 def test_cost_looks_at_the_larger_half():
@@ -165,6 +165,34 @@ def test_exponents_are_those_of_the_kernels(ladder):
     assert exponents["tangent"].exponent == pytest.approx(2.0, abs=1e-9)
     assert exponents["residual"].exponent == pytest.approx(1.0, abs=1e-9)
     assert 7 not in exponents["solution"].points
+
+
+def change(path, **columns):
+    with h5py.File(path, "r+") as file:
+        for name, values in columns.items():
+            file[name][...] = values
+
+
+def test_what_has_no_place_on_logarithmic_axes_is_told(ladder, capsys):
+    times = np.array([0.0, 1e-7, 4e-7, 16e-7] * 2)
+    change(ladder, kernel_tangent_seconds=times, harmonics_order=[0.0, 2.0, 4.0, 8.0] * 2)
+    assert main(["bench", str(ladder), "--over", "harmonics%order"]) == 0
+    told = capsys.readouterr().out
+    assert "2 points with harmonics%order = 0 or less not drawn: the axis is logarithmic" in told
+    fig, _, notes = draw.draw_bench(Bench(ladder), "n_unknowns")
+    assert notes == ["2 points of tangent with a time of 0 not drawn"]
+    assert any(notes[0] in text.get_text() for text in fig.texts)
+
+
+def test_noise_makes_no_exponent(ladder, capsys):
+    change(ladder, kernel_residual_seconds=[1e-6, 3e-6, 1e-6, 2.5e-6] * 2, n_harmonics=[100, 101, 102, 103] * 2)
+    exponents = dict(draw.draw_bench(Bench(ladder), "n_unknowns")[1])
+    assert not exponents["residual"] and "scatter too much" in exponents["residual"].reason
+    assert exponents["tangent"].exponent == pytest.approx(2.0, abs=1e-9)
+    exponents = dict(draw.draw_bench(Bench(ladder), "n_harmonics")[1])
+    assert not any(exponents.values()) and "the sizes span a factor of 1.03 alone" in exponents["tangent"].reason
+    assert main(["bench", str(ladder), "--over", "n_harmonics"]) == 0
+    assert "tangent: no exponent, the sizes span" in capsys.readouterr().out
 
 
 def test_sizes_by_column_and_by_path(ladder):

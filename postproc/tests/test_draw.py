@@ -7,7 +7,8 @@ from matplotlib.image import imread
 from synthetic import write_results
 
 from nhbm_post import Results, UsageError
-from nhbm_post.draw import draw_correction, draw_response, draw_rotor, draw_spectrum, draw_time, save
+from nhbm_post.cli import main
+from nhbm_post.draw import draw_correction, draw_rotor, draw_spectrum, draw_time, save
 from nhbm_post.draw.rotor import CASING, DISK, RotorStator, mean_radius
 from nhbm_post.draw.style import unit_scale
 from nhbm_post.draw.time_history import Record, read_record
@@ -34,13 +35,30 @@ def _legend_texts(ax):
 @pytest.mark.parametrize("view", ["surface", "map"])
 @pytest.mark.parametrize("is_stored", [True, False])
 def test_correction(tmp_path, n_tones, view, is_stored):
-    path = (walled if is_stored else single)(tmp_path / "a.h5", n_tones)
+    path = walled(tmp_path / "a.h5", n_tones, has_samples=is_stored)
     with Results(path) as results:
         fig = draw_correction(results, 0, view=view, n_samples=24)
     assert_picture(fig, tmp_path / "a.png")
     source = "as stored by the run" if is_stored else "summed from the stored coefficients"
     assert source in texts_of(fig)
     assert ("section tau_3 = 0" in texts_of(fig)) == (n_tones == 3)
+
+
+@pytest.mark.parametrize(
+    "groups, why",
+    [
+        ("", "no law of this scene is a rigid contact"),
+        ("&law\n   type = 'rigid_wall'\n/\n", "the rigid contact at it is not reached"),
+        ("&law\n   type = 'blade_contact'\n   contact = 'rigid'\n/\n", "the rigid contact at it is not reached"),
+    ],
+)
+def test_correction_says_where_there_is_none(tmp_path, groups, why):
+    """Instead of four panels of which two are equal to the other two."""
+    with (
+        Results(single(tmp_path / "a.h5", 2, input_groups=groups)) as results,
+        pytest.raises(UsageError, match=f"nothing is corrected in the motion of 'v3' at point 0, since {why}"),
+    ):
+        draw_correction(results, 0)
 
 
 def test_map_hatches_the_redundant_half(tmp_path):
@@ -116,46 +134,6 @@ def test_record_of_many_forms(tmp_path, text):
     record = read_record(path, "v3")
     np.testing.assert_array_equal(record.t, [0.0, 1.0])
     np.testing.assert_array_equal(record.x, [1.0, 3.0])
-
-
-def test_response_breaks_at_unconverged_points(sweep, tmp_path):
-    with Results(sweep) as results:
-        fig = draw_response(results, "v3", measure="rms", over="law_1_gap")
-        expected = [results.series(point, "v3").rms for point in range(3)]
-        factor, _ = unit_scale(max(expected), "m")
-    newton, broyden = sorted(fig.axes[0].lines[:2], key=lambda line: np.isnan(line.get_ydata()).any())
-    np.testing.assert_allclose(newton.get_ydata(), factor * np.array(expected))
-    assert np.isnan(broyden.get_ydata()).all()
-    assert "not converged: 2 of 6 (1 failed, 1 stalled)" in texts_of(fig)
-    assert "not solved yet: 1 of 6" in texts_of(fig)
-    failed = next(line for line in fig.axes[0].lines if "not converged" in str(line.get_label()))
-    assert failed.get_fillstyle() == "none" and failed.get_linestyle() == "None"
-    np.testing.assert_allclose(failed.get_xdata(), [1.0, 1.5])
-    assert_picture(fig, tmp_path / "a.png")
-
-
-@pytest.mark.parametrize(
-    "options", [{}, {"measure": "rms"}, {"measure": "harmonic", "j": (3, 0)}, {"over": "solver_method"}]
-)
-def test_response_measures(sweep, tmp_path, options):
-    with Results(sweep) as results:
-        fig = draw_response(results, **options)
-    assert_picture(fig, tmp_path / "a.png")
-    if "j" in options:
-        assert "1 converged without this harmonic" in texts_of(fig)
-
-
-def test_response_needs_a_sweep(tmp_path, sweep):
-    with (
-        Results(single(tmp_path / "a.h5", 1)) as results,
-        pytest.raises(UsageError, match="a response needs a sweep"),
-    ):
-        draw_response(results)
-    with (
-        Results(sweep) as results,
-        pytest.raises(UsageError, match="none of the chosen points has converged"),
-    ):
-        draw_response(results, at={"solver_method": "broyden"})
 
 
 @pytest.mark.parametrize("ending, start", [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
@@ -243,6 +221,14 @@ def test_rotor_waves_in_the_stationary_frame(tmp_path, frame):
         assert rotor.displacement(DISK, theta, t) == pytest.approx(2.0 * expected)
         assert rotor.displacement(CASING, theta, t) == pytest.approx(1.5 * expected)
         assert mean_radius(results, 1, CASING) == pytest.approx(1.5)
+
+
+def test_views_of_a_rotor_have_names_of_their_own(tmp_path, capsys):
+    path = rotor_file(tmp_path / "a.h5", "rotating")
+    for view in ("speeds", "snapshots", "wave"):
+        assert main(["rotor", str(path), "--view", view, "--dpi", "30"]) == 0
+        assert capsys.readouterr().out == f"wrote {tmp_path / f'a_rotor_{view}.png'}\n"
+        assert (tmp_path / f"a_rotor_{view}.png").exists()
 
 
 @pytest.mark.parametrize("view", ["speeds", "snapshots", "wave"])

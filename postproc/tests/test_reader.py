@@ -1,5 +1,8 @@
 """The reader against files written by the schema, and its messages on anything else."""
 
+import re
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -7,7 +10,8 @@ from conftest import GAPS, single, walled
 from synthetic import STATUS_WORDS, box, write_results
 
 from nhbm_post import ReaderError, Results
-from nhbm_post.reader import _STATUS_NAMES
+from nhbm_post.outcome import NAMES, SOLVED, TEXTS
+from nhbm_post.text import number_text
 
 
 def test_head_of_a_file(sweep):
@@ -70,8 +74,64 @@ def test_degrees_of_freedom_have_their_own_units(tmp_path):
 
 
 def test_names_of_statuses_are_those_of_the_schema():
-    assert list(_STATUS_NAMES) == list(range(15)) and " ".join(_STATUS_NAMES.values()) == STATUS_WORDS
+    n = len(STATUS_WORDS.split())
+    assert list(NAMES)[:n] == list(range(n)) and " ".join(list(NAMES.values())[:n]) == STATUS_WORDS
 
+
+def test_statuses_and_their_texts_are_those_of_the_program():
+    source = Path(__file__).parents[2] / "src" / "solve" / "hb_outcome.f90"
+    if not source.exists():
+        pytest.skip("no sources of the program here")
+    text = source.read_text()
+    names, texts = (
+        re.findall(r'"([^"]*)"', re.search(rf":: {array}\(.*?\[character\(\d+\) ::(.*?)\]", text, re.DOTALL).group(1))
+        for array in ("outcome_names", "texts")
+    )
+    assert list(TEXTS.items()) == list(zip(names, texts))
+    solved = re.search(r"is_solved = any\(status == \[(.*?)\]\)", text, re.DOTALL).group(1)
+    assert sorted(SOLVED) == sorted(names.index(word) for word in re.findall(r"outcome%(\w+)", solved))
+
+
+def test_points_are_counted_as_the_program_does(tmp_path):
+    """Converged are those of status 1 alone: truncated, aliased and penetrating ones are solved and counted apart."""
+    status = [1, 7, 7, 8, 9, 2, 99]
+    path = single_tone_sweep(tmp_path / "a.h5", status)
+    with Results(path) as results:
+        told = "1 of 7 points converged, 1 stalled, 2 truncated, 1 aliased, 1 penetrating, 1 status 99"
+        assert results.outcome_text() == told
+        assert results.outcome_text([0, 1]) == "1 of 2 points converged, 1 truncated"
+        assert results.warning(0) == "" and results.warning(1) == "truncated: solved, but the harmonics left out matter"
+        assert results.warning(5) == "no solution, stalled: no step makes the residual smaller"
+        assert results.warning(6) == "no solution, status 99"
+
+
+def single_tone_sweep(path, status):
+    n = len(status)
+    frequency = np.linspace(1.0, 2.0, n)
+    coefficients = np.full((n, 1, 2, 2), 0.5)
+    parameters = {"tones_frequency": ("tones%frequency", "rad/s", frequency)}
+    return write_results(path, box(1, 1), frequency[:, None], coefficients, status=status, parameters=parameters)
+
+
+def test_selection_by_lists_and_ranges(sweep):
+    with Results(sweep) as results:
+        assert results.select({"law(1)%gap": "1e-3,2e-3", "solver%method": "newton"}) == [0, 2]
+        assert results.select({"law(1)%gap": "1.2e-3:2e-3"}) == [1, 2, 4, 5]
+        assert results.select({"law_1_gap": ":1.5e-3"}) == [0, 1, 3, 4]
+        assert results.where_text({"law_1_gap": "1.2e-3:2e-3", "solver_method": "newton"}) == (
+            "law(1)%gap = 1.2e-3 to 2.0e-3 m, solver%method = 'newton'"
+        )
+        with pytest.raises(ReaderError, match="no point with law\\(1\\)%gap = 9"):
+            results.select({"law(1)%gap": "1e-3,9"})
+
+
+@pytest.mark.parametrize(
+    "value, text",
+    [(1.5e-3, "1.5e-3"), (5e-4, "5.0e-4"), (50.0, "50"), (0.25, "0.25"), (0.0123, "0.0123"), (2.718281828, "2.71828"),
+     (-1.25e7 - 0.5, "-1.25e7"), (1.0e10, "1.0e10"), (0.0, "0"), ("newton", "newton")],
+)  # fmt: skip
+def test_numbers_are_spelled_as_in_an_input(value, text):
+    assert number_text(value) == text
 
 def test_selection_of_points(sweep):
     with Results(sweep) as results:
@@ -79,13 +139,13 @@ def test_selection_of_points(sweep):
         assert results.point(2) == 2
         assert results.point(at={"law_1_gap": "1.5e-3", "solver_method": "newton"}) == 1
         assert results.select({"law(1)%gap": 0.0015}) == [1, 4]
-        with pytest.raises(ReaderError, match=r"fits points 1, 4; say also solver_method"):
+        with pytest.raises(ReaderError, match=r"fits points 1, 4; say also solver%method"):
             results.point(at={"law_1_gap": 1.5e-3})
         with pytest.raises(
-            ReaderError, match=r"sweep.h5: no point with law_1_gap = 1.4e-3; values: 0.001, 0.0015, 0.002"
+            ReaderError, match=r"sweep.h5: no point with law\(1\)%gap = 1.4e-3; values: 1.0e-3, 1.5e-3, 2.0e-3"
         ):
             results.point(at={"law_1_gap": "1.4e-3"})
-        with pytest.raises(ReaderError, match=r"no swept parameter 'gap'; swept: law_1_gap, solver_method"):
+        with pytest.raises(ReaderError, match=r"no swept parameter 'gap'; swept: law\(1\)%gap, solver%method"):
             results.point(at={"gap": 1.0})
         with pytest.raises(ReaderError, match=r"no point 6; points: 0 to 5"):
             results.point(6)
@@ -166,7 +226,7 @@ def test_no_converged_point(tmp_path):
     path = write_results(tmp_path / "a.h5", tuples, [[1.0]] * 2, np.full((2, 1, 2, 2), np.nan), status=[0, 6])
     with (
         Results(path) as results,
-        pytest.raises(ReaderError, match=r"no point has converged \(1 pending, 1 failed\)"),
+        pytest.raises(ReaderError, match="no point is solved: 0 of 2 points converged, 1 pending, 1 failed"),
     ):
         results.point()
 

@@ -6,7 +6,7 @@ module hb_sweep_plan
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: int64, wp
    use hb_namelist, only: document_t, group_t
-   use hb_text, only: lower, quote, string_t, to_text
+   use hb_text, only: lower, number_of, quote, string_t, to_text
    implicit none
    private
    public :: parameter_units, read_sweep_plan, sweep_plan_t, swept_t
@@ -23,6 +23,8 @@ module hb_sweep_plan
       logical :: is_text = .false.
       real(wp), allocatable :: values(:)                              !! numbers, unless is_text
       type(string_t), allocatable :: texts(:)
+   contains
+      procedure :: describe => swept_describe
    end type swept_t
 
    !> Values between two ends, before they are made: 100 million of them take 800 MB.
@@ -240,20 +242,57 @@ contains
    !> Unit of the parameter at a path, where its key alone tells; empty where it depends on the kind of law or structure.
    pure function parameter_units(path) result(units)
       character(*), intent(in) :: path                                !! such as law(1)%gap
-      character(:), allocatable :: units
+      character(:), allocatable :: units, key
 
-      select case (path(index(path, "%", back=.true.) + 1:))
-      case ("frequency", "frequency(1)", "frequency(2)", "frequency(3)", "frequency(4)"); units = "rad/s"
-      case ("hertz", "hertz(1)", "hertz(2)", "hertz(3)", "hertz(4)"); units = "Hz"
-      case ("gap", "length"); units = "m"
+      key = path(index(path, "%", back=.true.) + 1:)
+      if (index(key, "(") > 0) key = key(:index(key, "(") - 1)
+      select case (key)
+      case ("frequency", "disk_frequency", "casing_frequency", "speed", "rotor_speed"); units = "rad/s"
+      case ("hertz"); units = "Hz"
+      case ("amplitude", "gap", "gaps", "clearance", "center", "threshold", "displacements", "breakpoints", "length", &
+         "rotor_radius"); units = "m"
+      case ("velocity", "slip_velocity"); units = "m/s"
+      case ("energy"); units = "J"
+      case ("limit", "preload", "force_at_zero", "forces"); units = "N"
       case ("bending_stiffness"); units = "N m2"
+      case ("ground_stiffness", "normal_stiffness", "ring_stiffness", "slopes", "augmentation"); units = "N/m"
+      case ("damping_diagonal", "ring_damping", "rotating_damping", "gyroscopic", "strength"); units = "N s/m"
+      case ("damping_mass"); units = "1/s"
+      case ("damping_stiffness", "duration", "step", "transient"); units = "s"
+      case ("mass", "disk_mass", "casing_mass", "ring_mass"); units = "kg"
       case ("mass_per_length"); units = "kg/m"
-      case ("augmentation"); units = "N/m"
       case ("order", "samples", "n_elements", "n_masses", "n_dofs", "max_iterations", "memory", "tolerance"); units = "1"
       case ("cos", "sin"); units = merge("N", "m", index(path, "load") == 1)
       case default; units = ""
       end select
    end function parameter_units
+
+   !> A text with the unit of the parameter at a path behind it, where there is one to tell.
+   pure function with_unit(text, path)
+      character(*), intent(in) :: text, path
+      character(:), allocatable :: with_unit, units
+
+      with_unit = text
+      units = parameter_units(path)
+      if (len(units) > 0 .and. units /= "1") with_unit = text//" "//units
+   end function with_unit
+
+   !> Path, number of values, first and last of them with the unit, for people.
+   function swept_describe(self) result(text)
+      class(swept_t), intent(in) :: self
+      character(:), allocatable :: text
+      integer :: first, last
+
+      first = 1
+      last = n_values(self)
+      if (.not. self%is_text) then
+         first = minloc(self%values, dim=1)
+         last = maxloc(self%values, dim=1)
+      end if
+      text = self%path//": "//number_of(n_values(self), "value")//", "//value_text(self, first)
+      if (last /= first) text = text//" to "//value_text(self, last)
+      if (.not. self%is_text) text = with_unit(text, self%path)
+   end function swept_describe
 
    !> Which value of parameter `i` the point takes.
    pure integer function sweep_plan_index_on(self, i, point)
@@ -447,6 +486,7 @@ contains
       do i = 1, size(self%parameters)
          if (i > 1) text = text//", "
          text = text//self%parameters(i)%path//" = "//value_text(self%parameters(i), self%index_on(i, point))
+         if (.not. self%parameters(i)%is_text) text = with_unit(text, self%parameters(i)%path)
       end do
    end function sweep_plan_describe
 

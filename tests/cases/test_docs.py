@@ -165,6 +165,21 @@ def test_documented_keys_exist(section):
     assert not invented, f"docs/user/input.md has under {heading(section)} keys that nothing reads: {', '.join(invented)}"
 
 
+def test_units_of_parameters_are_those_of_the_page():
+    """What the program says of a swept parameter, where the page gives all real keys of that name one unit."""
+    page: dict[str, set[str]] = {}
+    for key, unit in re.findall(r"^\| `(\w+)` \| (?:list of )?reals? \| ([^|]*)\|", PAGE.read_text(), re.MULTILINE):
+        page.setdefault(key, set()).add(unit.strip().replace("²", "2"))
+    source = (SRC / "study" / "hb_sweep_plan.f90").read_text().replace("&\n", "")
+    told = {
+        key: unit
+        for keys, unit in re.findall(r'case \(("[^)]*)\); units = "([^"]+)"', source)
+        for key in re.findall(r'"(\w+)"', keys)
+    }
+    wrong = {key: (told[key], page[key]) for key in told.keys() & page.keys() if told[key] not in page[key] | {"1"}}
+    assert told["gap"] == "m" and told["energy"] == "J" and not wrong, wrong
+
+
 def test_choices_are_documented():
     """Each word that a key accepts from a list of choices stands on the page in quotes."""
     page = PAGE.read_text(encoding="utf-8")

@@ -65,11 +65,11 @@ def test_right_expectations_hold(results):
     [
         ("law_1_stiffness=0 x1 (0) cos = 3.001 to 1e-4", "found 3"),
         ("law_1_stiffness=0 x1 (0) cos = -3.0 to 1e-4", "found 3"),
-        ("x1 (0) cos = 3.0 to 1e-4", "law_1_stiffness = 7"),
+        ("x1 (0) cos = 3.0 to 1e-4", "law(1)%stiffness = 7"),
         ("law_1_stiffness=0 x1 (1) cos = 3.0 to 1e-4", "found -0.33"),
         ("law_1_stiffness=0 x1 (1) sin < 1e-3", "found 0.02"),
         ("n_harmonics = 3 to 0", "found 2"),
-        ("law_1_stiffness=5 n_harmonics = 2 to 0", "no point with law_1_stiffness = 5"),
+        ("law_1_stiffness=5 n_harmonics = 2 to 0", "no point with law(1)%stiffness = 5"),
         ("law_1_gap=5 n_harmonics = 2 to 0", "no swept parameter 'law_1_gap'"),
         ("tone 1 frequency = 2.1 to 1e-3", "found 2"),
         ("tone 2 frequency = 2.0 to 1e-3", "there is no tone 2"),

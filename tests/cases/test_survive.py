@@ -570,7 +570,7 @@ def test_info_of_a_complete_run(tmp_path):
     for words in (
         "2 converged",
         "1 failed: see the message of the point (first: point 1)",
-        f"truncation {truncation[worst]:.2E} at point {worst} (law(1)%gap = {gap})",
+        f"truncation {truncation[worst]:.2E} at point {worst} (law(1)%gap = {gap} m)",
         "complete   yes",
         "nhbm resume case.h5 --retry also tries 1 again",
     ):
@@ -583,7 +583,7 @@ def test_info_agrees_with_the_reader(tmp_path):
     from nhbm_post.reader import Results
 
     result = ended(tmp_path, QUICK + GAPS)
-    for names in (("written by", "run on", "tones", "harmonics", "dofs", "complete"), ("complete",)):
+    for names in (("written by", "run on", "tones", "harmonics", "dofs", "swept", "complete"), ("complete",)):
         ours = run("info", result, cwd=tmp_path).stdout.splitlines()
         with Results(result) as results:
             theirs = report.info(results).splitlines()

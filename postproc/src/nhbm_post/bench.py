@@ -11,7 +11,9 @@ import h5py
 import numpy as np
 
 from .errors import ReaderError, UsageError
-from .reader import CONVERGED, SCHEMA_VERSION, SOLVED, _open, _strings, _text
+from .outcome import CONVERGED, SOLVED
+from .reader import SCHEMA_VERSION, _open, _strings, _text
+from .text import number_text
 
 KERNELS = ("residual", "tangent", "newton_step", "solution", "point")
 # What a cost may be drawn over, and how the axis is called; swept parameters are named by their paths.
@@ -123,7 +125,7 @@ class Bench:
         curves = []
         for key in dict.fromkeys(keys):
             points = np.array([i for i in range(self.n_points) if keys[i] == key])
-            words = [value if isinstance(value, str) else f"{path} = {value:g}" for path, value in zip(rest, key)]
+            words = [value if isinstance(value, str) else f"{path} = {number_text(value)}" for path, value in zip(rest, key)]
             curves.append(Curve(", ".join(words) or "all points", points[np.argsort(x[points], kind="stable")]))
         return curves
 

@@ -6,22 +6,26 @@ import argparse
 import os
 import re
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 from . import __version__, report
 from .bench import Bench, read_reference
 from .errors import NhbmPostError, UsageError
 from .march import read_displacement
+from .measure import MEASURES, Measure
+from .outcome import CONVERGED, words
 from .reader import DAMAGES, QUANTITIES, Results
+from .text import list_text
 
 # matplotlib takes a second to load, so each command that draws imports nhbm_post.draw by itself.
 
 _DESCRIPTION = """\
 Draws and prints what is in an HDF5 result file of nhbm.
 
-A point of a sweep is chosen by --point NUMBER or by --at NAME=VALUE (name or input path of a swept
-parameter, to six digits; repeat it for several parameters). Without either it is the first
-converged point. Without --dof it is the first degree of freedom on which a law acts. Pictures go
+A point of a sweep is chosen by --point NUMBER or by --at PARAMETER=VALUE (path of a swept parameter in
+the input, such as law(1)%gap, or its name in the file; values to six digits; repeat it for several
+parameters). Without either it is the first converged point. Without --dof it is the first degree of freedom on which a law acts. Pictures go
 next to the file and are named after it: beam.h5 gives beam_spectrum.png; --output chooses another
 name, and its ending the format (.png, .pdf or .svg).
 """
@@ -38,6 +42,8 @@ def main(argv: list[str] | None = None) -> int:
     """Runs one command; returns the exit status: 0, or 2 for a mistake of the user."""
     parser = _parser()
     arguments = parser.parse_args(_join_negative(sys.argv[1:] if argv is None else list(argv)))
+    if "files" in arguments:
+        arguments.file = arguments.files[0][1]
     try:
         arguments.run(arguments)
         sys.stdout.flush()
@@ -60,10 +66,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"nhbm-post {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
 
-    def command(name, run, help_text, description, file_help="result file of nhbm (HDF5)"):
+    def command(name, run, help_text, description, file_help="result file of nhbm (HDF5)", several=False):
         sub = commands.add_parser(name, help=help_text, description=description)
         sub.set_defaults(run=run)
-        sub.add_argument("file", type=Path, metavar="FILE", help=file_help)
+        if several:
+            sub.add_argument(
+                "files", type=_overlay, nargs="+", metavar="[LABEL:]FILE", help=file_help + "; several in one picture"
+            )
+        else:
+            sub.add_argument("file", type=Path, metavar="FILE", help=file_help)
         return sub
 
     sub = command(
@@ -184,29 +195,58 @@ def _parser() -> argparse.ArgumentParser:
         "response",
         _response,
         "response curve of a sweep",
-        "Draws a measure of a degree of freedom over a swept parameter; further swept parameters make "
-        "several curves. Points that did not converge are hollow red marks on the axis, counted in the "
-        "legend; curves are broken there.",
+        "Draws a measure of a degree of freedom over a swept parameter; further swept parameters, and further files, make "
+        "several curves, seven at most unless told otherwise. Points are counted as nhbm solve counts them. A solved point "
+        "that has not converged stands on its curve with the mark of its status, any other in a row below, one a curve; "
+        "curves are broken there, and where the motion jumps to another branch.",
+        several=True,
     )
     _add_dof(sub)
     _add_quantity(sub)
     sub.add_argument(
-        "--over", metavar="NAME", help="swept parameter of the x axis (default: the number with most values)"
+        "--over",
+        metavar="PARAMETER",
+        help="swept parameter of the x axis (default: the number with most values), or amplitude: the peak of --dof",
     )
+    _add_where(sub)
+    _add_measure(sub)
     sub.add_argument(
-        "--at",
-        type=_assignment,
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="only points with this value of a swept parameter; may be repeated",
+        "--curves", type=_count(1), default=7, metavar="N", help="curves at most, spread evenly over the others (default 7)"
     )
+    _add_log(sub, "xy")
+    _add_output(sub)
+
+    sub = command(
+        "backbone",
+        _backbone,
+        "frequency over amplitude or energy",
+        "Draws the frequency of an unknown tone over the amplitude or the energy of a normal mode (normal_mode%%amplitude or "
+        "normal_mode%%energy, whichever is swept), or over the peak of a degree of freedom (--over amplitude).",
+        several=True,
+    )
+    _add_dof(sub)
+    sub.add_argument("--over", metavar="PARAMETER", help="swept parameter of the x axis, or amplitude: the peak of --dof")
+    _add_where(sub)
+    sub.add_argument("--tone", type=_count(1), metavar="N", help="number of the tone, from 1 (default: the first unknown one)")
+    sub.add_argument("--curves", type=_count(1), default=7, metavar="N", help="curves at most (default 7)")
+    _add_log(sub, "xy")
+    _add_output(sub)
+
+    sub = command(
+        "map",
+        _map,
+        "a measure over two swept parameters",
+        "Draws a measure of a degree of freedom as a map, a cell a point, over two parameters of a sweep. Cells of points that "
+        "have not converged carry the mark of their status. Further swept parameters must be fixed by --where.",
+    )
+    _add_dof(sub)
+    _add_quantity(sub)
     sub.add_argument(
-        "--measure",
-        choices=("peak", "rms", "harmonic"),
-        help="peak: max|x| over hypertime (default); rms; harmonic: amplitude of --tuple",
+        "--over", type=_pair, metavar="X,Y", help="swept parameters of both axes (default: the two with most values)"
     )
-    sub.add_argument("--tuple", type=_tuple, metavar="J1,J2,...", help="harmonic to draw, for example 1,0")
+    _add_where(sub)
+    _add_measure(sub)
+    _add_log(sub, "xyz", ", colours (z)")
     _add_output(sub)
 
     sub = command(
@@ -243,7 +283,8 @@ def _parser() -> argparse.ArgumentParser:
             "convergence",
             _convergence,
             "error over order, or another swept number, with its rate",
-            "Draws the error of each point of a file of nhbm bench over the number that is swept and prints the rate,  exponential or algebraic, whichever fits the falling part better.",
+            "Draws the error of each point of a file of nhbm bench over the number that is swept and prints the rate, exponential "
+            "or algebraic, whichever fits the falling part better.",
         ),
         (
             "cost",
@@ -334,13 +375,64 @@ def _add_point(sub, several=False):
         type=_assignment,
         action="append",
         default=[],
-        metavar="NAME=VALUE",
-        help="point with this value of a swept parameter, for example law_1_gap=1.5e-3; may be repeated"
+        metavar="PARAMETER=VALUE",
+        help="point with this value of a swept parameter, for example law(1)%%gap=1.5e-3; may be repeated"
         + ("; all points that fit are drawn" if several else ""),
     )
     sub.add_argument(
         "--unconverged", action="store_true", help="take also points that ended without convergence"
     )
+
+
+def _add_where(sub):
+    sub.add_argument(
+        "--where",
+        "--at",
+        dest="where",
+        type=_assignment,
+        action="append",
+        default=[],
+        metavar="PARAMETER=VALUE",
+        help="only points with this value of a swept parameter, for example law(1)%%gap=1.5e-3; a list 1e-3,2e-3 and a range "
+        "1e-3:2e-3 will do as well; may be repeated",
+    )
+
+
+def _add_measure(sub):
+    sub.add_argument(
+        "--measure",
+        choices=MEASURES,
+        help="peak: max|x| over hypertime (default); rms; harmonic: amplitude of --tuple; frequency: that of a tone",
+    )
+    sub.add_argument("--tuple", type=_tuple, metavar="J1,J2,...", help="harmonic to draw, for example 1,0")
+    sub.add_argument("--tone", type=_count(1), metavar="N", help="number of the tone, from 1 (default: the first unknown one)")
+
+
+def _add_log(sub, letters, more=""):
+    sub.add_argument(
+        "--log",
+        dest="logarithmic",
+        type=_letters(letters),
+        metavar="AXES",
+        help=f"logarithmic axes: letters of {letters}{more}, or none (default: x{' and y' if 'z' in letters else ''} where the "
+        "sweep runs so)",
+    )
+
+
+def _letters(known):
+    def convert(text):
+        if text != "none" and (not text or set(text) - set(known)):
+            raise argparse.ArgumentTypeError(f"'{text}' is no choice of axes; write letters of {known}, or none")
+        return text
+
+    return convert
+
+
+def _pair(text):
+    names = [name.strip() for name in text.split(",")]
+    if len(names) != 2 or not all(names) or names[0] == names[1]:
+        raise argparse.ArgumentTypeError(f"'{text}' is no pair of parameters; write for example law(1)%gap,load(1)%cos")
+    return tuple(names)
 
 
 def _add_decades(sub):
@@ -398,7 +490,7 @@ def _tuple(text):
 def _assignment(text):
     name, mark, value = text.partition("=")
     if not (mark and name.strip() and value.strip()):
-        raise argparse.ArgumentTypeError(f"'{text}' is no NAME=VALUE; write for example law_1_gap=1.5e-3")
+        raise argparse.ArgumentTypeError(f"'{text}' is no PARAMETER=VALUE; write for example law(1)%gap=1.5e-3")
     return name.strip(), value.strip()
 
 
@@ -469,26 +561,87 @@ def _spectrum(arguments):
 
 
 def _response(arguments):
+    _draw_response(arguments, lambda results: _measure(arguments, results), arguments.over)
+
+
+def _backbone(arguments):
+    def measure(results):
+        if arguments.over is None and not any(path in results.swept for path in _BACKBONES):
+            raise UsageError(
+                f"{results.path}: neither {' nor '.join(_BACKBONES)} is swept; say --over (swept: {list_text(results.swept)}, "
+                "or amplitude)"
+            )
+        return Measure("frequency", tone=_tone(arguments, results))
+
+    over = arguments.over
+    if over is None:
+        with Results(arguments.file) as results:
+            over = next((path for path in _BACKBONES if path in results.swept), None)
+    _draw_response(arguments, measure, over)
+
+
+_BACKBONES = ("normal_mode%amplitude", "normal_mode%energy")
+
+
+def _draw_response(arguments, measure, over):
     from . import draw
 
-    measure = arguments.measure or ("harmonic" if arguments.tuple else "peak")
-    if (measure == "harmonic") != (arguments.tuple is not None):
-        raise UsageError("--measure harmonic and --tuple belong together")
-    with Results(arguments.file) as results:
-        if arguments.tuple and len(arguments.tuple) != results.n_tones:
-            raise UsageError(
-                f"--tuple has {len(arguments.tuple)} entries; {arguments.file} has {results.n_tones} tones"
-            )
+    with ExitStack() as stack:
+        files = [(label or path.stem, stack.enter_context(Results(path))) for label, path in arguments.files]
+        (label, results), others = files[0], files[1:]
         fig = draw.draw_response(
             results,
             arguments.dof,
-            quantity=arguments.quantity,
-            measure=measure,
-            j=arguments.tuple,
-            over=arguments.over,
-            at=dict(arguments.at),
+            measure=measure(results),
+            over=over,
+            where=dict(arguments.where),
+            logarithmic=arguments.logarithmic,
+            n_curves=arguments.curves,
+            label=label,
+            others=others,
         )
+        for _, results in files:
+            print((f"{results.path}: " if others else "") + results.outcome_text())
     _save(fig, arguments)
+
+
+def _map(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        fig = draw.draw_map(
+            results,
+            arguments.dof,
+            measure=_measure(arguments, results),
+            over=arguments.over,
+            where=dict(arguments.where),
+            logarithmic=arguments.logarithmic,
+        )
+        print(results.outcome_text())
+    _save(fig, arguments)
+
+
+def _measure(arguments, results: Results):
+    """What --measure, --tuple, --tone and --of ask for."""
+    name = arguments.measure or ("harmonic" if arguments.tuple else "frequency" if arguments.tone else "peak")
+    if (name == "harmonic") != (arguments.tuple is not None):
+        raise UsageError("--measure harmonic and --tuple belong together")
+    if arguments.tone and name != "frequency":
+        raise UsageError("--tone belongs to --measure frequency")
+    if arguments.tuple and len(arguments.tuple) != results.n_tones:
+        raise UsageError(f"--tuple has {len(arguments.tuple)} entries; {results.path} has {results.n_tones} tones")
+    tone = _tone(arguments, results) if name == "frequency" else 0
+    return Measure(name, arguments.tuple, tone, arguments.quantity)
+
+
+def _tone(arguments, results: Results) -> int:
+    """Number of the tone, from 0: as told, else the first whose frequency was unknown, else the first."""
+    if arguments.tone is not None:
+        if arguments.tone > results.n_tones:
+            raise UsageError(f"{results.path}: no tone {arguments.tone}; tones: 1 to {results.n_tones}")
+        return arguments.tone - 1
+    unknown = results.unknown_tones()
+    return int(unknown[0]) if unknown.size else 0
 
 
 def _plan(arguments):
@@ -503,7 +656,7 @@ def _rotor(arguments):
     with Results(arguments.file) as results:
         point = 0 if arguments.view == "speeds" else results.point(arguments.point, dict(arguments.at))
         fig = draw.draw_rotor(results, point, arguments.view)
-    _save(fig, arguments)
+    _save(fig, arguments, arguments.view)
 
 
 def _time(arguments):
@@ -526,7 +679,8 @@ def _time(arguments):
             )
             for point in points
         ]
-        title = ", ".join(part for part in (results.title, *_common_parameters(results, points)) if part)
+        outcome = results.warning(points[0]) if len(points) == 1 else ""
+        title = ", ".join(part for part in (results.title, *_common_parameters(results, points), outcome) if part)
     references = []
     if arguments.march:
         label, path = arguments.march
@@ -540,7 +694,7 @@ def _time(arguments):
                 known = {key: value for key, value in at.items() if key in other.parameters}
                 point = other.point(at=known)
                 series = other.series(point, dof, arguments.quantity, arguments.unconverged)
-                references.append((label or f"{path.stem}, {other.point_text(point)}", series))
+                references.append((_with_status(label or f"{path.stem}, {other.point_text(point)}", other, point), series))
         else:
             record = read_record(path, dof)
             references.append(type(record)(label, record.t, record.x) if label else record)
@@ -591,16 +745,18 @@ def _cost(arguments):
 
     fig, exponents = draw.draw_cost(Bench(arguments.file), part=arguments.part)
     for curve, rate in exponents:
-        print(f"{curve.label}: " + (f"time ~ {rate.plain('unknowns')}" if rate else "too few points for an exponent"))
+        print(f"{curve.label}: " + (f"time ~ {rate.plain('unknowns')}" if rate else f"no exponent, {rate.reason}"))
     _save(fig, arguments)
 
 
 def _bench(arguments):
     from . import draw
 
-    fig, exponents = draw.draw_bench(Bench(arguments.file, *arguments.also), arguments.over)
+    fig, exponents, notes = draw.draw_bench(Bench(arguments.file, *arguments.also), arguments.over)
     for kernel, rate in exponents:
-        print(f"{kernel}: " + (f"time ~ {rate.plain('n')}" if rate else "too few points for an exponent"))
+        print(f"{kernel}: " + (f"time ~ {rate.plain('n')}" if rate else f"no exponent, {rate.reason}"))
+    for note in notes:
+        print(note)
     _save(fig, arguments)
 
 
@@ -612,7 +768,12 @@ def _legend(results: Results, point: int, points: list[int]) -> str:
     ]
     if len(points) == 1:
         return f"{series_text}, {int(results.per_point('n_harmonics')[point])} harmonics"
-    return f"{series_text}, " + (", ".join(differing) or f"point {point}")
+    return _with_status(f"{series_text}, " + (", ".join(differing) or f"point {point}"), results, point)
+
+
+def _with_status(label: str, results: Results, point: int) -> str:
+    """A legend that says how the point ended, unless it has converged."""
+    return label if results.status[point] == CONVERGED else f"{label} ({words(results.status_name(point))})"
 
 
 def _common_parameters(results: Results, points: list[int]) -> list[str]:
@@ -632,10 +793,12 @@ def _origin(results: Results, point: int, quantity: str) -> str:
     return ", ".join(part for part in parts if part)
 
 
-def _save(fig, arguments) -> None:
+def _save(fig, arguments, *parts: str) -> None:
+    """Writes the picture under the name asked for, else under that of the file, the command and `parts` of it."""
     from . import draw
 
-    output = arguments.output or arguments.file.with_name(f"{arguments.file.stem}_{arguments.command}.png")
+    name = "_".join([arguments.file.stem, arguments.command, *parts])
+    output = arguments.output or arguments.file.with_name(f"{name}.png")
     print(f"wrote {draw.save(fig, output, arguments.dpi)}")
 
 

@@ -8,6 +8,9 @@ import numpy as np
 
 # An error reaches a plateau, ruled by something else than the order, where it drops less than this.
 _LEAST_DROP = 0.8
+# Sizes must span this factor, and the exponent be as certain as this (standard error), for an exponent of cost to be told.
+_LEAST_SPAN = 2.0
+_LARGEST_DEVIATION = 0.3
 # Errors that rounding decides.
 _ROUNDING = 2e-14
 
@@ -21,6 +24,8 @@ class Rate:
     exponent: float
     misfit: float
     points: np.ndarray = field(repr=False)
+    deviation: float = 0.0
+    """Standard error of `exponent` by the scatter about the fit."""
 
     def __call__(self, x) -> np.ndarray:
         x = np.asarray(x, dtype=float)
@@ -39,6 +44,16 @@ class Rate:
         return f"{symbol}^{self.exponent:.3g}"
 
 
+@dataclass(frozen=True)
+class NoRate:
+    """Why times tell no rate; false where a Rate is true."""
+
+    reason: str
+
+    def __bool__(self) -> bool:
+        return False
+
+
 def convergence_rate(x: np.ndarray, error: np.ndarray, kind: str = "") -> Rate | None:
     """Rate of the falling part of an error, exponential or algebraic, whichever fits better; None for fewer than three rungs."""
     chosen = falling_part(error)
@@ -49,13 +64,24 @@ def convergence_rate(x: np.ndarray, error: np.ndarray, kind: str = "") -> Rate |
     return min((_fit(name, x, error, chosen) for name in kinds), key=lambda rate: rate.misfit)
 
 
-def cost_exponent(x: np.ndarray, seconds: np.ndarray) -> Rate | None:
-    """Exponent of the cost over the larger half of the sizes, where what is constant matters least; at least three rungs."""
-    known = np.flatnonzero(np.isfinite(seconds) & (seconds > 0.0) & (x > 0.0))
-    if len(known) < 3:
-        return None
-    chosen = known[-max(3, (len(known) + 1) // 2) :]
-    return _fit("algebraic", x[chosen], seconds[chosen], chosen)
+def cost_exponent(x: np.ndarray, seconds: np.ndarray) -> Rate | NoRate:
+    """Exponent of the cost over the larger half of the sizes, where what is constant matters least.
+
+    At least three sizes that differ by a factor of two, and times that scatter little about the fit, make one; smaller sizes
+    are taken in where the larger half spans less.
+    """
+    known = np.isfinite(seconds) & (seconds > 0.0) & (x > 0.0)
+    sizes = np.unique(x[known])
+    if len(sizes) < 3:
+        return NoRate("fewer than three sizes were timed")
+    if sizes[-1] < _LEAST_SPAN * sizes[0]:
+        return NoRate(f"the sizes span a factor of {sizes[-1] / sizes[0]:.3g} alone")
+    least = min(sizes[-max(3, (len(sizes) + 1) // 2)], sizes[sizes <= sizes[-1] / _LEAST_SPAN][-1])
+    chosen = np.flatnonzero(known & (x >= least))
+    rate = _fit("algebraic", x[chosen], seconds[chosen], chosen)
+    if rate.deviation > _LARGEST_DEVIATION:
+        return NoRate(f"the times scatter too much ({rate.exponent:.2g} within {rate.deviation:.1g})")
+    return rate
 
 
 def falling_part(error: np.ndarray) -> np.ndarray:
@@ -73,4 +99,7 @@ def _fit(kind: str, x: np.ndarray, y: np.ndarray, points: np.ndarray) -> Rate:
     abscissa = x if kind == "exponential" else np.log(x)
     (slope, level), *_ = np.linalg.lstsq(np.column_stack([abscissa, np.ones_like(abscissa)]), np.log(y), rcond=None)
     misfit = float(np.sqrt(np.mean((np.log(y) - level - slope * abscissa) ** 2)))
-    return Rate(kind, float(np.exp(level)), float(slope), misfit, points)
+    spread = float(np.sum((abscissa - abscissa.mean()) ** 2))
+    freedom = len(x) - 2
+    deviation = misfit * float(np.sqrt(len(x) / (freedom * spread))) if freedom > 0 and spread > 0.0 else 0.0
+    return Rate(kind, float(np.exp(level)), float(slope), misfit, points, deviation)

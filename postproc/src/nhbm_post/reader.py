@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,33 +12,11 @@ import h5py
 import numpy as np
 
 from .errors import ReaderError
+from .outcome import CONVERGED, EMPTY, NAMES, SOLVED, sentence, words
 from .series import Series
 from .text import list_text, number_text, range_text, tuple_text
 
 SCHEMA_VERSION = 1
-
-PENDING, CONVERGED, FAILED, CRASHED = 0, 1, 6, 12
-# No motion was reached that could be looked at.
-EMPTY = (PENDING, FAILED, CRASHED)
-# The balance is solved; 7 to 9 miss a threshold of the certificate.
-SOLVED = (CONVERGED, 7, 8, 9)
-_STATUS_NAMES = {
-    PENDING: "pending",
-    CONVERGED: "converged",
-    2: "stalled",
-    3: "out_of_budget",
-    4: "singular",
-    5: "not_finite",
-    FAILED: "failed",
-    7: "truncated",
-    8: "aliased",
-    9: "penetrating",
-    10: "collapsed",
-    11: "no_motion",
-    CRASHED: "crashed",
-    13: "diverged",
-    14: "locked",
-}
 
 _REQUIRED = ("point", "tone", "harmonic", "dof", "tuple", "status", "frequency", "coefficients")
 
@@ -87,20 +66,72 @@ class Parameter:
     def is_number(self) -> bool:
         return self.values.dtype.kind == "f"
 
+    @property
+    def label(self) -> str:
+        """Its path in the input, which is how every text and picture calls it."""
+        return self.path or self.name
+
+    @property
+    def heading(self) -> str:
+        """`law(1)%gap [m]`, for axes and columns."""
+        return self.label + (f" [{self.units}]" if self.has_unit else "")
+
+    @property
+    def has_unit(self) -> bool:
+        return self.is_number and self.units not in ("", "1")
+
+    def value_text(self, value) -> str:
+        """A value with its unit, a word in quotes, as in the input."""
+        if not self.is_number:
+            return f"'{value}'"
+        return number_text(value) + (f" {self.units}" if self.has_unit else "")
+
     def text(self, point: int) -> str:
-        """`name = value unit` at a point, for titles and legends."""
-        unit = f" {self.units}" if self.is_number and self.units not in ("", "1") else ""
-        return f"{self.name} = {number_text(self.values[point])}{unit}"
+        """`law(1)%gap = 1.5e-3 m` at a point, for titles and legends."""
+        return f"{self.label} = {self.value_text(self.values[point])}"
+
+    def range_text(self) -> str:
+        """`law(1)%gap: 3 values, 1.0e-3 to 2.0e-3 m`, in the words of `nhbm info`."""
+        different = list(dict.fromkeys(self.values.tolist()))
+        if self.is_number:
+            different = sorted(different)
+            ends = [number_text(different[0]), self.value_text(different[-1])]
+        else:
+            ends = [self.value_text(value) for value in (different[0], different[-1])]
+        number = "1 value" if len(different) == 1 else f"{len(different)} values"
+        return f"{self.label}: {number}, " + (ends[-1] if len(different) == 1 else " to ".join(ends))
 
     def fits(self, value) -> np.ndarray:
-        """Which points (boolean) carry `value`: equal strings, or numbers equal to six digits."""
+        """Which points (boolean) carry `value`: equal strings, numbers equal to six digits or within a range `1.0:2.5`."""
         if not self.is_number:
             return self.values == str(value)
+        first, is_range, last = str(value).partition(":")
         try:
+            if is_range:
+                ends = float(first or "-inf"), float(last or "inf")
+                reach = _PARAMETER_TOLERANCE * np.abs(self.values)
+                return (self.values >= ends[0] - reach) & (self.values <= ends[1] + reach)
             wanted = float(value)
         except ValueError:
             return np.zeros(self.values.shape, dtype=bool)
         return np.isclose(self.values, wanted, rtol=_PARAMETER_TOLERANCE, atol=0.0)
+
+    def choice_text(self, value) -> str:
+        """`law(1)%gap = 1.0e-3 to 2.0e-3 m` of a value that `fits` takes, for titles."""
+        texts = []
+        for wanted in self.alternatives(value):
+            ends = [number_text(float(end)) if end else "" for end in str(wanted).split(":")] if self.is_number else [f"'{wanted}'"]
+            first, last = ends[0], ends[-1]
+            texts.append(first if len(ends) == 1 else f"{first} to {last}" if first and last else f"{first}{last}")
+            if len(ends) == 2 and not (first and last):
+                texts[-1] += " or more" if first else " or less"
+        return f"{self.label} = {', '.join(texts)}" + (f" {self.units}" if self.has_unit else "")
+
+    def alternatives(self, value) -> list:
+        """Values that `value` lists, parted by commas, unless it is a word of the sweep as it stands."""
+        if not isinstance(value, str) or (not self.is_number and (self.values == value).any()):
+            return [value]
+        return [word.strip() for word in value.split(",")]
 
 
 class Results:
@@ -170,6 +201,11 @@ class Results:
         return self._text_dataset("input_complete")
 
     @property
+    def has_rigid_law(self) -> bool:
+        """Whether the scene has a law that corrects the motion: a rigid wall, or contacts of another law that are rigid."""
+        return re.search(r"'rigid_wall'|^ *contact = 'rigid'", self.input_complete, re.MULTILINE) is not None
+
+    @property
     def n_points(self) -> int:
         return self.status.size
 
@@ -187,9 +223,10 @@ class Results:
         """Word of the status of a point, as the file defines it."""
         return self._names.get(int(self.status[point]), f"status {self.status[point]}")
 
-    def status_counts(self) -> dict[str, int]:
-        """Number of points by status, in the order of the status numbers, without empty ones."""
-        codes, counts = np.unique(self.status, return_counts=True)
+    def status_counts(self, points: Sequence[int] | None = None) -> dict[str, int]:
+        """Number of points (of all, unless told) by status, in the order of the status numbers, without empty ones."""
+        status = self.status if points is None else self.status[np.asarray(points, dtype=int)]
+        codes, counts = np.unique(status, return_counts=True)
         return {self._names.get(int(code), f"status {code}"): int(n) for code, n in zip(codes, counts)}
 
     @property
@@ -202,16 +239,28 @@ class Results:
         """Numbers of the points whose balance is solved: converged, truncated, aliased, penetrating."""
         return np.flatnonzero(np.isin(self.status, SOLVED))
 
+    def outcome_text(self, points: Sequence[int] | None = None) -> str:
+        """`123 of 205 points converged, 50 truncated, 32 stalled`: counted as `nhbm solve` does."""
+        status = self.status if points is None else self.status[np.asarray(points, dtype=int)]
+        counts = self.status_counts(points)
+        others = [f"{n} {words(name)}" for name, n in counts.items() if name != self._names.get(CONVERGED)]
+        n_converged = int((status == CONVERGED).sum())
+        return ", ".join([f"{n_converged} of {status.size} points converged", *others])
+
     def warning(self, point: int) -> str:
-        """What a picture of the point must say: nothing when it has converged, else its status in capitals."""
-        name = self.status_name(point)
+        """What a picture of the point must say: nothing when it has converged, else what its status means."""
         if self.status[point] == CONVERGED:
             return ""
-        return name.upper() if self.status[point] in SOLVED else f"NOT CONVERGED ({name})"
+        text = sentence(self.status_name(point))
+        return text if self.status[point] in SOLVED else f"no solution, {text}"
 
     def message(self, point: int) -> str:
         """Why a point failed; empty for the others."""
         return _strings(self._file["message"][point : point + 1])[0] if "message" in self._file else ""
+
+    def branch(self) -> np.ndarray:
+        """Number of the branch on which each point lies; one and the same for all where the file does not tell."""
+        return self.per_point("branch") if "branch" in self._file else np.zeros(self.n_points, dtype=int)
 
     def per_point(self, name: str) -> np.ndarray:
         """A dataset with one number a point: `iterations`, `residual`, `solve_seconds`, `penetration`, ..."""
@@ -223,16 +272,22 @@ class Results:
     # Choice of points
 
     def select(self, at: Mapping[str, object]) -> list[int]:
-        """Points that carry all parameter values of `at`; keys are names (`law_1_gap`) or input paths."""
+        """Points that carry all parameter values of `at`; keys are input paths (`law(1)%gap`) or names (`law_1_gap`).
+
+        A value may be a list `1.0e-3,2.0e-3` or, of numbers, a range `1.0e-3:2.0e-3`, open where an end is left out.
+        """
         fits = np.ones(self.n_points, dtype=bool)
         for key, value in at.items():
             parameter = self.parameter(key)
-            fits_one = parameter.fits(value)
-            if not fits_one.any():
-                raise ReaderError(
-                    f"{self.path}: no point with {parameter.name} = {value}; "
-                    f"values: {_values_text(parameter)}"
-                )
+            fits_one = np.zeros(self.n_points, dtype=bool)
+            for wanted in parameter.alternatives(value):
+                fits_this = parameter.fits(wanted)
+                if not fits_this.any():
+                    raise ReaderError(
+                        f"{self.path}: no point with {parameter.label} = {wanted}; "
+                        f"values: {_values_text(parameter)}"
+                    )
+                fits_one |= fits_this
             fits &= fits_one
         points = [int(i) for i in np.flatnonzero(fits)]
         if not points:
@@ -251,7 +306,7 @@ class Results:
             points = self.select(at)
             if len(points) > 1:
                 differing = [
-                    p.name for p in self.parameters.values() if len({str(v) for v in p.values[points]}) > 1
+                    p.label for p in self.parameters.values() if len({str(v) for v in p.values[points]}) > 1
                 ]
                 raise ReaderError(
                     f"{self.path}: {_at_text(at)} fits points {range_text(points)}; "
@@ -261,8 +316,7 @@ class Results:
         if self.converged.size == 0 and self.solved.size > 0:
             return int(self.solved[0])
         if self.converged.size == 0:
-            counts = ", ".join(f"{n} {name}" for name, n in self.status_counts().items())
-            raise ReaderError(f"{self.path}: no point has converged ({counts})")
+            raise ReaderError(f"{self.path}: no point is solved: {self.outcome_text()}")
         return int(self.converged[0])
 
     def parameter(self, key: str) -> Parameter:
@@ -271,11 +325,20 @@ class Results:
             if key in (parameter.name, parameter.path):
                 return parameter
         raise ReaderError(
-            f"{self.path}: no swept parameter '{key}'; swept: {list_text(list(self.parameters))}"
+            f"{self.path}: no swept parameter '{key}'; swept: {list_text(self.swept)}"
         )
 
+    @property
+    def swept(self) -> list[str]:
+        """Paths of the swept parameters."""
+        return [parameter.label for parameter in self.parameters.values()]
+
+    def where_text(self, at: Mapping[str, object]) -> str:
+        """`law(1)%gap = 1.5e-3 m`: what `select` takes, with units, for titles."""
+        return ", ".join(self.parameter(key).choice_text(value) for key, value in at.items())
+
     def point_text(self, point: int) -> str:
-        """`point 3, law_1_gap = 0.0015 m`, for titles."""
+        """`point 3, law(1)%gap = 1.5e-3 m`, for titles."""
         return ", ".join([f"point {point}", *(p.text(point) for p in self.parameters.values())])
 
     # Solutions
@@ -309,6 +372,12 @@ class Results:
         if "frequency_estimate" not in self._file:
             return np.full(self.n_tones, np.nan)
         return np.asarray(self._file["frequency_estimate"][point], dtype=float)
+
+    def unknown_tones(self) -> np.ndarray:
+        """Numbers (from 0) of the tones whose frequencies were found, not given."""
+        if "frequency_estimate" not in self._file:
+            return np.array([], dtype=int)
+        return np.flatnonzero((self._file["frequency_estimate"][()] > 0.0).any(axis=0))
 
     def series(
         self, point: int, dof: str | None = None, quantity: str = "motion", allow_unconverged: bool = False
@@ -470,7 +539,7 @@ class Results:
     def _status_names(self) -> dict[int, str]:
         attributes = self._file["status"].attrs
         if "flag_values" not in attributes or "flag_meanings" not in attributes:
-            return _STATUS_NAMES
+            return NAMES
         codes = np.ravel(attributes["flag_values"])
         return {int(code): word for code, word in zip(codes, _text(attributes["flag_meanings"]).split())}
 

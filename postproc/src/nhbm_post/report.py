@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from .errors import ReaderError
-from .reader import CRASHED, EMPTY, PENDING, SOLVED, Results
+from .outcome import CRASHED, EMPTY, PENDING, SOLVED
+from .reader import Results
 from .text import list_text, number_text, tuple_text
 
 _N_AMPLITUDES = 3
@@ -16,11 +17,7 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
     dof = results.default_dof() if dof is None else dof
     if dof not in results.dofs:
         raise ReaderError(f"{results.path}: no degree of freedom '{dof}'; stored: {list_text(results.dofs)}")
-    sweeps = [
-        f"{p.name} ({', '.join(part for part in (p.path, p.units) if part not in ('', '1'))}): "
-        f"{len(set(p.values.tolist()))} values"
-        for p in results.parameters.values()
-    ]
+    sweeps = [p.range_text() for p in results.parameters.values()] or ["nothing"]
     counts = ", ".join(f"{n} {name}" for name, n in results.status_counts().items())
     facts = [
         ("file", str(results.path)),
@@ -31,7 +28,7 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
         ("harmonics", f"{results.n_harmonics} in the union of all points"),
         ("dofs", list_text(results.dofs)),
         ("with laws", list_text(results.law_dofs)),
-        ("swept", "; ".join(sweeps) or "nothing"),
+        *(("swept", text) for text in sweeps),
         ("points", f"{results.n_points}: {counts}"),
         ("complete", _completeness(results)),
     ]
@@ -64,8 +61,8 @@ def value(
 def _point_rows(results: Results, dof: str, shown: int) -> list[list[str]]:
     parameters = list(results.parameters.values())
     units = results.units("motion", dof)
-    unknown = np.flatnonzero(np.any([results.frequency_estimate(i) > 0.0 for i in range(shown)], axis=0))
-    heading = ["point", *(p.name for p in parameters), "status", "iterations", "residual", "seconds"]
+    unknown = results.unknown_tones()
+    heading = ["point", *(p.heading for p in parameters), "status", "iterations", "residual", "seconds"]
     heading += [f"tone {m + 1} [rad/s]" for m in unknown]
     rows = [[*heading, f"largest amplitudes of {dof}" + (f" [{units}]" if units not in ("", "1") else "")]]
     columns = [results.per_point(name) for name in ("iterations", "residual", "solve_seconds")]

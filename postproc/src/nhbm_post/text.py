@@ -1,5 +1,6 @@
 """Small pieces of text shared by messages, tables and pictures."""
 
+import math
 from collections.abc import Iterable, Sequence
 
 
@@ -9,8 +10,21 @@ def tuple_text(j: Iterable[int]) -> str:
 
 
 def number_text(value) -> str:
-    """Short text of a parameter value: six digits for a number, the text itself for a string."""
-    return value if isinstance(value, str) else f"{float(value):g}"
+    """A value as it would stand in the input: a number to six digits, whole ones without a point, a string as it is."""
+    if isinstance(value, str):
+        return value
+    value = float(value)
+    if not math.isfinite(value):
+        return f"{value}"
+    if abs(value) < 1e9 and value == round(value):
+        return str(round(value))
+    mantissa, exponent_text = f"{abs(value):.5e}".split("e")
+    digits, exponent = mantissa.replace(".", "").rstrip("0"), int(exponent_text)
+    if exponent >= 6 or exponent < -2:
+        text = f"{digits[0]}.{digits[1:] or '0'}e{exponent}"
+    else:
+        text = f"{abs(value):.{max(1, len(digits) - 1 - exponent)}f}"
+    return "-" + text if value < 0.0 else text
 
 
 def list_text(items: Sequence, limit: int = 12) -> str:

@@ -2,6 +2,7 @@
 
 from .bench import draw_bench
 from .correction import draw_correction
+from .heat_map import draw_map
 from .plan import draw_plan
 from .response import draw_response
 from .rotor import draw_rotor
@@ -16,6 +17,7 @@ __all__ = [
     "draw_convergence",
     "draw_correction",
     "draw_cost",
+    "draw_map",
     "draw_plan",
     "draw_response",
     "draw_rotor",

@@ -7,12 +7,12 @@ from matplotlib.figure import Figure
 
 from ..bench import KERNELS, Bench
 from ..errors import UsageError
-from ..rates import Rate, cost_exponent
+from ..rates import NoRate, Rate, cost_exponent
 from . import style
 
 
-def draw_bench(times: Bench, over: str | None = None) -> tuple[Figure, list[tuple[str, Rate | None]]]:
-    """Time of each kernel over `over`, and the exponents that were observed over the larger half of the sizes.
+def draw_bench(times: Bench, over: str | None = None) -> tuple[Figure, list[tuple[str, Rate | NoRate]], list[str]]:
+    """Time of each kernel over `over`, the exponents observed over the larger half of the sizes, and what could not be drawn.
 
     Solid: the kernel, median of the repeats; the band goes from the least time to the median. Dashed: the yardstick of the
     residual (the bare pair of transforms) and of all others (LU of a full matrix).
@@ -22,7 +22,10 @@ def draw_bench(times: Bench, over: str | None = None) -> tuple[Figure, list[tupl
     over = over or times.varying()
     x = times.column(over).astype(float)
     order = np.argsort(x, kind="stable")
-    exponents = []
+    exponents, notes = [], []
+    n_lost = int((x <= 0.0).sum())
+    if n_lost:
+        notes.append(f"{_points(n_lost)} with {times.axis(over)} = 0 or less not drawn: the axis is logarithmic")
     with style.look():
         fig = style.figure(7.0, 4.6)
         ax = fig.add_subplot()
@@ -30,6 +33,9 @@ def draw_bench(times: Bench, over: str | None = None) -> tuple[Figure, list[tupl
             seconds = times.column(f"kernel_{kernel}_seconds")
             if kernel in ("solution", "point"):
                 seconds = np.where(times.is_solved, seconds, np.nan)
+            n_lost = int((seconds[x > 0.0] <= 0.0).sum())
+            if n_lost:
+                notes.append(f"{_points(n_lost)} of {kernel.replace('_', ' ')} with a time of 0 not drawn")
             rate = cost_exponent(x, seconds)
             exponents.append((kernel, rate))
             label = kernel.replace("_", " ") + (f"  {rate.text('n')}" if rate else "")
@@ -46,5 +52,9 @@ def draw_bench(times: Bench, over: str | None = None) -> tuple[Figure, list[tupl
         ax.set_ylabel("time [s]")
         ax.grid(True)
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=3, borderaxespad=0.3, columnspacing=1.4)
-        style.head(fig, f"Cost of the kernels: {times.title}" if times.title else "Cost of the kernels", "")
-    return fig, exponents
+        style.head(fig, f"Cost of the kernels: {times.title}" if times.title else "Cost of the kernels", "; ".join(notes))
+    return fig, exponents, notes
+
+
+def _points(n: int) -> str:
+    return "1 point" if n == 1 else f"{n} points"

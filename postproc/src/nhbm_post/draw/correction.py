@@ -10,7 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, to_rgba
 from matplotlib.patches import FancyArrowPatch, Patch
 
-from ..errors import ReaderError
+from ..errors import ReaderError, UsageError
 from ..reader import Results
 from . import style
 from .spectrum import DECADES, amplitude_norm, colour_bar, draw_map, draw_stem, style_3d
@@ -44,11 +44,17 @@ def draw_correction(
     )
 
     n_tones = before.n_tones
+    if np.abs(motion).max() == 0.0:
+        raise ReaderError(f"{results.path}: the motion of '{dof}' at point {point} is zero: nothing to draw")
+    if not np.abs(corrected - motion).max() > _TOUCH * np.ptp(motion):
+        why = "the rigid contact at it is not reached" if results.has_rigid_law else "no law of this scene is a rigid contact"
+        raise UsageError(
+            f"{results.path}: nothing is corrected in the motion of '{dof}' at point {point}, since {why}; "
+            f"'nhbm-post spectrum' and 'time' draw the motion"
+        )
     factor, units = style.unit_scale(max(np.abs(motion).max(), np.abs(corrected).max()), before.units)
     motion, corrected = factor * motion, factor * corrected
     spectra = [factor * series.amplitudes for series in (before, after)]
-    if max(a.max(initial=0.0) for a in spectra) == 0.0:
-        raise ReaderError(f"{results.path}: the motion of '{dof}' at point {point} is zero: nothing to draw")
     norm = amplitude_norm(np.concatenate(spectra), decades)
     amplitude_label = style.with_unit(rf"$|c_j|$ of {dof}", units)
     # A cut-off series differs from the motion everywhere: only stored surfaces tell where it was corrected.
@@ -86,10 +92,7 @@ def draw_correction(
                 if view == "surface":
                     place = {"loc": "upper left", "bbox_to_anchor": (0.085, 1.0)}
                 axes["c"].legend(handles=[key], borderaxespad=0.3, borderpad=0.0, **place)
-        is_moved = difference.max() > _TOUCH * np.ptp(motion)
-        moved = (
-            f"largest correction {difference.max():.3g} {units}" if is_moved else "no place needs correction"
-        )
+        moved = f"largest correction {difference.max():.3g} {units}"
         source = "surfaces as stored by the run"
         if not is_stored:
             source = (
@@ -100,9 +103,7 @@ def draw_correction(
             if n_tones <= 2
             else "section " + " = ".join(f"tau_{m}" for m in range(3, n_tones + 1)) + " = 0"
         )
-        outcome = (
-            results.warning(point)
-        )
+        outcome = results.warning(point)
         style.head(
             fig,
             f"Correction of {dof} to the wall, {before.n_harmonics} harmonics",

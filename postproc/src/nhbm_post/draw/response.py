@@ -1,120 +1,254 @@
-"""Response curves of a sweep: one measure of the motion over a swept parameter."""
+"""Response curves of a sweep: one measure of the motion, or the frequency of a tone, over a swept parameter."""
 
 from __future__ import annotations
 
-import itertools
+from dataclasses import dataclass
 
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.lines import Line2D
 
 from ..errors import UsageError
-from ..reader import PENDING, QUANTITIES, SOLVED, Parameter, Results
+from ..measure import Measure
+from ..outcome import CONVERGED, SOLVED
+from ..reader import Parameter, Results
 from ..text import list_text, tuple_text
-from . import style
+from . import marks, style
 
-MEASURES = ("peak", "rms", "harmonic")
+# Curves of one picture unless told otherwise: as many as there are colours to tell them apart.
+N_CURVES = len(style.COLOURS)
+# Points of a curve from which its converged points are not marked one by one.
+_MANY_POINTS = 45
+_ROW = 0.17  # [inch] height of a row of points without a motion
 
 
-def measure_values(results: Results, dof: str, quantity: str, measure: str, j=None) -> np.ndarray:
-    """The measure at every point, NaN at those that have not converged or do not have the tuple `j`."""
-    values = np.full(results.n_points, np.nan)
-    for point, series in results.all_series(dof, quantity):
-        if measure == "harmonic":
-            try:
-                values[point] = np.hypot(*series.harmonic(j))
-            except KeyError:
-                continue
-        else:
-            values[point] = series.rms if measure == "rms" else series.peak()
-    return values
+@dataclass(frozen=True)
+class Curve:
+    """Points of one file that differ in the parameter of the x axis alone, in its order; x and y in units of the file."""
+
+    label: str
+    results: Results
+    points: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+
+    @property
+    def is_solved(self) -> np.ndarray:
+        return np.isin(self.results.status[self.points], SOLVED)
+
+    @property
+    def is_converged(self) -> np.ndarray:
+        return self.results.status[self.points] == CONVERGED
+
+    def line(self, has_place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """x, y and what has converged, with a gap at points without a value and where the motion jumps to another branch."""
+        y = np.where(has_place(self.y), self.y, np.nan)
+        branch = self.results.branch()[self.points]
+        jumps = np.flatnonzero(np.diff(branch) != 0) + 1
+        return np.insert(self.x, jumps, np.nan), np.insert(y, jumps, np.nan), np.insert(self.is_converged, jumps, False)
 
 
 def draw_response(
     results: Results,
     dof: str | None = None,
     *,
-    quantity: str = "motion",
-    measure: str = "peak",
-    j=None,
+    measure: Measure | None = None,
     over: str | None = None,
-    at=None,
+    where=None,
+    logarithmic: str | None = None,
+    n_curves: int = N_CURVES,
+    label: str = "",
+    others: list[tuple[str, Results]] = (),
 ):
-    """Curves of `measure` (`peak`, `rms`, or `harmonic` with its tuple `j`) over the parameter `over`.
+    """Curves of `measure` over the parameter `over`, or over `amplitude`, the peak of `dof`.
 
-    Further swept parameters make several curves; `at` keeps only points with given values. A curve is
-    broken where a point has not converged; such points stand as hollow red marks on the axis.
+    Further swept parameters make several curves, `n_curves` at most, spread evenly; `where` keeps only points with given
+    values. A curve is broken where a point is not solved and where the motion jumps; solved points that have not converged
+    are marked on the curve, others in a row below, one a curve. `others`: (label, results) of more files to draw.
+    `logarithmic`: `x`, `y`, `xy` or `none`; without it, x where the sweep runs so.
     """
-    dof = results.default_dof(quantity) if dof is None else dof
-    points = np.array(results.select(at) if at else range(results.n_points), dtype=int)
-    swept = _swept_parameter(results, over, points)
+    measure = measure or Measure()
+    files = [(label, results), *others]
+    curves, notes, axis = [], [], None
+    for name, file in files:
+        wanted = max(1, n_curves // len(files))
+        found, its_axis, note = _curves(file, name if len(files) > 1 else "", dof, measure, over, where, wanted)
+        axis = axis or its_axis
+        if _axis_key(its_axis) != _axis_key(axis):
+            raise UsageError(f"{file.path}: over {its_axis.heading}, but {results.path} over {axis.heading}: say --over")
+        curves += found
+        notes += note
+    dof = results.default_dof(measure.quantity) if dof is None else dof
+    y = np.concatenate([curve.y for curve in curves])
+    if not np.isfinite(y).any():
+        _refuse(files, curves, measure)
+    x = np.concatenate([curve.x for curve in curves])
+    what, symbol = measure.words(results, dof)
+    x_factor, x_units = style.unit_scale(np.nanmax(np.abs(x)), axis.units) if axis.is_number else (1.0, "")
+    factor, units = style.unit_scale(np.nanmax(np.abs(y)), measure.units(results, dof))
+    scales = _scales(logarithmic, axis, x)
+    for scale, numbers, letter in zip(scales, (x, y), "xy"):
+        n_lost = int((numbers[np.isfinite(numbers)] <= 0.0).sum()) if scale == "log" else 0
+        if n_lost:
+            notes.append(f"{n_lost} points with {letter} = 0 or less have no place on a logarithmic axis")
+    rows = [i for i, curve in enumerate(curves) if (~curve.is_solved).any()]
+    with style.look():
+        heights = [3.2] + ([_ROW * len(rows)] if rows else [])
+        fig = style.figure(7.0, 0.9 + sum(heights))
+        keys = [_curve_keys(curves, axis.is_number), _status_keys(curves)]
+        ax, *strips = style.below_legends(fig, keys, *heights, hspace=0.0)
+        ax.set_xscale(scales[0])
+        ax.set_yscale(scales[1])
+        for i, curve in enumerate(curves):
+            _draw_curve(ax, i, curve, x_factor, factor, scales, axis.is_number)
+        if strips:
+            _draw_rows(strips[0], [(i, curves[i]) for i in rows], x_factor, len(curves) > 1)
+        below = strips[0] if strips else ax
+        below.set_xlabel(style.with_unit(axis.label, x_units))
+        ax.set_ylabel(style.with_unit(symbol, units))
+        if scales[1] == "linear" and measure.name != "frequency":
+            ax.set_ylim(0.0, 1.06 * factor * np.nanmax(y) or 1.0)
+        ax.margins(x=0.03)
+        for which, scale in zip((ax.xaxis, ax.yaxis), scales):
+            if scale == "log":
+                style.decade_axis(which, which.get_view_interval())
+        ax.grid(True)
+        if not axis.is_number:
+            words = list(dict.fromkeys(axis.values))
+            below.set_xticks(range(len(words)), words)
+        without = sum(int((curve.is_solved & np.isnan(curve.y)).sum()) for curve in curves)
+        if without:
+            notes.append(f"{without} solved points lack this harmonic")
+        chosen = results.where_text(where or {})
+        title = results.title if len(files) == 1 else ""
+        all_right = all(curve.is_converged.all() for curve in curves)
+        outcome = f"all {sum(c.points.size for c in curves)} points converged" if all_right else ""
+        style.head(
+            fig,
+            f"{what} over {axis.label}",
+            ", ".join(t for t in (title, chosen, outcome) if t),
+            "; ".join(dict.fromkeys(notes)),
+        )
+    return fig
+
+
+def _curves(results, name, dof, measure, over, where, n_curves) -> tuple[list[Curve], Parameter, list[str]]:
+    """Curves of one file, what their x axis is, and what the picture leaves out."""
+    dof = results.default_dof(measure.quantity) if dof is None else dof
+    points = np.array(results.select(where) if where else range(results.n_points), dtype=int)
+    along = swept = _swept_parameter(results, None if over == "amplitude" else over, points)
+    if over == "amplitude":
+        peaks = Measure("peak").values(results, dof)
+        along = Parameter("amplitude", f"peak of {dof}", results.units("motion", dof), peaks)
+    x = _positions(along)
+    values = measure.values(results, dof)
     others = [
         p
         for p in results.parameters.values()
         if p is not swept and len({str(v) for v in p.values[points]}) > 1 and not _goes_along(p, swept, points)
     ]
-    values = measure_values(results, dof, quantity, measure, j)
-    if not np.isfinite(values[points]).any():
-        if measure == "harmonic" and np.isin(results.status[points], SOLVED).any():
-            raise UsageError(f"{results.path}: tuple {tuple_text(j)} is in the set of no converged point")
-        counts = list_text([f"{n} {name}" for name, n in results.status_counts().items()])
-        raise UsageError(f"{results.path}: none of the chosen points has converged; in the file: {counts}")
-
-    x_factor, x_units = 1.0, swept.units
-    if swept.is_number:
-        x_factor, x_units = style.unit_scale(np.nanmax(np.abs(swept.values[points])), swept.units)
-    x = x_factor * _positions(swept)
-    factor, units = style.unit_scale(np.nanmax(values[points]), results.units(quantity, dof))
-    what, symbol = _words(measure, QUANTITIES[quantity].symbol.format(dof), j)
     groups = _groups(others, points)
-    with style.look():
-        fig = style.figure(7.0, 4.4)
-        ax = fig.add_subplot()
-        is_ramp = len(groups) > len(style.COLOURS) and len(others) == 1 and others[0].is_number
-        ramp = Normalize(min(g[0][0] for g in groups), max(g[0][0] for g in groups)) if is_ramp else None
-        for i, (key, members) in enumerate(groups):
-            members = members[np.argsort(x[members], kind="stable")]
-            look = _curve_look(i, ramp, key) | ({} if swept.is_number else {"linestyle": "none"})
-            label = ", ".join(p.text(int(members[0])) for p in others) or "converged"
-            ax.plot(
-                x[members],
-                factor * values[members],
-                markersize=3.6,
-                linewidth=1.2,
-                label=None if is_ramp else label,
-                **look,
+    notes = []
+    for follower in list(others[1:]):
+        if _goes_along(follower, others[0], points):
+            others.remove(follower)
+            notes.append(f"{follower.label} changes along with {others[0].label}")
+    if len(groups) > n_curves:
+        which = np.unique(np.linspace(0, len(groups) - 1, n_curves).round().astype(int))
+        what = " and ".join(p.label for p in others)
+        notes.append(f"{len(which)} of {len(groups)} curves over {what}: --where chooses, nhbm-post map draws all")
+        groups = [groups[k] for k in which]
+    curves = []
+    for members in groups:
+        members = members[np.argsort(_positions(swept)[members], kind="stable")]
+        label = ", ".join([name] * bool(name) + [p.text(int(members[0])) for p in others])
+        curves.append(Curve(label, results, members, x[members], values[members]))
+    return curves, along, notes
+
+
+def _refuse(files, curves, measure) -> None:
+    path = files[0][1].path
+    if measure.name == "harmonic" and any(curve.is_solved.any() for curve in curves):
+        raise UsageError(f"{path}: tuple {tuple_text(measure.j)} is in the set of no converged point")
+    told = "; ".join(results.outcome_text() for _, results in files)
+    raise UsageError(f"{path}: none of the chosen points is solved; in the file: {told}")
+
+
+def _curve_look(i: int, is_joined: bool) -> dict:
+    """Colour and dashes of a curve; dots alone along words, which have no order to join them in."""
+    dashes = style.DASHES[i % len(style.DASHES)] if is_joined else "none"
+    return {"color": style.COLOURS[i % len(style.COLOURS)], "linestyle": dashes, "linewidth": 1.4}
+
+
+def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined) -> None:
+    """The line, its converged points (where there are few, or alone between gaps), and marks of the others."""
+    look = _curve_look(i, is_joined)
+    x, y, is_converged = curve.line(np.isfinite if scales[1] == "linear" else lambda values: values > 0.0)
+    ax.plot(x_factor * x, factor * y, **look, gid="curve")
+    known = np.isfinite(y) & np.isfinite(x)
+    alone = known & ~np.append(known[1:], False) & ~np.insert(known[:-1], 0, False)
+    dots = is_converged & (known if curve.points.size <= _MANY_POINTS or not is_joined else alone)
+    ax.plot(x_factor * x[dots], factor * y[dots], "o", color=look["color"], markersize=3.4 if is_joined else 5.0)
+    _mark(ax, curve, x_factor * curve.x, factor * curve.y, are_solved=True)
+
+
+def _mark(ax, curve: Curve, x, y, are_solved: bool, **place) -> None:
+    """Marks of the points that have not converged, of those that are solved or of the others."""
+    size = 5.5 if curve.points.size <= 2 * _MANY_POINTS else 4.0
+    for name, is_solved, points in marks.by_status(curve.results, curve.points):
+        if is_solved == are_solved:
+            at = np.isin(curve.points, points)
+            ax.plot(x[at], y[at], **marks.mark(name, is_solved).look(size), zorder=4, gid=name, **place)
+
+
+def _draw_rows(strip, curves, x_factor, has_several) -> None:
+    """Points that are not solved, a row for each curve that has some."""
+    strip.set_ylim(len(curves) - 0.5, -0.5)
+    for row, (i, curve) in enumerate(curves):
+        colour, dash = style.COLOURS[i % len(style.COLOURS)], style.DASHES[i % len(style.DASHES)]
+        strip.axhspan(row - 0.46, row + 0.46, color="#eef0f3", linewidth=0.0, zorder=0)
+        if has_several:
+            strip.plot(
+                [-0.055, -0.012], [row, row], color=colour, linestyle=dash, linewidth=2.0, clip_on=False,
+                transform=strip.get_yaxis_transform(),
             )
-        ax.set_xlabel(style.with_unit(_axis_words(swept), x_units))
-        ax.set_ylabel(style.with_unit(symbol, units))
-        ax.set_ylim(0.0, 1.06 * factor * np.nanmax(values[points]) or 1.0)
-        ax.margins(x=0.03)
-        ax.grid(True)
-        if not swept.is_number:
-            ax.set_xticks(range(len(_categories(swept))), _categories(swept))
-        elif _is_logarithmic(x[points]):
-            ax.set_xscale("log")
-        if is_ramp:
-            fig.colorbar(
-                ScalarMappable(ramp, style.COLOUR_MAP),
-                ax=ax,
-                label=style.with_unit(others[0].name, others[0].units),
-            )
-        _mark_unsolved(ax, results, points, x, values, measure)
-        handles, _ = ax.get_legend_handles_labels()
-        if len(handles) > 1 or (is_ramp and handles):
-            ax.legend(
-                loc="lower left",
-                bbox_to_anchor=(0.0, 1.0),
-                ncol=style.legend_columns([h.get_label() for h in handles], fig.get_figwidth()),
-                borderaxespad=0.3,
-                columnspacing=1.4,
-            )
-        chosen = ", ".join(f"{key} = {value}" for key, value in (at or {}).items())
-        style.head(
-            fig, f"{what} over {_axis_words(swept)}", ", ".join(t for t in (results.title, chosen) if t)
-        )
-    return fig
+        _mark(strip, curve, x_factor * curve.x, np.full(curve.points.size, row), are_solved=False, clip_on=False)
+    if not has_several:
+        strip.set_yticks([0], ["not solved"], size=7.5, color=style.MUTED)
+        strip.tick_params(axis="y", length=0.0)
+    else:
+        strip.set_yticks([])
+    strip.grid(True, axis="x")
+    strip.spines[["left", "top", "right"]].set_visible(False)
+
+
+def _curve_keys(curves: list[Curve], is_joined: bool) -> list[Line2D]:
+    """Legend of the curves, none for one alone; what all of them begin with, such as `law(1)%gap =`, stands once."""
+    if len(curves) < 2:
+        return []
+    first = curves[0].label.partition("= ")[0] + "= "
+    is_common = curves[0].label.count("= ") == 1 and all(curve.label.startswith(first) for curve in curves)
+    entries = [Line2D([], [], linestyle="none", label=first.strip())] if is_common else []
+    for i, curve in enumerate(curves):
+        label = curve.label.removeprefix(first) if is_common else curve.label
+        dot = {} if is_joined else {"marker": "o"}
+        entries.append(Line2D([], [], **_curve_look(i, is_joined), **dot, label=label))
+    return entries
+
+
+def _status_keys(curves: list[Curve]) -> list[Line2D]:
+    """Legend of the statuses of the points that are drawn; none where all have converged."""
+    counts: dict[tuple[str, bool], int] = {}
+    n_converged = 0
+    for curve in curves:
+        n_converged += int(curve.is_converged.sum())
+        for name, is_solved, group in marks.by_status(curve.results, curve.points):
+            counts[name, is_solved] = counts.get((name, is_solved), 0) + group.size
+    return marks.keys(counts, n_converged) if counts else []
+
+
+def _axis_key(axis: Parameter) -> tuple:
+    """What files in one picture must have in common: parameter and unit, or the words along it."""
+    return axis.label, axis.units, () if axis.is_number else tuple(dict.fromkeys(axis.values))
 
 
 def _swept_parameter(results: Results, over: str | None, points: np.ndarray) -> Parameter:
@@ -126,7 +260,7 @@ def _swept_parameter(results: Results, over: str | None, points: np.ndarray) -> 
         return max(several, key=lambda p: (p.is_number, len(set(p.values[points].tolist()))))
     raise UsageError(
         f"{results.path}: no parameter changes over the chosen {len(points)} point(s); "
-        f"a response needs a sweep (swept: {list_text(list(results.parameters))})"
+        f"a response needs a sweep (swept: {list_text(results.swept)})"
     )
 
 
@@ -136,93 +270,32 @@ def _goes_along(other: Parameter, swept: Parameter, points: np.ndarray) -> bool:
     return len(pairs) == len({value for value, _ in pairs})
 
 
-def _groups(others: list[Parameter], points: np.ndarray) -> list[tuple[tuple, np.ndarray]]:
+def _groups(others: list[Parameter], points: np.ndarray) -> list[np.ndarray]:
     """Points by the values of the other swept parameters, in ascending order of the values."""
-    keys = [tuple(p.values[point] for p in others) for point in points]
-    found = sorted(set(keys))
-    return [
-        (key, np.array([point for point, k in zip(points, keys) if k == key], dtype=int)) for key in found
-    ]
-
-
-def _curve_look(i: int, ramp, key) -> dict:
-    if ramp is not None:
-        colour = colormaps[style.COLOUR_MAP](0.95 * ramp(key[0]))
-        return {"color": colour, "marker": "o", "linestyle": "-"}
-    n, turn = len(style.COLOURS), i // len(style.COLOURS)
-    return {
-        "color": style.COLOURS[i % n],
-        "marker": style.MARKERS[(i + turn) % n],
-        "linestyle": style.DASHES[turn % len(style.DASHES)],
-    }
-
-
-def _mark_unsolved(ax, results: Results, points, x, values, measure) -> None:
-    """Marks on the axis the points without a result and counts them in the legend, by status."""
-    is_pending = results.status[points] == PENDING
-    is_unsolved = ~np.isin(results.status[points], SOLVED) & ~is_pending
-    without_tuple = int((np.isin(results.status[points], SOLVED) & np.isnan(values[points])).sum())
-    on_axis = dict(
-        linestyle="none",
-        marker="o",
-        clip_on=False,
-        zorder=5,
-        transform=ax.get_xaxis_transform(),
-        fillstyle="none",
-    )
-    if is_unsolved.any():
-        names = [results.status_name(p) for p in points[is_unsolved]]
-        counts = ", ".join(f"{len(list(g))} {name}" for name, g in itertools.groupby(sorted(names)))
-        ax.plot(
-            x[points[is_unsolved]],
-            np.zeros(is_unsolved.sum()),
-            color=style.FAILURE,
-            markersize=6.5,
-            markeredgewidth=1.3,
-            label=f"not converged: {is_unsolved.sum()} of {len(points)} ({counts})",
-            **on_axis,
-        )
-    if is_pending.any():
-        on_axis["marker"] = "s"
-        ax.plot(
-            x[points[is_pending]],
-            np.zeros(is_pending.sum()),
-            color=style.WALL,
-            markersize=5.5,
-            markeredgewidth=1.2,
-            label=f"not solved yet: {is_pending.sum()} of {len(points)}",
-            **on_axis,
-        )
-    if without_tuple:
-        ax.plot([], [], linestyle="none", label=f"{without_tuple} converged without this harmonic")
-
-
-def _words(measure: str, dof: str, j) -> tuple[str, str]:
-    """(what is shown, axis label) of a measure."""
-    if measure == "harmonic":
-        return f"Amplitude of harmonic {tuple_text(j)} of {dof}", rf"$|c_{{{tuple_text(j)}}}|$ of {dof}"
-    if measure == "rms":
-        return f"Root mean square of {dof}", f"rms of {dof}"
-    return f"Peak of {dof}", rf"$\max\,|\,${dof}$\,|$ over hypertime"
-
-
-def _axis_words(parameter: Parameter) -> str:
-    return parameter.path or parameter.name
-
-
-def _categories(parameter: Parameter) -> list[str]:
-    return list(dict.fromkeys(parameter.values))
+    members: dict[tuple, list[int]] = {}
+    for point in points:
+        members.setdefault(tuple(p.values[point] for p in others), []).append(int(point))
+    return [np.array(members[key], dtype=int) for key in sorted(members)]
 
 
 def _positions(parameter: Parameter) -> np.ndarray:
     """Place of each point on the x axis: the value, or the number of the word in order of appearance."""
     if parameter.is_number:
         return parameter.values
-    order = {word: i for i, word in enumerate(_categories(parameter))}
+    order = {word: i for i, word in enumerate(dict.fromkeys(parameter.values))}
     return np.array([float(order[word]) for word in parameter.values])
 
 
-def _is_logarithmic(x: np.ndarray) -> bool:
+def _scales(logarithmic: str | None, axis: Parameter, x: np.ndarray) -> tuple[str, str]:
+    """Scales of both axes, as told or as the sweep runs."""
+    if logarithmic is None:
+        return ("log" if axis.is_number and is_logarithmic(x) else "linear"), "linear"
+    if "x" in logarithmic and not axis.is_number:
+        raise UsageError(f"'{axis.label}' takes words, which have no logarithmic axis")
+    return tuple("log" if letter in logarithmic and logarithmic != "none" else "linear" for letter in "xy")
+
+
+def is_logarithmic(x: np.ndarray) -> bool:
     """Whether a sweep runs over two decades or more in about equal ratios."""
     x = np.unique(x[np.isfinite(x)])
     if len(x) < 3 or x[0] <= 0.0 or x[-1] < 99.0 * x[0]:

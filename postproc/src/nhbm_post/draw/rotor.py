@@ -12,8 +12,9 @@ import re
 import numpy as np
 
 from ..errors import UsageError
+from ..outcome import words
 from ..reader import Results
-from . import style
+from . import marks, style
 
 VIEWS = ("speeds", "snapshots", "wave")
 DISK, CASING = ("q1", "q2"), ("r1", "r2")
@@ -116,12 +117,16 @@ def _draw_speeds(results: Results):
         ):
             radius = [mean_radius(results, point, body) for point in solved]
             above.semilogy(omega[solved], radius, marker, color=colour, markersize=4.2, label=label)
-        missing = [point for point in range(results.n_points) if point not in solved]
-        if missing:
-            above.plot(
-                omega[missing], np.full(len(missing), 0.03), "x", color=style.FAILURE, clip_on=False, markersize=5,
-                transform=above.get_xaxis_transform(), label=f"no motion found ({len(missing)})",
-            )
+        for name, is_solved, points in marks.by_status(results, range(results.n_points)):
+            look = marks.mark(name, is_solved).look(5.0)
+            label = f"{words(name)} ({points.size})"
+            if is_solved:
+                for body in (DISK, CASING):
+                    above.plot(omega[points], [mean_radius(results, p, body) for p in points], label=label, **look)
+                    label = None
+            else:
+                place = above.get_xaxis_transform()
+                above.plot(omega[points], np.full(points.size, 0.03), clip_on=False, transform=place, label=label, **look)
         below.plot(omega[solved], tone, "o", color=style.INK, markersize=4.2, label="tone of the motion")
         span = np.array([np.min(omega), np.max(omega)])
         below.plot(span, np.full(2, rotor.frequencies[0]), "-", color=style.COLOURS[0], label="wave of the disk alone")

@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..errors import UsageError
 
@@ -20,6 +21,8 @@ MUTED = "#5f6670"
 WALL = "#8a8f98"
 CORRECTED = "#D55E00"
 FAILURE = "#C00000"
+
+_LEGEND_ROW = 0.19  # [inch]
 
 ENDINGS = (".png", ".pdf", ".svg")
 
@@ -109,6 +112,47 @@ def legend_columns(labels: list[str], width: float) -> int:
     return int(min(3, max(1, (width - 0.8) // column)))
 
 
+def _dense_columns(labels: list[str], width: float) -> int:
+    """As many columns, filled from top to bottom and each as wide as it must be, as fit into a width in inches."""
+    for n in range(len(labels), 1, -1):
+        parts = np.array_split([0.5 + 0.068 * len(label) for label in labels], n)
+        if sum(part.max() for part in parts) <= width:
+            return n
+    return 1
+
+
+def below_legends(fig: Figure, groups: list[list], *heights: float, **kwargs) -> list:
+    """Axes one below the other, of heights in inches, below legends of which each begins a line of its own.
+
+    The figure grows by what the legends take, so that the axes keep their size.
+    """
+    width, height = fig.get_size_inches()
+    groups = [handles for handles in groups if handles]
+    columns = [_dense_columns([h.get_label() for h in handles], width - 0.8) for handles in groups]
+    rows = [-(-len(handles) // n) for handles, n in zip(groups, columns)]
+    legend_height = _LEGEND_ROW * sum(rows)
+    fig.set_size_inches(width, height + legend_height)
+    ratios = ([legend_height] if groups else []) + list(heights)
+    cells = fig.add_gridspec(len(ratios), 1, height_ratios=ratios, **kwargs)
+    axes = []
+    for cell in list(cells)[len(ratios) - len(heights) :]:
+        axes.append(fig.add_subplot(cell, **({"sharex": axes[0]} if axes else {})))
+    for ax in axes[:-1]:
+        ax.tick_params(labelbottom=False)
+    if groups:
+        top = fig.add_subplot(cells[0])
+        top.set_axis_off()
+        for i, (handles, n) in enumerate(zip(groups, columns)):
+            legend = top.legend(
+                handles=handles, loc="upper left", bbox_to_anchor=(0.0, 1.0 - sum(rows[:i]) / sum(rows)), ncol=n, borderpad=0.0,
+                borderaxespad=0.0, columnspacing=1.3, handletextpad=0.5, labelspacing=0.35,
+            )
+            legend.set_in_layout(False)
+            if i < len(groups) - 1:
+                top.add_artist(legend)
+    return axes
+
+
 def unit_scale(largest: float, units: str) -> tuple[float, str]:
     """(factor, unit text) that make handy numbers of values up to `largest`: 1.5e-3 m gives (1e3, `mm`)."""
     if not np.isfinite(largest) or largest <= 0.0:
@@ -133,6 +177,26 @@ def phase_ticks(axis) -> None:
     """Ticks of a hypertime axis of length 2 pi, in multiples of pi."""
     axis.set_ticks([0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi, 2.0 * np.pi])
     axis.set_ticklabels(["0", r"$\frac{\pi}{2}$", r"$\pi$", r"$\frac{3\pi}{2}$", r"$2\pi$"])
+
+
+def decade_axis(axis, limits) -> None:
+    """Labels at the decades, and at 2 and 5 of each where there are few."""
+    decades = np.log10(limits[1] / limits[0])
+    if decades > 2.5:
+        axis.set_major_locator(LogLocator(base=10.0, numticks=12))
+        axis.set_minor_formatter(NullFormatter())
+        return
+    axis.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(_short))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _short(value: float, _=None) -> str:
+    power = int(np.floor(np.log10(value) + 1e-9))
+    if -2 <= power <= 3:
+        return f"{value:g}"
+    digit = f"{value / 10.0**power:.0f}"
+    return rf"$10^{{{power}}}$" if digit == "1" else rf"${digit}\cdot 10^{{{power}}}$"
 
 
 def save(fig: Figure, path, dpi: int = 200) -> Path:

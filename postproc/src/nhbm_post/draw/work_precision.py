@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from ..bench import Bench, Curve, Motion
 from ..errors import UsageError
@@ -208,26 +208,6 @@ def _number_axis(ax, x, is_logarithmic: bool) -> None:
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0f}"))
 
 
-def _decade_axis(axis, limits) -> None:
-    """Labels at the decades, and at 2 and 5 of each where there are few."""
-    decades = np.log10(limits[1] / limits[0])
-    if decades > 2.5:
-        axis.set_major_locator(LogLocator(base=10.0, numticks=12))
-        axis.set_minor_formatter(NullFormatter())
-        return
-    axis.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(_short))
-    axis.set_minor_formatter(NullFormatter())
-
-
-def _short(value: float, _=None) -> str:
-    power = int(np.floor(np.log10(value) + 1e-9))
-    if -2 <= power <= 3:
-        return f"{value:g}"
-    digit = f"{value / 10.0**power:.0f}"
-    return rf"$10^{{{power}}}$" if digit == "1" else rf"${digit}\cdot 10^{{{power}}}$"
-
-
 def _bare(label: str) -> str:
     """A label without the commands of mathtext, about as long as it is drawn."""
     return re.sub(r"\\\w+|[${}^,\\]", "", label)
@@ -236,7 +216,7 @@ def _bare(label: str) -> str:
 def _finish(fig, ax, bench: Bench, title: str, *details: str) -> None:
     for axis in (ax.xaxis, ax.yaxis):
         if axis.get_scale() == "log" and not isinstance(axis.get_major_locator(), FixedLocator):
-            _decade_axis(axis, axis.get_view_interval())
+            style.decade_axis(axis, axis.get_view_interval())
     ax.grid(True)
     labels = [_bare(label) for label in ax.get_legend_handles_labels()[1]]
     ax.legend(

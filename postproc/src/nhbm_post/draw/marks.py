@@ -1,0 +1,83 @@
+"""How points are marked by their status, in every picture: a shape and a colour each, that also differ in grey."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.lines import Line2D
+
+from ..outcome import CONVERGED, PENDING, SOLVED, words
+from ..reader import Results
+from . import style
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Shape, colour and filling of a status."""
+
+    shape: str
+    colour: str
+    is_filled: bool = True
+
+    def look(self, size: float) -> dict:
+        """Arguments for a line of matplotlib; shapes that are strokes alone have no face to fill."""
+        face = self.colour if self.is_filled else "white"
+        edge = style.INK if self.is_filled and self.shape not in _STROKES else self.colour
+        return {
+            "linestyle": "none",
+            "marker": self.shape,
+            "markersize": size,
+            "markerfacecolor": face,
+            "markeredgecolor": edge,
+            "markeredgewidth": 1.2 if self.shape in _STROKES or not self.is_filled else 0.5,
+        }
+
+
+_STROKES = ("x", "+", "1", "2", "|", "_")
+_MARKS = {
+    "truncated": Mark("^", "#E69F00"),
+    "aliased": Mark("s", "#56B4E9"),
+    "penetrating": Mark("v", "#CC79A7"),
+    "stalled": Mark("x", style.FAILURE),
+    "out_of_budget": Mark("+", style.FAILURE),
+    "singular": Mark("1", style.FAILURE),
+    "not_finite": Mark("2", style.FAILURE),
+    "diverged": Mark(">", style.FAILURE, is_filled=False),
+    "failed": Mark("X", style.FAILURE),
+    "crashed": Mark("*", style.FAILURE),
+    "collapsed": Mark("v", style.INK, is_filled=False),
+    "no_motion": Mark("o", style.INK, is_filled=False),
+    "locked": Mark("s", style.INK, is_filled=False),
+    "pending": Mark("|", style.WALL),
+}
+# Statuses that are newer than this table.
+_SOLVED_MARK = Mark("D", "#F0E442")
+_UNSOLVED_MARK = Mark("P", style.FAILURE, is_filled=False)
+
+
+def mark(name: str, is_solved: bool) -> Mark:
+    """Mark of a status by its name in the file."""
+    return _MARKS.get(name, _SOLVED_MARK if is_solved else _UNSOLVED_MARK)
+
+
+def by_status(results: Results, points: Iterable[int]) -> list[tuple[str, bool, np.ndarray]]:
+    """(name, whether solved, points) of each status but `converged` that occurs, in the order of the status numbers."""
+    points = np.asarray(list(points), dtype=int)
+    codes = [code for code in np.unique(results.status[points]) if code not in (CONVERGED, PENDING)]
+    if (results.status[points] == PENDING).any():
+        codes.append(PENDING)
+    groups = [points[results.status[points] == code] for code in codes]
+    return [(results.status_name(int(group[0])), code in SOLVED, group) for code, group in zip(codes, groups)]
+
+
+def keys(counts: dict[tuple[str, bool], int], n_converged: int, size: float = 5.5) -> list[Line2D]:
+    """Entries of a legend, `50 truncated`, of all that occur: that of the converged points first."""
+    entries = []
+    if n_converged:
+        look = {"color": style.MUTED, "linewidth": 1.4, "marker": "o", "markersize": 0.62 * size}
+        entries.append(Line2D([], [], **look, label=f"{n_converged} converged"))
+    for (name, is_solved), n in counts.items():
+        entries.append(Line2D([], [], **mark(name, is_solved).look(size), label=f"{n} {words(name)}"))
+    return entries

@@ -1,0 +1,54 @@
+"""Numbers that stand for a point of a sweep in curves and maps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .reader import QUANTITIES, Results
+from .text import tuple_text
+
+MEASURES = ("peak", "rms", "harmonic", "frequency")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What is drawn: `peak`, `rms`, `harmonic` with its tuple `j`, or `frequency` of `tone` (from 0)."""
+
+    name: str = "peak"
+    j: tuple[int, ...] | None = None
+    tone: int = 0
+    quantity: str = "motion"
+
+    def values(self, results: Results, dof: str) -> np.ndarray:
+        """The measure at every point, NaN at those that are not solved or do not have the tuple `j`."""
+        values = np.full(results.n_points, np.nan)
+        if self.name == "frequency":
+            for point in results.solved:
+                values[point] = results.frequency(int(point))[self.tone]
+            return values
+        for point, series in results.all_series(dof, self.quantity):
+            if self.name == "harmonic":
+                try:
+                    values[point] = np.hypot(*series.harmonic(self.j))
+                except KeyError:
+                    continue
+            else:
+                values[point] = series.rms if self.name == "rms" else series.peak()
+        return values
+
+    def units(self, results: Results, dof: str) -> str:
+        return "rad/s" if self.name == "frequency" else results.units(self.quantity, dof)
+
+    def words(self, results: Results, dof: str) -> tuple[str, str]:
+        """(what is shown, axis label)."""
+        symbol = QUANTITIES[self.quantity].symbol.format(dof)
+        if self.name == "frequency":
+            tone = "the tone" if results.n_tones == 1 else f"tone {self.tone + 1}"
+            return f"Frequency of {tone}", f"frequency of {tone}"
+        if self.name == "harmonic":
+            return f"Amplitude of harmonic {tuple_text(self.j)} of {symbol}", rf"$|c_{{{tuple_text(self.j)}}}|$ of {symbol}"
+        if self.name == "rms":
+            return f"Root mean square of {symbol}", f"rms of {symbol}"
+        return f"Peak of {symbol}", rf"$\max\,|\,${symbol}$\,|$ over hypertime"

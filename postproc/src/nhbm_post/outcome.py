@@ -1,0 +1,41 @@
+"""How the solution of a point ended: numbers, names and words of the statuses, and which of them are a solution.
+
+The program has them in src/solve/hb_outcome.f90; a file brings its own numbers and names (attributes of `status`).
+"""
+
+from __future__ import annotations
+
+PENDING, CONVERGED, FAILED, CRASHED = 0, 1, 6, 12
+# No motion was reached that could be looked at.
+EMPTY = (PENDING, FAILED, CRASHED)
+# The balance is solved; all but the first miss a threshold of the certificate and do not count as converged.
+SOLVED = (CONVERGED, 7, 8, 9)
+
+TEXTS = {
+    "pending": "not solved yet",
+    "converged": "converged",
+    "stalled": "stalled: no step makes the residual smaller",
+    "out_of_budget": "out of budget: the limit was met before the tolerance",
+    "singular": "singular: the linear system of a step has no unique solution",
+    "not_finite": "not finite: the residual is NaN or infinite where it was tried",
+    "failed": "failed: see the message of the point",
+    "truncated": "truncated: solved, but the harmonics left out matter",
+    "aliased": "aliased: solved, but the samples are too few",
+    "penetrating": "penetrating: solved, but too far inside a rigid wall",
+    "collapsed": "collapsed: an unknown tone died out, the motion has fewer tones",
+    "no_motion": "no motion: no self-excited motion was found",
+    "crashed": "crashed: its solution has ended the process, see the message",
+    "diverged": "diverged: the steps run away from the size of the problem",
+    "locked": "locked: the tones are multiples of one, the motion has one tone",
+}
+NAMES = dict(enumerate(TEXTS))
+
+
+def words(name: str) -> str:
+    """Name of a status for people: `out of budget`."""
+    return name.replace("_", " ")
+
+
+def sentence(name: str) -> str:
+    """What a status means, in the words of the program; the bare name where this module is older than the file."""
+    return TEXTS.get(name, words(name))
