@@ -133,6 +133,11 @@ def test_lines_are_broken_where_the_motion_jumps(tmp_path):
     with Results(grid_file(tmp_path / "b.h5", n_gaps=1)) as results:
         (line,) = curves_of(draw_response(results))
     assert np.isfinite(line.get_xdata()).all(), "a file that does not tell is joined"
+    branch = [1, 1, 2, 2, 2, 1, 1, 1, 2, 2, 1, 1, 1, 1, 0]
+    with Results(grid_file(tmp_path / "c.h5", branch=branch)) as results:
+        along, across = (curves_of(draw_response(results, over=over)) for over in ("tones%frequency", "law(1)%gap"))
+    assert [np.isnan(line.get_xdata()).sum() for line in along] == [1, 1, 0], "0 is not another branch, but none that is known"
+    assert all(np.isfinite(line.get_xdata()).all() for line in across), "numbers along the fastest parameter alone"
 
 
 def test_a_hundred_curves_are_thinned_and_said_so(tmp_path):

@@ -30,6 +30,7 @@ class Curve:
     points: np.ndarray
     x: np.ndarray
     y: np.ndarray
+    branch: np.ndarray
 
     @property
     def is_solved(self) -> np.ndarray:
@@ -42,8 +43,8 @@ class Curve:
     def line(self, has_place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """x, y and what has converged, with a gap at points without a value and where the motion jumps to another branch."""
         y = np.where(has_place(self.y), self.y, np.nan)
-        branch = self.results.branch()[self.points]
-        jumps = np.flatnonzero(np.diff(branch) != 0) + 1
+        is_jump = (np.diff(self.branch) != 0) & (self.branch[1:] > 0) & (self.branch[:-1] > 0)
+        jumps = np.flatnonzero(is_jump) + 1
         return np.insert(self.x, jumps, np.nan), np.insert(y, jumps, np.nan), np.insert(self.is_converged, jumps, False)
 
 
@@ -157,11 +158,14 @@ def _curves(results, name, dof, measure, over, where, n_curves) -> tuple[list[Cu
         what = " and ".join(p.label for p in others)
         notes.append(f"{len(which)} of {len(groups)} curves over {what}: --where chooses, nhbm-post map draws all")
         groups = [groups[k] for k in which]
+    # Branches are numbered along the fastest parameter of a sweep: along another one they say nothing of neighbours.
+    is_fastest = swept.values[0] != swept.values[min(1, results.n_points - 1)]
+    branch = results.branch() if is_fastest else np.zeros(results.n_points, dtype=int)
     curves = []
     for members in groups:
         members = members[np.argsort(_positions(swept)[members], kind="stable")]
         label = ", ".join([name] * bool(name) + [p.text(int(members[0])) for p in others])
-        curves.append(Curve(label, results, members, x[members], values[members]))
+        curves.append(Curve(label, results, members, x[members], values[members], branch[members]))
     return curves, along, notes
 
 
