@@ -26,6 +26,7 @@ module hb_certificate
 
    real(wp), parameter :: rest = 1.0e-6_wp                             ! motion relative to what the loads do to the stiffest
                                                                       ! harmonic, below which nothing moves
+   real(wp), parameter :: linear = 0.1_wp                             ! largest error that one linear step tells
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
    real(wp), parameter :: largest_fine_grid = 4.0e6_wp                 ! samples
 
@@ -169,8 +170,8 @@ contains
       type(phase_problem_t), intent(inout), optional :: phase
       type(tangent_solver_t) :: tangent
       real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), size_of_motion
-      integer :: i, n
-      logical :: is_singular
+      integer :: n
+      logical :: is_rigid, is_singular
 
       if (all(u == 0.0_wp)) return
       size_of_motion = max(norm2(u), rest*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
@@ -190,7 +191,7 @@ contains
       if (is_singular) return
       call exchange(balance%harmonics, wide%harmonics, u, big)
       call residual_of(wide, big, defect)
-      alias = restricted(defect)
+      alias = restricted(defect, big)
       call solve_tangent(alias)
       if (is_singular) return
       self%aliasing = norm2(alias(:size(u)))/size_of_motion
@@ -198,9 +199,10 @@ contains
       call clear_kept(balance%harmonics, wide%harmonics, defect)
       call wide%solve_mean_tangent(big, defect, answer, error)
       if (allocated(error)) return
+      is_rigid = acts_rigidly(balance, wide)
       call clear_kept(balance%harmonics, wide%harmonics, answer)
       call residual_of(wide, big - answer, defect)
-      change = restricted(defect)
+      change = restricted(defect, big - answer)
       call solve_tangent(change)
       if (is_singular) return
       change = change - alias
@@ -209,8 +211,7 @@ contains
          associate (first => size(u) + 1, last => size(u) + size(phase%tones))
             self%frequency_error(phase%tones) = hypot(change(first:last), alias(first:last))
          end associate
-         if (any([(balance%law_set%laws(i)%law%is_multiplier, i=1, size(balance%law_set%laws))])) &
-            call compare_with_half(self, phase, u, size_of_motion)
+         if (is_rigid .or. self%truncation > linear) call compare_with_half(self, phase, u, size_of_motion)
          return                                                       ! the improvement holds the frequencies
       end if
       if (n_steps == 0) return
@@ -220,15 +221,15 @@ contains
 
    contains
 
-      !> The kept part of wide coefficients, as a vector; the equations of unknown tones have nothing to add.
-      function restricted(wide_coefficients) result(kept)
-         real(wp), intent(in) :: wide_coefficients(:, :)
+      !> The kept part of wide coefficients, as a vector, and what the equations added for unknown tones say of a wide motion.
+      function restricted(wide_coefficients, motion) result(kept)
+         real(wp), intent(in) :: wide_coefficients(:, :), motion(:, :)
          real(wp) :: kept(n)
          real(wp) :: pairs(size(u, 1), size(u, 2))
 
          call exchange(wide%harmonics, balance%harmonics, wide_coefficients, pairs)
-         kept = 0.0_wp
          kept(:size(u)) = reshape(pairs, [size(u)])
+         if (present(phase)) kept(size(u) + 1:) = phase%added_residual(wide, motion)
       end function restricted
 
       subroutine solve_tangent(r)
@@ -242,10 +243,33 @@ contains
       end subroutine solve_tangent
    end subroutine estimate_errors
 
-   !> Motion of its own against rigid laws: raises the estimates to the change from the solution of half the order. A wall that is
-   !> struck pushes with all harmonics alike, and those left out move the place where it is struck by sum 1/j**2 = 1/order: the
-   !> error falls with the first power, so that it is as large as this change. The harmonics just outside show little of that:
-   !> the force of the truncated motion has a width, not the spectrum of a blow. Without a solution nothing is raised.
+   !> Whether a law that is not smooth is rigid, or so much stiffer than the structure in the fastest kept harmonic that it acts
+   !> as if it were: such a blow is shorter than what the set can follow.
+   logical function acts_rigidly(balance, wide)
+      type(balance_t), intent(in) :: balance
+      type(balance_t), intent(in) :: wide                             !! has the derivatives of its laws
+      real(wp), parameter :: much = 4.0_wp
+      integer :: fastest, i
+
+      associate (set => wide%law_set, stiffness => balance%stiffness)
+         acts_rigidly = any([(set%laws(i)%law%is_multiplier, i=1, size(set%laws))])
+         if (acts_rigidly .or. all([(set%laws(i)%law%degree > 0, i=1, size(set%laws))])) return
+         fastest = maxloc(abs(balance%frequencies), dim=1)
+         do i = 1, set%n_pairs
+            associate (dof => set%row(i), shift => stiffness%pattern%shift)
+               if (set%column(i) /= dof) cycle
+               acts_rigidly = acts_rigidly .or. maxval(abs(set%df_dq%values(:, i))) > &
+                              much*abs(stiffness%condensed(shift(dof) + dof, dof, fastest))
+            end associate
+         end do
+      end associate
+   end function acts_rigidly
+
+   !> Motion of its own against rigid laws, and any that one linear step cannot judge: the change from the solution of half the
+   !> order raises the estimates, or takes their place where they are too large to be believed. A wall that is struck pushes with
+   !> all harmonics alike, and those left out move the place where it is struck by sum 1/j**2 = 1/order: the error falls with the
+   !> first power, so that it is as large as this change. The harmonics just outside show little of that: the force of the
+   !> truncated motion has a width, not the spectrum of a blow. Without a solution the estimates stay.
    subroutine compare_with_half(self, phase, u, size_of_motion)
       type(certificate_t), intent(inout) :: self
       type(phase_problem_t), intent(inout) :: phase
@@ -269,9 +293,15 @@ contains
       call phase%move_to(x, is_possible)
       if (report%status /= outcome%converged .or. norm2(x_half(:size(u))) < same_motion*norm2(u)) return
       x_half = x_half - x
-      self%truncation = max(self%truncation, norm2(x_half(:size(u)))/size_of_motion)
-      associate (first => size(u) + 1, last => size(u) + size(phase%tones))
-         self%frequency_error(phase%tones) = max(self%frequency_error(phase%tones), abs(x_half(first:last)))
+      associate (first => size(u) + 1, last => size(u) + size(phase%tones), motion => norm2(x_half(:size(u)))/size_of_motion, &
+                 of_tones => self%frequency_error(phase%tones))
+         if (self%truncation > linear) then
+            self%truncation = max(motion, linear)
+            self%frequency_error(phase%tones) = abs(x_half(first:last))
+         else
+            self%truncation = max(self%truncation, motion)
+            self%frequency_error(phase%tones) = max(of_tones, abs(x_half(first:last)))
+         end if
       end associate
    end subroutine compare_with_half
 

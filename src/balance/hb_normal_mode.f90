@@ -44,6 +44,7 @@ module hb_normal_mode
       real(wp) :: value = 0.0_wp                                      ! [m] or [J]
       integer :: dof = 0                                              ! of the amplitude, among those of the laws
       real(wp), allocatable :: forms(:, :)                            ! phase and amplitude, (coefficients of all dofs, 2)
+      logical :: is_peak = .false.                                    ! these are rate and value where the phase is zero
       type(energy_t), allocatable :: energy                           ! else an amplitude
    end type goal_t
 
@@ -63,6 +64,7 @@ contains
 
       goal%value = amplitude
       goal%dof = dof
+      goal%is_peak = is_peak
       associate (set => search%balance%harmonics, tone => search%tones(1), n_dofs => size(u, 2))
          h = fundamental(set, tone)
          allocate (goal%forms(size(u), 2))
@@ -278,6 +280,7 @@ contains
       else
          call search%set_scales(abs(share*goal%value))
          call new_phase_problem(search%phase, search%balance, search%tones, .true., goal%forms, [0.0_wp, share*goal%value])
+         if (goal%is_peak) search%phase%peak_dof = goal%dof
       end if
       x = search%phase%unknowns(u)
       if (by_orders) then

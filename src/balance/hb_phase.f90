@@ -24,6 +24,8 @@ module hb_phase
                                                                       !! added)
       real(wp), allocatable :: values(:)                              !! of the forms, (equations added)
       type(energy_t), allocatable :: energy                           !! has the last of the values; its form is found anew
+      integer :: peak_dof = 0                                         !! the forms are rate and value of its displacement where all
+                                                                      !! phases are zero, of a series of any length; 0: they are not
       logical, allocatable :: is_held(:)                              !! coefficients held at zero, none if not allocated
       integer, private :: n_u = 0                                     ! coefficients of all degrees of freedom
       real(wp), allocatable, private :: border(:, :)                  ! derivatives by the further unknowns, (n_u, those)
@@ -45,6 +47,7 @@ module hb_phase
       procedure :: hold_above => phase_problem_hold_above
       procedure :: unknowns => phase_problem_unknowns
       procedure :: move_to => phase_problem_move_to
+      procedure :: added_residual => phase_problem_added_residual
    end type phase_problem_t
 
    ! Products; bodies in hb_phase_products
@@ -183,6 +186,24 @@ contains
          end if
       end associate
    end subroutine phase_problem_residual
+
+   !> Residual of the equations added, of a motion in a wider set: peaks and energies have a part outside of the set of the
+   !> problem, which its forms cannot see; all else has none.
+   function phase_problem_added_residual(self, wide, motion) result(r)
+      class(phase_problem_t), intent(in) :: self
+      type(balance_t), intent(inout) :: wide                          !! at the frequencies of the balance
+      real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients of the wider set, n_dofs)
+      real(wp) :: r(size(self%values))
+
+      r = 0.0_wp
+      if (self%peak_dof > 0) then
+         r(1) = dot_product(peak_rate_form(wide%harmonics, wide%n_dofs, self%peak_dof, self%tones(1)), &
+                            reshape(motion, [size(motion)])) - self%values(1)
+         r(2) = dot_product(peak_form(wide%harmonics, wide%n_dofs, self%peak_dof), reshape(motion, [size(motion)])) &
+                - self%values(2)
+      end if
+      if (allocated(self%energy)) r(size(r)) = self%energy%value(wide, motion) - self%values(size(r))
+   end function phase_problem_added_residual
 
    subroutine phase_problem_tangent(self, x, jacobian)
       class(phase_problem_t), intent(inout) :: self

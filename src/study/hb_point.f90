@@ -360,6 +360,7 @@ contains
       associate (found => result%certificate, limit => scene%certificate)
          if (found%defects%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
+         if (any(is_missed(found%frequency_error/balance%omega, limit%truncation))) result%status = outcome%truncated
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
          result%is_near_commensurate = scene%tones%n_tones > 1 .and. &
             found%combination_frequency < limit%commensurability*maxval(balance%omega)
@@ -367,7 +368,7 @@ contains
    end subroutine keep_certificate
 
    !> Whether an estimate is above its limit; one that is not a number, out of the range of a law, is.
-   pure logical function is_missed(estimate, limit)
+   elemental logical function is_missed(estimate, limit)
       real(wp), intent(in) :: estimate, limit
 
       is_missed = .true.
