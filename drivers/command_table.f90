@@ -45,7 +45,7 @@ module command_table
       option_t("--resume", "", "", "solve", "go on with the result file if there is one; the input must be the same"), &
       option_t("--retry", "", "", "solve resume", "when going on: also solve again the points that did not converge"), &
       option_t("--time-limit", "", "SECONDS", "solve resume", &
-         "begin no point that would end later, as long as the longest so far"), &
+         "end the run then; points that are left are for nhbm resume"), &
       option_t("--set", "", "PATH=VALUE", "solve check plan bench march", "change one input value, such as law(1)%gap=1.5e-3 "// &
          "or solver%method='broyden'; may be given several times"), &
       option_t("--quiet", "", "", all_verbs, "errors alone: neither progress nor summary; as --log-level quiet"), &
@@ -155,7 +155,7 @@ contains
          "exit status: 0 all points converged, 1 some did not (their status is in the file), a derivative is wrong or", &
          "             marching does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
          "             limit came first; resume solves them.", &
-         "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run once the points in flight are solved, a second one at once.", &
+         "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run at the next step of a solver, a second one at once.", &
          "BLAS works with one thread unless OPENBLAS_NUM_THREADS says otherwise. docs/user/input.md lists the keys of the", &
          "input, docs/user/schema.md the results."
    end subroutine write_help

@@ -81,7 +81,7 @@ contains
       if (is_told) write (output_unit, "(a)") "nhbm "//options%verb//" "//options%input//": "// &
          number_of(study%plan%n_points, "point")//" on "//number_of(size_of(comm), "rank")//", "// &
          number_of(study%scene%tones%n_tones, "tone")//", "//number_of(size(study%tuples, 2), "harmonic")
-      call catch_signals("nhbm: ended by a second signal, points in flight are dropped; nhbm resume "//path// &
+      call catch_signals("nhbm: ended by a second signal; nhbm resume "//path// &
          " goes on", incomplete, error)
       if (allocated(error)) return
       call run_study(study, how, comm, summary, error)

@@ -121,10 +121,10 @@ def write_results(
         if message_layout == "chars":
             size = file.create_dataset("message_byte", data=np.arange(200, dtype=np.int32))
             size.make_scale(f"This is a netCDF dimension but not a netCDF variable.{200:10d}")
-            chars = np.array(messages, "S200").view("S1").reshape(n_points, 200)
+            chars = np.array(messages, "S400").view("S1").reshape(n_points, 400)
             add("message", chars, ("point", "message_byte"), _Encoding="utf-8")
         else:
-            add("message", np.array(messages, "S200"), ("point",))
+            add("message", np.array(messages, "S400"), ("point",))
         is_done = status != 0
         add("iterations", np.where(is_done, 5 + np.arange(n_points), 0).astype(np.int32), ("point",))
         add("evaluations", np.where(is_done, 9 + np.arange(n_points), 0).astype(np.int32), ("point",))

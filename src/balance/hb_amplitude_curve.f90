@@ -230,7 +230,7 @@ contains
       call make_problem(self, from, direction, step, problem)
       x = vector_of(from) + step*direction
       call solve_newton(problem, self%path_config(), x, report)
-      call self%add_effort(report)
+      call self%report%add(report)
       is_on_curve = report%status == outcome%converged
       if (.not. is_on_curve) return
       to%u = reshape(x(:n), shape(to%u))

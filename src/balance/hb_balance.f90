@@ -67,6 +67,7 @@ module hb_balance
       procedure :: precondition => balance_precondition
       procedure, private :: mean_tangent => balance_mean_tangent
       procedure :: solve_linear => balance_solve_linear
+      procedure :: compliance_of_law => balance_compliance_of_law
       procedure :: rounding_level => balance_rounding_level
       procedure :: solve_mean_tangent => balance_solve_mean_tangent
       procedure :: mean_slopes => balance_mean_slopes
@@ -114,6 +115,12 @@ module hb_balance
          real(wp), intent(in), contiguous :: r(:)
          real(wp), intent(out), contiguous :: step(:)
       end subroutine balance_solve_linear
+
+      module function balance_compliance_of_law(self, i) result(compliance)
+         class(balance_t), intent(in) :: self
+         integer, intent(in) :: i                                        !! law
+         real(wp) :: compliance                                          !! of the structure at its first coordinate [m/N]
+      end function balance_compliance_of_law
 
       module function balance_rounding_level(self, x) result(level)
          class(balance_t), intent(inout) :: self
@@ -258,7 +265,23 @@ contains
          if (allocated(error)) return
       end if
       call choose_scales(self)
+      call count_work(self, torus)
    end subroutine new_balance
+
+   !> What a residual and a tangent cost, in about a nanosecond: transforms and laws by samples, memory walked along time for
+   !> each unknown, factors by multiplications.
+   subroutine count_work(self, torus)
+      class(balance_t), intent(inout) :: self
+      type(torus_t), intent(in) :: torus
+      real(wp), parameter :: per_sample = 50.0_wp, per_walk = 200.0_wp, per_multiplication = 0.25_wp
+      real(wp) :: n
+
+      n = self%n_unknowns
+      self%residual_work = per_sample*torus%n_total*self%n_dofs
+      if (self%law_set%has_memory) self%residual_work = self%residual_work + per_walk*torus%n_total*self%n_dofs
+      self%tangent_work = per_multiplication*n**3
+      if (self%law_set%has_memory) self%tangent_work = self%tangent_work + n*per_walk*torus%n_total
+   end subroutine count_work
 
    !> Drops what products with the tangent and their preconditioner hold.
    subroutine forget_products(self)

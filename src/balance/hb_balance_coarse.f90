@@ -54,10 +54,7 @@ contains
          else
             call solve_newton(coarse, loose, y, attempt)
          end if
-         report%iterations = report%iterations + attempt%iterations
-         report%evaluations = report%evaluations + attempt%evaluations
-         report%factorizations = report%factorizations + attempt%factorizations
-         report%products = report%products + attempt%products
+         call report%add(attempt)
          is_found = attempt%status == outcome%converged
          if (is_found) call copy_kept(self, coarse, kept, x, y, to_coarse=.false.)
       end if
@@ -82,6 +79,7 @@ contains
       end associate
       if (allocated(error)) return
       call new_balance(coarse, set, torus, self%omega, self%stiffness%restricted_to(kept), self%law_set%laws, self%effort, error)
+      coarse%watch => self%watch
    end subroutine make_coarse
 
    !> Copies the coefficients of the kept harmonics from the fine set to the coarse one, or back; others stay.

@@ -60,12 +60,11 @@ contains
    module subroutine prepare_law(self, i)
       type(balance_t), intent(inout) :: self
       integer, intent(in) :: i
-      integer :: fastest, h
+      integer :: fastest
       real(wp) :: compliance, mobility
 
-      h = max(1, findloc(self%is_singular, .false., dim=1))
       associate (law => self%law_set%laws(i)%law)
-         compliance = compliance_of(self, i, h)
+         compliance = self%compliance_of_law(i)
          if (compliance > 0.0_wp) call law%prepare(1.0_wp/compliance)
          fastest = maxloc(abs(self%frequencies), dim=1)
          associate (frequency => abs(self%frequencies(fastest)))
@@ -74,6 +73,14 @@ contains
          end associate
       end associate
    end subroutine prepare_law
+
+   module function balance_compliance_of_law(self, i) result(compliance)
+      class(balance_t), intent(in) :: self
+      integer, intent(in) :: i
+      real(wp) :: compliance
+
+      compliance = compliance_of(self, i, max(1, findloc(self%is_singular, .false., dim=1)))
+   end function balance_compliance_of_law
 
    !> |w.S^-1 w| of harmonic h, with w the weights of the first coordinate of law i.
    real(wp) function compliance_of(self, i, h)

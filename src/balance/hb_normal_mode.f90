@@ -288,7 +288,7 @@ contains
       else
          call solve(search%phase, config, x, x, report)
       end if
-      call search%add_effort(report)
+      call search%report%add(report)
       search%report%status = report%status
       search%report%residual = report%residual
       u = reshape(x(:size(u)), shape(u))

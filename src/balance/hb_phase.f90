@@ -100,6 +100,9 @@ contains
       self%n_u = balance%n_unknowns
       self%n_unknowns = self%n_u + size(values)
       self%has_products = balance%has_products
+      self%residual_work = balance%residual_work
+      self%tangent_work = balance%tangent_work
+      self%watch => balance%watch
       allocate (self%border(self%n_u, size(values)))
       self%x_scale = [balance%x_scale, balance%omega(tones)]
       if (with_damping) self%x_scale = [self%x_scale, balance%omega(tones)]
@@ -191,7 +194,7 @@ contains
    !> problem, which its forms cannot see; all else has none.
    function phase_problem_added_residual(self, wide, motion) result(r)
       class(phase_problem_t), intent(in) :: self
-      type(balance_t), intent(inout) :: wide                          !! at the frequencies of the balance
+      type(balance_t), intent(inout), target :: wide                  !! at the frequencies of the balance
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients of the wider set, n_dofs)
       real(wp) :: r(size(self%values))
 

@@ -59,7 +59,6 @@ module hb_search
       procedure :: move_balance => search_move_balance
       procedure :: path_config => search_path_config
       procedure :: set_scales => search_set_scales
-      procedure :: add_effort => search_add_effort
    end type search_t
 
 contains
@@ -194,11 +193,11 @@ contains
       config = self%path_config()
       x = problem%unknowns(point%u)
       call solve_newton(problem, config, x, report)
-      call self%add_effort(report)
+      call self%report%add(report)
       if (report%status /= outcome%converged .and. is_first) then
          x = problem%unknowns(point%u)
          call climb_orders(problem, config, x, report)
-         call self%add_effort(report)
+         call self%report%add(report)
       end if
       is_solved = report%status == outcome%converged
       if (.not. is_solved) return
@@ -241,9 +240,7 @@ contains
             where (problem%is_held) x(:size(problem%is_held)) = 0.0_wp
          end if
          call solve_newton(problem, config, x, attempt)
-         report%iterations = report%iterations + attempt%iterations
-         report%evaluations = report%evaluations + attempt%evaluations
-         report%factorizations = report%factorizations + attempt%factorizations
+         call report%add(attempt)
          report%status = attempt%status
          report%residual = attempt%residual
          if (report%status /= outcome%converged .or. .not. allocated(problem%is_held)) exit
@@ -281,7 +278,7 @@ contains
       call new_phase_problem(self%phase, self%balance, self%tones, .false., forms, 0.0_wp*point%omega)
       x = self%phase%unknowns(u)
       call solve(self%phase, self%config, x, x, report)
-      call self%add_effort(report)
+      call self%report%add(report)
       is_found = report%status == outcome%converged
       if (.not. is_found) return
       u = reshape(x(:size(u)), shape(u))
@@ -360,13 +357,4 @@ contains
          b%r_scale = [(spread(force(i), 1, n), i=1, b%n_dofs)]
       end associate
    end subroutine search_set_scales
-
-   pure subroutine search_add_effort(self, report)
-      class(search_t), intent(inout) :: self
-      type(report_t), intent(in) :: report
-
-      self%report%iterations = self%report%iterations + report%iterations
-      self%report%evaluations = self%report%evaluations + report%evaluations
-      self%report%factorizations = self%report%factorizations + report%factorizations
-   end subroutine search_add_effort
 end module hb_search

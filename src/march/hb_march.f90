@@ -18,6 +18,7 @@ module hb_march
    use hb_march_system, only: march_system_t
    use hb_runge_kutta_4, only: new_runge_kutta_4, runge_kutta_4_t
    use hb_text, only: to_text
+   use hb_watch, only: watch_t
    implicit none
    private
    public :: judge, march_from, march_judgement_t, march_record_t, march_watcher_t
@@ -60,7 +61,7 @@ module hb_march
 contains
 
    !> Marches from a state through the transient and the duration of `config`. `state` returns the last one.
-   subroutine march_from(system, config, step, kept_dofs, state, record, error, watcher)
+   subroutine march_from(system, config, step, kept_dofs, state, record, error, watcher, watch)
       type(march_system_t), intent(inout), target :: system
       type(march_config_t), intent(in) :: config
       real(wp), intent(in) :: step                                    !! [s], > 0
@@ -69,13 +70,15 @@ contains
       type(march_record_t), intent(out) :: record
       type(error_t), allocatable, intent(out) :: error
       class(march_watcher_t), intent(inout), optional :: watcher
+      class(watch_t), intent(inout), optional :: watch                !! may end the march, with an error
       class(integrator_t), allocatable :: integrator
       real(wp) :: begun, ended
 
       call cpu_time(begun)
       call new_integrator(integrator, system, config, step, error)
       if (.not. allocated(error)) call integrator%start(state, error)
-      if (.not. allocated(error)) call follow(integrator, system, config, step, kept_dofs, state, record, error, watcher)
+      if (.not. allocated(error)) call follow(integrator, system, config, step, kept_dofs, state, record, error, watcher, &
+                                             watch)
       call cpu_time(ended)
       record%cpu_seconds = ended - begun
       if (allocated(integrator)) call integrator%destroy()
@@ -123,7 +126,7 @@ contains
    end subroutine new_integrator
 
    !> Advances step by step and writes down.
-   subroutine follow(integrator, system, config, step, kept_dofs, state, record, error, watcher)
+   subroutine follow(integrator, system, config, step, kept_dofs, state, record, error, watcher, watch)
       class(integrator_t), intent(inout) :: integrator
       type(march_system_t), intent(inout), target :: system               !! the integrator points to it
       type(march_config_t), intent(in) :: config
@@ -133,6 +136,7 @@ contains
       type(march_record_t), intent(inout) :: record
       type(error_t), allocatable, intent(out) :: error
       class(march_watcher_t), intent(inout), optional :: watcher
+      class(watch_t), intent(inout), optional :: watch
       integer :: done, i, n_kept, n_steps, n_stored, n_transient, stat, stride
 
       call check_length(config, step, size(kept_dofs), system%laws%n_coordinates, error)
@@ -141,6 +145,7 @@ contains
       n_steps = max(1, nint(config%duration/step))
       do done = 0, n_transient - 1, steps_between_looks
          call advance(integrator, state, min(steps_between_looks, n_transient - done), config%largest, error)
+         if (.not. allocated(error)) call look()
          if (allocated(error)) return
          if (present(watcher)) call watcher%show(done, n_transient + n_steps)
       end do
@@ -163,11 +168,17 @@ contains
          call keep(i)
          if (modulo(i, steps_between_looks) > 0 .and. i < n_steps) cycle
          call check_finite(state, config%largest, error)
+         if (.not. allocated(error)) call look()
          if (allocated(error)) return
          if (present(watcher)) call watcher%show(n_transient + i, n_transient + n_steps)
       end do
 
    contains
+
+      subroutine look()
+         if (.not. present(watch)) return
+         if (watch%is_over()) call fail(error, "the march was ended before its time")
+      end subroutine look
 
       subroutine keep(i)
          integer, intent(in) :: i

@@ -47,7 +47,7 @@ contains
       report%residual = problem%norm(r)
       call search%remember(report%residual)
       report%evaluations = 1
-      call end_at_point(config, report)
+      call end_at_point(problem, config, report)
       if (report%status /= outcome%pending) return
       allocate (inverse%a(problem%n_unknowns, config%memory), inverse%s(problem%n_unknowns, config%memory))
       if (config%start_with_tangent) then
@@ -63,7 +63,7 @@ contains
          if (fraction <= 0.0_wp .and. inverse%n_updates == 0 .and. inverse%with_tangent) then
             call end_without_step(problem, x, search%failure, report)
          else
-            call end_at_point(config, report)
+            call end_at_point(problem, config, report)
          end if
          if (report%status /= outcome%pending) return
 

@@ -5,25 +5,41 @@ module hb_ending
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
+   use hb_watch, only: verdict
    implicit none
    private
-   public :: end_at_point, end_without_step
+   public :: end_at_point, end_if_over, end_without_step
 
 contains
 
-   !> Ends where the residual of the point reached settles it, or the budget is used up; leaves `pending` else.
-   pure subroutine end_at_point(config, report)
+   !> Ends where the residual of the point reached settles it, or the budget or the time is used up; leaves `pending` else.
+   subroutine end_at_point(problem, config, report)
+      class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
       type(report_t), intent(inout) :: report
 
+      call report%note()
+      report%work = problem%work_of(report)
       if (.not. ieee_is_finite(report%residual)) then
          report%status = outcome%not_finite
       else if (report%residual <= config%tolerance) then
          report%status = outcome%converged
-      else if (report%iterations >= config%max_iterations) then
+      else if (report%iterations >= config%max_iterations .or. report%work >= config%work_limit) then
          report%status = outcome%out_of_budget
+         report%is_out_of_work = report%work >= config%work_limit
+      else
+         call end_if_over(problem, report)
       end if
    end subroutine end_at_point
+
+   !> Ends where whoever watches over the point says so; leaves the status else.
+   subroutine end_if_over(problem, report)
+      class(problem_t), intent(inout) :: problem
+      type(report_t), intent(inout) :: report
+
+      if (.not. problem%is_over()) return
+      report%status = merge(outcome%timed_out, outcome%interrupted, problem%watch%verdict == verdict%timed_out)
+   end subroutine end_if_over
 
    !> Ends where there is no further step: as converged if rounding alone gives the residual, else as `status`.
    subroutine end_without_step(problem, x, status, report)

@@ -118,6 +118,7 @@ contains
       self%g(1) = norm
       j = 0
       do while (j < size(self%y) .and. norm > target .and. self%n_products < most_products)
+         if (problem%is_over()) exit
          self%work = self%basis(:, j + 1)*problem%r_scale
          call problem%precondition(self%work, self%direction)
          call problem%apply_tangent(self%direction, self%work)

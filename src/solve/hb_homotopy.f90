@@ -8,6 +8,7 @@
 !> chapters 2, 3, 6 and (orientation of piecewise linear curves) 12.
 module hb_homotopy
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_ending, only: end_if_over
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_newton, only: solve_newton
@@ -54,6 +55,11 @@ contains
       integer :: corrections, n_steps
       logical :: is_on_curve
 
+      if (problem%tangent_work >= config%work_limit) then
+         report%status = outcome%out_of_budget
+         report%is_out_of_work = .true.
+         return
+      end if
       curve%kind = kind
       curve%n = problem%n_unknowns + 1
       allocate (curve%y(curve%n), curve%tangent(curve%n), curve%residual(curve%n - 1))
@@ -88,9 +94,17 @@ contains
             step = 0.3_wp*step
             if (step < shortest_step) report%status = outcome%stalled
          end if
-         if (max(report%iterations, n_steps) >= config%homotopy_iterations) report%status = outcome%out_of_budget
+         report%work = problem%work_of(report)
+         if (report%status /= outcome%pending) exit
+         report%is_out_of_work = report%work >= config%work_limit
+         if (max(report%iterations, n_steps) >= config%homotopy_iterations .or. report%is_out_of_work) then
+            report%status = outcome%out_of_budget
+         else
+            call end_if_over(problem, report)
+         end if
       end do
       call problem%deform(kind, 1.0_wp)
+      report%work = problem%work_of(report)
       if (report%status /= outcome%converged) then
          x = curve%y(1:curve%n - 1)*problem%x_scale
          call problem%residual(x, curve%residual)
@@ -116,6 +130,7 @@ contains
          is_on_curve = curve%norm <= loose_tolerance
          if (is_on_curve .or. corrections == most_corrections) return
          if (corrections > 4 .and. curve%norm > norm_before) return
+         if (problem%is_over()) return
          call border(curve, problem, report)
          call factorise(curve, is_singular)
          if (is_singular) return
@@ -227,9 +242,7 @@ contains
       end associate
       call problem%deform(curve%kind, 1.0_wp)
       call solve_newton(problem, config, trial, last)
-      report%iterations = report%iterations + last%iterations
-      report%evaluations = report%evaluations + last%evaluations
-      report%factorizations = report%factorizations + last%factorizations
+      call report%add(last)
       if (last%status /= outcome%converged) return
       x = trial
       report%residual = last%residual

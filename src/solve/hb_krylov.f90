@@ -3,7 +3,7 @@
 !> Source: docs/user/theory.md, section 6.6; Dembo, Eisenstat, Steihaug, SIAM J. Numer. Anal. 19 (1982) 400-408; Eisenstat and
 !> Walker, SIAM J. Sci. Comput. 17 (1996) 16-32 (accuracy of the steps, the rougher of both choices).
 module hb_krylov
-   use hb_ending, only: end_at_point, end_without_step
+   use hb_ending, only: end_at_point, end_if_over, end_without_step
    use hb_kinds, only: wp
    use hb_line_search, only: line_search_t, new_line_search
    use hb_outcome, only: outcome
@@ -40,7 +40,7 @@ contains
       accuracy = lowest_accuracy
       do
          report%evaluations = 1 + search%n_residuals
-         call end_at_point(config, report)
+         call end_at_point(problem, config, report)
          if (report%status /= outcome%pending) return
 
          if (report%iterations == 0) call new_tangent_krylov(tangent, problem%n_unknowns, config%krylov_vectors, &
@@ -49,6 +49,8 @@ contains
          if (is_ready) call tangent%solve(problem, r, max(accuracy, 0.5_wp*config%tolerance/report%residual), step)
          report%factorizations = tangent%n_preconditioners
          report%products = tangent%n_products
+         call end_if_over(problem, report)                            ! then the step is not what it should be
+         if (report%status /= outcome%pending) return
          if (.not. tangent%residual < useless) then
             call end_without_step(problem, x, outcome%singular, report)
             return

@@ -44,7 +44,7 @@ contains
       call search%remember(report%residual)
       do
          report%evaluations = 1 + search%n_residuals
-         call end_at_point(config, report)
+         call end_at_point(problem, config, report)
          if (report%status /= outcome%pending) return
 
          if (report%iterations == 0) call new_tangent_factor(factor, problem%n_unknowns)

@@ -12,7 +12,7 @@ module hb_outcome
       integer :: pending = 0                           !! not solved yet
       integer :: converged = 1                         !! residual below the tolerance or down at rounding level
       integer :: stalled = 2                           !! no step makes the residual smaller
-      integer :: out_of_budget = 3                     !! a limit on work or time came first
+      integer :: out_of_budget = 3                     !! a limit on work came first
       integer :: singular = 4                          !! the linear system of a step has no unique solution
       integer :: not_finite = 5                        !! NaN or infinity wherever the residual was evaluated
       integer :: failed = 6                            !! an error of this point alone, told by its message
@@ -24,16 +24,19 @@ module hb_outcome
       integer :: crashed = 12                          !! the solution of the point has ended the process
       integer :: diverged = 13                         !! the steps run away from anything of the size of the problem
       integer :: locked = 14                           !! the tones are multiples of one: the motion has one tone
+      integer :: timed_out = 15                        !! the point has had its processor time
+      integer :: interrupted = -1                      !! the run ends: never in a file, where the point stays pending
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:14) = [character(13) :: &
+   character(*), parameter :: outcome_names(0:15) = [character(13) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
-      "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed", "diverged", "locked"]
+      "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed", "diverged", "locked", &
+      "timed_out"]
 
-   character(*), parameter :: texts(0:14) = [character(64) :: &
+   character(*), parameter :: texts(0:15) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
@@ -48,7 +51,8 @@ module hb_outcome
       "no motion: no self-excited motion was found", &
       "crashed: its solution has ended the process, see the message", &
       "diverged: the steps run away from the size of the problem", &
-      "locked: the tones are multiples of one, the motion has one tone"]
+      "locked: the tones are multiples of one, the motion has one tone", &
+      "timed out: the point has had its processor time"]
 
 contains
 

@@ -3,6 +3,7 @@ module hb_problem
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
    use hb_solver_types, only: report_t, solver_config_t
+   use hb_watch, only: watch_t
    implicit none
    private
    public :: default_largest_dense, deformation, problem_t
@@ -23,6 +24,9 @@ module hb_problem
       integer :: largest_dense = default_largest_dense                !! unknowns up to which the dense tangent is cheaper
       real(wp), allocatable :: x_scale(:)                             !! typical magnitude of each unknown, > 0
       real(wp), allocatable :: r_scale(:)                             !! typical magnitude of each equation, > 0
+      real(wp) :: residual_work = 0.0_wp                              !! of a residual or a product, see hb_solver_types%report_t
+      real(wp) :: tangent_work = 0.0_wp                               !! of a dense tangent and its factors
+      class(watch_t), pointer :: watch => null()                      !! over the point; none: it takes what it takes
    contains
       procedure(residual), deferred :: residual
       procedure(tangent), deferred :: tangent
@@ -35,6 +39,8 @@ module hb_problem
       procedure :: precondition => problem_precondition
       procedure :: coarse_guess => problem_coarse_guess
       procedure :: norm => problem_norm
+      procedure :: work_of => problem_work_of
+      procedure :: is_over => problem_is_over
    end type problem_t
 
    abstract interface
@@ -129,6 +135,28 @@ contains
 
       is_found = .false.
    end subroutine problem_coarse_guess
+
+   !> Work that a report counts. A preconditioner of products is taken for as many products as lead to another one.
+   pure real(wp) function problem_work_of(self, report) result(work)
+      class(problem_t), intent(in) :: self
+      type(report_t), intent(in) :: report
+      real(wp), parameter :: products_of_preconditioner = 60.0_wp
+
+      work = (real(report%evaluations, wp) + report%products)*self%residual_work
+      if (report%products > 0) then
+         work = work + products_of_preconditioner*report%factorizations*self%residual_work
+      else
+         work = work + report%factorizations*self%tangent_work
+      end if
+   end function problem_work_of
+
+   !> Whether whoever watches over the point says that it shall end.
+   logical function problem_is_over(self)
+      class(problem_t), intent(inout) :: self
+
+      problem_is_over = .false.
+      if (associated(self%watch)) problem_is_over = self%watch%is_over()
+   end function problem_is_over
 
    !> Euclidean norm of r/r_scale; NaN or infinity if any entry is.
    pure real(wp) function problem_norm(self, r)

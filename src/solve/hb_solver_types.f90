@@ -4,7 +4,7 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: largest_affordable, method, method_names, report_t, rescue, rescue_names, solver_config_t, start_names
+   public :: attempt_t, largest_affordable, method, method_names, report_t, rescue, rescue_names, solver_config_t, start_names
 
    type :: method_t
       integer :: newton = 1
@@ -47,7 +47,20 @@ module hb_solver_types
       integer :: krylov_vectors = 150                                 !! of GMRES until it restarts
       integer :: krylov_products = 1000                               !! with the tangent, at most, for one step
       integer :: homotopy_iterations = 500                            !! of all corrections on the way
+      real(wp) :: rescue_work = 20.0e9_wp                             !! of all rescues, as `work` of a report
+      real(wp) :: work_limit = huge(1.0_wp)                           !! of the attempt that gets these settings
+      real(wp) :: time_limit = huge(1.0_wp)                           !! of the processor, for one point [s]
    end type solver_config_t
+
+   !> One of the ways that were tried, and what came of it.
+   type :: attempt_t
+      integer :: way = rescue%none                                    !! one of `rescue`; none: the direct attempt
+      integer :: status = outcome%pending                             !! one of hb_outcome%outcome
+      integer :: iterations = 0
+      real(wp) :: best = huge(1.0_wp)                                 !! least norm of the residual, relative
+      logical :: is_out_of_work = .false.                             !! its budget of work came first
+      logical :: was_falling = .false.                                !! the residual fell to the end, by a factor of ten or more
+   end type attempt_t
 
    !> How a solution was found, or not.
    type :: report_t
@@ -57,6 +70,46 @@ module hb_solver_types
       integer :: factorizations = 0                                   !! of a tangent
       integer :: products = 0                                         !! with a tangent
       integer :: rescue = rescue%none                                 !! what led to the solution
+      real(wp) :: work = 0.0_wp                                       !! in about a nanosecond of the processor, from counts alone
       real(wp) :: residual = huge(1.0_wp)                             !! last norm, relative
+      real(wp) :: first = -1.0_wp                                     !! first norm, relative; negative: none
+      real(wp) :: best = huge(1.0_wp)                                 !! least norm, relative
+      logical :: is_out_of_work = .false.                             !! the budget of work came first
+      type(attempt_t), allocatable :: attempts(:)                     !! where the direct one was not enough, in their order
+   contains
+      procedure :: add => report_add
+      procedure :: note => report_note
+      procedure :: as_attempt => report_as_attempt
    end type report_t
+
+contains
+
+   !> Adds the work of another report to this one.
+   pure subroutine report_add(self, other)
+      class(report_t), intent(inout) :: self
+      type(report_t), intent(in) :: other
+
+      self%iterations = self%iterations + other%iterations
+      self%evaluations = self%evaluations + other%evaluations
+      self%factorizations = self%factorizations + other%factorizations
+      self%products = self%products + other%products
+      self%work = self%work + other%work
+   end subroutine report_add
+
+   !> Notes the norm of the point reached.
+   pure subroutine report_note(self)
+      class(report_t), intent(inout) :: self
+
+      if (self%first < 0.0_wp) self%first = self%residual
+      self%best = min(self%best, self%residual)
+   end subroutine report_note
+
+   !> What is kept of an attempt by the way given.
+   pure type(attempt_t) function report_as_attempt(self, way) result(attempt)
+      class(report_t), intent(in) :: self
+      integer, intent(in) :: way                                      !! one of `rescue`
+
+      attempt = attempt_t(way, self%status, self%iterations, min(self%best, self%residual), self%is_out_of_work, &
+                          self%residual <= self%best .and. self%residual < 0.1_wp*self%first)
+   end function report_as_attempt
 end module hb_solver_types

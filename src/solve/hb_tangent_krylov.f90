@@ -69,7 +69,7 @@ contains
             call self%gmres%solve(problem, b, accuracy, patience, s, fewer_than=patience)
          end if
          products = products + self%gmres%n_products
-         if (self%gmres%residual <= accuracy .or. products >= self%most_products) exit
+         if (self%gmres%residual <= accuracy .or. products >= self%most_products .or. problem%is_over()) exit
          if (self%is_strongest .and. self%is_fresh) exit
          if (self%is_fresh) self%level = self%level + 1
          call self%renew(problem)

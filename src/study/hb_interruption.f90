@@ -1,12 +1,14 @@
 !> Whether a run has to end before its points do: a signal, a limit on its time, or another rank that says so.
 !>
-!> A point in flight is always finished. So the question is asked before each point alone; no solver knows of it.
+!> The question is asked before each point, and by solvers as one that watches over the point in flight. A point that is ended
+!> that way is left as it was, to be solved by a later run from its beginning: no number depends on when a run ends.
 module hb_interruption
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, size_of, wall_clock
    use hb_shared_flag, only: new_shared_flag, shared_flag_t
    use hb_signals, only: signal_caught
+   use hb_watch, only: watch_t
    implicit none
    private
    public :: interruption, interruption_t, new_interruption
@@ -25,7 +27,7 @@ module hb_interruption
    ! people notice.
    real(wp), parameter :: looks_per_second = 1.0e5_wp, shortest_interval = 0.01_wp
 
-   type :: interruption_t
+   type, extends(watch_t) :: interruption_t
       integer :: reason = interruption%none
       real(wp), private :: started = 0.0_wp
       real(wp), private :: time_limit = huge(1.0_wp)                  !! [s] from the start
@@ -38,6 +40,7 @@ module hb_interruption
       procedure :: destroy => interruption_destroy
       procedure :: is_due => interruption_is_due
       procedure :: note_point => interruption_note_point
+      procedure :: wants_end => interruption_wants_end
    end type interruption_t
 
 contains
@@ -68,20 +71,36 @@ contains
    !> differ.
    logical function interruption_is_due(self) result(is_due)
       class(interruption_t), intent(inout) :: self
+
+      call look(self, self%longest)
+      is_due = self%reason /= interruption%none
+   end function interruption_is_due
+
+   !> Whether the point in flight has to end.
+   logical function interruption_wants_end(self)
+      class(interruption_t), intent(inout) :: self
+
+      call look(self, 0.0_wp)
+      interruption_wants_end = self%reason /= interruption%none
+   end function interruption_wants_end
+
+   !> Looks whether there is a reason to end, for something that still takes a while.
+   subroutine look(self, seconds)
+      class(interruption_t), intent(inout) :: self
+      real(wp), intent(in) :: seconds
       real(wp) :: now
 
       now = wall_clock()
       if (signal_caught()) then
-         call self%flag%raise()
+         if (self%reason /= interruption%signal) call self%flag%raise()
          self%reason = interruption%signal
-      else if (now - self%started + self%longest >= self%time_limit) then
+      else if (now - self%started + seconds >= self%time_limit) then
          self%reason = interruption%time_limit
       else if (now - self%looked >= self%interval) then
          self%looked = now
          if (self%flag%is_raised()) self%reason = interruption%other_rank
       end if
-      is_due = self%reason /= interruption%none
-   end function interruption_is_due
+   end subroutine look
 
    !> Has all ranks begin no further point.
    subroutine interruption_ask_all(self)

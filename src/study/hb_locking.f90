@@ -12,6 +12,7 @@ module hb_locking
    use hb_marched_start, only: change_of, first_kick, march_once, steady
    use hb_scene, only: scene_t
    use hb_text, only: to_text
+   use hb_watch, only: watch_t
    implicit none
    private
    public :: find_locking, locking_t, may_be_locked
@@ -53,18 +54,19 @@ contains
 
    !> Marches, and looks for a common frequency of all that moves. Where marching fails nothing is known, and nothing said; nor
    !> of a large structure, which may take longer to march than the search took.
-   subroutine find_locking(self, scene, omega, law_dofs)
+   subroutine find_locking(self, scene, omega, law_dofs, watch)
       type(locking_t), intent(out) :: self
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), as far as known, > 0
       integer, intent(in) :: law_dofs(:)
+      class(watch_t), intent(inout) :: watch                          !! may end the march: nothing is known then
       type(march_record_t) :: record
       type(error_t), allocatable :: error
       real(wp) :: leading
       integer :: part
 
       if (scene%structure%n_dofs > largest_structure) return
-      call march_once(scene, omega, law_dofs, first_kick, record, error)
+      call march_once(scene, omega, law_dofs, first_kick, watch, record, error)
       if (allocated(error)) return
       if (change_of(record) > steady) return
       if (all(scene%tones%is_unknown)) then

@@ -1,6 +1,7 @@
 !> One point of a study: from a scene to its solution and what is kept of it.
 module hb_point
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
+   use hb_advice, only: advice_on, circumstances_t, find_circumstances
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
    use hb_certificate, only: certificate_t, certify
@@ -23,6 +24,7 @@ module hb_point
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
    use hb_torus, only: new_torus, torus_t
+   use hb_watch, only: verdict, watch_t
    implicit none
    private
    public :: solve_point
@@ -31,27 +33,33 @@ contains
 
    !> Solves the scene. An `error` is trouble that belongs to this point alone, such as a singular interior; a solver that
    !> does not converge is told by the status of the result. The scene is as before at the end.
-   subroutine solve_point(scene, result, error, guess, unknowns)
+   subroutine solve_point(scene, result, error, guess, unknowns, watch)
       type(scene_t), intent(inout) :: scene
       type(point_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in), optional :: guess(:)         !! in place of that of the scene: coefficients of what the
                                                                       !! laws feel, then all base frequencies
       real(wp), allocatable, intent(out), optional :: unknowns(:)     !! of a converged solution, as `guess`; none without laws
+      class(watch_t), intent(inout), optional, target :: watch        !! may end the point, which then is `interrupted`
+      type(watch_t), target :: own_watch
+      class(watch_t), pointer :: its_watch
       type(odd_motion_t) :: odd
       real(wp), allocatable :: first_guess(:), found(:)
 
+      its_watch => own_watch
+      if (present(watch)) its_watch => watch
+      call its_watch%begin(scene%solver%time_limit)
       if (present(guess)) then
          if (allocated(guess)) first_guess = guess
       end if
       call reduce_to_odd(odd, scene, error, first_guess)
       if (allocated(error)) return
-      call solve_all(scene, result, error, first_guess, found)
+      call solve_all(scene, its_watch, result, error, first_guess, found)
       if (odd%is_used) then
          call odd%restore(scene)
          if (allocated(error)) return
          call odd%restore_unknowns(scene%tones%n_tones, found)
-         if (odd%is_proven(result)) then
+         if (odd%is_proven(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])) then
             call odd%restore_result(result, error)
          else
             if (allocated(found)) then                                ! balances the odd harmonics alone
@@ -59,15 +67,16 @@ contains
             else if (present(guess)) then
                if (allocated(guess)) first_guess = guess
             end if
-            call solve_all(scene, result, error, first_guess, found)
+            call solve_all(scene, its_watch, result, error, first_guess, found)
          end if
       end if
       if (present(unknowns)) call move_alloc(found, unknowns)
    end subroutine solve_point
 
    !> The same among the motions that the scene has.
-   subroutine solve_all(scene, result, error, guess, unknowns)
+   subroutine solve_all(scene, watch, result, error, guess, unknowns)
       type(scene_t), intent(in) :: scene
+      class(watch_t), intent(inout), target :: watch
       type(point_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in) :: guess(:)
@@ -77,16 +86,17 @@ contains
 
       call reduce_to_span(span, scene, smaller)
       if (span%is_smaller) then
-         call solve_scene(smaller, result, error, guess, unknowns)
+         call solve_scene(smaller, watch, result, error, guess, unknowns)
          if (.not. allocated(error)) call span%restore(smaller, result)
       else
-         call solve_scene(scene, result, error, guess, unknowns)
+         call solve_scene(scene, watch, result, error, guess, unknowns)
       end if
    end subroutine solve_all
 
    !> The same for a scene as it stands.
-   subroutine solve_scene(scene, result, error, guess, unknowns)
+   subroutine solve_scene(scene, watch, result, error, guess, unknowns)
       type(scene_t), intent(in) :: scene
+      class(watch_t), intent(inout), target :: watch
       type(point_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in), optional :: guess(:)
@@ -109,7 +119,8 @@ contains
          if (allocated(guess)) first_guess = guess
       end if
       if (scene%start_from_march .and. .not. allocated(first_guess) .and. size(law_dofs) > 0) then
-         call marched_guess(scene, start%omega, law_dofs, first_guess, error)
+         call marched_guess(scene, start%omega, law_dofs, watch, first_guess, error)
+         if (allocated(error) .and. watch%verdict /= verdict%go_on) deallocate (error)   ! nothing that follows takes long
          call annotate(error, "first guess from marching")
          if (allocated(error)) return
       end if
@@ -129,8 +140,8 @@ contains
          return
       end if
       call new_balance(balance, scene%harmonics, scene%torus, start%omega, stiffness, scene%laws, scene%planning, error)
-      if (.not. allocated(error)) call solve_balance(scene, start, law_dofs, balance, started, result, error, first_guess, &
-                                                     unknowns)
+      if (.not. allocated(error)) call solve_balance(scene, start, law_dofs, watch, balance, started, result, error, &
+                                                     first_guess, unknowns)
       call balance%destroy()
    end subroutine solve_scene
 
@@ -150,22 +161,25 @@ contains
       result%status = outcome%converged
    end subroutine solve_linear_scene
 
-   subroutine solve_balance(scene, start, law_dofs, balance, started, result, error, guess, unknowns)
+   subroutine solve_balance(scene, start, law_dofs, watch, balance, started, result, error, guess, unknowns)
       type(scene_t), intent(in) :: scene
       type(autonomous_start_t), intent(in) :: start
       integer, intent(in) :: law_dofs(:)
+      class(watch_t), intent(inout), target :: watch
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: started                                 !! the set-up, on the wall clock [s]
       type(point_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in) :: guess(:)                   !! not allocated: that of the scene
       real(wp), allocatable, intent(out), optional :: unknowns(:)
+      type(circumstances_t) :: circumstances
       type(report_t) :: report
       type(search_t) :: search
       complex(wp), allocatable :: c(:, :)
       real(wp), allocatable :: linear_solution(:, :), u(:, :)
       real(wp) :: begun, cpu_begun, cpu_ended
 
+      balance%watch => watch
       allocate (u(scene%harmonics%n_coefficients, size(law_dofs)), source=0.0_wp)
       if (any(scene%tones%is_unknown)) then
          call add_start(scene, law_dofs, u)
@@ -184,6 +198,8 @@ contains
          begun = wall_clock()
          call solve_unknowns(scene, balance, linear_solution, u, report)
       end if
+      nullify (balance%watch)                                         ! what a solution is worth is always found to its end
+      if (watch%verdict /= verdict%go_on) report%status = status_of(watch)
       result%setup_seconds = begun - started
       result%solver_seconds = wall_clock() - begun
       if (present(unknowns) .and. report%status == outcome%converged) unknowns = [u, balance%omega]
@@ -198,6 +214,10 @@ contains
          return
       else if (report%status /= outcome%converged .and. allocated(balance%law_set%complaint)) then
          result%message = balance%law_set%complaint
+      else if (allocated(report%attempts) .and. any(report%status == [outcome%stalled, outcome%out_of_budget, outcome%singular, &
+                                                                     outcome%not_finite, outcome%diverged, outcome%timed_out])) then
+         call find_circumstances(scene, balance, u, circumstances)
+         result%message = advice_on(report, circumstances)
       end if
 
       allocate (c(scene%structure%n_dofs, scene%harmonics%n_harmonics))
@@ -214,31 +234,35 @@ contains
          result%certificate_cpu_seconds = cpu_ended - cpu_begun
          if (allocated(error)) return
       end if
-      if (count(scene%tones%is_unknown) > 0 .and. scene%tones%n_tones > 1) call look_for_locking(scene, start, law_dofs, result)
+      if (count(scene%tones%is_unknown) > 0 .and. scene%tones%n_tones > 1) &
+         call look_for_locking(scene, start, law_dofs, watch, result)
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)
    end subroutine solve_balance
 
    !> Where the search for a torus was lost, or its motion is no better than a guess and its tones are nearly commensurate, the
    !> tones may have locked: there is no torus then.
-   subroutine look_for_locking(scene, start, law_dofs, result)
+   subroutine look_for_locking(scene, start, law_dofs, watch, result)
       type(scene_t), intent(in) :: scene
       type(autonomous_start_t), intent(in) :: start
       integer, intent(in) :: law_dofs(:)
+      class(watch_t), intent(inout) :: watch
       type(point_result_t), intent(inout) :: result
       type(locking_t) :: locking
       type(certificate_t) :: none
 
       select case (result%status)
       case (outcome%stalled)
-         call find_locking(locking, scene, start%omega, law_dofs)
+         call find_locking(locking, scene, start%omega, law_dofs, watch)
       case (outcome%truncated)
-         if (may_be_locked(result%frequency, scene%tones%is_unknown)) call find_locking(locking, scene, result%frequency, law_dofs)
+         if (may_be_locked(result%frequency, scene%tones%is_unknown)) &
+            call find_locking(locking, scene, result%frequency, law_dofs, watch)
       case (outcome%collapsed)                                        ! to a part of a given tone? else the motion has no other
          if (all(scene%tones%is_unknown) .or. .not. may_be_locked(start%omega, scene%tones%is_unknown)) return
-         call find_locking(locking, scene, start%omega, law_dofs)
+         call find_locking(locking, scene, start%omega, law_dofs, watch)
          if (.not. locking%is_locked) return
          locking%is_locked = any(locking%multiples > 1 .and. .not. scene%tones%is_unknown)
       end select
+      if (watch%verdict == verdict%interrupted) result%status = outcome%interrupted
       if (.not. locking%is_locked) return
       result%status = outcome%locked
       result%message = locking%message()
@@ -246,6 +270,13 @@ contains
       result%is_near_commensurate = .false.
       where (scene%tones%is_unknown) result%frequency = locking%multiples*locking%base
    end subroutine look_for_locking
+
+   !> Status of a point that its watch has ended.
+   pure integer function status_of(watch)
+      class(watch_t), intent(in) :: watch
+
+      status_of = merge(outcome%timed_out, outcome%interrupted, watch%verdict == verdict%timed_out)
+   end function status_of
 
    !> The tones found; unknown ones that the motion does not have are no numbers.
    subroutine keep_tones(scene, balance, report, result)

@@ -26,7 +26,7 @@ module hb_results
    !> The result of one point. What is not allocated stays NaN in the file.
    type :: point_result_t
       integer :: status = outcome%pending               !! hb_outcome
-      character(:), allocatable :: message              !! why the point failed; cut to 200 bytes
+      character(:), allocatable :: message              !! why the point failed; cut to 400 bytes
       integer :: iterations = 0
       integer :: evaluations = 0                        !! of the residual
       integer :: rescue = 0                             !! what the solver needed, hb_solver_types

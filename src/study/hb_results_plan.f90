@@ -12,7 +12,7 @@ module hb_results_plan
    public :: is_characters, is_integer, is_real
    public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, point_axis, tone_axis, worker_axis
 
-   integer, parameter :: message_length = 200          ! bytes
+   integer, parameter :: message_length = 400          ! bytes
    integer, parameter :: parameter_name_length = 256   ! more than any path of an input has
    ! Kinds of variables.
    integer, parameter :: is_integer = 1, is_real = 2, is_characters = 3

@@ -13,6 +13,7 @@ module hb_scene_settings
    private
    public :: read_certificate, read_output, read_sampling, read_solver
 
+   real(wp), parameter :: unit_of_work = 1.0e9_wp                     ! about a second of the processor
    character(9), parameter :: first_guess_names(4) = [character(9) :: "linear", "zero", "neighbour", "march"]
 
 contains
@@ -42,6 +43,12 @@ contains
          limit = 0.0_wp
          call group%get("memory_limit", limit, minimum=0.0_wp)
          if (limit > 0.0_wp) self%memory_limit = limit*gib
+         limit = 0.0_wp
+         call group%get("time_limit", limit, minimum=0.0_wp)
+         if (limit > 0.0_wp) solver%time_limit = limit
+         limit = solver%rescue_work/unit_of_work
+         call group%get("rescue_work", limit, minimum=0.0_wp)
+         solver%rescue_work = limit*unit_of_work
          solver%method = max(1, findloc(method_names == name, .true., dim=1))
          solver%start_with_tangent = first_jacobian == start_names(2)
          self%chain%is_on = first_guess == first_guess_names(3)

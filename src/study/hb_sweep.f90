@@ -68,7 +68,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
       type(resumed_input_t) :: input
-      type(run_t) :: run
+      type(run_t), target :: run
       type(crash_place_t) :: place
       logical :: is_there
       real(wp) :: started
@@ -143,7 +143,7 @@ contains
    !> Draws blocks of units until there are none left, or the run has to end. Rank 0 tells the progress of all.
    subroutine run_points(self, run, level, comm, summary, error)
       type(study_t), intent(in) :: self
-      type(run_t), intent(inout) :: run
+      type(run_t), intent(inout), target :: run
       integer, intent(in) :: level
       type(comm_t), intent(in) :: comm
       type(run_summary_t), intent(inout) :: summary
@@ -198,7 +198,7 @@ contains
    !> leaves the unit where the run has to end.
    subroutine run_unit(self, run, unit, group, summary, error)
       type(study_t), intent(in) :: self
-      type(run_t), intent(inout) :: run
+      type(run_t), intent(inout), target :: run
       integer, intent(in) :: unit
       integer, intent(in) :: group                                    !! of the counter, for the tallies
       type(run_summary_t), intent(inout) :: summary
@@ -218,8 +218,9 @@ contains
          end if
          call begin_point(point)
          call run_point(self%document, self%available_memory, self%plan, run%layout, point, run%rank, run%kept, neighbour, &
-            run%times, result)
+            run%times, result, run%ending)
          call end_point()
+         if (result%status == outcome%interrupted) return             ! pending in the file, for another run
          call run%ending%note_point(result%solve_seconds)
          started = wall_clock()
          call run%results%write_point(point, result, error)

@@ -16,6 +16,7 @@ module hb_swept_point
    use hb_scene, only: scene_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_timing, only: rank_times_t
+   use hb_watch, only: watch_t
    implicit none
    private
    public :: run_point
@@ -23,7 +24,7 @@ module hb_swept_point
 contains
 
    !> Solves one point; whatever goes wrong becomes its status and message.
-   subroutine run_point(input, available_memory, plan, layout, point, rank, kept, neighbour, times, result)
+   subroutine run_point(input, available_memory, plan, layout, point, rank, kept, neighbour, times, result, watch)
       type(document_t), intent(in) :: input                           !! before values of the sweep are set
       real(wp), intent(in) :: available_memory                        !! bytes
       type(sweep_plan_t), intent(in) :: plan
@@ -33,6 +34,7 @@ contains
       type(neighbour_t), intent(inout) :: neighbour                   !! solutions of the points before it in its chain
       type(rank_times_t), intent(inout) :: times
       type(point_result_t), intent(out) :: result
+      class(watch_t), intent(inout), optional, target :: watch        !! may end the point
       type(error_t), allocatable :: error
       real(wp), allocatable :: start(:), unknowns(:)
       real(wp) :: read, started
@@ -45,7 +47,7 @@ contains
       if (.not. allocated(error)) then
          if (kept%scene%chain%is_on) call neighbour%predict(plan%fastest_value(point), kept%scene%harmonics%tuples, &
             kept%scene%chain%secant, start)
-         call solve_point(kept%scene, result, error, start, unknowns)
+         call solve_point(kept%scene, result, error, start, unknowns, watch)
       end if
       if (allocated(error)) then
          result%status = outcome%failed

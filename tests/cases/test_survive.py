@@ -284,7 +284,7 @@ def finish(process):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2], ids=lambda n: n.name)
-def test_signal_ends_a_run_after_the_point_in_flight(number, tmp_path):
+def test_signal_ends_a_run_within_the_point_in_flight(number, tmp_path):
     result = tmp_path / "case.h5"
     process = begin(tmp_path, "solve", write(tmp_path, SWEPT), "--quiet")
     wait_for(process, lambda: result.exists() and (read(result, "status") == CONVERGED).any())
@@ -294,7 +294,31 @@ def test_signal_ends_a_run_after_the_point_in_flight(number, tmp_path):
     assert status == INCOMPLETE and 0 < n_left < N_SWEPT
     assert f"ended by {number.name}: {n_left} points are left; nhbm resume case.h5" in text
     in_flight = np.isfinite(read(result, "coefficients")).any(axis=(1, 2, 3)) & (read(result, "status") == PENDING)
-    assert not in_flight.any(), "the point in flight was finished"
+    assert not in_flight.any(), "the point in flight is left as if it had never been begun"
+
+
+@pytest.mark.parametrize("ending", [signal.SIGTERM, None], ids=["SIGTERM", "time limit"])
+def test_point_in_flight_is_left_between_iterations_and_solved_again(ending, tmp_path):
+    """A point of some seconds: its run ends long before, and what resume makes of it is what an undisturbed run gives."""
+    long_point = BEAM.format(order=14, samples=60, augmentation=1.0e3)
+    dense = ("--set", "solver%method='newton'", "--set", "solver%rescue=.false.", "--set", "solver%tolerance=1e-30")
+    dense += ("--set", "solver%max_iterations=60", "--set", "solver%line_search=.false.")
+    source, result = write(tmp_path, long_point), tmp_path / "case.h5"
+    began = time.monotonic()
+    run("solve", source, "--quiet", "--output", "whole.h5", *dense, cwd=tmp_path)
+    undisturbed = time.monotonic() - began
+    began = time.monotonic()
+    limit = () if ending else ("--time-limit", str(0.2 * undisturbed))
+    process = begin(tmp_path, "solve", source, "--quiet", *dense, *limit)
+    if ending:
+        wait_for(process, result.exists)
+        process.send_signal(ending)
+    status, text = finish(process)
+    assert status == INCOMPLETE and "1 points are left" in text
+    assert time.monotonic() - began < 0.7 * undisturbed
+    assert read(result, "status").tolist() == [PENDING]
+    run("resume", result, cwd=tmp_path)
+    assert_same(result, tmp_path / "whole.h5")
 
 
 def test_second_signal_drops_the_point_in_flight(tmp_path):

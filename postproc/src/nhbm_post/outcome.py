@@ -27,6 +27,7 @@ TEXTS = {
     "crashed": "crashed: its solution has ended the process, see the message",
     "diverged": "diverged: the steps run away from the size of the problem",
     "locked": "locked: the tones are multiples of one, the motion has one tone",
+    "timed_out": "timed out: the point has had its processor time",
 }
 NAMES = dict(enumerate(TEXTS))
 

@@ -46,6 +46,7 @@ _MARKS = {
     "not_finite": Mark("2", style.FAILURE),
     "diverged": Mark(">", style.FAILURE, is_filled=False),
     "failed": Mark("X", style.FAILURE),
+    "timed_out": Mark("<", style.FAILURE, is_filled=False),
     "crashed": Mark("*", style.FAILURE),
     "collapsed": Mark("v", style.INK, is_filled=False),
     "no_motion": Mark("o", style.INK, is_filled=False),

@@ -1,0 +1,221 @@
+!> What the message of a point says that was not solved: what to try, and how far each way came that was tried.
+!>
+!> What to try follows from how the attempts ended and from what makes a scene hard: contact much stiffer than the structure,
+!> sliders that hardly slide, tones that are nearly commensurate.
+module hb_advice
+   use hb_balance, only: balance_t
+   use hb_certificate, only: near_commensurate
+   use hb_harmonics, only: tuple_text
+   use hb_hysteretic_law, only: hysteretic_law_t
+   use hb_kinds, only: wp
+   use hb_law, only: law_t
+   use hb_law_user, only: user_law_t
+   use hb_outcome, only: outcome, outcome_name
+   use hb_scene, only: scene_t
+   use hb_solver_types, only: report_t, rescue, rescue_names
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: advice_on, circumstances_t, find_circumstances
+
+   real(wp), parameter :: stiff = 100.0_wp                            ! contact relative to the structure, from where it is hard
+   real(wp), parameter :: hardly_sliding = 1.5_wp                     ! motion relative to what a slider sticks over
+   real(wp), parameter :: far = 1.0e3_wp                              ! motion relative to a law's length: its contact is closed
+
+   !> What makes a scene hard, as far as it is known.
+   type :: circumstances_t
+      character(:), allocatable :: contact                            !! label of the law that is stiffest
+      real(wp) :: stiffness_ratio = 0.0_wp                            !! its stiffness over that of the structure at its coordinate
+      character(:), allocatable :: slider                             !! label of the law that slides least
+      real(wp) :: slip_ratio = huge(1.0_wp)                           !! its motion over what it sticks over
+      integer, allocatable :: combination(:)                          !! of tones, nearly zero; not allocated: none
+      real(wp) :: combination_frequency = 0.0_wp                      !! [rad/s]
+      logical :: is_neighbour_used = .false.                          !! first guesses come from neighbours already
+      logical :: is_march_used = .false.                              !! or from marching
+   end type circumstances_t
+
+contains
+
+   !> Looks at a scene and at the last point reached, on its balance.
+   subroutine find_circumstances(scene, balance, u, found)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+      type(circumstances_t), intent(out) :: found
+      real(wp) :: frequency, length, ratio
+      integer :: i
+      integer, allocatable :: combination(:)
+
+      found%is_neighbour_used = scene%chain%is_on
+      found%is_march_used = scene%start_from_march
+      call balance%sample(u)
+      do i = 1, size(scene%laws)
+         associate (law => scene%laws(i)%law, set => balance%law_set)
+            length = law%length_scale()
+            if (is_hysteretic(law)) then
+               if (length <= 0.0_wp) cycle
+               ratio = maxval(abs(matmul(set%q%values(:, set%columns_of(i)), law%shape)))/length
+               if (ratio >= found%slip_ratio) cycle
+               found%slip_ratio = ratio
+               found%slider = law%label
+            else
+               ratio = stiffness_of(law, length)*balance%compliance_of_law(i)
+               if (ratio <= found%stiffness_ratio) cycle
+               found%stiffness_ratio = ratio
+               found%contact = law%label
+            end if
+         end associate
+      end do
+      if (scene%tones%n_tones < 2 .or. any(scene%tones%is_unknown)) return
+      call near_commensurate(scene%tones, combination, frequency)
+      if (frequency > scene%certificate%commensurability*maxval(scene%tones%omega)) return
+      found%combination = combination
+      found%combination_frequency = frequency
+   end subroutine find_circumstances
+
+   pure logical function is_hysteretic(law)
+      class(law_t), intent(in) :: law
+
+      is_hysteretic = .false.
+      select type (law)
+      class is (hysteretic_law_t)
+         is_hysteretic = .true.
+      end select
+   end function is_hysteretic
+
+   !> Largest slope of a law that is not smooth, far on either side of each of its coordinates; 0 of others, which have none of
+   !> their own or are not to be asked far from where they will be.
+   real(wp) function stiffness_of(law, length) result(stiffness)
+      class(law_t), intent(in) :: law
+      real(wp), intent(in) :: length                                  !! of the law [m], 0 where it has none
+      real(wp), allocatable, dimension(:, :) :: f, p, v, z
+      real(wp), allocatable, dimension(:, :, :) :: df_dp, df_dv, df_dz
+      integer :: i, n
+
+      stiffness = 0.0_wp
+      if (law%degree > 0 .or. law%is_multiplier .or. law%phase_tone > 0) return
+      select type (law)
+      type is (user_law_t)
+         return
+      end select
+      n = size(law%shape, 2)
+      allocate (z(2*n, n), f(2*n, n), df_dz(2*n, n, n), source=0.0_wp)
+      allocate (v(2*n, merge(n, 0, law%needs_velocity)), df_dv(2*n, n, merge(n, 0, law%needs_velocity)), source=0.0_wp)
+      allocate (p(2*n, 0), df_dp(2*n, n, 0))
+      do i = 1, n
+         z(2*i - 1, i) = far*merge(length, 1.0_wp, length > 0.0_wp)
+         z(2*i, i) = -z(2*i - 1, i)
+      end do
+      call law%evaluate(z, v, p, f, df_dz, df_dv, df_dp)
+      stiffness = maxval(abs(df_dz))
+   end function stiffness_of
+
+   !> The message: advice first, then the least residual of each way.
+   pure function advice_on(report, circumstances) result(text)
+      type(report_t), intent(in) :: report
+      type(circumstances_t), intent(in) :: circumstances
+      character(:), allocatable :: text
+
+      text = ""
+      associate (c => circumstances)
+         if (report%status == outcome%timed_out) call add("raise &solver time_limit")
+         if (was_falling(report)) call add("the residual was still falling: raise &solver max_iterations")
+         if (c%stiffness_ratio >= stiff) call add("'"//c%contact//"' is "//rounded(c%stiffness_ratio)// &
+            " times stiffer than the structure: more harmonics, or a rigid wall")
+         if (c%slip_ratio < hardly_sliding) call add("'"//c%slider//"' hardly slides, its motion is "//rounded(c%slip_ratio)// &
+            " times what it sticks over: a spring in its place, or larger loads")
+         if (allocated(c%combination)) call add("tones nearly commensurate, "//tuple_text(c%combination)//" gives "// &
+            rounded(c%combination_frequency)//" rad/s: fewer tones, or lower orders")
+         if (report%status == outcome%singular) call add("the tangent has no inverse: at a fold, or free to move?")
+         if (any(report%status == [outcome%diverged, outcome%not_finite])) call add("smaller loads first: a sweep from there "// &
+            "with first_guess = 'neighbour'")
+         if (size_of_attempts(report) == 1 .and. report%status /= outcome%timed_out) call add("&solver rescue = .true. tries "// &
+            "other ways")
+         if (is_out_of_work(report)) call add("a rescue met its budget: raise &solver rescue_work")
+         if (len(text) == 0 .or. report%status == outcome%stalled) call add("another first guess (of several motions one): "// &
+            guesses(c))
+      end associate
+      text = text//tried(report)
+
+   contains
+
+      pure subroutine add(sentence)
+         character(*), intent(in) :: sentence
+
+         if (len(text) > 0) text = text//"; "
+         text = text//sentence
+      end subroutine add
+   end function advice_on
+
+   !> First guesses that were not in use.
+   pure function guesses(circumstances) result(text)
+      type(circumstances_t), intent(in) :: circumstances
+      character(:), allocatable :: text
+
+      text = "a &start"
+      if (.not. circumstances%is_neighbour_used) text = "'neighbour' or "//text
+      if (.not. circumstances%is_march_used) text = "first_guess = 'march', "//text
+   end function guesses
+
+   pure integer function size_of_attempts(report)
+      type(report_t), intent(in) :: report
+
+      size_of_attempts = 0
+      if (allocated(report%attempts)) size_of_attempts = size(report%attempts)
+   end function size_of_attempts
+
+   !> Whether more iterations would have helped the direct attempt.
+   pure logical function was_falling(report)
+      type(report_t), intent(in) :: report
+
+      was_falling = .false.
+      if (size_of_attempts(report) == 0) return
+      was_falling = report%attempts(1)%status == outcome%out_of_budget .and. report%attempts(1)%was_falling
+   end function was_falling
+
+   !> Whether a homotopy, or the last of all ways, was ended by its budget.
+   pure logical function is_out_of_work(report)
+      type(report_t), intent(in) :: report
+      integer :: i
+
+      is_out_of_work = .false.
+      do i = 2, size_of_attempts(report)
+         associate (attempt => report%attempts(i))
+            is_out_of_work = is_out_of_work .or. (attempt%is_out_of_work .and. attempt%status == outcome%out_of_budget)
+         end associate
+      end do
+   end function is_out_of_work
+
+   !> The least residual of each way, such as `; least residuals: direct 1.2E-3 stalled, other_guess 3.0E-4 out_of_budget`.
+   pure function tried(report) result(text)
+      type(report_t), intent(in) :: report
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ""
+      do i = 1, size_of_attempts(report)
+         if (i == 1) text = text//"; least residuals: direct "
+         if (i > 1) text = text//", "//trim(rescue_names(report%attempts(i)%way))//" "
+         text = text//rounded(report%attempts(i)%best)
+         if (i == 1 .or. report%attempts(i)%status /= report%attempts(1)%status) &
+            text = text//" "//outcome_name(report%attempts(i)%status)
+      end do
+   end function tried
+
+   !> Two digits: 7800.0 as 7.8E+03.
+   pure function rounded(value) result(text)
+      real(wp), intent(in) :: value
+      character(:), allocatable :: text
+      character(16) :: digits
+
+      if (value >= 0.01_wp .and. value < 1.0e6_wp) then
+         text = to_text(real(nint(value*10.0_wp**(1 - floor(log10(value)))), wp)/10.0_wp**(1 - floor(log10(value))))
+         if (len(text) > 2) then
+            if (text(len(text) - 1:) == ".0") text = text(:len(text) - 2)
+         end if
+      else
+         write (digits, "(es8.1e2)") max(value, 1.0e-99_wp)
+         text = trim(adjustl(digits))
+      end if
+   end function rounded
+end module hb_advice
