@@ -12,8 +12,11 @@ module small_problems
       integer :: arctangent = 2                                       !! atan(x_i) = 0
       integer :: no_root = 3                                          !! x_i**2 + 1 = 0
       integer :: not_a_number = 4
+      integer :: no_root_aside = 5                                    !! (x_i - 0.3)**2 + 1 = 0: a tangent at zero and at its shares
    end type problem_kind_t
    type(problem_kind_t), parameter :: problem_kind = problem_kind_t()
+
+   real(wp), parameter :: aside = 0.3_wp
 
    type, extends(problem_t) :: small_problem_t
       integer :: kind = 0
@@ -61,6 +64,8 @@ contains
          r = atan(y)
       case (problem_kind%no_root)
          r = y**2 + 1.0_wp
+      case (problem_kind%no_root_aside)
+         r = (y - aside)**2 + 1.0_wp
       case default
          r = ieee_value(1.0_wp, ieee_quiet_nan)
       end select
@@ -95,6 +100,7 @@ contains
             jacobian(i, i) = 1.0_wp/(1.0_wp + y(i)**2)
          end do
       case default
+         if (self%kind == problem_kind%no_root_aside) y = y - aside
          do i = 1, 2
             jacobian(i, i) = 2.0_wp*y(i)
          end do
