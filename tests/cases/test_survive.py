@@ -312,6 +312,7 @@ def test_point_in_flight_is_left_between_iterations_and_solved_again(ending, tmp
     process = begin(tmp_path, "solve", source, "--quiet", *dense, *limit)
     if ending:
         wait_for(process, result.exists)
+        time.sleep(0.2 * undisturbed)
         process.send_signal(ending)
     status, text = finish(process)
     assert status == INCOMPLETE and "1 points are left" in text
