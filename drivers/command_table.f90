@@ -54,7 +54,7 @@ module command_table
          "quiet, normal (progress, summary, warnings), verbose, debug (also a line a point)"), &
       option_t("--point", "", "N", "march", "the point of a sweep to be followed, from 0"), &
       option_t("--points", "", "N,N,...", "verify", "the points to start from; default: all that are solved"), &
-      option_t("--periods", "", "N", "verify", "length of each march in periods of the slowest tone"), &
+      option_t("--periods", "", "N", "verify", "longest march in periods of the slowest tone"), &
       option_t("--budget", "", "SECONDS", "bench", "time spent on each kernel of each point, 0.5 by default; 0: no kernels"), &
       option_t("--repeats", "", "N", "bench", "solutions of each point, 3 by default"), &
       option_t("--ranks", "", "N,N,...", "plan", "numbers of ranks; default: 1 to 100000 by tens"), &

@@ -4,16 +4,15 @@ module verb_verify
    use arguments, only: arguments_t, read_numbers
    use hb_error, only: error_t
    use hb_kinds, only: wp
+   use hb_march_verdict, only: verdict, verdict_text
    use hb_mpi, only: comm_t, max_over
    use hb_outcome, only: outcome_name
    use hb_text, only: to_text
    use hb_progress, only: log_level
-   use hb_verify, only: verdict, verdict_t, verdict_text, verify_points
+   use hb_verify, only: verdict_t, verify_points
    implicit none
    private
    public :: run_verify
-
-   integer, parameter :: default_periods = 20
 
 contains
 
@@ -25,26 +24,25 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(verdict_t), allocatable :: verdicts(:)
       integer, allocatable :: points(:)
-      integer :: i, n_periods, n_wrong
+      integer :: i, n_wrong
 
       all_right = .false.
-      n_periods = default_periods
-      if (options%n_periods > 0) n_periods = options%n_periods
       allocate (points(0))
       if (allocated(options%points)) call read_numbers("--points", options%points, 0, points, error)
       if (allocated(error)) return
-      call verify_points(options%input, points, n_periods, comm, verdicts, error)
+      call verify_points(options%input, points, options%n_periods, comm, verdicts, error)
       if (allocated(error)) return
-      n_wrong = count(verdicts%kind == verdict%unstable .or. verdicts%kind == verdict%differs)
+      n_wrong = count(verdicts%kind /= verdict%not_done .and. verdicts%kind /= verdict%agrees)
       all_right = max_over(comm, n_wrong) == 0
       if (options%level < log_level%normal) return
       do i = 1, size(verdicts)
          if (verdicts(i)%skipped_status > 0) write (output_unit, "(a)") &
             "point "//to_text(i - 1)//": skipped, its status is "//outcome_name(verdicts(i)%skipped_status)
          if (verdicts(i)%kind == verdict%not_done) cycle
-         write (output_unit, "(a, 2(es9.1, a), es10.2, a)", advance="no") "point "//to_text(i - 1)//": difference", &
-            verdicts(i)%first_difference, " in the first period,", verdicts(i)%difference, " at most, growth", verdicts(i)%growth, &
-            " 1/s; "
+         write (output_unit, "(a, es8.1, a, es8.1, a, es8.1, a, es9.1, a)", advance="no") &
+            "point "//to_text(i - 1)//": difference", verdicts(i)%first_difference, " in the first period,", &
+            verdicts(i)%difference, " at the end (limit", verdicts(i)%limit, ", "//verdicts(i)%coordinate//"), growth", &
+            verdicts(i)%growth, " 1/s, after "//to_text(verdicts(i)%n_periods)//" periods; "
          if (any(abs(verdicts(i)%drift) > 0.0_wp)) write (output_unit, "(a, *(es10.2))", advance="no") &
             "drift of the frequency", pack(verdicts(i)%drift, abs(verdicts(i)%drift) > 0.0_wp)
          if (any(abs(verdicts(i)%drift) > 0.0_wp)) write (output_unit, "(a)", advance="no") " rad/s; "

@@ -34,6 +34,7 @@ module hb_march
       real(wp), allocatable :: displacement(:, :), velocity(:, :)     !! (n_stored, n_kept_dofs)
       real(wp), allocatable :: force(:, :)                            !! of the laws [N], (n_stored, n_coordinates)
       real(wp) :: cpu_seconds = 0.0_wp                                !! of processor, set-up of the method included [s]
+      logical :: is_under_way = .false.                               !! the method was begun: an error is one of the motion
    end type march_record_t
 
    !> What a record says of the steady motion.
@@ -77,6 +78,7 @@ contains
       call cpu_time(begun)
       call new_integrator(integrator, system, config, step, error)
       if (.not. allocated(error)) call integrator%start(state, error)
+      record%is_under_way = .not. allocated(error)
       if (.not. allocated(error)) call follow(integrator, system, config, step, kept_dofs, state, record, error, watcher, &
                                              watch)
       call cpu_time(ended)

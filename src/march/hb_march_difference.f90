@@ -1,132 +1,298 @@
-!> Difference between a marched record and a motion given by coefficients, period by period.
+!> Difference between a marched record and a motion given by coefficients, and distance of two records, period by period.
+!>
+!> Looked at are all degrees of freedom, relative to the largest motion in their unit, and the coordinates of all laws, relative
+!> to their own motion, so that a contact that moves little shows as much as what is large.
 !>
 !> A motion with tones of its own may begin at any phase of them: an error of its frequency only moves it along itself, by a
 !> phase that grows with time and says nothing of its shape. So the phases of unknown tones are fitted to each period by the
 !> method of least squares; their slope over time is the difference of the frequencies, and what is left is the difference of
-!> the motions.
+!> the motions. Likewise two marches that are apart along the motion are not apart.
 module hb_march_difference
+   use hb_birkhoff, only: coefficients_at
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dpotrf, dpotrs
    use hb_march, only: march_record_t
    implicit none
    private
-   public :: compare, march_difference_t, motion
+   public :: march_difference_t, motion, new_march_difference
 
    integer, parameter :: max_fits = 8                                 ! steps of Gauss and Newton in one period
    integer, parameter :: fewest_periods = 3                           ! from which a drift is taken
+   integer, parameter :: fewest_looks = 40                            ! in a period of the fastest tone
    real(wp), parameter :: largest_step = 0.5_wp                       ! of a phase in one fit [rad]
+   real(wp), parameter :: smallest_motion = 1.0e-3_wp                 ! of a coordinate, relative to the largest motion
+   real(wp), parameter :: smallest_part = 5.0e-2_wp                   ! of one tone, relative to the motion of the coordinate
 
    type :: march_difference_t
-      real(wp) :: first = 0.0_wp                                      !! in the first period, relative to the largest motion
-      real(wp) :: largest = 0.0_wp                                    !! over all, likewise
-      real(wp) :: growth = 0.0_wp                                     !! slope of its logarithm [1/s]
-      real(wp), allocatable :: drift(:)                               !! march minus motion [rad/s], (n_tones), 0 of known tones
+      integer :: n_dofs = 0, n_items = 0                              !! items: degrees of freedom, then coordinates of laws
+      integer :: n_periods = 0
+      integer :: n_kept = 0                                           !! periods whose differences are kept for the tones
+      real(wp) :: period = 0.0_wp                                     !! of the slowest tone [s]
+      real(wp) :: length = 0.0_wp                                     !! scale where nothing moves [m]
+      real(wp), allocatable :: largest(:, :)                          !! difference, relative, (n_items, n_periods)
+      real(wp), allocatable :: apart(:)                               !! distance of both records, relative, (n_periods)
+      real(wp), allocatable :: scale(:)                               !! that they are relative to [m], (n_items)
+      real(wp), allocatable :: share(:)                               !! largest motion over that scale, >= 1, (n_items)
+      ! The motion
+      complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_harmonics, n_items)
+      real(wp), allocatable :: shape(:, :)                            !! of the coordinates of the laws, (n_dofs, any)
+      real(wp), allocatable :: omega(:), frequencies(:)               !! of tones and harmonics [rad/s]
+      integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics)
+      integer, allocatable :: tones(:)                                !! the unknown ones
+      character(8), allocatable :: units(:)                           !! (n_dofs)
+      real(wp), allocatable :: phases(:, :)                           !! of the unknown tones [rad], (n_unknown, n_periods)
+      ! Differences at the coordinates of the laws in the last periods
+      real(wp), allocatable :: time(:), rest(:, :)                    !! [s], (n_samples); [m], (n_samples, n_coordinates)
+   contains
+      procedure :: add => difference_add
+      procedure :: drift => difference_drift
+      procedure :: parts => difference_parts
    end type march_difference_t
 
 contains
 
-   !> Compares a record with the motion sum of Re(amplitude exp(i j.omega t)), each degree of freedom relative to the largest motion
-   !> in its unit. The drift is that of the periods before the difference leaves `tolerance`, at least of three.
-   subroutine compare(self, record, amplitudes, tuples, omega, is_unknown, units, tolerance)
+   !> Difference to the motion sum of Re(amplitude exp(i j.omega t)).
+   subroutine new_march_difference(self, amplitudes, tuples, omega, is_unknown, shape, units, length, n_kept)
       type(march_difference_t), intent(out) :: self
-      type(march_record_t), intent(in) :: record                      !! of all samples, from a time zero of the motion on
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin [m], (n_harmonics, n_dofs)
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
       logical, intent(in) :: is_unknown(:)                            !! (n_tones)
+      real(wp), intent(in) :: shape(:, :)                             !! of the coordinates of the laws, (n_dofs, any)
       character(*), intent(in) :: units(:)                            !! (n_dofs)
-      real(wp), intent(in) :: tolerance                               !! relative
-      real(wp), allocatable :: frequencies(:), largest(:), phases(:, :), scale(:)
-      integer, allocatable :: tones(:)
-      real(wp) :: period
-      integer :: first, k, last, m, n, n_kept
+      real(wp), intent(in) :: length                                  !! of the system [m]: scale where nothing moves
+      integer, intent(in) :: n_kept                                   !! last periods that are kept for `parts`
+      integer :: m, n
 
-      period = two_pi/minval(omega)
-      frequencies = matmul(omega, real(tuples, wp))
-      tones = pack([(m, m=1, size(omega))], is_unknown)
-      n = max(2, nint((record%time(size(record%time)) - record%time(1))/period))
-      allocate (largest(n), phases(size(tones), n))
-      call find_scale(record, amplitudes, units, scale)
-      last = 0
-      do k = 1, n
-         first = last + 1
-         do while (last < size(record%time))
-            if (k < n .and. record%time(last + 1) - record%time(1) >= k*period) exit
-            last = last + 1
+      n = size(amplitudes, 2)
+      self%n_dofs = n
+      self%n_items = n + size(shape, 2)
+      self%n_kept = n_kept
+      self%length = length
+      allocate (self%amplitudes(size(amplitudes, 1), self%n_items))
+      self%amplitudes(:, :n) = amplitudes
+      self%amplitudes(:, n + 1:) = matmul(amplitudes, cmplx(shape, 0.0_wp, wp))
+      self%shape = shape
+      self%tuples = tuples
+      self%omega = omega
+      self%frequencies = matmul(omega, real(tuples, wp))
+      self%tones = pack([(m, m=1, size(omega))], is_unknown)
+      self%units = units
+      self%period = two_pi/minval(omega)
+      allocate (self%largest(self%n_items, 0), self%apart(0), self%phases(size(self%tones), 0), self%time(0))
+      allocate (self%rest(0, size(shape, 2)))
+   end subroutine new_march_difference
+
+   !> Adds the periods of two records from the same time on, the second one of a march close to the first.
+   subroutine difference_add(self, record, other, n_new)
+      class(march_difference_t), intent(inout) :: self
+      type(march_record_t), intent(in) :: record, other               !! of all degrees of freedom, in their order
+      integer, intent(in) :: n_new                                    !! periods in the records
+      complex(wp), allocatable :: waves(:, :)
+      real(wp), allocatable :: apart(:), largest(:, :), phase(:), phases(:, :), rest(:, :), t(:), x(:, :)
+      integer, allocatable :: rows(:)
+      integer :: first, h, i, k, last, n, n_samples, stride
+
+      n = self%n_periods
+      if (n == 0) call find_scale(self, record)
+      n_samples = (size(record%time) - 1)/n_new
+      stride = max(1, int(n_samples*minval(self%omega)/(fewest_looks*maxval(self%omega))))
+      do while (modulo(n_samples, stride) /= 0)
+         stride = stride - 1
+      end do
+      allocate (largest(self%n_items, n + n_new), apart(n + n_new), phases(size(self%tones), n + n_new))
+      largest(:, :n) = self%largest
+      apart(:n) = self%apart
+      phases(:, :n) = self%phases
+      do k = n + 1, n + n_new
+         first = (k - n - 1)*n_samples + 1
+         last = first + n_samples
+         rows = [(i, i=first, last, stride)]
+         t = record%time(rows)
+         x = with_coordinates(self, record%displacement(rows, :))
+         allocate (waves(size(t), size(self%frequencies)))
+         do h = 1, size(self%frequencies)
+            waves(:, h) = cmplx(cos(self%frequencies(h)*t), sin(self%frequencies(h)*t), wp)
          end do
-         phases(:, k) = 0.0_wp
-         if (k > 1) phases(:, k) = phases(:, k - 1)
-         if (k > 2) phases(:, k) = 2.0_wp*phases(:, k - 1) - phases(:, k - 2)
-         call fit(record%time(first:last), record%displacement(first:last, :), phases(:, k))
-         largest(k) = rest(record%time(first:last), record%displacement(first:last, :), phases(:, k))
+         allocate (phase(size(self%tones)), source=0.0_wp)
+         if (k > 1) phase = phases(:, k - 1)
+         if (k > 2) phase = 2.0_wp*phases(:, k - 1) - phases(:, k - 2)
+         call fit(self, waves, x, phase)
+         phases(:, k) = phase
+         rest = x - moved(waves, turned(self, phase))
+         largest(:, k) = maxval(abs(rest), dim=1)/self%scale
+         apart(k) = distance(self, waves, phase, with_coordinates(self, other%displacement(rows, :)) - x)
+         call keep(self, k, t(:size(t) - 1), rest(:size(t) - 1, self%n_dofs + 1:))
+         deallocate (waves, phase)
       end do
-      self%first = largest(1)
-      self%largest = maxval(largest)
-      n_kept = findloc(largest <= tolerance, .false., dim=1) - 1
-      if (n_kept < 0) n_kept = n
-      n_kept = min(n, max(fewest_periods, n_kept))
-      allocate (self%drift(size(omega)), source=0.0_wp)
-      do m = 1, size(tones)
-         self%drift(tones(m)) = slope(phases(m, :n_kept))/period
-      end do
-      self%growth = slope(log(max(largest, epsilon(1.0_wp))))/period
+      call move_alloc(largest, self%largest)
+      call move_alloc(apart, self%apart)
+      call move_alloc(phases, self%phases)
+      self%n_periods = n + n_new
+   end subroutine difference_add
 
-   contains
+   !> Keeps the differences of the last periods at the coordinates of the laws.
+   subroutine keep(self, period, t, rest)
+      class(march_difference_t), intent(inout) :: self
+      integer, intent(in) :: period                                   !! its number
+      real(wp), intent(in) :: t(:), rest(:, :)
+      real(wp), allocatable :: joined(:, :)
+      integer :: first, n
 
-      !> Phases with the smallest sum of squares of the difference, from those given on.
-      subroutine fit(t, x, phase)
-         real(wp), intent(in) :: t(:), x(:, :)                        !! [s], (n_samples); [m], (n_samples, n_dofs)
-         real(wp), intent(inout) :: phase(:)                          !! [rad], (n_unknown)
-         complex(wp) :: turned(size(amplitudes, 1), size(amplitudes, 2))
-         real(wp) :: along(size(x, 2), size(phase)), difference(size(x, 2)), normal(size(phase), size(phase))
-         real(wp) :: right(size(phase))
-         integer :: a, b, i, info, iteration
+      if (size(rest, 2) == 0 .or. self%n_kept == 0) return
+      n = size(self%time)
+      first = 1
+      if (period > self%n_kept) first = size(t) + 1                   ! all periods have equally many samples
+      allocate (joined(n - first + 1 + size(t), size(rest, 2)))
+      joined(:n - first + 1, :) = self%rest(first:, :)
+      joined(n - first + 2:, :) = rest
+      self%time = [self%time(first:), t]
+      call move_alloc(joined, self%rest)
+   end subroutine keep
 
-         if (size(phase) == 0) return
-         do iteration = 1, max_fits
-            turned = shifted(phase)
-            normal = 0.0_wp
-            right = 0.0_wp
-            do i = 1, size(t)
-               difference = (x(i, :) - motion(turned, frequencies, t(i)))/scale
-               do a = 1, size(phase)
-                  along(:, a) = motion(turned*spread(cmplx(0.0_wp, tuples(tones(a), :), wp), 2, size(x, 2)), frequencies, t(i)) &
-                                /scale
-                  right(a) = right(a) + dot_product(along(:, a), difference)
-                  do b = 1, a
-                     normal(a, b) = normal(a, b) + dot_product(along(:, a), along(:, b))
-                  end do
-               end do
+   !> Differences of the first harmonic of each tone at the coordinates of the laws in the periods kept, relative to their own
+   !> amplitude; and how much smaller that is than the largest motion.
+   subroutine difference_parts(self, differences, shares)
+      class(march_difference_t), intent(in) :: self
+      real(wp), allocatable, intent(out) :: differences(:, :)         !! (n_coordinates, n_tones), 0: tone not in the set
+      real(wp), allocatable, intent(out) :: shares(:, :)              !! as differences
+      complex(wp) :: found(size(self%omega))
+      real(wp) :: part
+      integer :: c, h, m
+
+      allocate (differences(size(self%shape, 2), size(self%omega)), source=0.0_wp)
+      allocate (shares(size(self%shape, 2), size(self%omega)), source=1.0_wp)
+      if (size(self%time) < 3) return
+      do c = 1, size(self%shape, 2)
+         call coefficients_at(self%rest(:, c), self%time(1), (self%time(size(self%time)) - self%time(1))/(size(self%time) - 1), &
+                              self%omega, found)
+         do m = 1, size(self%omega)
+            do h = 1, size(self%frequencies)
+               if (sum(abs(self%tuples(:, h))) /= 1 .or. self%tuples(m, h) == 0) cycle
+               associate (own => self%scale(self%n_dofs + c))
+                  part = max(abs(self%amplitudes(h, self%n_dofs + c)), smallest_part*own)
+                  differences(c, m) = abs(found(m))/part
+                  shares(c, m) = max(1.0_wp, self%share(self%n_dofs + c)*own/part)
+               end associate
             end do
-            call dpotrf("L", size(phase), normal, size(phase), info)
-            if (info /= 0) return                                      ! nothing moves with one of the tones
-            call dpotrs("L", size(phase), 1, normal, size(phase), right, size(phase), info)
-            phase = phase + min(max(right, -largest_step), largest_step)
-            if (maxval(abs(right)) <= 1.0e-13_wp) return
          end do
-      end subroutine fit
+      end do
+   end subroutine difference_parts
 
-      real(wp) function rest(t, x, phase)
-         real(wp), intent(in) :: t(:), x(:, :), phase(:)
-         complex(wp) :: turned(size(amplitudes, 1), size(amplitudes, 2))
-         integer :: i
+   !> Marched frequencies minus those of the motion [rad/s], (n_tones), 0 of known tones: from the first periods.
+   pure function difference_drift(self, n_periods) result(drift)
+      class(march_difference_t), intent(in) :: self
+      integer, intent(in) :: n_periods                                !! at least three are taken where there are
+      real(wp) :: drift(size(self%omega))
+      integer :: m, n
 
-         turned = shifted(phase)
-         rest = 0.0_wp
-         do i = 1, size(t)
-            rest = max(rest, maxval(abs(x(i, :) - motion(turned, frequencies, t(i)))/scale))
+      n = min(self%n_periods, max(fewest_periods, n_periods))
+      drift = 0.0_wp
+      if (n < 2) return
+      do m = 1, size(self%tones)
+         drift(self%tones(m)) = slope(self%phases(m, :n))/self%period
+      end do
+   end function difference_drift
+
+   !> Phases with the smallest sum of squares of the difference, from those given on.
+   subroutine fit(self, waves, x, phase)
+      type(march_difference_t), intent(in) :: self
+      complex(wp), intent(in) :: waves(:, :)                          !! exp(i j.omega t), (n_samples, n_harmonics)
+      real(wp), intent(in) :: x(:, :)                                 !! [m], (n_samples, n_items)
+      real(wp), intent(inout) :: phase(:)                             !! [rad], (n_unknown)
+      real(wp) :: change(size(phase))
+      integer :: iteration
+      logical :: is_found
+
+      if (size(phase) == 0) return
+      do iteration = 1, max_fits
+         call along(self, waves, phase, x(:, :self%n_dofs) - moved(waves, turned(self, phase, self%n_dofs)), change, is_found)
+         if (.not. is_found) return                                   ! nothing moves with one of the tones
+         phase = phase + min(max(change, -largest_step), largest_step)
+         if (maxval(abs(change)) <= 1.0e-13_wp) return
+      end do
+   end subroutine fit
+
+   !> Phases by which a small difference of the degrees of freedom is one along the motion, by least squares.
+   subroutine along(self, waves, phase, difference, change, is_found, left)
+      type(march_difference_t), intent(in) :: self
+      complex(wp), intent(in) :: waves(:, :)
+      real(wp), intent(in) :: phase(:), difference(:, :)              !! [rad]; [m], (n_samples, n_dofs)
+      real(wp), intent(out) :: change(:)                              !! [rad], as phase
+      logical, intent(out) :: is_found
+      real(wp), intent(inout), optional :: left(:, :)                 !! [m], (n_samples, n_items): less what is along the motion
+      real(wp), allocatable :: directions(:, :, :)
+      complex(wp), allocatable :: there(:, :)
+      real(wp) :: normal(size(phase), size(phase)), weights(self%n_dofs)
+      integer :: a, b, info
+
+      weights = 1.0_wp/self%scale(:self%n_dofs)**2
+      there = turned(self, phase)
+      allocate (directions(size(waves, 1), self%n_items, size(phase)))
+      do a = 1, size(phase)
+         directions(:, :, a) = moved(waves, there*spread(cmplx(0.0_wp, self%tuples(self%tones(a), :), wp), 2, self%n_items))
+         change(a) = sum(matmul(directions(:, :self%n_dofs, a)*difference, weights))
+         do b = 1, a
+            normal(a, b) = sum(matmul(directions(:, :self%n_dofs, a)*directions(:, :self%n_dofs, b), weights))
          end do
-      end function rest
+      end do
+      call dpotrf("L", size(phase), normal, size(phase), info)
+      is_found = info == 0
+      if (.not. is_found) return
+      call dpotrs("L", size(phase), 1, normal, size(phase), change, size(phase), info)
+      if (.not. present(left)) return
+      do a = 1, size(phase)
+         left = left - change(a)*directions(:, :, a)
+      end do
+   end subroutine along
 
-      function shifted(phase) result(turned)
-         real(wp), intent(in) :: phase(:)
-         complex(wp) :: turned(size(amplitudes, 1), size(amplitudes, 2))
-         real(wp) :: angle(size(amplitudes, 1))
+   !> Largest distance of two marches in one period, relative, without what is along the motion.
+   real(wp) function distance(self, waves, phase, between)
+      type(march_difference_t), intent(in) :: self
+      complex(wp), intent(in) :: waves(:, :)
+      real(wp), intent(in) :: phase(:), between(:, :)                 !! [rad]; [m], (n_samples, n_items)
+      real(wp) :: change(size(phase)), left(size(between, 1), size(between, 2))
+      logical :: is_found
 
-         angle = matmul(phase, real(tuples(tones, :), wp))
-         turned = amplitudes*spread(cmplx(cos(angle), sin(angle), wp), 2, size(amplitudes, 2))
-      end function shifted
-   end subroutine compare
+      left = between
+      if (size(phase) > 0) call along(self, waves, phase, between(:, :self%n_dofs), change, is_found, left)
+      distance = maxval(maxval(abs(left), dim=1)/self%scale)
+   end function distance
+
+   !> Amplitudes at other phases of the unknown tones, of all items or of the first ones.
+   pure function turned(self, phase, n_items) result(amplitudes)
+      type(march_difference_t), intent(in) :: self
+      real(wp), intent(in) :: phase(:)
+      integer, intent(in), optional :: n_items
+      complex(wp), allocatable :: amplitudes(:, :)
+      real(wp) :: angle(size(self%frequencies))
+      integer :: n
+
+      n = self%n_items
+      if (present(n_items)) n = n_items
+      amplitudes = self%amplitudes(:, :n)
+      if (size(phase) == 0) return
+      angle = matmul(phase, real(self%tuples(self%tones, :), wp))
+      amplitudes = amplitudes*spread(cmplx(cos(angle), sin(angle), wp), 2, n)
+   end function turned
+
+   !> Displacements at the times of some waves.
+   pure function moved(waves, amplitudes) result(x)
+      complex(wp), intent(in) :: waves(:, :), amplitudes(:, :)
+      real(wp) :: x(size(waves, 1), size(amplitudes, 2))
+
+      x = matmul(real(waves, wp), real(amplitudes, wp)) - matmul(aimag(waves), aimag(amplitudes))
+   end function moved
+
+   !> Degrees of freedom and behind them the coordinates of the laws.
+   pure function with_coordinates(self, q) result(x)
+      type(march_difference_t), intent(in) :: self
+      real(wp), intent(in) :: q(:, :)                                 !! [m], (n_samples, n_dofs)
+      real(wp) :: x(size(q, 1), self%n_items)
+
+      x(:, :self%n_dofs) = q
+      x(:, self%n_dofs + 1:) = matmul(q, self%shape)
+   end function with_coordinates
 
    !> Displacements of a motion at one time.
    pure function motion(amplitudes, frequencies, t) result(x)
@@ -137,23 +303,30 @@ contains
       x = real(matmul(cmplx(cos(frequencies*t), sin(frequencies*t), wp), amplitudes), wp)
    end function motion
 
-   !> Largest motion in the unit of each degree of freedom; that of the record where the motion given is rest.
-   pure subroutine find_scale(record, amplitudes, units, scale)
+   !> Scales: of a degree of freedom the largest motion in its unit, where that is rest the length of the system; of a
+   !> coordinate its own motion, the amplitude of an oscillation with the same mean square.
+   pure subroutine find_scale(self, record)
+      class(march_difference_t), intent(inout) :: self
       type(march_record_t), intent(in) :: record
-      complex(wp), intent(in) :: amplitudes(:, :)
-      character(*), intent(in) :: units(:)
-      real(wp), allocatable, intent(out) :: scale(:)
-      real(wp) :: motions(size(amplitudes, 2))
-      integer :: k
+      real(wp) :: motions(self%n_dofs), reach
+      integer :: c, k
 
-      do k = 1, size(motions)
-         motions(k) = sum(abs(amplitudes(:, k)))
-      end do
-      do k = 1, size(motions)
-         if (any(motions > 0.0_wp .and. units == units(k))) cycle
-         motions(k) = max(maxval(abs(record%displacement(:, k))), tiny(1.0_wp))
-      end do
-      scale = [(maxval(motions, mask=units == units(k)), k=1, size(motions))]
+      allocate (self%scale(self%n_items), self%share(self%n_items))
+      associate (n => self%n_dofs, units => self%units)
+         motions = sum(abs(self%amplitudes(:, :n)), dim=1)
+         do k = 1, n
+            if (any(motions > 0.0_wp .and. units == units(k))) cycle
+            motions(k) = max(maxval(abs(record%displacement(:, k))), self%length, tiny(1.0_wp))
+         end do
+         self%scale(:n) = [(maxval(motions, mask=units == units(k)), k=1, n)]
+         self%share(:n) = 1.0_wp
+         do c = 1, size(self%shape, 2)
+            reach = maxval(abs(self%shape(:, c))*self%scale(:n))
+            self%scale(n + c) = max(sqrt(sum(abs(self%amplitudes(:, n + c))**2, mask=any(self%tuples /= 0, dim=1))), &
+                                    smallest_motion*reach, tiny(1.0_wp))
+            self%share(n + c) = max(1.0_wp, reach/self%scale(n + c))
+         end do
+      end associate
    end subroutine find_scale
 
    !> Slope of a straight line through equidistant values, at least two.

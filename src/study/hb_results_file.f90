@@ -4,6 +4,7 @@ module hb_results_file
    use hb_file_place, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t
    use hb_kinds, only: int64, two_pi
+   use hb_march_verdict, only: verdict_names
    use hb_outcome, only: outcome_names
    use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_results_plan, only: axis_t, component_axis, dof_axis, harmonic_axis, is_characters, is_integer, &
@@ -17,7 +18,6 @@ module hb_results_file
    public :: amplitude_convention, describe, make_file, schema_version, set_flags
 
    integer, parameter :: schema_version = 1
-   character(8), parameter :: march_verdict_names(4) = [character(8) :: "not_done", "agrees", "unstable", "differs"]
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
       "[ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
 
@@ -290,7 +290,7 @@ contains
             if (allocated(error)) return
             if (variable%name == "status") call set_flags(variable%dataset, outcome_names, error)
             if (variable%name == "rescue") call set_flags(variable%dataset, rescue_names, error)
-            if (variable%name == "march_verdict") call set_flags(variable%dataset, march_verdict_names, error)
+            if (variable%name == "march_verdict") call set_flags(variable%dataset, verdict_names, error)
          end associate
          if (allocated(error)) return
       end do

@@ -148,9 +148,12 @@ contains
             "piece of the response along the fastest swept parameter, from 1; 0 where that is not known")
          call add("march_verdict", is_integer, [point_axis], "1", "what marching from the point says of it")
          call add("march_first_difference", is_real, [point_axis], "1", &
-            "largest difference to marching in the first period of the slowest tone, relative to the motion")
-         call add("march_difference", is_real, [point_axis], "1", "largest difference to marching, relative to the motion")
-         call add("march_growth", is_real, [point_axis], "1/s", "rate at which that difference grows")
+            "largest difference to marching in the first period of the slowest tone, relative to the motion of its coordinate")
+         call add("march_difference", is_real, [point_axis], "1", &
+            "difference to marching in the last periods, of the coordinate worst for its limit, relative to its motion")
+         call add("march_limit", is_real, [point_axis], "1", "limit of that difference")
+         call add("march_growth", is_real, [point_axis], "1/s", "rate at which a march close to the motion leaves it")
+         call add("march_duration", is_real, [point_axis], "s", "how long was marched")
          call add("march_drift", is_real, [tone_axis, point_axis], "rad/s", &
             "difference of the marched frequency to that of the motion, 0 where given")
          if (size(taus) == 0) return

@@ -1,9 +1,11 @@
 !> Marching from points of a result file: does the motion that the balance found stay where it is?
 !>
-!> The march starts on the motion of a point at time zero; its difference to that motion tells two things. What shows within
-!> the first period of the slowest tone is an error of the motion. What grows from little is an instability: the motion is
-!> right, and would not be seen. Tones that the balance has found may drift (hb_march_difference): as far as that is more than
-!> the errors of the frequencies let expect, the motion is wrong.
+!> One march starts on the motion of a point at time zero, a second one very close to it. What the two say together is decided in
+!> hb_march_verdict: they part where the motion is unstable, and then it is right and would not be seen; else they come together
+!> as fast as the start is forgotten, and what then is left between march and motion is the error of the motion. Tones that the
+!> balance has found may drift (hb_march_difference): as far as that is more than the errors of the frequencies let expect, the
+!> motion is wrong. The march lasts until this is decided, at most as long as the decay of the linear structure takes, within a
+!> bound of work.
 module hb_verify
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: annotate, error_t, fail
@@ -11,44 +13,60 @@ module hb_verify
    use hb_kinds, only: two_pi, wp
    use hb_march, only: march_from, march_record_t
    use hb_march_config, only: march_config_t, step_of
-   use hb_march_difference, only: compare, march_difference_t, motion
+   use hb_march_difference, only: march_difference_t, motion, new_march_difference
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
+   use hb_march_verdict, only: decide, growth_of, limit_of, n_settled, verdict
+   use hb_modes, only: modes_t, new_modes
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_namelist, only: document_t
    use hb_outcome, only: is_solved
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
+   use hb_structure, only: structure_t
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
    implicit none
    private
-   public :: verdict, verdict_text, verdict_t, verify_points
+   public :: verdict_t, verify_points
 
    integer, parameter :: periods_of_sliders = 20                      ! of the motion, in which sliders find their places
-   real(wp), parameter :: safety = 10.0_wp                            ! on the estimates of the certificate
-   real(wp), parameter :: smallest_tolerance = 1.0e-9_wp              ! relative to the motion
+   integer, parameter :: fewest_periods = 20                          ! of the slowest tone; of several twice that, and two beats
+   integer, parameter :: most_periods_of_beats = 100
+   integer, parameter :: least_bound = 100, greatest_bound = 1000     ! periods at which a march ends without a decision
+   integer, parameter :: usual_bound = 150                            ! where nothing in the structure decays
+   integer, parameter :: most_samples = 400000                        ! of one march, beyond the fewest periods
+   integer, parameter :: periods_at_once = 5
+   real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm: the bound
+   real(wp), parameter :: most_decay = 3.0_wp                         ! likewise: the start is forgotten
    real(wp), parameter :: march_tolerance = 1.0e-13_wp                ! of the march, unless the input asks for less
-   real(wp), parameter :: grown = 30.0_wp                             ! difference of the last period over that of the first
-
-   type :: verdict_kind_t
-      integer :: not_done = 0
-      integer :: agrees = 1
-      integer :: unstable = 2
-      integer :: differs = 3
-   end type verdict_kind_t
-   type(verdict_kind_t), parameter :: verdict = verdict_kind_t()
+   real(wp), parameter :: remembered = 10.0_wp                        ! fall of the distance below which the start still counts
+   real(wp), parameter :: nearness = 1.0e-6_wp                        ! of the second march at its start, relative to the motion
+   real(wp), parameter :: too_far = 1.0e-4_wp, too_near = 1.0e-10_wp  ! distances at which it is brought back there
+   real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the motion
+   real(wp), parameter :: gone = 2.0_wp                               ! likewise, where the march breaks off
 
    !> What marching says of one point.
    type :: verdict_t
       integer :: kind = verdict%not_done
       integer :: skipped_status = 0                                   !! outcome of a point without a motion to start from
-      real(wp) :: first_difference = 0.0_wp                           !! in the first period, relative to the largest motion
-      real(wp) :: difference = 0.0_wp                                 !! over all, likewise
-      real(wp) :: growth = 0.0_wp                                     !! of the difference [1/s]
+      real(wp) :: first_difference = 0.0_wp                           !! in the first period, relative: the worst coordinate
+      real(wp) :: difference = 0.0_wp                                 !! in the last ones, of the coordinate worst for its limit
+      real(wp) :: limit = 0.0_wp                                      !! of that difference
+      character(:), allocatable :: coordinate                         !! its name
+      real(wp) :: growth = 0.0_wp                                     !! of what is close to the motion [1/s]
       real(wp), allocatable :: drift(:)                               !! of the frequencies found [rad/s], (n_tones)
-      real(wp) :: tolerance = 0.0_wp                                  !! what the certificate lets expect
+      real(wp) :: duration = 0.0_wp                                   !! of the march [s]
+      integer :: n_periods = 0                                        !! of the slowest tone, likewise
    end type verdict_t
+
+   !> How long a march is, in periods of the slowest tone.
+   type :: length_t
+      real(wp) :: period = 0.0_wp                                     !! [s]
+      integer :: n_samples = 0                                        !! in a period
+      integer :: fewest = 0, bound = 0                                !! periods
+      integer :: decay = 0                                            !! in which the linear structure forgets; 0: it does not
+   end type length_t
 
    !> What is read of a result file.
    type :: stored_t
@@ -63,24 +81,11 @@ module hb_verify
 
 contains
 
-   !> Verdict in words.
-   pure function verdict_text(kind) result(text)
-      integer, intent(in) :: kind
-      character(:), allocatable :: text
-
-      select case (kind)
-      case (verdict%agrees); text = "agrees"
-      case (verdict%unstable); text = "grows: the motion is unstable"
-      case (verdict%differs); text = "differs by more than the certificate lets expect"
-      case default; text = "not marched"
-      end select
-   end function verdict_text
-
    !> Marches from points of a result file and writes what comes out beside them. Ranks share the points.
    subroutine verify_points(path, points, n_periods, comm, verdicts, error)
       character(*), intent(in) :: path
       integer, intent(in) :: points(:)                                !! from 0; empty: all. Those not solved are skipped
-      integer, intent(in) :: n_periods                                !! of the slowest tone
+      integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: by the decay
       type(comm_t), intent(in) :: comm
       type(verdict_t), allocatable, intent(out) :: verdicts(:)        !! (n_points), of the points of this rank
       type(error_t), allocatable, intent(out) :: error
@@ -189,77 +194,235 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: document
       type(march_config_t) :: config
+      type(length_t) :: length
       type(march_difference_t) :: difference
-      type(march_record_t) :: record
-      type(march_state_t) :: state
+      type(march_record_t) :: other_record, record
+      type(march_state_t) :: other, state
       type(march_system_t), target :: system
       type(scene_t) :: scene
       complex(wp), allocatable :: amplitudes(:, :)
-      real(wp), allocatable :: frequencies(:), most_drift(:)
-      real(wp) :: period, step
+      integer, allocatable :: all_dofs(:)
+      real(wp), allocatable :: distance(:), frequencies(:), ratio(:), scale(:), speed(:)
+      real(wp) :: estimate, expected, moved_back, share, step
+      integer :: i, n_new
 
       document = stored%study%document
       call stored%study%plan%apply(point, document, error)
       if (.not. allocated(error)) call read_scene(scene, document, error)
       if (allocated(error)) return
-      amplitudes = cmplx(stored%coefficients(1, :, :, point), -stored%coefficients(2, :, :, point), wp)
-      where (stored%coefficients(1, :, :, point) /= stored%coefficients(1, :, :, point)) amplitudes = (0.0_wp, 0.0_wp)
-      frequencies = matmul(stored%frequency(:, point), real(stored%tuples, wp))
-      call new_march_system(system, scene%structure, scene%laws, scene%loads, &
-                            scene%harmonics%frequencies(stored%frequency(:, point)), stored%frequency(:, point))
-      call new_march_state(state, system%n_dofs, system%laws%n_states)
-      period = two_pi/minval(stored%frequency(:, point))
-      config = scene%march
-      config%transient = 0.0_wp
-      config%duration = n_periods*period
-      config%decimation = 1
-      config%tolerance = min(config%tolerance, march_tolerance)
-      step = step_of(config, stored%frequency(:, point))
-      call place_state(system, amplitudes(:, scene%output%dofs), scene%output%dofs, frequencies, -periods_of_sliders*period, step, &
-                       state)
-      call march_from(system, config, step, scene%output%dofs, state, record, error)
-      if (allocated(error)) return
-      result%tolerance = safety*scene%certificate%truncation
-      if (ieee_is_finite(stored%estimates(point))) result%tolerance = safety*stored%estimates(point)
-      result%tolerance = max(result%tolerance*velocity_share(amplitudes, frequencies), smallest_tolerance)
-      call compare(difference, record, amplitudes, stored%tuples, stored%frequency(:, point), scene%tones%is_unknown, &
-                   scene%structure%units(scene%output%dofs), result%tolerance)
-      result%first_difference = difference%first
-      result%difference = difference%largest
-      result%growth = difference%growth
-      result%drift = difference%drift
-      most_drift = result%tolerance*stored%frequency(:, point)
-      where (ieee_is_finite(stored%frequency_estimates(:, point))) &
-         most_drift = max(most_drift, safety*stored%frequency_estimates(:, point))
-      if (result%difference > smallest_tolerance .and. result%first_difference <= result%tolerance .and. &
-          result%growth*config%duration > log(grown)) then            ! what drifts then is the motion that it goes to
-         result%kind = verdict%unstable
-      else if (any(abs(result%drift) > most_drift)) then
-         result%kind = verdict%differs
-      else if (result%difference <= result%tolerance) then
-         result%kind = verdict%agrees
-      else
-         result%kind = verdict%differs
-      end if
+      associate (omega => stored%frequency(:, point))
+         allocate (amplitudes(size(stored%tuples, 2), scene%structure%n_dofs))
+         amplitudes(:, scene%output%dofs) = cmplx(stored%coefficients(1, :, :, point), -stored%coefficients(2, :, :, point), wp)
+         where (.not. ieee_is_finite(real(amplitudes, wp))) amplitudes = (0.0_wp, 0.0_wp)
+         frequencies = matmul(omega, real(stored%tuples, wp))
+         call new_march_system(system, scene%structure, scene%laws, scene%loads, scene%harmonics%frequencies(omega), omega)
+         call choose_length(length, scene, omega, n_periods)
+         step = length%period/length%n_samples
+         all_dofs = [(i, i=1, system%n_dofs)]
+         scale = sum(abs(amplitudes), dim=1)
+         scale = [(maxval(scale, mask=scene%structure%units == scene%structure%units(i)), i=1, size(scale))]
+         where (scale <= 0.0_wp) scale = max(system%length, nearness)
+         speed = scale*max(leading_of(amplitudes, frequencies), minval(omega))
+         config = scene%march
+         config%transient = 0.0_wp
+         config%decimation = 1
+         config%tolerance = min(config%tolerance, march_tolerance)
+         config%largest = runaway*maxval(scale)
+         call new_march_state(state, system%n_dofs, system%laws%n_states)
+         call place_state(system, amplitudes, frequencies, -periods_of_sliders*length%period, step, state)
+         other = state
+         other%q = other%q + nearness*scale*directions(system%n_dofs, 0)
+         other%v = other%v + nearness*speed*directions(system%n_dofs, system%n_dofs)
+         call new_march_difference(difference, amplitudes, stored%tuples, omega, scene%tones%is_unknown, system%laws%shape, &
+                                   scene%structure%units, max(system%length, nearness), n_settled(length%bound, length%fewest))
+         estimate = scene%certificate%truncation
+         if (ieee_is_finite(stored%estimates(point))) estimate = stored%estimates(point)
+         share = velocity_share(amplitudes, frequencies)
+         expected = estimate
+         moved_back = 0.0_wp
+         allocate (distance(0))
+         do while (result%kind == verdict%not_done)
+            n_new = min(max(periods_at_once, difference%n_periods/4), length%bound - difference%n_periods)
+            config%duration = n_new*length%period
+            call march_from(system, config, step, all_dofs, state, record, error)
+            if (.not. allocated(error)) call march_from(system, config, step, all_dofs, other, other_record, error)
+            if (allocated(error)) then
+               if (.not. has_run_away()) return
+               deallocate (error)
+               result%kind = verdict%differs
+               if (size(distance) > 0) result%kind = decide([ratio, 2.0_wp], [distance, distance(size(distance))], &
+                                                            length%fewest, length%decay, .true.)
+               exit
+            end if
+            call difference%add(record, other_record, n_new)
+            distance = [distance, log(max(difference%apart(size(distance) + 1:)/nearness, tiny(1.0_wp))) + moved_back]
+            expected = estimate*merge(share, 1.0_wp, distance(size(distance)) > -log(remembered))
+            ratio = [(maxval(difference%largest(:, i)/limit_of(expected, difference%share)), i=1, difference%n_periods)]
+            call bring_back(state, other, scale, speed, moved_back)
+            result%kind = decide(ratio, distance, length%fewest, length%decay, difference%n_periods >= length%bound)
+         end do
+         call write_up()
+      end associate
+
+   contains
+
+      !> Whether a march that broke off was on its way to infinity.
+      logical function has_run_away()
+         has_run_away = record%is_under_way
+         if (.not. has_run_away) return
+         associate (q => state%q, q_other => other%q)
+            if (all(ieee_is_finite(q)) .and. all(ieee_is_finite(q_other))) &
+               has_run_away = any(max(abs(q), abs(q_other)) > gone*scale)
+         end associate
+      end function has_run_away
+
+      !> Fills the result in.
+      subroutine write_up()
+         real(wp), allocatable :: most_drift(:)
+         integer :: n_kept
+
+         result%n_periods = difference%n_periods
+         result%duration = difference%n_periods*length%period
+         result%drift = 0.0_wp*stored%frequency(:, point)
+         result%coordinate = ""
+         if (difference%n_periods == 0) return
+         call find_worst(difference, system, length, expected, result)
+         result%first_difference = maxval(difference%largest(:, 1))
+         result%growth = growth_of(ratio, distance)/length%period
+         n_kept = findloc(ratio > 1.0_wp, .true., dim=1) - 1
+         if (n_kept < 0) n_kept = difference%n_periods
+         result%drift = difference%drift(n_kept)
+         if (result%kind == verdict%unstable) return                  ! what drifts then is the motion that it goes to
+         most_drift = limit_of(estimate*share, 1.0_wp)*stored%frequency(:, point)
+         where (ieee_is_finite(stored%frequency_estimates(:, point))) most_drift = max(most_drift, &
+            limit_of(stored%frequency_estimates(:, point)/stored%frequency(:, point), 1.0_wp)*stored%frequency(:, point))
+         if (any(abs(result%drift) > most_drift)) result%kind = verdict%differs
+         if (result%kind == verdict%agrees .and. result%difference > result%limit) result%kind = verdict%differs
+      end subroutine write_up
    end subroutine verify_point
 
+   !> Length of the march from a motion: at least until all of it was seen, at most until the slowest mode of the linear structure
+   !> is forgotten, as far as the bound of work allows.
+   subroutine choose_length(self, scene, omega, n_periods)
+      type(length_t), intent(out) :: self
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
+      integer, intent(in) :: n_periods                                !! at most; 0: not given
+      real(wp) :: beat, rate
+      integer :: i, k
+
+      self%period = two_pi/minval(omega)
+      self%n_samples = ceiling(self%period/step_of(scene%march, omega)*(1.0_wp - 1.0e-9_wp))
+      beat = minval(omega)
+      do i = 1, size(omega)
+         do k = 1, i - 1
+            if (abs(omega(i) - omega(k)) > 0.0_wp) beat = min(beat, abs(omega(i) - omega(k)))
+         end do
+      end do
+      self%fewest = max(merge(2, 1, size(omega) > 1)*fewest_periods, min(most_periods_of_beats, ceiling(2.0_wp*minval(omega)/beat)))
+      rate = slowest_decay(scene%structure)*self%period
+      self%bound = usual_bound
+      if (rate > 0.0_wp) then
+         self%decay = ceiling(min(most_decay/rate, real(greatest_bound, wp)))
+         self%bound = max(least_bound, ceiling(min(enough_decay/rate, real(greatest_bound, wp))))
+      end if
+      self%bound = max(self%fewest, min(self%bound, most_samples/self%n_samples))
+      if (n_periods > 0) self%bound = n_periods
+   end subroutine choose_length
+
+   !> Rate [1/s] at which the slowest mode of the linear structure decays; 0 where none does, or where nothing is known.
+   real(wp) function slowest_decay(structure) result(rate)
+      type(structure_t), intent(in) :: structure
+      type(error_t), allocatable :: error
+      type(modes_t) :: modes
+
+      rate = 0.0_wp
+      call new_modes(modes, structure%mass, structure%damping, structure%stiffness, error)
+      if (allocated(error)) return
+      if (any(modes%growth < 0.0_wp)) rate = minval(-modes%growth, mask=modes%growth < -1.0e-9_wp*modes%frequency)
+   end function slowest_decay
+
+   !> Components between 1/2 and 1 of either sign, in no order that a structure would have.
+   pure function directions(n, offset) result(values)
+      integer, intent(in) :: n, offset
+      real(wp) :: values(n)
+      real(wp), parameter :: golden = 0.6180339887498949_wp, root = 0.4142135623730951_wp
+      integer :: i
+
+      values = [(merge(-1.0_wp, 1.0_wp, modulo((offset + i)*golden, 1.0_wp) < 0.5_wp)* &
+                 (0.5_wp + 0.5_wp*modulo((offset + i)*root, 1.0_wp)), i=1, n)]
+   end function directions
+
+   !> Brings the second march back to the distance at which it began, in the same direction, where it is too far or too near.
+   subroutine bring_back(state, other, scale, speed, moved_back)
+      type(march_state_t), intent(in) :: state
+      type(march_state_t), intent(inout) :: other
+      real(wp), intent(in) :: scale(:), speed(:)                      !! [m], [m/s], (n_dofs)
+      real(wp), intent(inout) :: moved_back                           !! logarithm of all that it was brought back by
+      real(wp) :: apart
+
+      apart = max(maxval(abs(other%q - state%q)/scale), maxval(abs(other%v - state%v)/speed))
+      if (apart <= too_far .and. (apart >= too_near .or. apart <= epsilon(1.0_wp))) return
+      other%q = state%q + nearness/apart*(other%q - state%q)
+      other%v = state%v + nearness/apart*(other%v - state%v)
+      other%s = state%s + nearness/apart*(other%s - state%s)
+      moved_back = moved_back + log(apart/nearness)
+   end subroutine bring_back
+
+   !> The coordinate, or the tone of a coordinate, that is worst for its limit in the last periods.
+   subroutine find_worst(difference, system, length, estimate, result)
+      type(march_difference_t), intent(in) :: difference
+      type(march_system_t), intent(in) :: system
+      type(length_t), intent(in) :: length
+      real(wp), intent(in) :: estimate
+      type(verdict_t), intent(inout) :: result
+      real(wp), allocatable :: differences(:, :), settled(:), shares(:, :)
+      character(64), allocatable :: labels(:)
+      integer :: c, i, m, n
+
+      n = difference%n_periods
+      settled = maxval(difference%largest(:, n - n_settled(n, length%fewest) + 1:), dim=2)
+      i = maxloc(settled/limit_of(estimate, difference%share), dim=1)
+      result%difference = settled(i)
+      result%limit = limit_of(estimate, difference%share(i))
+      labels = [character(64) :: system%structure%labels, system%laws%coordinate_labels()]
+      result%coordinate = trim(labels(i))
+      if (n < length%fewest) return                                   ! tones do not part in so short a time
+      call difference%parts(differences, shares)
+      do m = 1, size(differences, 2)
+         do c = 1, size(differences, 1)
+            if (differences(c, m)/limit_of(estimate, shares(c, m)) <= result%difference/result%limit) cycle
+            result%difference = differences(c, m)
+            result%limit = limit_of(estimate, shares(c, m))
+            result%coordinate = trim(labels(difference%n_dofs + c))//", tone "//to_text(m)
+         end do
+      end do
+   end subroutine find_worst
+
    !> How much larger an error of the displacements is as one of the velocities: what is left out has frequencies beyond the
-   !> highest one, and the velocity that the march lacks at its start makes a motion with the leading one.
+   !> highest one, and the velocity that the march lacks at its start makes a motion with the leading one, until it decays.
    pure real(wp) function velocity_share(amplitudes, frequencies) result(share)
       complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_harmonics, n_dofs)
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s]
       real(wp) :: leading
 
-      leading = abs(frequencies(maxloc(maxval(abs(amplitudes), dim=2)*merge(1.0_wp, 0.0_wp, abs(frequencies) > 0.0_wp), dim=1)))
+      leading = leading_of(amplitudes, frequencies)
       share = 1.0_wp
       if (leading > 0.0_wp) share = max(share, maxval(abs(frequencies))/leading)
    end function velocity_share
 
+   !> Frequency of the harmonic that moves most [rad/s].
+   pure real(wp) function leading_of(amplitudes, frequencies)
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_harmonics, n_dofs)
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s]
+
+      leading_of = abs(frequencies(maxloc(maxval(abs(amplitudes), dim=2)*merge(1.0_wp, 0.0_wp, abs(frequencies) > 0.0_wp), dim=1)))
+   end function leading_of
+
    !> Sets a state on the motion at time zero; sliders follow the motion from rest at an earlier time.
-   subroutine place_state(system, amplitudes, dofs, frequencies, start, step, state)
+   subroutine place_state(system, amplitudes, frequencies, start, step, state)
       type(march_system_t), intent(inout) :: system
       complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_harmonics, n_dofs)
-      integer, intent(in) :: dofs(:)                                  !! whose columns these are
       real(wp), intent(in) :: frequencies(:), start, step             !! [rad/s], [s], [s]
       type(march_state_t), intent(inout) :: state
       integer :: i, n
@@ -267,8 +430,8 @@ contains
       n = merge(ceiling(-start/step), 0, system%laws%n_states > 0)
       do i = -n, 0
          call system%laws%start_step((i - 1)*step, state%q, state%v, state%s)
-         state%q(dofs) = motion(amplitudes, frequencies, i*step)
-         state%v(dofs) = motion(amplitudes*spread(cmplx(0.0_wp, frequencies, wp), 2, size(amplitudes, 2)), frequencies, i*step)
+         state%q = motion(amplitudes, frequencies, i*step)
+         state%v = motion(amplitudes*spread(cmplx(0.0_wp, frequencies, wp), 2, size(amplitudes, 2)), frequencies, i*step)
          if (n == 0) cycle
          call system%laws%gather(state%q, state%v)
          call system%laws%evaluate(step)
@@ -280,22 +443,36 @@ contains
       type(h5_file_t), intent(in) :: file
       type(verdict_t), intent(in) :: verdicts(:)
       type(error_t), allocatable, intent(out) :: error
-      type(h5_dataset_t) :: difference, drift, first_difference, growth, kind
+      type(h5_dataset_t) :: drift, kind
       integer :: i
 
-      call file%open_dataset("march_first_difference", first_difference, error)
-      if (.not. allocated(error)) call file%open_dataset("march_difference", difference, error)
-      if (.not. allocated(error)) call file%open_dataset("march_growth", growth, error)
+      call write_column("march_first_difference", verdicts%first_difference)
+      call write_column("march_difference", verdicts%difference)
+      call write_column("march_limit", verdicts%limit)
+      call write_column("march_growth", verdicts%growth)
+      call write_column("march_duration", verdicts%duration)
       if (.not. allocated(error)) call file%open_dataset("march_drift", drift, error)
       if (.not. allocated(error)) call file%open_dataset("march_verdict", kind, error)
       do i = 1, size(verdicts)
          if (allocated(error)) return
          if (verdicts(i)%kind == verdict%not_done) cycle
-         call first_difference%write_row(i, [verdicts(i)%first_difference], error)
-         if (.not. allocated(error)) call difference%write_row(i, [verdicts(i)%difference], error)
-         if (.not. allocated(error)) call growth%write_row(i, [verdicts(i)%growth], error)
-         if (.not. allocated(error)) call drift%write_row(i, verdicts(i)%drift, error)
+         call drift%write_row(i, verdicts(i)%drift, error)
          if (.not. allocated(error)) call kind%write_row(i, [verdicts(i)%kind], error)
       end do
+
+   contains
+
+      subroutine write_column(name, values)
+         character(*), intent(in) :: name
+         real(wp), intent(in) :: values(:)
+         type(h5_dataset_t) :: dataset
+         integer :: k
+
+         if (.not. allocated(error)) call file%open_dataset(name, dataset, error)
+         do k = 1, size(values)
+            if (allocated(error)) return
+            if (verdicts(k)%kind /= verdict%not_done) call dataset%write_row(k, values(k:k), error)
+         end do
+      end subroutine write_column
    end subroutine write_verdicts
 end module hb_verify

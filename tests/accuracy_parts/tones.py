@@ -136,11 +136,11 @@ def verdict(source: str, point: int, folder: Path) -> tuple[str, str]:
     with h5py.File(result) as data:
         verdicts = data["march_verdict"]
         names = dict(zip(verdicts.attrs["flag_values"].tolist(), _words(verdicts.attrs["flag_meanings"])))
-        first, largest, growth = (
-            float(data[name][point]) for name in ("march_first_difference", "march_difference", "march_growth")
+        first, last, limit, growth = (
+            float(data[name][point]) for name in ("march_first_difference", "march_difference", "march_limit", "march_growth")
         )
-        said = f"{names[int(verdicts[point])]}: {first:.1e} of the motion in the first period, {largest:.1e} at most"
-        said += f", growth {growth:.2g} 1/s"
+        said = f"{names[int(verdicts[point])]}: {first:.1e} of the motion of the worst coordinate in the first period, {last:.1e} "
+        said += f"in the end, limit {limit:.1e}, growth {growth:.2g} 1/s"
     with Results(result) as results:
         return results.status_name(point), said
 

@@ -286,7 +286,7 @@ def verified(result: Path, *options, status=0) -> dict[str, np.ndarray]:
     return dict(zip(names, read(result, *names)))
 
 
-AGREES, UNSTABLE, DIFFERS = 1, 2, 3
+AGREES, UNSTABLE, DIFFERS, UNDECIDED = 1, 2, 3, 4
 CONVERGED_CUBIC = FORCED.replace("order=3", "order=15")
 
 
@@ -311,7 +311,7 @@ def test_verify_knows_an_unstable_motion_from_a_wrong_one(tmp_path):
     text = FREE.replace("&tones frequency=1", "&tones frequency=2").replace("order=1", "order=9") + law
     found = verified(solve(text, tmp_path), "--periods", 50, status=1)
     assert found["march_verdict"] == [UNSTABLE]
-    assert found["march_first_difference"][0] < 1e-10 and found["march_difference"][0] > 1e-3
+    assert found["march_first_difference"][0] < 1e-10
     assert found["march_growth"][0] == pytest.approx(0.15, rel=0.1)
 
 
@@ -322,7 +322,81 @@ def test_verify_takes_friction_and_chosen_points_on_two_ranks(tmp_path):
     assert done.status == 0, done.stderr
     kinds, largest = read(result, "march_verdict", "march_difference")
     assert kinds.tolist() == [0, AGREES, AGREES]
-    assert np.isnan(largest[0]) and largest[1] < 3e-2 and largest[2] < 1e-2
+    assert np.isnan(largest[0]) and largest[1] < 5e-2 and largest[2] < 1.5e-2  # of the motion of the law's coordinate
+
+
+# Converged motions from which a march departs; marching of another program (tests/judge) ends as far from them as said.
+DEPARTING = {
+    "grows slowly": (
+        UNSTABLE,
+        """
+&structure type='chain', n_masses=2, mass=0.4975, 2.638, coupling_stiffness=0.7854, 1.2364, 0.9657, damping_stiffness=0.012955 /
+&tones frequency=1.6141943 /
+&harmonics order=21 /
+&law type='cubic_spring', dof='x1', stiffness=1.98058 /
+&law type='coulomb_tanh', dof='x1', limit=0.136304, velocity=0.0595164 /
+&load dof='x1', tuple=1, cos=0.965677, sin=0.18018 /
+""",
+    ),  # 110 % of the motion of x1
+    "two stops": (
+        DIFFERS,
+        """
+&structure type='matrices', n_dofs=1, mass=1.90222, stiffness=11.39946, damping_stiffness=0.005401 /
+&tones frequency=1.36007445 /
+&harmonics order=16 /
+&law type='elastic_stop', dof='x1', stiffness=483.645, gap=0.070841 /
+&law type='elastic_stop', dof='x1', stiffness=113.038, gap=0.073506 /
+&load dof='x1', tuple=1, cos=-0.154108, sin=0.764477 /
+""",
+    ),  # 95 %
+    "two tones": (
+        DIFFERS,
+        """
+&structure type='matrices', n_dofs=1, mass=1.62884, stiffness=5.06897, damping_mass=0.309476 /
+&tones frequency=3.80818, 8.54107 /
+&harmonics order=5 /
+&law type='cubic_spring', dof='x1', stiffness=3780.877 /
+&load dof='x1', tuple=1,0, cos=0.773091, sin=0.513342 /
+&load dof='x1', tuple=0,1, cos=-0.477488, sin=0.840491 /
+""",
+    ),  # 59 %
+    "wall between two masses": (
+        DIFFERS,
+        """
+&structure type='chain', n_masses=3, mass=1.110137, 1.115973, 1.58035671, coupling_stiffness=2.07388, 0.335519, 2.29986, 0.327054,
+   damping_mass=0.00463875 /
+&tones frequency=1.04542795 /
+&harmonics order=19 /
+&law type='rigid_wall', dofs='x1','x2', weights=1.0,-1.0, gap=0.291549 /
+&load dof='x1', tuple=1, cos=-0.39093, sin=-0.348957 /
+""",
+    ),  # 66 %
+}
+
+
+@pytest.mark.parametrize("name", DEPARTING)
+def test_verify_sees_motions_from_which_marching_departs(tmp_path, name):
+    expected, text = DEPARTING[name]
+    result = solve(text, tmp_path, status=None)
+    found = verified(result, status=1)
+    assert found["march_verdict"] == [expected], found
+    growth, limit, duration, frequency = read(result, "march_growth", "march_limit", "march_duration", "frequency")
+    assert limit <= 0.1 and duration >= 20 * 2 * np.pi / frequency.min() * (1 - 1e-12)
+    if expected == DIFFERS:
+        assert found["march_difference"] > 0.3
+    else:
+        assert growth * duration > 3.0
+
+
+def test_verify_is_as_long_as_the_slowest_decay_needs_unless_told(tmp_path):
+    """With 0.1 % of damping nothing shows in ten periods, and 700 are enough."""
+    light = "&structure type='matrices', n_dofs=1, mass=1, damping=0.002, stiffness=1 /\n&tones frequency=1.2 /\n"
+    text = light + "&harmonics order=7 /\n&load dof='x1', tuple=1, cos=0.1 /\n&law type='cubic_spring', dof='x1', stiffness=0.5 /\n"
+    result = solve(text, tmp_path)
+    assert verified(result, "--periods", 10, status=1)["march_verdict"] == [UNDECIDED]
+    assert read(result, "march_duration")[0] == pytest.approx(10 * 2 * np.pi / 1.2)
+    assert verified(result)["march_verdict"] == [AGREES]
+    assert np.log(100) / 0.001 < read(result, "march_duration")[0] < 1.3 * np.log(100) / 0.001
 
 
 def test_verify_needs_all_degrees_of_freedom(tmp_path):
@@ -341,7 +415,7 @@ def test_verify_starts_from_a_motion_that_is_partly_behind_a_wall(tmp_path, meth
         f"march%method='{method}'", status=None,
     )  # fmt: skip
     found = verified(result, "--points", 0, "--periods", 3)
-    assert 2e-2 < found["march_difference"][0] < 5e-2
+    assert 2e-2 < found["march_first_difference"][0] < 6e-2  # of the motion of the wall's coordinate
 
 
 # Laws that turn with the phase of a tone

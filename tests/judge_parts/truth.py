@@ -1,0 +1,148 @@
+"""Whether a motion stays, by the marching of marching.c: nothing of the program but the coefficients of the motion."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from judge_parts.scenes import RIGID, Scene
+
+SOURCE = Path(__file__).with_name("marching.c")
+NEARNESS = 1e-3  # of the second start, relative to the motion
+PERIODS_OF_SLIDERS = 20
+LOOKS = 64  # in a period of the slowest tone, for each tone in it
+SMALLEST = 2e-2  # motion of a coordinate relative to the largest one: where it sticks it keeps what the second start adds
+
+
+class _Problem(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_int) for name in ("n", "n_laws", "n_loads")] + [
+        (name, ctypes.c_void_p)
+        for name in ("stiffness", "damping", "frequency", "cosine", "sine", "kind", "shape", "kick", "parameters")
+    ]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Coefficients of a solved point."""
+
+    frequencies: np.ndarray
+    amplitudes: np.ndarray  # cos - i sin, (n_harmonics, n_dofs)
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        return (np.exp(1j * np.outer(t, self.frequencies)) @ self.amplitudes).real
+
+    def rate_at(self, t: np.ndarray) -> np.ndarray:
+        return (np.exp(1j * np.outer(t, self.frequencies)) @ (1j * self.frequencies[:, None] * self.amplitudes)).real
+
+
+def build(folder: Path) -> ctypes.CDLL:
+    library = folder / "marching.so"
+    compiler = os.environ.get("CC", "cc")
+    subprocess.run([compiler, "-O2", "-shared", "-fPIC", "-o", library, SOURCE, "-lm"], check=True)
+    loaded = ctypes.CDLL(str(library))
+    loaded.judge_march.restype = ctypes.c_long
+    return loaded
+
+
+def farthest(library: ctypes.CDLL, scene: Scene, motion: Motion, seed: int) -> float:
+    """Largest difference in the end, at the coordinates of the laws relative to their own motion and at all degrees of
+    freedom relative to the largest one, of two marches: from the motion, and from close to it."""
+    draw = np.random.default_rng([seed, 1])
+    size = np.abs(motion.amplitudes).sum(0).max()
+    speed = np.abs(motion.frequencies[:, None] * motion.amplitudes).sum(0).max()
+    if size == 0.0:  # rest: loads too small for friction
+        return 0.0
+    worst = 0.0
+    for nearness in (0.0, NEARNESS):
+        n = len(scene.mass)
+        q = motion.at(np.zeros(1))[0] + nearness * size * draw.uniform(-1, 1, n)
+        v = motion.rate_at(np.zeros(1))[0] + nearness * speed * draw.uniform(-1, 1, n)
+        worst = max(worst, _difference(scene, motion, *_march(library, scene, motion, q, v, 1e3 * size)))
+    return worst
+
+
+def _march(library, scene: Scene, motion: Motion, q, v, bound):
+    inverse = np.linalg.inv(scene.mass)
+    frequencies, decay = scene.modes()
+    shape = np.array([law.shape for law in scene.laws])
+    kick = shape @ inverse
+    stiffest = (frequencies**2).max()
+    for law, w, k in zip(scene.laws, shape, kick):
+        if law.kind in (1, 2):
+            stiffest += law.parameters[0] * (w @ k)
+        elif law.kind == 0:
+            stiffest += 3 * law.parameters[0] * (w @ k) * (np.abs(motion.amplitudes @ w).sum()) ** 2
+    is_rigid = any(law.kind >= RIGID for law in scene.laws)
+    fastest = max(np.sqrt(stiffest), scene.omega.max())
+    for law, w, k in zip(scene.laws, shape, kick):
+        if law.kind == 3:
+            fastest = max(fastest, 0.2 * law.parameters[0] / law.parameters[1] * (w @ k))
+    period = 2 * np.pi / scene.omega.min()
+    looks = int(LOOKS * np.ceil(scene.omega.max() / scene.omega.min()))
+    stride = int(np.ceil(fastest * period / looks / (0.015 if is_rigid else 0.08)))
+    step = period / (looks * stride)
+    beat = np.abs(np.subtract.outer(scene.omega, scene.omega))
+    beats = int(np.ceil(scene.omega.min() / beat[beat > 0].min())) if len(scene.omega) > 1 else 1
+    kept = max(20, min(100, 2 * beats))
+    slowest = decay[decay > 0].min()
+    periods = int(np.clip(12 / (slowest * period), 200, 2500)) + kept
+    arrays = {
+        "stiffness": inverse @ scene.stiffness,
+        "damping": inverse @ scene.damping,
+        "frequency": np.array([np.dot(j, scene.omega) for j, _, _ in scene.loads], dtype=float),
+        "cosine": np.array([c @ inverse for _, c, _ in scene.loads]),
+        "sine": np.array([s @ inverse for _, _, s in scene.loads]),
+        "kind": np.array([law.kind for law in scene.laws], dtype=np.int32),
+        "shape": shape,
+        "kick": kick,
+        "parameters": np.array([law.parameters for law in scene.laws]),
+    }
+    arrays = {name: np.ascontiguousarray(values) for name, values in arrays.items()}
+    pointers = {name: values.ctypes.data for name, values in arrays.items()}
+    problem = _Problem(n=len(q), n_laws=len(scene.laws), n_loads=len(scene.loads), **pointers)
+    n_steps, first = periods * looks * stride, (periods - kept) * looks * stride
+    out = np.zeros((kept * looks, len(q)))
+    slider = _sliders(scene, motion, shape, period, looks)
+    done = library.judge_march(
+        ctypes.byref(problem), *(ctypes.c_void_p(a.ctypes.data) for a in (q, v, slider)), ctypes.c_double(step),
+        ctypes.c_long(n_steps), ctypes.c_long(first), ctypes.c_long(stride), ctypes.c_double(bound),
+        ctypes.c_void_p(out.ctypes.data),
+    )  # fmt: skip
+    if done < n_steps:
+        return None, None
+    return first * step + step * stride * np.arange(len(out)), out
+
+
+def _sliders(scene: Scene, motion: Motion, shape, period, looks) -> np.ndarray:
+    """Places of the sliders at t = 0 on the motion."""
+    places = np.zeros(len(scene.laws))
+    if not any(law.kind == 2 for law in scene.laws):
+        return places
+    times = np.arange(-PERIODS_OF_SLIDERS * 4 * looks, 1) * period / (4 * looks)
+    paths = motion.at(times) @ shape.T
+    for k, law in enumerate(scene.laws):
+        if law.kind != 2:
+            continue
+        reach = law.parameters[1] / law.parameters[0]
+        for z in paths[:, k]:
+            places[k] = min(max(places[k], z - reach), z + reach)
+    return places
+
+
+def _difference(scene: Scene, motion: Motion, times, marched) -> float:
+    if times is None:
+        return np.inf
+    rest = marched - motion.at(times)
+    largest = np.abs(motion.amplitudes).sum(0).max()
+    worst = np.abs(rest).max() / largest
+    moves = motion.frequencies != 0
+    for law in scene.laws:
+        own = np.sqrt((np.abs(motion.amplitudes[moves] @ law.shape) ** 2).sum())
+        own = max(own, SMALLEST * np.abs(law.shape).max() * largest)
+        worst = max(worst, np.abs(rest @ law.shape).max() / own)
+    return float(worst)
