@@ -3,6 +3,7 @@
 module verb_check
    use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t
+   use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
@@ -10,7 +11,6 @@ module verb_check
    use hb_law_forces, only: law_dofs_of
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text
    use hb_mpi, only: comm_t, rank_of
-   use hb_namelist, only: document_t
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
@@ -54,8 +54,8 @@ contains
       type(scene_t) :: scene
 
       document = study%document
-      call study%plan%apply(point, document, error)
-      if (.not. allocated(error)) call read_scene(scene, document, error, study%available_memory)
+      call study%plan%apply(point, document)
+      call read_scene(scene, document, error, study%available_memory)
       call annotate(error, "point "//to_text(point)//" ("//study%plan%describe(point)//")")
    end subroutine check_point
 

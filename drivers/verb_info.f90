@@ -5,12 +5,12 @@ module verb_info
    use arguments, only: arguments_t
    use exit_status, only: incomplete, success
    use hb_branches, only: jumps_between
+   use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, max_over, rank_of, share_error
-   use hb_namelist, only: document_t
    use hb_outcome, only: outcome, outcome_name, outcome_text
-   use hb_results_record, only: open_points, read_record, record_t
+   use hb_results_record, only: open_points, read_record, read_units, record_t
    use hb_run_summary, only: count_kept, found_frequency, run_summary_t
    use hb_scene_tones, only: read_tones
    use hb_study, only: read_input
@@ -40,9 +40,10 @@ contains
          if (.not. allocated(error)) &
             call read_input(document, record%input_name, record%input_text, record%overrides, error)
          if (.not. allocated(error)) call read_sweep_plan(plan, document, error)
-         if (.not. allocated(error)) call plan%apply(1, document, error)
+         if (.not. allocated(error)) call plan%apply(1, document)
          if (.not. allocated(error)) call read_tones(tones, document, error)
          if (.not. allocated(error)) then
+            call read_units(options%input, plan)
             call write_origin(record, options%input)
             call write_parameters(plan)
             call write_statuses(record)

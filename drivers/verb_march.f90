@@ -2,6 +2,7 @@
 module verb_march
    use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t, default_output
+   use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_place
    use hb_kinds, only: wp
@@ -12,7 +13,6 @@ module verb_march
    use hb_march_system, only: march_system_t, new_march_system
    use hb_modes, only: modes_t, new_modes
    use hb_mpi, only: comm_t, rank_of, share_error, wall_clock
-   use hb_namelist, only: document_t
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_record_tones, only: find_tones
    use hb_scene, only: scene_t
@@ -70,8 +70,8 @@ contains
          return
       end if
       document = study%document
-      call study%plan%apply(options%point + 1, document, error)
-      if (.not. allocated(error)) call read_scene(study%scene, document, error)
+      call study%plan%apply(options%point + 1, document)
+      call read_scene(study%scene, document, error)
       call annotate(error, "point "//to_text(options%point))
    end subroutine choose_point
 

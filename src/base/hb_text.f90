@@ -5,9 +5,12 @@ module hb_text
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: join, lower, number_of, parse_integer, parse_real, quote, split, string_t, text_builder_t, to_text
+   public :: is_name, join, lower, max_name, number_of, parse_integer, parse_real, quote, shown, split, string_t, &
+      text_builder_t, to_text
 
    character(*), parameter :: digits = "0123456789"
+   character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
+   integer, parameter :: max_name = 63                      !! length of the longest name of a group or key
 
    !> One text of a list whose members differ in length.
    type :: string_t
@@ -365,4 +368,35 @@ contains
       text = to_text(n)//" "//word
       if (n /= 1) text = text//"s"
    end function number_of
+
+   !> Whether a text is a Fortran name in lower case.
+   pure logical function is_name(text)
+      character(*), intent(in) :: text
+
+      is_name = .false.
+      if (len(text) == 0 .or. len(text) > max_name) return
+      is_name = index(letters, text(1:1)) > 0 .and. verify(text, letters//"0123456789_") == 0
+   end function is_name
+
+   !> Text of the file as a message may show it: without control characters, long ones cut (not inside UTF-8).
+   pure function shown(text) result(clean)
+      character(*), intent(in) :: text
+      character(:), allocatable :: clean
+      integer, parameter :: longest = 60
+      integer :: i, n
+
+      n = len(text)
+      if (n > longest) then
+         n = longest
+         do while (n > longest - 4)
+            if (iand(ichar(text(n + 1:n + 1)), 192) /= 128) exit
+            n = n - 1
+         end do
+      end if
+      clean = text(1:n)
+      do i = 1, n
+         if (ichar(clean(i:i)) < 32 .or. ichar(clean(i:i)) == 127) clean(i:i) = "?"
+      end do
+      if (n < len(text)) clean = clean//"..."
+   end function shown
 end module hb_text

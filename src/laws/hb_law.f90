@@ -6,7 +6,7 @@
 module hb_law
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
    implicit none
@@ -55,9 +55,9 @@ module hb_law
    abstract interface
       !> Reads the law's own keys, and its place by `read_place`, from a `&law` group that collects the problems.
       subroutine read_law(self, group, structure)
-         import :: group_t, law_t, structure_t
+         import :: law_t, properties_t, structure_t
          class(law_t), intent(inout) :: self
-         type(group_t), intent(inout) :: group
+         type(properties_t), intent(inout) :: group
          type(structure_t), intent(in) :: structure
       end subroutine read_law
 
@@ -223,7 +223,7 @@ contains
    !> degree of freedom (weights 1, -1: a relative displacement).
    subroutine read_place(self, group, structure)
       class(law_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       type(string_t), allocatable :: names(:)
       character(:), allocatable :: name
@@ -235,11 +235,11 @@ contains
       if (group%given("dofs")) then
          call group%get("dofs", names)
          if (.not. allocated(names)) return
-         call group%require("weights", weights, n=size(names))
+         call group%get("weights", weights, required=.true., n=size(names))
          if (.not. allocated(weights)) return
          call place_coordinate(self, group, structure, "dofs", names, weights)
       else
-         call group%require("dof", name)
+         call group%get("dof", name, required=.true.)
          if (.not. allocated(name)) return
          allocate (names(1))
          names(1)%value = name
@@ -251,7 +251,7 @@ contains
    !> before may be named again. Problems are those of `key`.
    subroutine place_coordinate(self, group, structure, key, names, weights)
       class(law_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       character(*), intent(in) :: key                                 !! that gave the names
       type(string_t), intent(in) :: names(:)
@@ -309,11 +309,11 @@ contains
    !> Reads where a law of several coordinates acts: `dofs`, each a coordinate of its own.
    subroutine read_dofs(self, group, structure)
       class(law_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       type(string_t), allocatable :: names(:)
 
-      call group%require("dofs", names)
+      call group%get("dofs", names, required=.true.)
       if (.not. allocated(names)) return
       call place_coordinate(self, group, structure, "dofs", names, spread(1.0_wp, 1, size(names)))
       if (allocated(self%dofs)) call place_on_dofs(self, (self%dofs))

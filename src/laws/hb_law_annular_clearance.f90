@@ -8,7 +8,7 @@
 module hb_law_annular_clearance
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -67,7 +67,7 @@ contains
    !> where that moves too.
    subroutine annular_clearance_read(self, group, structure)
       class(annular_clearance_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       character(:), allocatable :: spin
       real(wp), allocatable :: center(:)
@@ -78,16 +78,16 @@ contains
       friction = 0.0_wp
       spin = trim(spin_names(1))
       center = self%center
-      call group%require("stiffness", stiffness, minimum=0.0_wp)
-      call group%require("clearance", clearance, minimum=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., minimum=0.0_wp)
+      call group%get("clearance", clearance, required=.true., minimum=0.0_wp)
       call group%get("friction_coefficient", friction, minimum=0.0_wp)
       if (group%given("rotor_radius")) then
          radius = 0.0_wp
          speed = 0.0_wp
          slip_velocity = 0.0_wp
-         call group%require("rotor_radius", radius, above=0.0_wp)
-         call group%require("rotor_speed", speed)
-         call group%require("slip_velocity", slip_velocity, above=0.0_wp)
+         call group%get("rotor_radius", radius, required=.true., above=0.0_wp)
+         call group%get("rotor_speed", speed, required=.true.)
+         call group%get("slip_velocity", slip_velocity, required=.true., above=0.0_wp)
          if (slip_velocity > 0.0_wp) call set_sliding(self, radius*speed, slip_velocity)
          if (group%given("spin")) call group%problem("spin", "not beside 'rotor_radius': the sign of 'rotor_speed' tells the sense")
       else

@@ -12,7 +12,7 @@ module hb_law_blade_contact
    use hb_kinds, only: int64, two_pi, wp
    use hb_law, only: read_dofs
    use hb_law_contact_table, only: contact_table_t, make_rigid, new_contact_table, one_for_each, read_hardness, set_turns
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -57,7 +57,7 @@ contains
    !> Reads a `&law type = 'blade_contact'` group.
    subroutine blade_contact_read(self, group, structure)
       class(blade_contact_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: arms(:), friction(:), gaps(:), shares(:), stiffness(:)
       character(:), allocatable :: frame, trouble
@@ -72,20 +72,20 @@ contains
       friction = [0.0_wp]
       shares = [1.0_wp]
       call read_dofs(self, group, structure)
-      call group%require("n_diameters", n_diameters, minimum=1)
-      call group%require("n_blades", n_blades, minimum=1, maximum=100000)
-      call group%require("gaps", gaps)
+      call group%get("n_diameters", n_diameters, required=.true., minimum=1)
+      call group%get("n_blades", n_blades, required=.true., minimum=1, maximum=100000)
+      call group%get("gaps", gaps, required=.true.)
       call read_hardness(group, is_rigid, stiffness, augmentation)
       call group%get("friction_coefficient", friction, minimum=0.0_wp)
       call group%get("shares", shares)
       call group%get("frame", frame, choices=known_frames)
       if (any(friction > 0.0_wp)) then
-         call group%require("friction_arms", arms, n=2)
+         call group%get("friction_arms", arms, required=.true., n=2)
       else
          arms = [0.0_wp, 0.0_wp]
          call group%get("friction_arms", arms, n=2)
       end if
-      if (frame /= known_frames(1)) call group%require("tone", tone, minimum=1)
+      if (frame /= known_frames(1)) call group%get("tone", tone, required=.true., minimum=1)
       if (.not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness) .and. allocated(arms))) return
       if (size(self%dofs) /= 4) call group%problem("dofs", "name both coordinates of the disk, then both of the casing")
       if (n_blades < 1 .or. n_diameters < 1) return

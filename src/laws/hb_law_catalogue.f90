@@ -20,7 +20,7 @@ module hb_law_catalogue
    use hb_law_tabulated, only: tabulated_t
    use hb_law_user, only: user_law_t
    use hb_law_van_der_pol, only: van_der_pol_t
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
    implicit none
@@ -66,12 +66,12 @@ contains
    !> stays empty when the kind is unknown.
    subroutine read_law(box, group, structure, number)
       type(law_box_t), intent(out) :: box
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: number                                   !! of the group in the file, for the default label
       character(:), allocatable :: kind_of_law, label
 
-      call group%require("type", kind_of_law, choices=law_names)
+      call group%get("type", kind_of_law, required=.true., choices=law_names)
       if (.not. allocated(kind_of_law)) return
       call allocate_law(box, kind_of_law)
       if (.not. allocated(box%law)) return

@@ -15,7 +15,7 @@ module hb_law_contact_table
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
    use hb_law, only: defects_t, law_t, read_dofs
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_rigid_contacts, only: new_rigid_contacts, rigid_contacts_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
@@ -109,7 +109,7 @@ contains
    !> Reads a `&law type = 'contact_table'` group.
    subroutine contact_table_read(self, group, structure)
       class(contact_table_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: friction(:), friction_shapes(:, :), gaps(:), shapes(:, :), stiffness(:)
       character(:), allocatable :: trouble
@@ -122,16 +122,16 @@ contains
       tone = 0
       friction = [0.0_wp]
       call read_dofs(self, group, structure)
-      call group%require("n_contacts", n, minimum=1, maximum=100000)
-      call group%require("gaps", gaps)
+      call group%get("n_contacts", n, required=.true., minimum=1, maximum=100000)
+      call group%get("gaps", gaps, required=.true.)
       call read_hardness(group, is_rigid, stiffness, augmentation)
       call group%get("friction_coefficient", friction, minimum=0.0_wp)
       call group%get("tone", tone, minimum=0)
-      if (tone > 0) call group%require("turns", turns)
+      if (tone > 0) call group%get("turns", turns, required=.true.)
       if (n < 1 .or. .not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness))) return
-      call group%require("shapes", shapes, n=n, m=size(self%dofs))
+      call group%get("shapes", shapes, required=.true., n=n, m=size(self%dofs))
       if (any(friction > 0.0_wp)) then
-         call group%require("friction_shapes", friction_shapes, n=n, m=size(self%dofs))
+         call group%get("friction_shapes", friction_shapes, required=.true., n=n, m=size(self%dofs))
       else
          allocate (friction_shapes(n, size(self%dofs)), source=0.0_wp)
          call group%get("friction_shapes", friction_shapes, n=n, m=size(self%dofs))
@@ -160,7 +160,7 @@ contains
 
    !> Reads whether contacts are rigid, and what belongs to that: the stiffness of elastic ones or the augmentation.
    subroutine read_hardness(group, is_rigid, stiffness, augmentation)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       logical, intent(out) :: is_rigid
       real(wp), allocatable, intent(out) :: stiffness(:)              !! [N/m], 0 of rigid ones; not allocated: a problem
       real(wp), intent(out) :: augmentation                           !! [N/m], 0: chosen from the structure
@@ -171,7 +171,7 @@ contains
       call group%get("contact", kind, choices=kinds)
       is_rigid = kind == kinds(2)
       if (.not. is_rigid) then
-         call group%require("stiffness", stiffness, minimum=0.0_wp)
+         call group%get("stiffness", stiffness, required=.true., minimum=0.0_wp)
          if (group%given("augmentation")) call group%problem("augmentation", "only rigid contacts have one: leave it out, or "// &
                                                              "take contact = 'rigid'")
          return
@@ -184,7 +184,7 @@ contains
 
    !> Spreads one number over all contacts.
    subroutine one_for_each(group, key, values, n)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(*), intent(in) :: key
       real(wp), allocatable, intent(inout) :: values(:)
       integer, intent(in) :: n

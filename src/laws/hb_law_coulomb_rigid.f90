@@ -7,7 +7,7 @@
 module hb_law_coulomb_rigid
    use hb_kinds, only: wp
    use hb_law, only: defects_t, law_t, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -42,13 +42,13 @@ contains
    !> Reads a `&law type = 'coulomb_rigid'` group.
    subroutine coulomb_rigid_read(self, group, structure)
       class(coulomb_rigid_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp) :: augmentation, limit
 
       limit = 0.0_wp
       augmentation = self%augmentation
-      call group%require("limit", limit, minimum=0.0_wp)
+      call group%get("limit", limit, required=.true., minimum=0.0_wp)
       call group%get("augmentation", augmentation, minimum=0.0_wp)
       call new_coulomb_rigid(self, limit, augmentation)
       call read_place(self, group, structure)

@@ -5,7 +5,7 @@
 module hb_law_coulomb_tanh
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -37,14 +37,14 @@ contains
    !> Reads a `&law type = 'coulomb_tanh'` group.
    subroutine coulomb_tanh_read(self, group, structure)
       class(coulomb_tanh_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp) :: limit, velocity
 
       limit = 0.0_wp
       velocity = 0.0_wp
-      call group%require("limit", limit, minimum=0.0_wp)
-      call group%require("velocity", velocity, above=0.0_wp)
+      call group%get("limit", limit, required=.true., minimum=0.0_wp)
+      call group%get("velocity", velocity, required=.true., above=0.0_wp)
       call new_coulomb_tanh(self, limit, velocity)
       call read_place(self, group, structure)
    end subroutine coulomb_tanh_read

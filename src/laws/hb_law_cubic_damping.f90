@@ -6,7 +6,7 @@
 module hb_law_cubic_damping
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -39,7 +39,7 @@ contains
    !> Reads a `&law type = 'cubic_damping'` group.
    subroutine cubic_damping_read(self, group, structure)
       class(cubic_damping_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp) :: coefficient, speed
       integer :: n_diameters
@@ -48,7 +48,7 @@ contains
       speed = 0.0_wp
       n_diameters = 1
       call read_dofs(self, group, structure)
-      call group%require("coefficient", coefficient)
+      call group%get("coefficient", coefficient, required=.true.)
       call group%get("speed", speed)
       call group%get("n_diameters", n_diameters, minimum=1)
       call new_cubic_damping(self, coefficient, n_diameters*speed)

@@ -3,7 +3,7 @@
 module hb_law_cubic_spring
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -33,12 +33,12 @@ contains
    !> Reads a `&law type = 'cubic_spring'` group.
    subroutine cubic_spring_read(self, group, structure)
       class(cubic_spring_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp) :: stiffness
 
       stiffness = 0.0_wp
-      call group%require("stiffness", stiffness)
+      call group%get("stiffness", stiffness, required=.true.)
       call new_cubic_spring(self, stiffness)
       call read_place(self, group, structure)
    end subroutine cubic_spring_read

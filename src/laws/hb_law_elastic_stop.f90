@@ -3,7 +3,7 @@
 module hb_law_elastic_stop
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -42,7 +42,7 @@ contains
    !> Reads a `&law type = 'elastic_stop'` group.
    subroutine elastic_stop_read(self, group, structure)
       class(elastic_stop_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp) :: gap, stiffness
       logical :: two_sided
@@ -50,8 +50,8 @@ contains
       stiffness = 0.0_wp
       gap = 0.0_wp
       two_sided = self%two_sided
-      call group%require("stiffness", stiffness, minimum=0.0_wp)
-      call group%require("gap", gap)
+      call group%get("stiffness", stiffness, required=.true., minimum=0.0_wp)
+      call group%get("gap", gap, required=.true.)
       call group%get("two_sided", two_sided)
       call new_elastic_stop(self, stiffness, gap, two_sided)
       call read_place(self, group, structure)

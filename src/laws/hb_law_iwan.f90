@@ -6,7 +6,7 @@ module hb_law_iwan
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_law, only: read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_slider, only: move_slider, pushed_by
    use hb_structure, only: structure_t
    implicit none
@@ -42,15 +42,15 @@ contains
    !> Reads a `&law type = 'iwan'` group.
    subroutine iwan_read(self, group, structure)
       class(iwan_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: limit(:), stiffness(:)
 
-      call group%require("stiffness", stiffness, above=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., above=0.0_wp)
       if (allocated(stiffness)) then
-         call group%require("limit", limit, n=size(stiffness), above=0.0_wp)
+         call group%get("limit", limit, required=.true., n=size(stiffness), above=0.0_wp)
       else
-         call group%require("limit", limit, above=0.0_wp)
+         call group%get("limit", limit, required=.true., above=0.0_wp)
       end if
       if (allocated(stiffness) .and. allocated(limit)) call new_iwan(self, stiffness, limit)
       call read_place(self, group, structure)

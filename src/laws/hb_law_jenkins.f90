@@ -6,7 +6,7 @@ module hb_law_jenkins
    use hb_hysteretic_law, only: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_law, only: place_coordinate, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_slider, only: move_slider, move_steadily, pushed_by
    use hb_structure, only: structure_t
    use hb_text, only: string_t
@@ -51,7 +51,7 @@ contains
    !> Reads a `&law type = 'jenkins'` group; with `friction_coefficient` the normal load varies.
    subroutine jenkins_read(self, group, structure)
       class(jenkins_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       type(string_t), allocatable :: names(:)
       real(wp), allocatable :: weights(:)
@@ -59,9 +59,9 @@ contains
 
       stiffness = 0.0_wp
       limit = 0.0_wp
-      call group%require("stiffness", stiffness, above=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., above=0.0_wp)
       if (.not. group%given("friction_coefficient")) then
-         call group%require("limit", limit, above=0.0_wp)
+         call group%get("limit", limit, required=.true., above=0.0_wp)
          call new_jenkins(self, stiffness, limit)
          call read_place(self, group, structure)
          return
@@ -72,11 +72,11 @@ contains
          call group%problem("limit", "give either 'limit' or 'friction_coefficient', not both")
          call group%get("limit", limit)
       end if
-      call group%require("friction_coefficient", self%friction_coefficient, above=0.0_wp)
-      call group%require("normal_stiffness", self%normal_stiffness, minimum=0.0_wp)
-      call group%require("preload", self%preload)
+      call group%get("friction_coefficient", self%friction_coefficient, required=.true., above=0.0_wp)
+      call group%get("normal_stiffness", self%normal_stiffness, required=.true., minimum=0.0_wp)
+      call group%get("preload", self%preload, required=.true.)
       call read_place(self, group, structure)
-      call group%require("normal_dofs", names)
+      call group%get("normal_dofs", names, required=.true.)
       if (.not. allocated(names)) return
       weights = spread(1.0_wp, 1, size(names))
       call group%get("normal_weights", weights, n=size(names))

@@ -8,7 +8,7 @@ module hb_law_jenkins_2d
    use hb_hysteretic_law, only: hysteretic_law_t, path_part
    use hb_kinds, only: wp
    use hb_law, only: place_coordinate, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
    implicit none
@@ -42,7 +42,7 @@ contains
    !> Reads a `&law type = 'jenkins_2d'` group.
    subroutine jenkins_2d_read(self, group, structure)
       class(jenkins_2d_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       type(string_t), allocatable :: names(:)
       real(wp), allocatable :: weights(:)
@@ -50,11 +50,11 @@ contains
 
       stiffness = 0.0_wp
       limit = 0.0_wp
-      call group%require("stiffness", stiffness, above=0.0_wp)
-      call group%require("limit", limit, above=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., above=0.0_wp)
+      call group%get("limit", limit, required=.true., above=0.0_wp)
       call new_jenkins_2d(self, stiffness, limit)
       call read_place(self, group, structure)
-      call group%require("second_dofs", names)
+      call group%get("second_dofs", names, required=.true.)
       if (.not. allocated(names)) return
       weights = spread(1.0_wp, 1, size(names))
       call group%get("second_weights", weights, n=size(names))

@@ -4,7 +4,7 @@ module hb_law_piecewise_linear
    use hb_interval, only: interval_of, is_ascending
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -50,16 +50,16 @@ contains
    !> Reads a `&law type = 'piecewise_linear'` group.
    subroutine piecewise_linear_read(self, group, structure)
       class(piecewise_linear_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: breakpoints(:), slopes(:)
       real(wp) :: force_at_zero
 
       force_at_zero = 0.0_wp
-      call group%require("breakpoints", breakpoints)
+      call group%get("breakpoints", breakpoints, required=.true.)
       call group%get("force_at_zero", force_at_zero)
       if (allocated(breakpoints)) then
-         call group%require("slopes", slopes, n=size(breakpoints) + 1)
+         call group%get("slopes", slopes, required=.true., n=size(breakpoints) + 1)
          if (.not. is_ascending(breakpoints)) then
             call group%problem("breakpoints", "each must be greater than the one before")
          else if (allocated(slopes)) then

@@ -3,7 +3,7 @@
 module hb_law_polynomial
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -37,7 +37,7 @@ contains
    !> Reads a `&law type = 'polynomial'` group.
    subroutine polynomial_read(self, group, structure)
       class(polynomial_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: damping(:), stiffness(:)
 

@@ -5,7 +5,7 @@ module hb_law_polynomial_coupled
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t, to_text
    implicit none
@@ -49,7 +49,7 @@ contains
    !> Reads a `&law type = 'polynomial_coupled'` group.
    subroutine polynomial_coupled_read(self, group, structure)
       class(polynomial_coupled_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       type(string_t), allocatable :: names(:)
       real(wp), allocatable :: coefficients(:)
@@ -57,9 +57,9 @@ contains
       integer :: i
 
       call read_dofs(self, group, structure)
-      call group%require("coefficients", coefficients)
+      call group%get("coefficients", coefficients, required=.true.)
       if (.not. (allocated(self%dofs) .and. allocated(coefficients))) return
-      call group%require("acts_on", names, n=size(coefficients))
+      call group%get("acts_on", names, required=.true., n=size(coefficients))
       allocate (z_list(size(coefficients)*size(self%dofs)), v_list(size(coefficients)*size(self%dofs)), source=0)
       call group%get("displacement_exponents", z_list, minimum=0, maximum=max_exponent)
       call group%get("velocity_exponents", v_list, minimum=0, maximum=max_exponent)
@@ -79,7 +79,7 @@ contains
 
    !> Turns a list of exponents, term after term, into a table; not allocated when the list has another length.
    subroutine sort_by_term(group, key, list, n_terms, n_dofs, exponents)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(*), intent(in) :: key
       integer, intent(in) :: list(:), n_terms, n_dofs
       integer, allocatable, intent(out) :: exponents(:, :)            !! (n_terms, n_dofs)
@@ -96,7 +96,7 @@ contains
    subroutine find_coordinates(self, names, group, structure, places)
       class(polynomial_coupled_t), intent(in) :: self
       type(string_t), intent(in) :: names(:)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       integer, allocatable, intent(out) :: places(:)
       type(error_t), allocatable :: error

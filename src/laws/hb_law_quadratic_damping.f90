@@ -3,7 +3,7 @@
 module hb_law_quadratic_damping
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -35,12 +35,12 @@ contains
    !> Reads a `&law type = 'quadratic_damping'` group.
    subroutine quadratic_damping_read(self, group, structure)
       class(quadratic_damping_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp) :: coefficient
 
       coefficient = 0.0_wp
-      call group%require("coefficient", coefficient)
+      call group%get("coefficient", coefficient, required=.true.)
       call new_quadratic_damping(self, coefficient)
       call read_place(self, group, structure)
    end subroutine quadratic_damping_read

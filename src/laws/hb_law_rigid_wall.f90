@@ -7,7 +7,7 @@
 module hb_law_rigid_wall
    use hb_kinds, only: wp
    use hb_law, only: defects_t, law_t, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -46,7 +46,7 @@ contains
    !> Reads a `&law type = 'rigid_wall'` group.
    subroutine rigid_wall_read(self, group, structure)
       class(rigid_wall_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp) :: augmentation, gap
       logical :: two_sided
@@ -54,7 +54,7 @@ contains
       gap = 0.0_wp
       augmentation = self%augmentation
       two_sided = self%two_sided
-      call group%require("gap", gap)
+      call group%get("gap", gap, required=.true.)
       call group%get("augmentation", augmentation, minimum=0.0_wp)
       call group%get("two_sided", two_sided)
       if (two_sided .and. gap < 0.0_wp) call group%problem("gap", "a two-sided rigid wall needs a gap of 0 or more")

@@ -7,7 +7,7 @@ module hb_law_tabulated
    use hb_interval, only: interval_of, is_ascending
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -82,16 +82,16 @@ contains
    !> Reads a `&law type = 'tabulated'` group.
    subroutine tabulated_read(self, group, structure)
       class(tabulated_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: forces(:), nodes(:)
       character(:), allocatable :: beyond
 
       beyond = trim(beyond_names(1))
-      call group%require("displacements", nodes)
+      call group%get("displacements", nodes, required=.true.)
       call group%get("beyond", beyond, choices=beyond_names)
       if (allocated(nodes)) then
-         call group%require("forces", forces, n=size(nodes))
+         call group%get("forces", forces, required=.true., n=size(nodes))
          if (size(nodes) < 2) then
             call group%problem("displacements", "a table needs two points or more")
          else if (.not. is_ascending(nodes)) then

@@ -7,7 +7,7 @@ module hb_law_user
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
    use hb_user_library, only: any_number, load_user_library, user_library_t
@@ -54,7 +54,7 @@ contains
    !> Reads a `&law type = 'user'` group.
    subroutine user_law_read(self, group, structure)
       class(user_law_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       character(:), allocatable :: library, name
       real(wp), allocatable :: parameters(:)
@@ -67,8 +67,8 @@ contains
          call read_place(self, group, structure)
       end if
       allocate (parameters(0))
-      call group%require("library", library)
-      call group%require("name", name)
+      call group%get("library", library, required=.true.)
+      call group%get("name", name, required=.true.)
       call group%get("parameters", parameters)
       call group%get("odd", self%is_declared_odd)
       if (.not. (allocated(library) .and. allocated(name))) return

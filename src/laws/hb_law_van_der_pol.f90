@@ -4,7 +4,7 @@
 module hb_law_van_der_pol
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -38,13 +38,13 @@ contains
    !> Reads a `&law type = 'van_der_pol'` group.
    subroutine van_der_pol_read(self, group, structure)
       class(van_der_pol_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp) :: strength, threshold
 
       strength = 0.0_wp
       threshold = self%threshold
-      call group%require("strength", strength)
+      call group%get("strength", strength, required=.true.)
       call group%get("threshold", threshold, above=0.0_wp)
       call new_van_der_pol(self, strength, threshold)
       call read_place(self, group, structure)

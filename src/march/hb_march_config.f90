@@ -1,7 +1,7 @@
 !> The group `&march`: how the scene is followed through time. The component initialisers are the defaults.
 module hb_march_config
    use hb_kinds, only: two_pi, wp
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    implicit none
    private
    public :: march_config_t, march_method, march_method_names, march_start, read_march, step_of
@@ -45,7 +45,7 @@ contains
    !> Reads `&march`.
    subroutine read_march(self, group)
       type(march_config_t), intent(out) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(:), allocatable :: method, start
 
       method = trim(march_method_names(self%method))

@@ -7,7 +7,7 @@
 module hb_beam
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: label_length, max_dofs, new_structure, structure_t, unit_length
    use hb_text, only: join, to_text
@@ -21,7 +21,7 @@ contains
 
    !> Reads the beam from the keys of its group `&structure`.
    subroutine read_beam(group, structure, error)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
       type(proportional_damping_t) :: damping
@@ -35,10 +35,10 @@ contains
       length = 0.0_wp
       bending_stiffness = 0.0_wp
       mass_per_length = 0.0_wp
-      call group%require("length", length, above=0.0_wp)
-      call group%require("bending_stiffness", bending_stiffness, above=0.0_wp)
-      call group%require("mass_per_length", mass_per_length, above=0.0_wp)
-      call group%require("n_elements", n_elements, minimum=1, maximum=max_dofs/2)
+      call group%get("length", length, required=.true., above=0.0_wp)
+      call group%get("bending_stiffness", bending_stiffness, required=.true., above=0.0_wp)
+      call group%get("mass_per_length", mass_per_length, required=.true., above=0.0_wp)
+      call group%get("n_elements", n_elements, required=.true., minimum=1, maximum=max_dofs/2)
       call group%get("left_support", left_support, choices=supports)
       call group%get("right_support", right_support, choices=supports)
       call read_proportional_damping(group, damping)

@@ -2,7 +2,7 @@
 module hb_chain
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: label_length, max_dofs, new_structure, structure_t, unit_length
    use hb_text, only: join, to_text
@@ -17,7 +17,7 @@ contains
    !> Reads the chain from the keys of its group `&structure`; a single value stands for all masses or
    !> springs.
    subroutine read_chain(group, structure, error)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
       type(proportional_damping_t) :: damping
@@ -28,10 +28,10 @@ contains
       ends = "fixed"
       ground_stiffness = [0.0_wp]
       n_masses = 0
-      call group%require("n_masses", n_masses, minimum=1, maximum=max_dofs)
+      call group%get("n_masses", n_masses, required=.true., minimum=1, maximum=max_dofs)
       call group%get("ends", ends, choices=known_ends)
-      call group%require("mass", mass, minimum=0.0_wp)
-      call group%require("coupling_stiffness", coupling_stiffness, minimum=0.0_wp)
+      call group%get("mass", mass, required=.true., minimum=0.0_wp)
+      call group%get("coupling_stiffness", coupling_stiffness, required=.true., minimum=0.0_wp)
       call group%get("ground_stiffness", ground_stiffness)
       call read_proportional_damping(group, damping)
       if (n_masses > 0) then
@@ -118,7 +118,7 @@ contains
 
    !> Repeats a single value `n` times; any other number of values than 1 or `n` is a problem of the key.
    subroutine spread_value(group, key, values, n)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(*), intent(in) :: key
       real(wp), allocatable, intent(inout) :: values(:)
       integer, intent(in) :: n

@@ -11,7 +11,7 @@
 module hb_jeffcott
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: label_length, new_structure, structure_t, unit_length
    use hb_turning_frame, only: add_turned_pair, quarter_turn
@@ -40,31 +40,31 @@ contains
 
    !> Reads the rotor from the keys of its group `&structure`.
    subroutine read_jeffcott(group, structure, error)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
       type(proportional_damping_t) :: damping
       type(jeffcott_t) :: rotor
 
-      call group%require("mass", rotor%mass, above=0.0_wp)
-      call group%require("stiffness", rotor%stiffness, minimum=0.0_wp)
+      call group%get("mass", rotor%mass, required=.true., above=0.0_wp)
+      call group%get("stiffness", rotor%stiffness, required=.true., minimum=0.0_wp)
       call group%get("damping", rotor%damping, minimum=0.0_wp)
       call group%get("rotating_damping", rotor%rotating_damping, minimum=0.0_wp)
       call group%get("diametral_inertia", rotor%diametral_inertia, minimum=0.0_wp)
       if (rotor%diametral_inertia > 0.0_wp) then
-         call group%require("tilt_stiffness", rotor%tilt_stiffness, minimum=0.0_wp)
+         call group%get("tilt_stiffness", rotor%tilt_stiffness, required=.true., minimum=0.0_wp)
          call group%get("polar_inertia", rotor%polar_inertia, minimum=0.0_wp)
          call group%get("tilt_damping", rotor%tilt_damping, minimum=0.0_wp)
          call group%get("coupling_stiffness", rotor%coupling_stiffness)
       end if
       if (rotor%rotating_damping > 0.0_wp .or. rotor%polar_inertia > 0.0_wp) then
-         call group%require("speed", rotor%speed)
+         call group%get("speed", rotor%speed, required=.true.)
       else
          call group%get("speed", rotor%speed)
       end if
       call group%get("ring_mass", rotor%ring_mass, minimum=0.0_wp)
       if (rotor%ring_mass > 0.0_wp) then
-         call group%require("ring_stiffness", rotor%ring_stiffness, minimum=0.0_wp)
+         call group%get("ring_stiffness", rotor%ring_stiffness, required=.true., minimum=0.0_wp)
          call group%get("ring_damping", rotor%ring_damping, minimum=0.0_wp)
       end if
       call read_proportional_damping(group, damping)

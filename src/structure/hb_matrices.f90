@@ -2,7 +2,7 @@
 module hb_matrices
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: label_length, max_dofs, new_structure, structure_t
    use hb_text, only: string_t, to_text
@@ -17,7 +17,7 @@ contains
    !> Each matrix is written row by row with n_dofs**2 numbers, or as the n_dofs numbers of its diagonal.
    !> Labels are x1, x2, ... and units `m` unless they are given.
    subroutine read_matrices(group, structure, error)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
       type(proportional_damping_t) :: proportional
@@ -26,7 +26,7 @@ contains
       integer :: i, n_dofs
 
       n_dofs = 0
-      call group%require("n_dofs", n_dofs, minimum=1, maximum=max_dofs)
+      call group%get("n_dofs", n_dofs, required=.true., minimum=1, maximum=max_dofs)
       allocate (labels(max(n_dofs, 0)), units(max(n_dofs, 0)))
       do i = 1, n_dofs
          labels(i)%value = "x"//to_text(i)
@@ -36,10 +36,10 @@ contains
       damping = mass
       gyroscopic = mass
       stiffness = mass
-      call group%require("mass", mass)
+      call group%get("mass", mass, required=.true.)
       call group%get("damping", damping)
       call group%get("gyroscopic", gyroscopic)
-      call group%require("stiffness", stiffness)
+      call group%get("stiffness", stiffness, required=.true.)
       call group%get("labels", labels)
       call group%get("units", units)
       call read_proportional_damping(group, proportional)
@@ -84,7 +84,7 @@ contains
 
    !> Adds a problem unless there are as many values as in a full or a diagonal matrix.
    subroutine check_matrix(group, key, values, n_dofs)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(*), intent(in) :: key
       real(wp), intent(in) :: values(:)
       integer, intent(in) :: n_dofs

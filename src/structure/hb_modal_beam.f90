@@ -6,7 +6,7 @@
 module hb_modal_beam
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: pi, wp
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: label_length, max_dofs, new_structure, structure_t, unit_length
    use hb_text, only: to_text
@@ -18,7 +18,7 @@ contains
 
    !> Reads the modal beam from the keys of its group `&structure`.
    subroutine read_modal_beam(group, structure, error)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
       type(proportional_damping_t) :: damping
@@ -29,10 +29,10 @@ contains
       length = 0.0_wp
       bending_stiffness = 0.0_wp
       mass_per_length = 0.0_wp
-      call group%require("length", length, above=0.0_wp)
-      call group%require("bending_stiffness", bending_stiffness, above=0.0_wp)
-      call group%require("mass_per_length", mass_per_length, above=0.0_wp)
-      call group%require("n_modes", n_modes, minimum=1, maximum=max_dofs)
+      call group%get("length", length, required=.true., above=0.0_wp)
+      call group%get("bending_stiffness", bending_stiffness, required=.true., above=0.0_wp)
+      call group%get("mass_per_length", mass_per_length, required=.true., above=0.0_wp)
+      call group%get("n_modes", n_modes, required=.true., minimum=1, maximum=max_dofs)
       call read_proportional_damping(group, damping)
       call group%finish(error)
       if (allocated(error)) return

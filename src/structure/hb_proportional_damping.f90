@@ -1,7 +1,7 @@
 !> Damping made from the matrices that a builder has anyway, D = diagonal I + mass M + stiffness K.
 module hb_proportional_damping
    use hb_kinds, only: wp
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    implicit none
    private
    public :: proportional_damping_t, read_proportional_damping
@@ -19,7 +19,7 @@ contains
    !> Reads the optional keys `damping_diagonal`, `damping_mass` and `damping_stiffness`, none of them
    !> negative.
    subroutine read_proportional_damping(group, self)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(proportional_damping_t), intent(out) :: self
 
       call group%get("damping_diagonal", self%diagonal, minimum=0.0_wp)

@@ -7,7 +7,7 @@
 module hb_rotor_stator
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: new_structure, structure_t
    use hb_text, only: join
@@ -29,7 +29,7 @@ contains
 
    !> Reads disk and casing from the keys of their group `&structure`.
    subroutine read_rotor_stator(group, structure, error)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
       type(proportional_damping_t) :: damping
@@ -41,11 +41,11 @@ contains
       frame = trim(known_frames(1))
       n_diameters = 1
       speed = 0.0_wp
-      call group%require("n_diameters", n_diameters, minimum=1)
-      call group%require("speed", speed)
+      call group%get("n_diameters", n_diameters, required=.true., minimum=1)
+      call group%get("speed", speed, required=.true.)
       call group%get("frame", frame, choices=known_frames)
-      call group%require("disk_frequency", disk%frequency, minimum=0.0_wp)
-      call group%require("casing_frequency", casing%frequency, minimum=0.0_wp)
+      call group%get("disk_frequency", disk%frequency, required=.true., minimum=0.0_wp)
+      call group%get("casing_frequency", casing%frequency, required=.true., minimum=0.0_wp)
       call group%get("disk_mass", disk%mass, above=0.0_wp)
       call group%get("casing_mass", casing%mass, above=0.0_wp)
       call group%get("disk_damping_ratio", disk%damping_ratio, minimum=0.0_wp)

@@ -8,7 +8,7 @@ module hb_structure_catalogue
    use hb_kinds, only: wp
    use hb_matrices, only: read_matrices
    use hb_modal_beam, only: read_modal_beam
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_rotor_stator, only: read_rotor_stator
    use hb_structure, only: max_dofs, structure_bytes, structure_t
    use hb_text, only: join, lower, to_text
@@ -24,7 +24,7 @@ contains
    !> Reads the structure from its group `&structure`, whose key `type` names the builder. Fails before its matrices are made
    !> where these do not fit into `memory_limit`.
    subroutine read_structure(group, structure, error, memory_limit)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: memory_limit                  !! bytes
@@ -61,7 +61,7 @@ contains
 
    !> Fails when the matrices of a structure as large as the group says need more than the limit.
    subroutine check_size(group, name, memory_limit, error)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(*), intent(in) :: name                                !! of the builder
       real(wp), intent(in) :: memory_limit                            !! bytes
       type(error_t), allocatable, intent(out) :: error

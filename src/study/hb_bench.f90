@@ -5,20 +5,20 @@
 !> the costs beside them, so that errors are found from it as from any other.
 module hb_bench
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_fftw, only: forget_plans
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
-   use hb_kept_scene, only: kept_scene_t
    use hb_kernel_times, only: has_kernels, kernel_names, kernel_times_t, kernel_words, measure_kernels, median, &
       memory_bandwidth, yardstick_words
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, wall_clock
-   use hb_namelist, only: document_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: is_solved
    use hb_progress, only: new_progress, progress_t
    use hb_results, only: create_results, point_result_t, results_layout_t, results_t
    use hb_results_file, only: describe
+   use hb_scene, only: scene_t
    use hb_study, only: describe_layout, study_t
    use hb_swept_point, only: run_point
    use hb_system, only: memory_peak, memory_resident, release_memory, reset_memory_peak
@@ -136,7 +136,8 @@ contains
       type(results_layout_t), intent(in) :: layout
       integer, intent(in) :: i, repeat
       type(point_cost_t), intent(inout) :: cost
-      type(kept_scene_t) :: nothing
+      type(document_t), target :: document
+      type(scene_t) :: nothing
       type(neighbour_t) :: nobody
       type(point_result_t) :: result
       type(rank_times_t) :: times
@@ -149,7 +150,8 @@ contains
       call reset_memory_peak(has_peak)
       call cpu_time(cpu_begun)
       begun = wall_clock()
-      call run_point(study%document, study%available_memory, study%plan, layout, i, 0, nothing, nobody, times, result)
+      document = study%document
+      call run_point(document, nothing, study%available_memory, study%plan, layout, i, 0, nobody, times, result)
       ended = wall_clock()
       call cpu_time(cpu_ended)
       if (has_peak) cost%memory = max(cost%memory, memory_peak() - resident)
@@ -175,8 +177,8 @@ contains
 
       do i = 1, size(costs)
          document = study%document
-         call study%plan%apply(i, document, error)
-         if (.not. allocated(error)) call measure_kernels(costs(i)%kernels, document, budget, error)
+         call study%plan%apply(i, document)
+         call measure_kernels(costs(i)%kernels, document, budget, error)
          if (allocated(error)) then
             call annotate(error, "point "//to_text(i))
             return

@@ -6,6 +6,7 @@
 !> where odd motions are solved on half of it), and LAPACK's LU factorisation of a full matrix of the same size.
 module hb_kernel_times
    use hb_balance, only: balance_t, new_balance
+   use hb_document, only: document_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
    use hb_fftw, only: complex_block_t, fft_plan_t, forget_plans, new_complex_block, new_fft_plan, new_real_block, real_block_t
@@ -14,7 +15,6 @@ module hb_kernel_times
    use hb_law_forces, only: law_dofs_of
    use hb_law_span, only: law_span_t, reduce_to_span
    use hb_mpi, only: wall_clock
-   use hb_namelist, only: document_t
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_point, only: solve_point
    use hb_results, only: point_result_t

@@ -7,11 +7,13 @@ module hb_results_record
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, is_status, outcome
    use hb_results_file, only: schema_version
+   use hb_results_plan, only: identifier
+   use hb_sweep_plan, only: sweep_plan_t
    use hb_system, only: exists
    use hb_text, only: split, string_t, to_text
    implicit none
    private
-   public :: open_points, read_record, record_t
+   public :: open_points, read_record, read_units, record_t
 
    type :: record_t
       character(:), allocatable :: title, program_version, git_commit, created_utc
@@ -64,6 +66,33 @@ contains
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
       call annotate(error, "'"//path//"' is no result file of this program")
    end subroutine read_record
+
+   !> Notes in a plan the units of its parameters that the file gives; others stay empty.
+   subroutine read_units(path, plan)
+      character(*), intent(in) :: path
+      type(sweep_plan_t), intent(inout) :: plan
+      type(h5_file_t) :: file
+      type(h5_dataset_t) :: dataset
+      type(error_t), allocatable :: error
+      character(:), allocatable :: units
+      integer :: i
+      logical :: is_open
+
+      call raise_guard("'"//path//"': HDF5 died of this file; it is damaged")
+      call open_file(file, path, error)
+      is_open = .not. allocated(error)
+      do i = 1, size(plan%parameters)
+         plan%parameters(i)%units = ""
+         if (.not. is_open) cycle
+         call file%open_dataset(identifier(plan%parameters(i)%path), dataset, error)
+         if (allocated(error)) cycle
+         call dataset%get_attribute("units", units, error)
+         if (.not. allocated(error)) plan%parameters(i)%units = units
+         call dataset%close()
+      end do
+      if (is_open) call file%close(error)
+      call lower_guard()
+   end subroutine read_units
 
    subroutine read_attributes(self, file, error)
       type(record_t), intent(inout) :: self

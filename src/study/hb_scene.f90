@@ -43,6 +43,7 @@ module hb_scene
    end type chain_config_t
 
    type :: scene_t
+      logical :: is_read = .false.                                    !! from an input, without an error
       type(structure_t) :: structure
       type(tones_t) :: tones
       integer, allocatable :: phase_dofs(:)                           !! of the sines that vanish, by unknown tone; size 0:

@@ -1,14 +1,15 @@
-!> The laws of a scene: all groups `&law`, for the first time or with other numbers, and which laws exclude each other.
+!> The laws of a scene: all groups `&law`, or those that take other numbers, and which laws exclude each other.
 module hb_scene_laws
+   use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_law, only: law_box_t, law_t
    use hb_law_catalogue, only: read_law
-   use hb_namelist, only: document_t, group_t
+   use hb_properties, only: properties_t
    use hb_scene, only: scene_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: read_laws, read_laws_again
+   public :: read_laws, update_laws
 
 contains
 
@@ -17,7 +18,7 @@ contains
       type(scene_t), intent(inout) :: self                            !! with its structure and its tones
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
-      type(group_t), pointer :: group
+      type(properties_t), pointer :: group
       integer :: i
 
       allocate (self%laws(document%count("law")))
@@ -33,24 +34,27 @@ contains
       end do
    end subroutine read_laws
 
-   !> Reads the groups `&law` that a document has into the laws of a scene, if they differ from these in numbers alone; else
-   !> `are_read` is false, and the scene of no use.
-   subroutine read_laws_again(self, document, are_read)
+   !> Reads the laws anew in whose groups values have changed, if they differ from before in numbers alone; else `are_read` is
+   !> false, and the scene of no use.
+   subroutine update_laws(self, document, are_read)
       type(scene_t), intent(inout) :: self
-      type(document_t), intent(inout), target :: document             !! all laws or none
+      type(document_t), intent(inout), target :: document
       logical, intent(out) :: are_read
+      type(properties_t), pointer :: group
       type(law_box_t) :: box
       integer :: i
 
       are_read = .false.
       do i = 1, document%count("law")
-         call read_law(box, document%group("law", i), self%structure, i)
+         group => document%changed_group("law", i)
+         if (.not. associated(group)) cycle
+         call read_law(box, group, self%structure, i)
          if (.not. allocated(box%law)) return
          if (.not. is_alike(box%law, self%laws(i)%law)) return
          call move_alloc(box%law, self%laws(i)%law)
       end do
       are_read = .true.
-   end subroutine read_laws_again
+   end subroutine update_laws
 
    !> Whether two laws differ by numbers alone.
    logical function is_alike(law, other)
@@ -67,7 +71,7 @@ contains
    !> Fails when the kind of a law is not known, and with that alone: none of the other keys of its group can be judged.
    subroutine check_kind(box, group, error)
       type(law_box_t), intent(in) :: box
-      type(group_t), intent(in) :: group
+      type(properties_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
 
       if (allocated(box%law)) return
@@ -79,7 +83,7 @@ contains
    !> reaction.
    subroutine check_rigid_laws(laws, group)
       type(law_box_t), intent(in) :: laws(:)
-      type(group_t), intent(inout) :: group                           !! of the last law
+      type(properties_t), intent(inout) :: group                           !! of the last law
       integer :: i, k
 
       if (.not. is_placed_and_rigid(laws(size(laws)))) return

@@ -1,39 +1,46 @@
 !> Amplitudes of a scene by harmonic: loads (`&load`) and what is added to the first guess (`&start`).
 module hb_scene_loads
+   use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_loads, only: add_harmonic
-   use hb_namelist, only: document_t, group_t
+   use hb_properties, only: properties_t
    use hb_scene, only: scene_t
    implicit none
    private
-   public :: read_loads
+   public :: read_loads, read_starts
 
 contains
 
-   !> Reads all `&load` and `&start`.
+   !> Reads all `&load`.
    subroutine read_loads(self, document)
       type(scene_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       integer :: i
 
-      if (document%count("load") > 0) then
-         self%loads = (0.0_wp, 0.0_wp)
-         self%load_slopes = (0.0_wp, 0.0_wp)
-      end if
+      self%loads = (0.0_wp, 0.0_wp)
+      self%load_slopes = (0.0_wp, 0.0_wp)
       do i = 1, document%count("load")
          call read_load(self, document%group("load", i))
       end do
-      if (document%count("start") > 0) self%start = (0.0_wp, 0.0_wp)
+   end subroutine read_loads
+
+   !> Reads all `&start`.
+   subroutine read_starts(self, document)
+      type(scene_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      integer :: i
+
+      self%start = (0.0_wp, 0.0_wp)
       do i = 1, document%count("start")
          call read_amplitude(self, document%group("start", i), self%start)
       end do
-   end subroutine read_loads
+   end subroutine read_starts
 
    !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it.
    subroutine read_load(self, group)
       type(scene_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       complex(wp), allocatable :: amplitudes(:, :)
       real(wp), allocatable :: w(:)
       integer :: h, power
@@ -60,7 +67,7 @@ contains
    !> Reads `&load` and `&start`: `dof`, `tuple`, `cos`, `sin`, added to the amplitudes.
    subroutine read_amplitude(self, group, amplitudes)
       type(scene_t), intent(in) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       complex(wp), intent(inout) :: amplitudes(:, :)
       character(:), allocatable :: name
       integer, allocatable :: tuple(:)
@@ -70,8 +77,8 @@ contains
 
       cosine = 0.0_wp
       sine = 0.0_wp
-      call group%require("dof", name)
-      call group%require("tuple", tuple, n=self%tones%n_tones)
+      call group%get("dof", name, required=.true.)
+      call group%get("tuple", tuple, required=.true., n=self%tones%n_tones)
       call group%get("cos", cosine)
       call group%get("sin", sine)
       if (.not. (group%given("cos") .or. group%given("sin"))) then

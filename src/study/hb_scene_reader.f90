@@ -1,32 +1,35 @@
-!> Reads scenes from namelist documents: which groups there are, and in which order they are read, each by its own procedure.
+!> Reads scenes from documents: which groups there are, and in which order they are read, each by its own procedure; and which of
+!> them are read again when values of the document change.
 module hb_scene_reader
+   use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_kinds, only: wp
    use hb_march_config, only: read_march
    use hb_memory_estimate, only: check_memory
-   use hb_namelist, only: document_t, group_t
+   use hb_properties, only: properties_t
    use hb_scene, only: scene_t
-   use hb_scene_laws, only: read_laws, read_laws_again
-   use hb_scene_loads, only: read_loads
+   use hb_scene_laws, only: read_laws, update_laws
+   use hb_scene_loads, only: read_loads, read_starts
    use hb_scene_settings, only: read_certificate, read_output, read_sampling, read_solver
    use hb_scene_sizes, only: sizes_of
    use hb_scene_symmetry, only: check_symmetry
    use hb_scene_tones, only: read_tones
    use hb_scene_unknown_tones, only: check_fundamentals, read_normal_mode, read_phase
+   use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
    use hb_tones, only: tones_t
    use hb_truncation, only: read_harmonics, symmetry
    implicit none
    private
-   public :: group_names, groups_read_again, read_again, read_scene
+   public :: group_names, read_scene, update_scene
 
    !> Every group that an input file may have.
    character(11), parameter :: group_names(13) = [character(11) :: &
       "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", &
       "certificate", "output", "march"]
 
-   !> Groups of numbers that many points of a study differ in.
-   character(5), parameter :: groups_read_again(4) = [character(5) :: "tones", "load", "law", "start"]
+   !> Groups that are read by themselves while nothing but numbers changes in them.
+   character(9), parameter :: read_alone(5) = [character(9) :: "structure", "tones", "load", "law", "start"]
 
 contains
 
@@ -39,16 +42,41 @@ contains
       real(wp), intent(in), optional :: available                     !! bytes for this process
 
       if (present(available)) self%memory_limit = available
+      call document%begin()
       call read_parts(self, document, error)
       if (.not. allocated(error)) call document%finish(error)
+      self%is_read = .not. allocated(error)
+      if (self%is_read) call document%accept_changes()
    end subroutine read_scene
+
+   !> Brings a scene, read from a document before, to the values that this has now: reads what has changed, or everything where
+   !> more than numbers did. Whatever is unusual, a mistake in the input included, ends in a complete reading, which has the last
+   !> word. `is_new` tells of that.
+   subroutine update_scene(self, document, is_new, error, available)
+      type(scene_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      logical, intent(out) :: is_new
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: available                     !! bytes for this process
+      logical :: is_read
+
+      is_read = self%is_read
+      if (is_read) is_read = .not. document%has_changed(read_alone, others=.true.)
+      if (is_read) then
+         call document%begin()
+         call read_changes(self, document, is_read)
+         if (is_read) call document%accept_changes()
+      end if
+      is_new = .not. is_read
+      if (is_new) call read_scene(self, document, error, available)
+   end subroutine update_scene
 
    !> Reads group after group; `error` is what stops the reading, problems of single keys wait in the document.
    subroutine read_parts(self, document, error)
       type(scene_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
-      type(group_t), pointer :: group
+      type(properties_t), pointer :: group
 
       call read_solver(self, document%optional_group("solver"))
       call document%required_group("structure", group, error)
@@ -72,6 +100,7 @@ contains
       allocate (self%loads(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
       allocate (self%load_slopes, self%start, source=self%loads)
       call read_loads(self, document)
+      call read_starts(self, document)
       call check_symmetry(self, document%optional_group("harmonics"))
       call check_memory(sizes_of(self), self%memory_limit, error)     ! again: loads tell whether motions are odd
       if (allocated(error)) then
@@ -90,27 +119,57 @@ contains
       call read_march(self%march, document%optional_group("march"))
    end subroutine read_parts
 
-   !> Reads those of `&tones`, `&law`, `&load` and `&start` anew that a document has, into a scene whose other groups are as before.
-   !> `is_read` is false, and the scene of no use, where something is wrong with them, or where they differ in more than numbers.
-   subroutine read_again(self, document, is_read)
+   !> Reads those groups anew that have changed; `is_read` is false, and the scene of no use, where something is wrong with them,
+   !> or where they differ in more than numbers.
+   subroutine read_changes(self, document, is_read)
       type(scene_t), intent(inout) :: self
-      type(document_t), intent(inout), target :: document             !! nothing else; of a name all groups or none
+      type(document_t), intent(inout), target :: document
       logical, intent(out) :: is_read
       type(tones_t) :: tones
       type(error_t), allocatable :: error
 
       is_read = .false.
       if (any(self%tones%is_unknown) .or. self%symmetry == symmetry%odd) return
-      if (document%count("tones") > 0) then
+      if (document%has_changed(["structure"])) then
+         call read_other_numbers(self%structure, document, self%memory_limit, is_read)
+         if (.not. is_read) return
+         call check_memory(sizes_of(self), self%memory_limit, error)  ! zeros among them make a structure smaller
+         is_read = .not. allocated(error)
+         if (.not. is_read) return
+      end if
+      if (document%has_changed(["tones"])) then
+         is_read = .false.
          call read_tones(tones, document, error)
          if (allocated(error)) return
          if (tones%n_tones /= self%tones%n_tones .or. any(tones%is_unknown)) return
          self%tones = tones
       end if
-      call read_laws_again(self, document, is_read)
+      call update_laws(self, document, is_read)
       if (.not. is_read) return
-      call read_loads(self, document)
+      if (document%has_changed(["load"]) .or. (self%has_inertia_loads .and. document%has_changed(["tones"]))) &
+         call read_loads(self, document)
+      if (document%has_changed(["start"])) call read_starts(self, document)
       call document%finish(error)
       is_read = .not. allocated(error)
-   end subroutine read_again
+   end subroutine read_changes
+
+   !> Reads the structure anew, if its degrees of freedom are what they were; all that names them stays true then.
+   subroutine read_other_numbers(structure, document, memory_limit, is_read)
+      type(structure_t), intent(inout) :: structure
+      type(document_t), intent(inout), target :: document
+      real(wp), intent(in) :: memory_limit
+      logical, intent(out) :: is_read
+      type(structure_t) :: other
+      type(properties_t), pointer :: group
+      type(error_t), allocatable :: error
+
+      is_read = .false.
+      call document%required_group("structure", group, error)
+      if (allocated(error)) return
+      call read_structure(group, other, error, memory_limit)
+      if (allocated(error)) return
+      if (other%n_dofs /= structure%n_dofs) return
+      is_read = all(other%labels == structure%labels) .and. all(other%units == structure%units)
+      if (is_read) structure = other
+   end subroutine read_other_numbers
 end module hb_scene_reader

@@ -4,7 +4,7 @@ module hb_scene_settings
    use hb_fftw, only: planning, planning_names
    use hb_kinds, only: wp
    use hb_memory_estimate, only: gib
-   use hb_namelist, only: group_t
+   use hb_properties, only: properties_t
    use hb_scene, only: certificate_config_t, scene_t
    use hb_solver_types, only: method_names, start_names
    use hb_text, only: string_t, to_text
@@ -21,7 +21,7 @@ contains
    !> Reads `&solver` into its configuration.
    subroutine read_solver(self, group)
       type(scene_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(:), allocatable :: first_guess, first_jacobian, name
       real(wp) :: limit
 
@@ -60,7 +60,7 @@ contains
    !> Reads `&sampling`: `samples` per tone, effort and wisdom file of FFTW.
    subroutine read_sampling(self, group)
       type(scene_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       integer, allocatable :: samples(:)
       character(:), allocatable :: effort
       type(error_t), allocatable :: error
@@ -102,7 +102,7 @@ contains
    !> Reads `&certificate`: whether it is made, and its thresholds.
    subroutine read_certificate(self, group)
       type(certificate_config_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
 
       call group%get("is_on", self%is_on)
       call group%get("truncation", self%truncation, above=0.0_wp)
@@ -115,7 +115,7 @@ contains
    !> Reads `&output`: title, stored degrees of freedom, grid of stored surfaces.
    subroutine read_output(self, group)
       type(scene_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       type(string_t), allocatable :: names(:)
       type(torus_t) :: torus
       type(error_t), allocatable :: error

@@ -4,8 +4,8 @@
 module hb_scene_symmetry
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
-   use hb_namelist, only: group_t
    use hb_odd_symmetry, only: why_not_odd
+   use hb_properties, only: properties_t
    use hb_scene, only: scene_t
    use hb_torus, only: torus_t
    use hb_truncation, only: symmetry
@@ -55,7 +55,7 @@ contains
    !> Refuses `symmetry = 'odd'` where the equations are not odd.
    subroutine check_symmetry(self, group)
       type(scene_t), intent(in) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(:), allocatable :: reason
       integer :: i
 

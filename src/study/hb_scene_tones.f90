@@ -1,8 +1,9 @@
 !> The base frequencies of a scene: the group `&tones`.
 module hb_scene_tones
+   use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_kinds, only: two_pi, wp
-   use hb_namelist, only: document_t, group_t
+   use hb_properties, only: properties_t
    use hb_text, only: to_text
    use hb_tones, only: new_tones, tones_t
    implicit none
@@ -16,7 +17,7 @@ contains
       type(tones_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
-      type(group_t), pointer :: group
+      type(properties_t), pointer :: group
       real(wp), allocatable :: omega(:)
       logical, allocatable :: is_unknown(:)
 
@@ -34,7 +35,7 @@ contains
          end if
          if (allocated(omega)) omega = two_pi*omega
       else if (.not. group%given("unknown")) then
-         call group%require("frequency", omega, above=0.0_wp)
+         call group%get("frequency", omega, required=.true., above=0.0_wp)
       else if (group%given("frequency")) then
          call group%get("frequency", omega, minimum=0.0_wp)
       else
@@ -44,7 +45,7 @@ contains
             if (all(is_unknown)) then
                call group%get("frequency", omega)
             else
-               call group%require("frequency", omega)
+               call group%get("frequency", omega, required=.true.)
             end if
          end if
       end if

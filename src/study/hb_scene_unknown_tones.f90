@@ -5,8 +5,8 @@ module hb_scene_unknown_tones
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
    use hb_law_forces, only: law_dofs_of
-   use hb_namelist, only: group_t
    use hb_normal_mode, only: measure_names
+   use hb_properties, only: properties_t
    use hb_scene, only: scene_t
    use hb_text, only: string_t
    implicit none
@@ -20,7 +20,7 @@ contains
    !> Refuses a scene without laws, and a set of harmonics that lacks the fundamental of an unknown tone.
    subroutine check_fundamentals(self, group)
       type(scene_t), intent(in) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       integer :: i, m
 
       if (size(self%laws) == 0) call group%problem_as_is(group%place()//": unknown tones need a law, without one nothing "// &
@@ -37,7 +37,7 @@ contains
    !> Reads `&phase`: the conditions that fix the phases of unknown tones.
    subroutine read_phase(self, group)
       type(scene_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(:), allocatable :: condition
       type(string_t), allocatable :: names(:)
       integer :: i
@@ -46,7 +46,7 @@ contains
       allocate (self%phase_dofs(0))
       call group%get("condition", condition, choices=phase_names)
       if (condition == phase_names(1)) return
-      call group%require("dofs", names, n=count(self%tones%is_unknown))
+      call group%get("dofs", names, required=.true., n=count(self%tones%is_unknown))
       if (.not. allocated(names)) return
       self%phase_dofs = spread(0, 1, size(names))
       do i = 1, size(names)
@@ -57,7 +57,7 @@ contains
    !> Reads `&normal_mode`: which amplitude or energy the motion has, and the linear mode from which it starts.
    subroutine read_normal_mode(self, group)
       type(scene_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(:), allocatable :: dof, measure
 
       measure = trim(measure_names(merge(1, 2, self%normal_mode%is_peak)))
@@ -66,14 +66,14 @@ contains
          mode%has_energy = group%given("energy")
          call group%get("mode", mode%mode, minimum=0)
          if (mode%has_energy) then
-            call group%require("energy", mode%energy, above=0.0_wp)
+            call group%get("energy", mode%energy, required=.true., above=0.0_wp)
             call refuse_beside_energy(group)
             call check_energy(self, group)
          else if (.not. any([group%given("amplitude"), group%given("dof"), group%given("measure")])) then
             call group%problem("amplitude", "give 'amplitude' and 'dof', or 'energy'")
          else
-            call group%require("amplitude", mode%amplitude)
-            call group%require("dof", dof)
+            call group%get("amplitude", mode%amplitude, required=.true.)
+            call group%get("dof", dof, required=.true.)
             if (group%given("amplitude") .and. mode%amplitude == 0.0_wp) call group%problem("amplitude", "must not be 0")
             call group%get("measure", measure, choices=measure_names)
          end if
@@ -93,7 +93,7 @@ contains
 
    !> Refuses keys of a mode by amplitude where the energy is given.
    subroutine refuse_beside_energy(group)
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(9), parameter :: keys(3) = [character(9) :: "amplitude", "dof", "measure"]
       integer :: i
 
@@ -106,7 +106,7 @@ contains
    !> that is not symmetric.
    subroutine check_energy(self, group)
       type(scene_t), intent(in) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       real(wp), parameter :: digits = 1.0e-12_wp                      ! relative to the largest stiffness
       integer :: h, i
 
@@ -130,7 +130,7 @@ contains
    !> Finds a degree of freedom on which a law acts: only these are unknowns.
    subroutine find_law_dof(self, group, key, name, dof)
       type(scene_t), intent(in) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(*), intent(in) :: key, name
       integer, intent(out) :: dof
       type(error_t), allocatable :: error

@@ -1,16 +1,17 @@
 !> An input that was read and is ready to run: its document, the plan of its sweep, the scene of its first point, the
 !> harmonics of all points, and the layout of its result file.
 module hb_study
+   use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
    use hb_law_forces, only: law_dofs_of
-   use hb_namelist, only: document_t, new_document
+   use hb_namelist, only: complete_text, read_namelist, set_text
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row, new_plan, plan_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: group_names, read_scene
    use hb_sweep_harmonics, only: tuples_of_sweep
-   use hb_sweep_plan, only: parameter_units, read_sweep_plan, sweep_plan_t
+   use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: join, string_t, to_text
    use hb_version, only: git_commit, program_version
    implicit none
@@ -40,24 +41,20 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available_memory              !! bytes for this process, the same on all ranks
       type(document_t), target :: first
-      type(document_t) :: points
 
       if (present(available_memory)) self%available_memory = available_memory
       self%input_text = text
       self%input_overrides = join(overrides, new_line("a"))
       call read_input(self%document, file_name, text, overrides, error)
       if (allocated(error)) return
+      call read_sweep_plan(self%plan, self%document, error)
+      if (allocated(error)) return
       first = self%document
-      call read_sweep_plan(self%plan, first, error)
-      if (allocated(error)) return
-      call self%plan%apply(1, first, error)
-      if (allocated(error)) return
+      call self%plan%apply(1, first)
       call read_scene(self%scene, first, error, self%available_memory)
       if (allocated(error)) return
-      self%input_complete = first%complete()
-      call self%document%take_groups(group_names, points)            ! the sweep is read by now
-      self%document = points
-      call self%document%forget_values()                             ! nobody asks for the texts of single points
+      self%input_complete = complete_text(first)
+      call self%plan%note_units(first)
       call tuples_of_sweep(self%tuples, self%scene%harmonics, self%plan, self%document, has_improved(self), error)
    end subroutine new_study
 
@@ -69,7 +66,7 @@ contains
       type(string_t), intent(in) :: overrides(:)                      !! path=value
       type(error_t), allocatable, intent(out) :: error
 
-      call new_document(document, file_name, text, error)
+      call read_namelist(document, file_name, text, error)
       if (allocated(error)) return
       call document%expect_groups([group_names, "sweep      "], error)
       if (.not. allocated(error)) call apply_overrides(document, overrides, error)
@@ -103,7 +100,7 @@ contains
          call fail(error, "--set needs path=value in one line")
          return
       end if
-      call document%set(trim(adjustl(text(:equals - 1))), text(equals + 1:), error)
+      call set_text(document, trim(adjustl(text(:equals - 1))), text(equals + 1:), error)
       call annotate(error, "--set")
    end subroutine apply_override
 
@@ -144,7 +141,7 @@ contains
          allocate (layout%parameters(size(plan%parameters)))
          do i = 1, size(plan%parameters)
             layout%parameters(i)%path = plan%parameters(i)%path
-            layout%parameters(i)%units = parameter_units(plan%parameters(i)%path)
+            layout%parameters(i)%units = plan%parameters(i)%units
             layout%parameters(i)%is_text = plan%parameters(i)%is_text
             if (plan%parameters(i)%is_text) then
                allocate (layout%parameters(i)%text_values(plan%n_points))

@@ -7,10 +7,10 @@
 module hb_sweep
    use hb_branch_marks, only: mark_branches
    use hb_crash_watch, only: begin_point, crash_place_t, end_point, end_watch, watch_crashes
+   use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
    use hb_interruption, only: interruption, interruption_t, new_interruption
-   use hb_kept_scene, only: kept_scene_t
    use hb_kinds, only: wp
    use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, wall_clock, &
       work_counter_t
@@ -51,7 +51,8 @@ module hb_sweep
       type(progress_t) :: progress
       type(interruption_t) :: ending
       type(rank_times_t) :: times
-      type(kept_scene_t) :: kept
+      type(document_t) :: document                                    !! with the values of the point read last
+      type(scene_t) :: scene                                          !! of that point
       integer, allocatable :: crashed(:)                              !! points to pass by: they have ended a run before
       integer :: rank = 0
    end type run_t
@@ -75,6 +76,7 @@ contains
 
       started = wall_clock()
       run%rank = rank_of(comm)
+      run%document = self%document
       call prepare_wisdom(self, comm, error)
       if (allocated(error)) return
       call describe_layout(self, size_of(comm), run%layout)
@@ -217,7 +219,7 @@ contains
             cycle
          end if
          call begin_point(point)
-         call run_point(self%document, self%available_memory, self%plan, run%layout, point, run%rank, run%kept, neighbour, &
+         call run_point(run%document, run%scene, self%available_memory, self%plan, run%layout, point, run%rank, neighbour, &
             run%times, result, run%ending)
          call end_point()
          if (result%status == outcome%interrupted) return             ! pending in the file, for another run

@@ -4,9 +4,9 @@
 !> largest are made: a sweep over N orders takes a time in proportion to N.
 module hb_sweep_harmonics
    use hb_certificate, only: choose_wider_set, wider_orders
+   use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_harmonics, only: harmonics_t
-   use hb_namelist, only: document_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: to_text
    use hb_truncation, only: box_truncation, read_truncation, truncation_t
@@ -52,21 +52,22 @@ contains
       integer, intent(in) :: n_tones
       logical, intent(in) :: has_improved
       type(error_t), allocatable, intent(out) :: error
-      type(document_t) :: harmonics_alone
+      type(document_t), target :: document
       type(truncation_t) :: truncation
       type(largest_t) :: largest, wider
       logical, allocatable :: axes(:)
-      integer :: before, i, point
+      integer :: i, point
 
       axes = plan%axes_of(group)
       if (.not. any(axes)) return
-      call input%take_groups([group], harmonics_alone)
-      before = 1
+      document = input
       do i = 1, plan%n_combinations(axes)
          point = plan%point_of_combination(axes, i)
-         if (i > 1 .and. plan%same_values_in(group, before, point)) cycle
-         before = point
-         call read_at(truncation, input, harmonics_alone, plan, point, n_tones, error)
+         call plan%apply(point, document)
+         if (i > 1 .and. .not. document%has_changed([group])) cycle
+         call document%begin()
+         call read_truncation(truncation, document, n_tones, error)
+         call document%accept_changes()
          if (.not. allocated(error)) then
             if (truncation%set == "list") then
                call add_set(union, truncation, has_improved, error)
@@ -84,26 +85,6 @@ contains
       call add_largest(union, largest, error)
       if (.not. allocated(error)) call add_largest(union, wider, error)
    end subroutine add_points
-
-   !> Reads `&harmonics` of a point.
-   subroutine read_at(truncation, input, harmonics_alone, plan, point, n_tones, error)
-      type(truncation_t), intent(out) :: truncation
-      type(document_t), intent(in) :: input
-      type(document_t), intent(in) :: harmonics_alone                 !! the only group that is read
-      type(sweep_plan_t), intent(in) :: plan
-      integer, intent(in) :: point
-      integer, intent(in) :: n_tones
-      type(error_t), allocatable, intent(out) :: error
-      type(document_t), target :: document
-
-      document = harmonics_alone
-      call plan%apply(point, document, error, [group])
-      if (.not. allocated(error)) call read_truncation(truncation, document, n_tones, error)
-      if (.not. allocated(error)) return
-      document = input                                                ! once more for the message, which shows values in few digits
-      call plan%apply(point, document, error)
-      if (.not. allocated(error)) call read_truncation(truncation, document, n_tones, error)
-   end subroutine read_at
 
    !> Keeps a truncation unless one that is there contains it, and drops those that it contains. What could not be made is
    !> an error at once.

@@ -1,15 +1,16 @@
-!> The points of a sweep: which input parameters take which values.
+!> The points of a sweep: which parameters of the input take which values.
 !>
 !> Each `&sweep` group varies one parameter. Groups with the same `axis` number go side by side (zipped); different axes
 !> form a grid, the last axis running fastest. Without any group there is one point, the input as it is.
 module hb_sweep_plan
-   use hb_error, only: annotate, error_t, fail
+   use hb_document, only: document_t, parameter_t
+   use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
-   use hb_namelist, only: document_t, group_t
-   use hb_text, only: lower, number_of, quote, string_t, to_text
+   use hb_properties, only: properties_t
+   use hb_text, only: lower, number_of, quote, shown, string_t, to_text
    implicit none
    private
-   public :: parameter_units, read_sweep_plan, sweep_plan_t, swept_t
+   public :: read_sweep_plan, sweep_plan_t, swept_t
 
    integer(int64), parameter :: most_points = 2000000000_int64
 
@@ -18,7 +19,8 @@ module hb_sweep_plan
       character(:), allocatable :: path                               !! in the input, such as law(1)%gap
       character(:), allocatable :: group                              !! its name in lower case
       character(:), allocatable :: place                              !! of its group &sweep, for messages
-      integer :: line = 0                                             !! the same as a line, 0 without one
+      type(parameter_t) :: parameter                                  !! what the path names in the document of the plan
+      character(:), allocatable :: units                              !! empty where the reader of the input declares none
       integer :: axis = 0                                             !! index among the axes of the plan
       logical :: is_text = .false.
       real(wp), allocatable :: values(:)                              !! numbers, unless is_text
@@ -40,13 +42,11 @@ module hb_sweep_plan
       integer, allocatable, private :: length(:)                      ! of each axis
    contains
       procedure :: index_on => sweep_plan_index_on
-      procedure :: agree_in => sweep_plan_agree_in
-      procedure :: same_values_in => sweep_plan_same_values_in
       procedure :: axes_of => sweep_plan_axes_of
       procedure :: n_combinations => sweep_plan_n_combinations
+      procedure :: note_units => sweep_plan_note_units
       procedure :: point_of_combination => sweep_plan_point_of_combination
       procedure :: apply => sweep_plan_apply
-      procedure :: differ_within => sweep_plan_differ_within
       procedure :: describe => sweep_plan_describe
       procedure :: fastest_value => sweep_plan_fastest_value
       procedure :: is_ordered => sweep_plan_is_ordered
@@ -55,12 +55,12 @@ module hb_sweep_plan
 
 contains
 
-   !> Reads all `&sweep` groups; the paths are tried out on a copy of the document, so that a wrong one is found at once.
+   !> Reads all `&sweep` groups and looks their paths up in the document: its copies take the values.
    subroutine read_sweep_plan(self, document, error)
       type(sweep_plan_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
-      type(group_t), pointer :: group
+      type(properties_t), pointer :: group
       type(range_t), allocatable :: ranges(:)
       integer, allocatable :: axis_of(:)
       integer :: i, n
@@ -71,7 +71,7 @@ contains
       do i = 1, size(ranges)
          group => document%group("sweep", i)
          self%parameters(i)%place = group%place()
-         self%parameters(i)%line = group%line
+         self%parameters(i)%units = ""
          call read_values(self%parameters(i), ranges(i), group)
          call refuse_twice(self%parameters(:i), group)
          call group%finish(error)
@@ -100,13 +100,22 @@ contains
       do i = 1, size(ranges)
          if (ranges(i)%n > 0) call make_values(ranges(i), self%parameters(i)%values)
       end do
-      call try_out(self, document, error)
+      do i = 1, size(ranges)
+         associate (swept => self%parameters(i))
+            call document%resolve(swept%path, swept%parameter, error)
+            group => document%group("sweep", i)
+            swept%parameter%line = -group%line
+            if (.not. allocated(error)) cycle
+            error%message = swept%place//": parameter '"//shown(swept%path)//"': "//error%message
+            return
+         end associate
+      end do
    end subroutine read_sweep_plan
 
    !> Refuses a path that an earlier parameter has: the later value would hide the other, at as many points as both have values.
    subroutine refuse_twice(parameters, group)
       type(swept_t), intent(in) :: parameters(:)                      !! the last is that of the group
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       integer :: i, n
 
       n = size(parameters)
@@ -123,7 +132,7 @@ contains
    subroutine read_axes(document, axis_of)
       type(document_t), intent(inout), target :: document
       integer, allocatable, intent(out) :: axis_of(:)
-      type(group_t), pointer :: group
+      type(properties_t), pointer :: group
       integer :: free, i
 
       allocate (axis_of(document%count("sweep")), source=0)
@@ -147,11 +156,11 @@ contains
    subroutine read_values(self, range, group)
       type(swept_t), intent(inout) :: self
       type(range_t), intent(inout) :: range                           !! for `make_values`
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(:), allocatable :: spacing
       character(6), parameter :: spacings(2) = [character(6) :: "linear", "log"]
 
-      call group%require("parameter", self%path)
+      call group%get("parameter", self%path, required=.true.)
       self%group = ""
       if (allocated(self%path)) then
          self%group = lower(trim(adjustl(self%path)))//"%"
@@ -172,9 +181,9 @@ contains
       else if (group%given("from")) then
          range%n = 2
          spacing = spacings(1)
-         call group%require("from", range%first)
-         call group%require("to", range%last)
-         call group%require("n", range%n, minimum=1, maximum=100000000)
+         call group%get("from", range%first, required=.true.)
+         call group%get("to", range%last, required=.true.)
+         call group%get("n", range%n, required=.true., minimum=1, maximum=100000000)
          call group%get("spacing", spacing, choices=spacings)
          range%is_log = spacing == "log"
          if (range%is_log .and. .not. range%first*range%last > 0.0_wp) &
@@ -211,7 +220,7 @@ contains
    !> Reads the keys of all ways to give values, so that the group knows them beside the problem that it has.
    subroutine ask_for_all(self, group)
       type(swept_t), intent(inout) :: self
-      type(group_t), intent(inout) :: group
+      type(properties_t), intent(inout) :: group
       character(:), allocatable :: spacing
       integer :: n
       real(wp) :: first, last
@@ -228,52 +237,12 @@ contains
       call group%get("spacing", spacing)
    end subroutine ask_for_all
 
-   !> Applies the first values to a copy of the document.
-   subroutine try_out(self, document, error)
-      type(sweep_plan_t), intent(in) :: self
-      type(document_t), intent(in) :: document
-      type(error_t), allocatable, intent(out) :: error
-      type(document_t) :: trial
-
-      trial = document
-      call self%apply(1, trial, error)
-   end subroutine try_out
-
-   !> Unit of the parameter at a path, where its key alone tells; empty where it depends on the kind of law or structure.
-   pure function parameter_units(path) result(units)
-      character(*), intent(in) :: path                                !! such as law(1)%gap
-      character(:), allocatable :: units, key
-
-      key = path(index(path, "%", back=.true.) + 1:)
-      if (index(key, "(") > 0) key = key(:index(key, "(") - 1)
-      select case (key)
-      case ("frequency", "disk_frequency", "casing_frequency", "speed", "rotor_speed"); units = "rad/s"
-      case ("hertz"); units = "Hz"
-      case ("amplitude", "gap", "gaps", "clearance", "center", "threshold", "displacements", "breakpoints", "length", &
-         "rotor_radius"); units = "m"
-      case ("velocity", "slip_velocity"); units = "m/s"
-      case ("energy"); units = "J"
-      case ("limit", "preload", "force_at_zero", "forces"); units = "N"
-      case ("bending_stiffness"); units = "N m2"
-      case ("ground_stiffness", "normal_stiffness", "ring_stiffness", "slopes", "augmentation"); units = "N/m"
-      case ("damping_diagonal", "ring_damping", "rotating_damping", "gyroscopic", "strength"); units = "N s/m"
-      case ("damping_mass"); units = "1/s"
-      case ("damping_stiffness", "duration", "step", "transient"); units = "s"
-      case ("mass", "disk_mass", "casing_mass", "ring_mass"); units = "kg"
-      case ("mass_per_length"); units = "kg/m"
-      case ("order", "samples", "n_elements", "n_masses", "n_dofs", "max_iterations", "memory", "tolerance"); units = "1"
-      case ("cos", "sin"); units = merge("N", "m", index(path, "load") == 1)
-      case default; units = ""
-      end select
-   end function parameter_units
-
-   !> A text with the unit of the parameter at a path behind it, where there is one to tell.
-   pure function with_unit(text, path)
-      character(*), intent(in) :: text, path
-      character(:), allocatable :: with_unit, units
+   !> A text with a unit behind it, where there is one to tell.
+   pure function with_unit(text, units)
+      character(*), intent(in) :: text, units
+      character(:), allocatable :: with_unit
 
       with_unit = text
-      units = parameter_units(path)
       if (len(units) > 0 .and. units /= "1") with_unit = text//" "//units
    end function with_unit
 
@@ -291,7 +260,7 @@ contains
       end if
       text = self%path//": "//number_of(n_values(self), "value")//", "//value_text(self, first)
       if (last /= first) text = text//" to "//value_text(self, last)
-      if (.not. self%is_text) text = with_unit(text, self%path)
+      if (.not. self%is_text) text = with_unit(text, self%units)
    end function swept_describe
 
    !> Which value of parameter `i` the point takes.
@@ -361,39 +330,6 @@ contains
       end do
    end function sweep_plan_is_ordered
 
-   !> Whether two points have the same values in a group.
-   pure logical function sweep_plan_agree_in(self, group, first, second) result(agree)
-      class(sweep_plan_t), intent(in) :: self
-      character(*), intent(in) :: group                               !! lower case
-      integer, intent(in) :: first, second                            !! points
-      integer :: i
-
-      agree = .true.
-      do i = 1, size(self%parameters)
-         if (self%parameters(i)%group == group) agree = agree .and. self%index_on(i, first) == self%index_on(i, second)
-      end do
-   end function sweep_plan_agree_in
-
-   !> Whether two points have the same values in a group, be they one value or two that are equal.
-   pure logical function sweep_plan_same_values_in(self, group, first, second) result(agree)
-      class(sweep_plan_t), intent(in) :: self
-      character(*), intent(in) :: group                               !! lower case
-      integer, intent(in) :: first, second                            !! points
-      integer :: i
-
-      agree = .true.
-      do i = 1, size(self%parameters)
-         associate (parameter => self%parameters(i), one => self%index_on(i, first), other => self%index_on(i, second))
-            if (parameter%group /= group .or. one == other) cycle
-            if (parameter%is_text) then
-               agree = agree .and. parameter%texts(one)%value == parameter%texts(other)%value
-            else
-               agree = agree .and. parameter%values(one) == parameter%values(other)
-            end if
-         end associate
-      end do
-   end function sweep_plan_same_values_in
-
    !> Axes along which values of a group vary, (number of axes).
    pure function sweep_plan_axes_of(self, group) result(axes)
       class(sweep_plan_t), intent(in) :: self
@@ -434,46 +370,35 @@ contains
       end do
    end function sweep_plan_point_of_combination
 
-   !> Whether two points differ in numbers of some groups alone.
-   pure logical function sweep_plan_differ_within(self, groups, first, second) result(is_within)
-      class(sweep_plan_t), intent(in) :: self
-      character(*), intent(in) :: groups(:)                           !! lower case
-      integer, intent(in) :: first, second                            !! points
-      integer :: i
-
-      is_within = .true.
-      do i = 1, size(self%parameters)
-         if (self%index_on(i, first) == self%index_on(i, second)) cycle
-         is_within = is_within .and. .not. self%parameters(i)%is_text .and. any(groups == self%parameters(i)%group)
-      end do
-   end function sweep_plan_differ_within
-
-   !> Sets the values of a point in a document: all, or those that stand in some groups, these in full length.
-   subroutine sweep_plan_apply(self, point, document, error, groups)
+   !> Sets the values of a point in the document in which the paths were looked up, or in a copy of it.
+   pure subroutine sweep_plan_apply(self, point, document)
       class(sweep_plan_t), intent(in) :: self
       integer, intent(in) :: point                                    !! 1 to n_points
-      type(document_t), intent(inout), target :: document
-      type(error_t), allocatable, intent(out) :: error
-      character(*), intent(in), optional :: groups(:)                 !! lower case
-      character(:), allocatable :: text
-      integer :: i
+      type(document_t), intent(inout) :: document
+      integer :: i, k
 
       do i = 1, size(self%parameters)
-         associate (parameter => self%parameters(i))
-            if (present(groups)) then
-               if (.not. any(groups == parameter%group)) cycle
-               text = full_text(parameter, self%index_on(i, point))
+         k = self%index_on(i, point)
+         associate (swept => self%parameters(i))
+            if (swept%is_text) then
+               call document%set(swept%parameter, swept%texts(k)%value)
             else
-               text = value_text(parameter, self%index_on(i, point))
-            end if
-            call document%set(parameter%path, text, error, sweep_line=parameter%line)
-            if (allocated(error)) then
-               call annotate(error, parameter%place)
-               return
+               call document%set(swept%parameter, swept%values(k))
             end if
          end associate
       end do
    end subroutine sweep_plan_apply
+
+   !> Notes the units of the parameters, which a document knows from which a scene has been read.
+   pure subroutine sweep_plan_note_units(self, document)
+      class(sweep_plan_t), intent(inout) :: self
+      type(document_t), intent(in) :: document
+      integer :: i
+
+      do i = 1, size(self%parameters)
+         self%parameters(i)%units = document%unit_of(self%parameters(i)%parameter)
+      end do
+   end subroutine sweep_plan_note_units
 
    !> Text such as `law(1)%gap = 0.0015, solver%method = 'newton'`; empty without parameters.
    function sweep_plan_describe(self, point) result(text)
@@ -486,7 +411,7 @@ contains
       do i = 1, size(self%parameters)
          if (i > 1) text = text//", "
          text = text//self%parameters(i)%path//" = "//value_text(self%parameters(i), self%index_on(i, point))
-         if (.not. self%parameters(i)%is_text) text = with_unit(text, self%parameters(i)%path)
+         if (.not. self%parameters(i)%is_text) text = with_unit(text, self%parameters(i)%units)
       end do
    end function sweep_plan_describe
 
@@ -500,41 +425,18 @@ contains
       end if
    end function n_values
 
-   !> A value with as many digits as tell it from its neighbours, which is made much faster than the shortest text.
-   function full_text(self, i) result(text)
-      type(swept_t), intent(in) :: self
-      integer, intent(in) :: i
-      character(:), allocatable :: text
-      character(25) :: digits
-
-      text = value_text_of_whole(self, i)
-      if (len(text) > 0) return
-      write (digits, "(es25.16e4)") self%values(i)
-      text = trim(adjustl(digits))
-   end function full_text
-
    !> A value as it would stand in the input; whole numbers without a decimal point, so that they suit integers as well.
    function value_text(self, i) result(text)
       type(swept_t), intent(in) :: self
       integer, intent(in) :: i
       character(:), allocatable :: text
 
-      text = value_text_of_whole(self, i)
-      if (len(text) == 0) text = to_text(self%values(i))
-   end function value_text
-
-   !> A text or a whole number as it would stand in the input, nothing for other values.
-   function value_text_of_whole(self, i) result(text)
-      type(swept_t), intent(in) :: self
-      integer, intent(in) :: i
-      character(:), allocatable :: text
-      real(wp), parameter :: largest_whole = 1.0e9_wp
-
-      text = ""
       if (self%is_text) then
          text = quote(self%texts(i)%value)
-      else if (abs(self%values(i)) < largest_whole .and. self%values(i) == anint(self%values(i))) then
+      else if (self%values(i) == anint(self%values(i)) .and. abs(self%values(i)) <= real(huge(i), wp)) then
          text = to_text(nint(self%values(i)))
+      else
+         text = to_text(self%values(i))
       end if
-   end function value_text_of_whole
+   end function value_text
 end module hb_sweep_plan

@@ -2,18 +2,18 @@
 !> file that it shares with the others.
 module hb_swept_point
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
-   use hb_kept_scene, only: kept_scene_t
    use hb_kinds, only: wp
    use hb_law_forces, only: law_dofs_of
    use hb_mpi, only: wall_clock
-   use hb_namelist, only: document_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome
    use hb_point, only: solve_point
    use hb_results, only: point_result_t, results_layout_t
    use hb_scene, only: scene_t
+   use hb_scene_reader, only: update_scene
    use hb_sweep_plan, only: sweep_plan_t
    use hb_timing, only: rank_times_t
    use hb_watch, only: watch_t
@@ -24,13 +24,13 @@ module hb_swept_point
 contains
 
    !> Solves one point; whatever goes wrong becomes its status and message.
-   subroutine run_point(input, available_memory, plan, layout, point, rank, kept, neighbour, times, result, watch)
-      type(document_t), intent(in) :: input                           !! before values of the sweep are set
+   subroutine run_point(document, scene, available_memory, plan, layout, point, rank, neighbour, times, result, watch)
+      type(document_t), intent(inout), target :: document             !! of this rank, with the values of the point before
+      type(scene_t), intent(inout) :: scene                           !! likewise
       real(wp), intent(in) :: available_memory                        !! bytes
       type(sweep_plan_t), intent(in) :: plan
       type(results_layout_t), intent(in) :: layout
       integer, intent(in) :: point, rank
-      type(kept_scene_t), intent(inout) :: kept                       !! of the point before on this rank
       type(neighbour_t), intent(inout) :: neighbour                   !! solutions of the points before it in its chain
       type(rank_times_t), intent(inout) :: times
       type(point_result_t), intent(out) :: result
@@ -41,26 +41,27 @@ contains
       logical :: is_new
 
       started = wall_clock()
-      call kept%read(input, plan, point, available_memory, is_new, error)
-      if (is_new .and. .not. allocated(error)) call check_layout(kept%scene, layout, error)
+      call plan%apply(point, document)
+      call update_scene(scene, document, is_new, error, available_memory)
+      if (is_new .and. .not. allocated(error)) call check_layout(scene, layout, error)
       read = wall_clock()
       if (.not. allocated(error)) then
-         if (kept%scene%chain%is_on) call neighbour%predict(plan%fastest_value(point), kept%scene%harmonics%tuples, &
-            kept%scene%chain%secant, start)
-         call solve_point(kept%scene, result, error, start, unknowns, watch)
+         if (scene%chain%is_on) call neighbour%predict(plan%fastest_value(point), scene%harmonics%tuples, &
+            scene%chain%secant, start)
+         call solve_point(scene, result, error, start, unknowns, watch)
       end if
       if (allocated(error)) then
          result%status = outcome%failed
          result%message = error%message
       else
-         call spread_harmonics(kept%scene%harmonics, layout%tuples, result%coefficients)
-         call spread_harmonics(kept%scene%harmonics, layout%tuples, result%force_coefficients)
-         call spread_harmonics(kept%scene%harmonics, layout%tuples, result%corrected_coefficients)
+         call spread_harmonics(scene%harmonics, layout%tuples, result%coefficients)
+         call spread_harmonics(scene%harmonics, layout%tuples, result%force_coefficients)
+         call spread_harmonics(scene%harmonics, layout%tuples, result%corrected_coefficients)
          if (.not. layout%has_improved .and. allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
          call spread_harmonics(result%certificate%wider, layout%tuples, result%improved_coefficients)
       end if
       if (.not. allocated(error) .and. allocated(unknowns)) then
-         call neighbour%keep(plan%fastest_value(point), kept%scene%harmonics%tuples, unknowns)
+         call neighbour%keep(plan%fastest_value(point), scene%harmonics%tuples, unknowns)
       else
          call neighbour%forget()
       end if

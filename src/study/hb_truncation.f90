@@ -1,8 +1,9 @@
 !> Which harmonics an input asks for (`&harmonics`), before the set is made: sweeps compare thousands of these.
 module hb_truncation
+   use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_harmonics, only: exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics
-   use hb_namelist, only: document_t, group_t
+   use hb_properties, only: properties_t
    use hb_text, only: to_text
    implicit none
    private
@@ -48,7 +49,7 @@ contains
       type(document_t), intent(inout), target :: document
       integer, intent(in) :: n_tones
       type(error_t), allocatable, intent(out) :: error
-      type(group_t), pointer :: group
+      type(properties_t), pointer :: group
       integer, allocatable :: order(:), tuples(:)
       character(:), allocatable :: set, symmetry_name
       character(7), parameter :: sets(3) = [character(7) :: "box", "diamond", "list"]
@@ -61,13 +62,13 @@ contains
       call group%get("symmetry", symmetry_name, choices=symmetry_names)
       self%symmetry = max(1, findloc(symmetry_names == symmetry_name, .true., dim=1))
       if (set == "list") then
-         call group%require("tuples", tuples)
+         call group%get("tuples", tuples, required=.true.)
          if (allocated(tuples)) then
             if (modulo(size(tuples), n_tones) /= 0) call group%problem("tuples", to_text(size(tuples))// &
                " integers are not a whole number of tuples of "//to_text(n_tones)//" tones")
          end if
       else
-         call group%require("order", order, minimum=0)
+         call group%get("order", order, required=.true., minimum=0)
          call group%get("odd_only", self%odd_only)
          if (allocated(order)) then
             if (size(order) == 1 .and. set == "box") order = spread(order(1), 1, n_tones)

@@ -8,6 +8,7 @@
 !> bound of work.
 module hb_verify
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file, open_file_parallel
    use hb_kinds, only: two_pi, wp
@@ -19,7 +20,6 @@ module hb_verify
    use hb_march_verdict, only: decide, growth_of, limit_of, n_settled, verdict
    use hb_modes, only: modes_t, new_modes
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
-   use hb_namelist, only: document_t
    use hb_outcome, only: is_solved
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
@@ -207,8 +207,8 @@ contains
       integer :: i, n_new
 
       document = stored%study%document
-      call stored%study%plan%apply(point, document, error)
-      if (.not. allocated(error)) call read_scene(scene, document, error)
+      call stored%study%plan%apply(point, document)
+      call read_scene(scene, document, error)
       if (allocated(error)) return
       associate (omega => stored%frequency(:, point))
          allocate (amplitudes(size(stored%tuples, 2), scene%structure%n_dofs))

@@ -1,11 +1,12 @@
 !> Scenes for tests, made from namelist text as a user would write it.
 module scenes
    use hb_balance, only: balance_t, new_balance
+   use hb_document, only: document_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law_forces, only: law_dofs_of
-   use hb_namelist, only: document_t, new_document
+   use hb_namelist, only: read_namelist
    use hb_point, only: solve_point
    use hb_results, only: point_result_t
    use hb_scene, only: scene_t
@@ -76,7 +77,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: document
 
-      call new_document(document, "test.nml", one_group_a_line(text), error)
+      call read_namelist(document, "test.nml", one_group_a_line(text), error)
       if (.not. allocated(error)) call read_scene(scene, document, error)
    end subroutine make_scene
 

@@ -1,45 +1,48 @@
-!> What is asked of one group of a namelist file, which values are used, and what is wrong with it.
+!> What is asked of one group of properties, which values are used, and what is wrong with it.
 !>
-!> Readers of values `ask` for a key, `keep` the value that is used, and add problems; `finish` reports all
-!> problems at once, together with the keys of the file that nobody asked for, and `complete` writes the group
-!> back with its defaults.
-module hb_namelist_record
+!> Readers of values `ask` for a key, keep the value that is used, given or default, and add problems; `finish` reports all
+!> problems at once, together with the given keys that nobody asked for.
+module hb_property_record
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
-   use hb_namelist_index, only: max_name
-   use hb_namelist_content, only: content_t, element_text
-   use hb_namelist_scan, only: shown
-   use hb_text, only: join, lower, quote, string_t, text_builder_t, to_text
+   use hb_kinds, only: wp
+   use hb_property_values, only: content_t, element_text
+   use hb_text, only: join, lower, max_name, shown, string_t, text_builder_t, to_text
    implicit none
    private
-   public :: ask, keep, key_problem, record_t, value_problem
+   public :: ask, asked_t, key_problem, max_unit, missing_key, record_t, value_problem
 
    integer, parameter :: max_problems = 50                  !! more are counted, not told
-   integer, parameter :: line_width = 100                   !! of the text that `complete` returns
+   integer, parameter :: max_unit = 16
 
-   !> What was asked for, and the value used in namelist form (not allocated where there is none to write).
+   !> What was asked for, and the values used.
    type :: asked_t
       integer :: i_key = 0
-      character(:), allocatable :: used
+      character(max_unit) :: unit = ""                      !! as the reader declares it
+      integer :: kind = 0                                   !! of the values: one of `kind_of`, `none` while there are none
+      real(wp), allocatable :: numbers(:)                   !! values, or
+      type(string_t), allocatable :: words(:)
+      integer :: row_length = 1                             !! of a matrix
    end type asked_t
 
    type :: record_t
       character(:), allocatable :: name                     !! of the group, lower case
-      character(:), allocatable :: file_name
+      character(:), allocatable :: file_name                !! where it comes from; empty: from no file
       integer :: line = 0                                   !! where it begins; 0: not in the file
       integer :: number = 1                                 !! position among the groups of its name
       logical :: is_repeated = .false.                      !! there are more groups of its name
-      logical :: was_opened = .false.                       !! somebody reads it
-      logical :: keeps_values = .true.                      !! for `complete`
+      integer :: reading = 0                                !! in which somebody opened it last; 0: never
+      logical :: has_changed = .false.                      !! a value has been set since the marks were taken away
       type(content_t) :: content
-      type(asked_t), allocatable, private :: asked(:)       !! (capacity), in the order of asking
-      integer, private :: n_asked = 0
+      type(asked_t), allocatable :: asked(:)                !! (capacity), in the order of asking
+      integer :: n_asked = 0
       type(string_t), allocatable, private :: problems(:)
       integer, private :: n_problems = 0
    contains
-      procedure :: complete => record_complete
       procedure :: finish => record_finish
+      procedure :: forget => record_forget
       procedure :: given => record_given
+      procedure :: nobody_reads => record_nobody_reads
       procedure :: place => record_place
       procedure :: problem => record_problem
       procedure :: problem_as_is => record_problem_as_is
@@ -47,13 +50,21 @@ module hb_namelist_record
 
 contains
 
-   !> Whether the file (or an override) gives the key.
+   !> Whether the key has a value.
    pure logical function record_given(self, key) result(is_given)
       class(record_t), intent(in) :: self
       character(*), intent(in) :: key
 
       is_given = self%content%is_given(self%content%names%find(lower(trim(key))))
    end function record_given
+
+   !> Fails because the group, set from outside, is not read.
+   pure subroutine record_nobody_reads(self, error)
+      class(record_t), intent(in) :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      call fail(error, place_at(self, 0, .true.)//": nothing reads this group")
+   end subroutine record_nobody_reads
 
    !> Place of the group for messages, like `beam.nml:12: &law(2)`.
    pure function record_place(self) result(place)
@@ -91,6 +102,19 @@ contains
       call add_problem(self, text)
    end subroutine record_problem_as_is
 
+   !> Begins another reading: nothing has been asked, nothing is wrong.
+   pure subroutine record_forget(self)
+      class(record_t), intent(inout) :: self
+      integer :: i
+
+      do i = 1, self%n_asked
+         self%content%keys(self%asked(i)%i_key)%asked = 0
+      end do
+      self%n_asked = 0
+      self%n_problems = 0
+      if (allocated(self%content%keys)) self%content%keys%has_problem = .false.
+   end subroutine record_forget
+
    !> Reports all problems, keys given twice and keys of the file that nobody asked for or said anything about, one per line.
    pure subroutine record_finish(self, error)
       class(record_t), intent(in) :: self
@@ -104,7 +128,6 @@ contains
          call add_line(lines, n, self%problems(i)%value)
       end do
       n = self%n_problems
-      call known_keys(self, known)
       associate (content => self%content)
          do i = 1, content%names%n
             if (content%keys(i)%second_line > 0) then
@@ -115,6 +138,7 @@ contains
             if (n >= max_problems) then
                n = n + 1
             else
+               if (.not. allocated(known)) call known_keys(self, known)
                call add_line(lines, n, place_at(self, content%keys(i)%line, .true.)//": unknown key '"// &
                              trim(content%names%names(i))//"'; "//advice(trim(content%names%names(i)), known))
             end if
@@ -125,36 +149,16 @@ contains
       if (n > 0) call fail(error, lines%text())
    end subroutine record_finish
 
-   !> The group as namelist text with every key that was asked for and its value, given or default.
-   pure function record_complete(self) result(text)
-      class(record_t), intent(in) :: self
-      character(:), allocatable :: text
-      type(text_builder_t) :: lines
-      integer :: i
-
-      call lines%add("&"//self%name//new_line("a"))
-      do i = 1, self%n_asked
-         if (.not. allocated(self%asked(i)%used)) cycle
-         call lines%add("   "//trim(self%content%names%names(self%asked(i)%i_key))//" = ")
-         call lines%add(self%asked(i)%used)
-         call lines%add(new_line("a"))
-      end do
-      call lines%add("/"//new_line("a"))
-      text = lines%text()
-   end function record_complete
-
-   !> Notes that a key is asked for. `i_key` is 0 when it is not given, a problem when it is required.
-   pure subroutine ask(self, key, is_required, kind, i_asked, i_key)
+   !> Notes that a key is asked for. `i_key` is 0 when it is not given.
+   pure subroutine ask(self, key, unit, i_asked, i_key)
       class(record_t), intent(inout) :: self
       character(*), intent(in) :: key
-      logical, intent(in) :: is_required
-      character(*), intent(in) :: kind                      !! what is needed, for the message
+      character(*), intent(in) :: unit                      !! empty: none is declared
       integer, intent(out) :: i_asked, i_key
       type(asked_t), allocatable :: larger(:)
-      character(:), allocatable :: name
-      integer :: i
+      character(max_name) :: name
 
-      name = lower(trim(key))
+      name = lower(key)
       i_key = self%content%names%find(name)
       if (i_key == 0) then
          call self%content%add_key(name)
@@ -165,36 +169,28 @@ contains
          if (.not. allocated(self%asked)) allocate (self%asked(8))
          if (self%n_asked == size(self%asked)) then
             allocate (larger(2*self%n_asked))
-            do i = 1, self%n_asked
-               larger(i)%i_key = self%asked(i)%i_key
-               call move_alloc(self%asked(i)%used, larger(i)%used)
-            end do
+            larger(:self%n_asked) = self%asked
             call move_alloc(larger, self%asked)
          end if
          self%n_asked = self%n_asked + 1
          i_asked = self%n_asked
          self%content%keys(i_key)%asked = i_asked
          self%asked(i_asked)%i_key = i_key
+         self%asked(i_asked)%unit = ""
+         self%asked(i_asked)%kind = 0
       end if
-      if (allocated(self%asked(i_asked)%used)) deallocate (self%asked(i_asked)%used)
-      if (self%content%is_given(i_key)) return
-      i_key = 0
-      if (is_required) call add_problem(self, self%place()//": missing key '"//name//"', which needs "//kind)
+      if (unit /= "") self%asked(i_asked)%unit = unit
+      if (.not. self%content%is_given(i_key)) i_key = 0
    end subroutine ask
 
-   !> Keeps the values that are used for a key, in rows of `row_length`; none are kept when one has no text.
-   pure subroutine keep(self, i_asked, texts, row_length)
+   !> Adds the problem that a key is not given which must be.
+   pure subroutine missing_key(self, key, what)
       class(record_t), intent(inout) :: self
-      integer, intent(in) :: i_asked                        !! as `ask` gives it
-      type(string_t), intent(in) :: texts(:)                !! the values in namelist form
-      integer, intent(in) :: row_length
-      integer :: i
+      character(*), intent(in) :: key
+      character(*), intent(in) :: what                      !! it needs
 
-      do i = 1, size(texts)
-         if (.not. allocated(texts(i)%value)) return
-      end do
-      call write_list(texts, row_length, self%asked(i_asked)%used)
-   end subroutine keep
+      call add_problem(self, self%place()//": missing key '"//lower(trim(key))//"', which needs "//what)
+   end subroutine missing_key
 
    !> Adds a problem with a key as a whole.
    pure subroutine key_problem(self, i_key, text)
@@ -208,18 +204,15 @@ contains
    end subroutine key_problem
 
    !> Adds a problem with one value of a key.
-   pure subroutine value_problem(self, i_key, i_value, i, j, text)
+   pure subroutine value_problem(self, i_key, i_value, element, text)
       class(record_t), intent(inout) :: self
       integer, intent(in) :: i_key, i_value
-      integer, intent(in) :: i, j                           !! element, 0 for a scalar
+      integer, intent(in) :: element(2)                     !! its indices, 0 for those that it has not
       character(*), intent(in) :: text
-      character(:), allocatable :: word
 
-      word = self%content%word(i_value)
-      if (self%content%values(i_value)%is_quoted) word = quote(word)
       call add_problem(self, place_at(self, self%content%values(i_value)%line, .true.)//": "// &
-                       element_text(trim(self%content%names%names(i_key)), i, j)//" = "// &
-                       shown(word)//" "//text//self%content%comma_advice(i_key, i_value, .true.))
+                       element_text(trim(self%content%names%names(i_key)), element(1), element(2))//" = "// &
+                       shown(self%content%shown(i_value))//" "//text//self%content%comma_advice(i_key, i_value, .true.))
    end subroutine value_problem
 
    !> Keys asked for, in alphabetical order.
@@ -269,11 +262,12 @@ contains
       place = self%file_name
       if (line > 0) then
          place = place//":"//to_text(line)
-      else if (is_key) then
+      else if (is_key .and. len(place) > 0) then
          if (line == 0) place = place//" (override)"
          if (line < 0) place = place//":"//to_text(-line)//": &sweep"
       end if
-      place = place//": &"//self%name
+      if (len(place) > 0) place = place//": "
+      place = place//"&"//self%name
       if (self%is_repeated) place = place//"("//to_text(self%number)//")"
    end function place_at
 
@@ -302,41 +296,4 @@ contains
       self%n_problems = self%n_problems + 1
       if (self%n_problems <= max_problems) self%problems(self%n_problems)%value = text
    end subroutine add_problem
-
-   !> Values in namelist form, a line for each row, four and more equal ones with a repeat count; nothing for
-   !> an empty list, which a namelist cannot express.
-   pure subroutine write_list(words, row_length, text)
-      type(string_t), intent(in) :: words(:)
-      integer, intent(in) :: row_length
-      character(:), allocatable, intent(out) :: text
-      type(text_builder_t) :: list
-      character(:), allocatable :: piece
-      integer :: column, count, i, k, row_end
-
-      if (size(words) == 0) return
-      column = 0
-      i = 1
-      do while (i <= size(words))
-         row_end = ((i - 1)/row_length + 1)*row_length
-         count = 1
-         do k = i + 1, row_end
-            if (words(k)%value /= words(i)%value) exit
-            count = count + 1
-         end do
-         if (count < 4) count = 1
-         piece = words(i)%value
-         if (count > 1) piece = to_text(count)//"*"//piece
-         if (i > 1) call list%add(",")
-         if (i > 1 .and. (column + len(piece) > line_width .or. mod(i - 1, row_length) == 0)) then
-            call list%add(new_line("a")//"      ")
-            column = 0
-         else if (i > 1) then
-            call list%add(" ")
-         end if
-         call list%add(piece)
-         column = column + len(piece) + 2
-         i = i + count
-      end do
-      text = list%text()
-   end subroutine write_list
-end module hb_namelist_record
+end module hb_property_record

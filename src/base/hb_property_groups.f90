@@ -1,8 +1,7 @@
-!> The groups of a namelist document: a list in file order, and those of a name by their number.
-module hb_namelist_groups
-   use hb_namelist_content, only: content_t
-   use hb_namelist_group, only: group_t, new_group
-   use hb_namelist_index, only: name_table_t
+!> The groups of a document: a list in the order of the input, and those of a name by their number.
+module hb_property_groups
+   use hb_name_table, only: name_table_t
+   use hb_properties, only: new_properties, properties_t
    use hb_text, only: lower
    implicit none
    private
@@ -12,7 +11,7 @@ module hb_namelist_groups
 
    !> Keeps a group at one address while the list of groups grows.
    type :: holder_t
-      type(group_t), allocatable :: group
+      type(properties_t), allocatable :: group
    end type holder_t
 
    !> The list; `append` as often as needed, then `sort` before groups are asked for by name.
@@ -20,7 +19,6 @@ module hb_namelist_groups
       integer :: n = 0
       type(holder_t), allocatable :: holders(:)             !! (capacity), file order, then added ones
       type(name_table_t) :: names                           !! of the groups, each name once
-      logical :: keeps_values = .true.                      !! for `complete`; of groups that are appended
       integer, allocatable, private :: n_of(:)              !! groups of a name, (names%n)
       integer, allocatable, private :: first_of(:)          !! where a name begins in `order`, (names%n)
       integer, allocatable, private :: order(:)             !! groups, those of a name together, (n)
@@ -29,10 +27,8 @@ module hb_namelist_groups
       procedure :: add => groups_add
       procedure :: append => groups_append
       procedure :: count => groups_count
-      procedure :: forget_values => groups_forget_values
       procedure :: position_of => groups_position_of
       procedure :: sort => groups_sort
-      procedure :: take => groups_take
    end type groups_t
 
 contains
@@ -44,24 +40,12 @@ contains
       allocate (self%holders(8), self%name_of(8), self%n_of(0), self%first_of(0), self%order(0))
    end subroutine new_groups
 
-   !> Appends a group; the groups before it keep their addresses.
-   pure subroutine groups_append(self, name, file_name, line, content)
+   !> Appends a group without values; the groups before it keep their addresses.
+   pure subroutine groups_append(self, name, file_name, line)
       class(groups_t), intent(inout) :: self
       character(*), intent(in) :: name                      !! lower case
       character(*), intent(in) :: file_name
       integer, intent(in) :: line                           !! 0: not in the file
-      type(content_t), intent(in), optional :: content
-
-      call make_room(self, name)
-      allocate (self%holders(self%n)%group)
-      call new_group(self%holders(self%n)%group, name, file_name, line, content)
-      self%holders(self%n)%group%keeps_values = self%keeps_values
-   end subroutine groups_append
-
-   !> Makes the list longer by one group of a name, which is to be allocated.
-   pure subroutine make_room(self, name)
-      type(groups_t), intent(inout) :: self
-      character(*), intent(in) :: name
       type(holder_t), allocatable :: larger(:)
       integer, allocatable :: larger_name_of(:)
       integer :: i, i_name
@@ -82,18 +66,24 @@ contains
       end if
       self%n = self%n + 1
       self%name_of(self%n) = i_name
-   end subroutine make_room
+      allocate (self%holders(self%n)%group)
+      call new_properties(self%holders(self%n)%group, name, file_name, line)
+   end subroutine groups_append
 
-   !> Adds the first group of a name, without keys; the list stays sorted.
+   !> Appends a group that is not in the file; the list stays sorted.
    pure subroutine groups_add(self, name, file_name)
       class(groups_t), intent(inout) :: self
       character(*), intent(in) :: name                      !! lower case
       character(*), intent(in) :: file_name
 
       call self%append(name, file_name, 0)
-      self%n_of = [self%n_of, 1]
-      self%first_of = [self%first_of, self%n]
-      self%order = [self%order, self%n]
+      if (self%names%n > size(self%n_of)) then ! the first of its name stands at the end of `order`
+         self%n_of = [self%n_of, 1]
+         self%first_of = [self%first_of, self%n]
+         self%order = [self%order, self%n]
+      else
+         call self%sort()
+      end if
    end subroutine groups_add
 
    !> Sorts the groups by name in linear time, file order within a name, and numbers them.
@@ -141,33 +131,4 @@ contains
 
       position = self%order(self%first_of(self%names%find(lower(trim(name)))) + i - 1)
    end function groups_position_of
-
-   !> Keeps no text of the values that are read from now on: `complete` is not asked for, reading is faster by a quarter.
-   !> Copies behave likewise.
-   pure subroutine groups_forget_values(self)
-      class(groups_t), intent(inout) :: self
-      integer :: i
-
-      self%keeps_values = .false.
-      do i = 1, self%n
-         self%holders(i)%group%keeps_values = .false.
-      end do
-   end subroutine groups_forget_values
-
-   !> Copies the groups of some names, as they are, into a list of their own.
-   pure subroutine groups_take(self, names, other)
-      class(groups_t), intent(in) :: self
-      character(*), intent(in) :: names(:)                  !! lower case
-      type(groups_t), intent(out) :: other
-      integer :: i
-
-      call new_groups(other)
-      other%keeps_values = self%keeps_values
-      do i = 1, self%n
-         if (.not. any(names == self%holders(i)%group%name)) cycle
-         call make_room(other, self%holders(i)%group%name)
-         other%holders(other%n)%group = self%holders(i)%group
-      end do
-      call other%sort()
-   end subroutine groups_take
-end module hb_namelist_groups
+end module hb_property_groups

@@ -1,16 +1,14 @@
 !> How the reader of namelist files goes through a text: where it stands, what is wrong there, what is a blank, a word, a name.
 module hb_namelist_scan
-   use hb_namelist_index, only: max_name
    implicit none
    private
-   public :: blanks, is_name, line_feed, quote_marks, rest_is_empty, return, scan_t, shown, skip_blanks, skip_comment, &
+   public :: blanks, line_feed, quote_marks, rest_is_empty, return, scan_t, skip_blanks, skip_comment, &
       stop_at, tab, word_last
 
    character(*), parameter :: tab = achar(9), line_feed = achar(10), return = achar(13)
    character(*), parameter :: blanks = " "//tab//line_feed//return
    character(*), parameter :: quote_marks = "'"//'"'
    character(*), parameter :: word_end = blanks//",/!=()&"//quote_marks
-   character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
 
    !> Where the parser stands, and what is wrong there.
    type :: scan_t
@@ -87,35 +85,4 @@ contains
          end if
       end do
    end function rest_is_empty
-
-   !> Whether a text is a Fortran name in lower case.
-   pure logical function is_name(text)
-      character(*), intent(in) :: text
-
-      is_name = .false.
-      if (len(text) == 0 .or. len(text) > max_name) return
-      is_name = index(letters, text(1:1)) > 0 .and. verify(text, letters//"0123456789_") == 0
-   end function is_name
-
-   !> Text of the file as a message may show it: without control characters, long ones cut (not inside UTF-8).
-   pure function shown(text) result(clean)
-      character(*), intent(in) :: text
-      character(:), allocatable :: clean
-      integer, parameter :: longest = 60
-      integer :: i, n
-
-      n = len(text)
-      if (n > longest) then
-         n = longest
-         do while (n > longest - 4)
-            if (iand(ichar(text(n + 1:n + 1)), 192) /= 128) exit
-            n = n - 1
-         end do
-      end if
-      clean = text(1:n)
-      do i = 1, n
-         if (ichar(clean(i:i)) < 32 .or. ichar(clean(i:i)) == 127) clean(i:i) = "?"
-      end do
-      if (n < len(text)) clean = clean//"..."
-   end function shown
 end module hb_namelist_scan

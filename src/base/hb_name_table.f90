@@ -1,12 +1,11 @@
 !> Table from names to positions 1, 2, 3, ... in order of addition: a hash table with open addressing, so that
 !> files with very many groups or keys are read in linear time. Source of the hash: FNV-1a, 32 bit.
-module hb_namelist_index
+module hb_name_table
    use hb_kinds, only: int64
+   use hb_text, only: max_name
    implicit none
    private
-   public :: max_name, name_table_t
-
-   integer, parameter :: max_name = 63                      !! length of the longest Fortran name
+   public :: name_table_t
 
    type :: name_table_t
       integer :: n = 0                                      !! number of names
@@ -73,4 +72,4 @@ contains
          if (slot > size(self%slots)) slot = 1
       end do
    end function slot_of
-end module hb_namelist_index
+end module hb_name_table

@@ -1,93 +1,99 @@
-!> Namelist input files, read by ourselves because the compiler's runtime cannot say which key was wrong.
+!> A document: the groups of properties that an input consists of, by name and number, whoever makes them.
 !>
-!>     call new_document(document, file_name, text, error)
-!>     call document%set("law(2)%gap", "1.5e-3", error)          ! overrides, if any
+!> A file is read by hb_namelist; a caller with numbers does
+!>
+!>     call new_document(document)
+!>     law => document%add("law")
+!>     call law%set("type", "cubic_spring")
+!>
+!> and whoever reads from it
+!>
 !>     call document%expect_groups(["newton", "law   "], error)
 !>     group => document%optional_group("newton")
 !>     call group%get("tolerance", tolerance, above=0.0_wp)      ! as often as needed, no check in between
 !>     call document%finish(error)                               ! all problems of all groups at once
 !>
+!> A parameter is a handle to one value: its path is looked up once, setting it is a store. The document remembers which groups
+!> have changed since `accept_changes`.
+!>
 !> The variable that holds a document needs the attribute `target`. Pointers to its groups stay valid until an
-!> assignment changes it or it is deallocated. Assignment makes a deep copy.
-module hb_namelist
+!> assignment changes it or it is deallocated. Assignment makes a deep copy; parameters are those of the copy as well.
+module hb_document
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
-   use hb_namelist_content, only: content_t
-   use hb_namelist_group, only: group_t
-   use hb_namelist_groups, only: groups_t, max_groups, new_groups
-   use hb_namelist_parser, only: next_group, parse_body
-   use hb_namelist_path, only: path_help, select_group, split_path
-   use hb_namelist_scan, only: is_name, scan_t, shown
-   use hb_text, only: join, lower, string_t, text_builder_t, to_text
+   use hb_kinds, only: wp
+   use hb_parameter_path, only: path_help, select_group, split_index, split_path
+   use hb_properties, only: properties_t
+   use hb_property_groups, only: groups_t, new_groups
+   use hb_property_values, only: number_value, value_t
+   use hb_text, only: is_name, join, lower, max_name, string_t, text_builder_t, to_text
    implicit none
    private
-   public :: document_t, group_t, new_document
+   public :: document_t, new_document, parameter_t
 
    integer, parameter :: max_lines = 200                    !! of a message
 
-   !> The groups of a file, and the names that they may have.
+   !> The groups, and the names that they may have.
    type :: document_t
-      character(:), allocatable :: file_name
-      type(groups_t), private :: groups
+      character(:), allocatable :: file_name                !! for messages; empty: from no file
+      type(groups_t) :: groups
       type(string_t), allocatable, private :: known(:)      !! names that may occur
+      integer, private :: reading = 1                       !! the present one
    contains
-      procedure :: complete => document_complete
+      generic :: set => set_number, set_word
+      procedure :: accept_changes => document_accept_changes
+      procedure :: add => document_add
+      procedure :: begin => document_begin
+      procedure :: changed_group => document_changed_group
       procedure :: count => document_count
       procedure :: expect_groups => document_expect_groups
       procedure :: finish => document_finish
-      procedure :: forget_values => document_forget_values
       procedure :: group => document_group
+      procedure :: has_changed => document_has_changed
       procedure :: optional_group => document_optional_group
       procedure :: required_group => document_required_group
-      procedure :: set => document_set
-      procedure :: take_groups => document_take_groups
+      procedure :: resolve => document_resolve
+      procedure :: unit_of => document_unit_of
+      procedure, private :: set_number => document_set_number
+      procedure, private :: set_word => document_set_word
    end type document_t
+
+   !> One value of a document: a handle that takes numbers, or words.
+   type :: parameter_t
+      integer :: i_group = 0                                !! position in the list of groups
+      character(max_name) :: key = ""
+      integer :: element(2) = 0                             !! indices, 0 where there are none
+      integer :: line = 0                                   !! where its values come from, as in `value_t`
+   end type parameter_t
 
 contains
 
-   !> Takes the text of a namelist file apart; fails with file and line where the syntax is wrong.
-   pure subroutine new_document(self, file_name, text, error)
+   !> A document without groups.
+   pure subroutine new_document(self, file_name)
       type(document_t), intent(out) :: self
-      character(*), intent(in) :: file_name                 !! for messages
-      character(*), intent(in) :: text
-      type(error_t), allocatable, intent(out) :: error
-      type(scan_t) :: scan
-      type(content_t) :: content
-      character(:), allocatable :: name
-      integer :: i, line, n
+      character(*), intent(in), optional :: file_name       !! for messages
 
-      self%file_name = trim(file_name)
+      self%file_name = ""
+      if (present(file_name)) self%file_name = trim(file_name)
       call new_groups(self%groups)
-      n = index(text, achar(0))
-      if (n > 0) then
-         line = 1
-         do i = 1, n
-            if (text(i:i) == new_line("a")) line = line + 1
-         end do
-         call fail(error, &
-                   self%file_name//":"//to_text(line)//": the file contains a NUL byte; it is no text file")
-         return
-      end if
-      if (index(text, char(239)//char(187)//char(191)) == 1) scan%position = 4  ! byte order mark
-      do
-         call next_group(text, scan, name)
-         if (len(name) == 0 .or. allocated(scan%problem)) exit
-         line = scan%line
-         call parse_body(text, scan, name, content)
-         if (allocated(scan%problem)) exit
-         if (self%groups%n == max_groups) then
-            call fail(error, &
-                      self%file_name//":"//to_text(line)//": more than "//to_text(max_groups)//" groups")
-            return
-         end if
-         call self%groups%append(name, self%file_name, line, content)
-      end do
-      if (allocated(scan%problem)) then
-         call fail(error, self%file_name//":"//to_text(scan%problem_line)//": "//scan%problem)
-         return
-      end if
-      call self%groups%sort()
    end subroutine new_document
+
+   !> Adds a group of a name and gives it.
+   function document_add(self, name) result(group)
+      class(document_t), target, intent(inout) :: self
+      character(*), intent(in) :: name
+      type(properties_t), pointer :: group
+
+      call self%groups%add(lower(trim(name)), self%file_name)
+      group => self%groups%holders(self%groups%n)%group
+   end function document_add
+
+   !> Begins another reading: a group that is opened in it has not been asked for anything yet.
+   pure subroutine document_begin(self)
+      class(document_t), intent(inout) :: self
+
+      self%reading = self%reading + 1
+   end subroutine document_begin
 
    !> Number of groups of a name.
    pure integer function document_count(self, name) result(n)
@@ -97,25 +103,38 @@ contains
       n = self%groups%count(name)
    end function document_count
 
-   !> The i-th group of a name in file order, null when there are fewer. `finish` reports its unknown keys.
+   !> The i-th group of a name in the order of the input, null when there are fewer. `finish` reports its unknown keys.
    function document_group(self, name, i) result(group)
       class(document_t), target, intent(inout) :: self
       character(*), intent(in) :: name
       integer, intent(in) :: i
-      type(group_t), pointer :: group
+      type(properties_t), pointer :: group
 
       group => null()
       if (i < 1 .or. i > self%count(name)) return
       group => self%groups%holders(self%groups%position_of(name, i))%group
-      group%was_opened = .true.
+      if (group%reading == self%reading) return
+      call group%forget()
+      group%reading = self%reading
    end function document_group
 
-   !> The only group of a name, added without keys when the file has none, so that defaults are read from it.
+   !> The i-th group of a name if a value in it has changed since `accept_changes`, else null.
+   function document_changed_group(self, name, i) result(group)
+      class(document_t), target, intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: i
+      type(properties_t), pointer :: group
+
+      group => null()
+      if (self%groups%holders(self%groups%position_of(name, i))%group%has_changed) group => self%group(name, i)
+   end function document_changed_group
+
+   !> The only group of a name, added without keys when there is none, so that defaults are read from it.
    !> A second group of the name is a problem that `finish` reports.
    function document_optional_group(self, name) result(group)
       class(document_t), target, intent(inout) :: self
       character(*), intent(in) :: name
-      type(group_t), pointer :: group
+      type(properties_t), pointer :: group
       type(error_t), allocatable :: error
 
       if (self%count(name) == 0) call self%groups%add(lower(trim(name)), self%file_name)
@@ -128,7 +147,7 @@ contains
    subroutine document_required_group(self, name, group, error)
       class(document_t), target, intent(inout) :: self
       character(*), intent(in) :: name
-      type(group_t), pointer, intent(out) :: group
+      type(properties_t), pointer, intent(out) :: group
       type(error_t), allocatable, intent(out) :: error
 
       group => null()
@@ -179,62 +198,105 @@ contains
                 lines%text()//new_line("a")//self%file_name//": known groups: "//join(self%known, ", "))
    end subroutine document_expect_groups
 
-   !> Gives the key at `path` another value, in namelist form; the path names a group by its number or label.
-   !> A single group that the file does not have is added.
-   pure subroutine document_set(self, path, value_text, error, sweep_line)
+   !> Looks up the value at `path`, which names a group by its number or label. A single group that there is not is added.
+   pure subroutine document_resolve(self, path, parameter, error)
       class(document_t), intent(inout) :: self
       character(*), intent(in) :: path                      !! like law(2)%gap, see `path_help`
-      character(*), intent(in) :: value_text                !! like 1.5e-3 or 'newton' or 3, 5
+      type(parameter_t), intent(out) :: parameter
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(in), optional :: sweep_line           !! line of the group &sweep that gives the value
-      type(content_t) :: content
-      type(scan_t) :: scan
-      character(:), allocatable :: body, key, name, place, selector
-      integer :: i_group, line
+      character(:), allocatable :: key, key_with_index, name, selector
+      logical :: is_good
 
-      place = "override '"//shown(path)//" = "//shown(value_text)//"': "
-      if (index(path//value_text, achar(0)) > 0) then
-         call fail(error, place//"contains a NUL byte")
+      call split_path(trim(adjustl(path)), name, selector, key_with_index)
+      call split_index(key_with_index, key, parameter%element(1), parameter%element(2), is_good)
+      if (.not. (is_good .and. is_name(name))) then
+         call fail(error, "is no path to a key; "//path_help)
          return
       end if
-      call split_path(trim(adjustl(path)), name, selector, key)
-      if (.not. is_name(name) .or. len(key) == 0) then
-         call fail(error, place//"is no path to a key; "//path_help)
-         return
-      end if
-      body = key//" = "//value_text//new_line("a")//"/"
-      call parse_body(body, scan, name, content)
-      if (allocated(scan%problem)) then
-         call fail(error, place//scan%problem)
-         return
-      else if (scan%position <= len(body) .or. content%names%n /= 1) then
-         call fail(error, place//"must be one key with its values; "//path_help)
-         return
-      else if (content%keys(1)%second_line > 0) then
-         call fail(error, place//"must be one key with its values; "//path_help)
-         return
-      end if
-      if (self%count(name) == 0 .and. len(selector) == 0) then
-         if (allocated(self%known)) then
-            if (.not. is_known(self, name)) then
-               call fail(error, place//"unknown group '&"//name//"'"//advice_on_group(self, name))
-               return
-            end if
+      parameter%key = key
+      if (self%count(name) == 0) then
+         if (allocated(self%known)) is_good = is_known(self, name)
+         if (len(selector) > 0 .or. .not. is_good) then
+            key = "there is no group '&"
+            if (len(selector) == 0) key = "unknown group '&"
+            call fail(error, key//name//"'"//advice_on_group(self, name))
+            return
          end if
          call self%groups%add(name, self%file_name)
-      else if (self%count(name) == 0) then
-         call fail(error, place//"there is no group '&"//name//"'"//advice_on_group(self, name))
-         return
       end if
-      call select_group(self%groups, name, selector, i_group, error)
-      if (allocated(error)) then
-         error%message = place//error%message
-         return
-      end if
-      line = 0
-      if (present(sweep_line)) line = -sweep_line
-      call self%groups%holders(i_group)%group%content%override(content, line)
-   end subroutine document_set
+      call select_group(self%groups, name, selector, parameter%i_group, error)
+   end subroutine document_resolve
+
+   !> Sets a parameter, in place of all values of its key unless it is an element.
+   pure subroutine document_set_number(self, parameter, number)
+      class(document_t), intent(inout) :: self
+      type(parameter_t), intent(in) :: parameter
+      real(wp), intent(in) :: number
+      type(value_t) :: value
+
+      value = number_value(number)
+      value%i = parameter%element(1)
+      value%j = parameter%element(2)
+      value%line = parameter%line
+      associate (group => self%groups%holders(parameter%i_group)%group)
+         call group%content%put(trim(parameter%key), [value], group%has_changed)
+      end associate
+   end subroutine document_set_number
+
+   pure subroutine document_set_word(self, parameter, word)
+      class(document_t), intent(inout) :: self
+      type(parameter_t), intent(in) :: parameter
+      character(*), intent(in) :: word
+      type(string_t) :: words(1)
+
+      words(1)%value = word
+      associate (group => self%groups%holders(parameter%i_group)%group)
+         call group%content%put_words(trim(parameter%key), words, group%has_changed, parameter%element, parameter%line)
+      end associate
+   end subroutine document_set_word
+
+   !> Unit of a parameter as its reader declares it; empty when it does not, or has not read it yet.
+   pure function document_unit_of(self, parameter) result(unit)
+      class(document_t), intent(in) :: self
+      type(parameter_t), intent(in) :: parameter
+      character(:), allocatable :: unit
+      integer :: i_key
+
+      unit = ""
+      associate (group => self%groups%holders(parameter%i_group)%group)
+         i_key = group%content%names%find(trim(parameter%key))
+         if (i_key == 0) return
+         if (group%content%keys(i_key)%asked > 0) unit = trim(group%asked(group%content%keys(i_key)%asked)%unit)
+      end associate
+   end function document_unit_of
+
+   !> Whether a value in a group of a name has changed since `accept_changes`, or with `others`, in a group of another name.
+   pure logical function document_has_changed(self, names, others) result(has_changed)
+      class(document_t), intent(in) :: self
+      character(*), intent(in) :: names(:)                  !! lower case
+      logical, intent(in), optional :: others
+      logical :: is_other
+      integer :: i
+
+      is_other = .false.
+      if (present(others)) is_other = others
+      has_changed = .false.
+      do i = 1, self%groups%n
+         associate (group => self%groups%holders(i)%group)
+            if (group%has_changed) has_changed = has_changed .or. (any(names == group%name) .neqv. is_other)
+         end associate
+      end do
+   end function document_has_changed
+
+   !> Takes the marks of changes away.
+   pure subroutine document_accept_changes(self)
+      class(document_t), intent(inout) :: self
+      integer :: i
+
+      do i = 1, self%groups%n
+         self%groups%holders(i)%group%has_changed = .false.
+      end do
+   end subroutine document_accept_changes
 
    !> Fails with the problems of all groups, one per line.
    pure subroutine document_finish(self, error)
@@ -247,10 +309,10 @@ contains
       n_groups = 0
       do i = 1, self%groups%n
          associate (group => self%groups%holders(i)%group)
-            if (group%was_opened) then
+            if (group%reading == self%reading) then
                call group%finish(problem)
-            else if (group%line == 0) then
-               call fail(problem, self%file_name//" (override): &"//group%name//": nothing reads this group")
+            else if (group%line == 0 .and. group%reading == 0) then
+               call group%nobody_reads(problem)
             else
                cycle
             end if
@@ -266,40 +328,6 @@ contains
       end do
       if (n_groups > 0) call fail(error, lines%text())
    end subroutine document_finish
-
-   !> Copies the groups of some names, as they are, into a document of their own.
-   pure subroutine document_take_groups(self, names, other)
-      class(document_t), intent(in) :: self
-      character(*), intent(in) :: names(:)                  !! lower case
-      type(document_t), intent(out) :: other
-
-      other%file_name = self%file_name
-      if (allocated(self%known)) other%known = self%known
-      call self%groups%take(names, other%groups)
-   end subroutine document_take_groups
-
-   !> Keeps no text of the values that are read from now on: `complete` is not asked for, reading is faster by a quarter.
-   !> Copies behave likewise.
-   pure subroutine document_forget_values(self)
-      class(document_t), intent(inout) :: self
-
-      call self%groups%forget_values()
-   end subroutine document_forget_values
-
-   !> The input after defaults and overrides: all groups that were read, with every key asked for. Reading it
-   !> again gives the same values; left out is what a namelist cannot express: values not allocated, empty
-   !> lists, NaN, infinity, strings of several lines.
-   pure function document_complete(self) result(text)
-      class(document_t), intent(in) :: self
-      character(:), allocatable :: text
-      type(text_builder_t) :: lines
-      integer :: i
-
-      do i = 1, self%groups%n
-         if (self%groups%holders(i)%group%was_opened) call lines%add(self%groups%holders(i)%group%complete())
-      end do
-      text = lines%text()
-   end function document_complete
 
    !> Fails when there is more than one group of the name.
    pure subroutine check_single(self, name, error)
@@ -368,4 +396,4 @@ contains
          known(i)%value = trim(self%groups%names%names(i))
       end do
    end subroutine names_in_file
-end module hb_namelist
+end module hb_document

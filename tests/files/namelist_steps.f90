@@ -1,8 +1,9 @@
 !> What the tests of the namelist reader share.
 module namelist_steps
    use funit, only: assertEqual, assertTrue
+   use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_namelist, only: document_t, new_document
+   use hb_namelist, only: read_namelist
    implicit none
    private
    public :: cr, expect_error, expect_no_error, nl, read_text, tab
@@ -17,7 +18,7 @@ contains
       character(*), intent(in) :: text
       type(document_t), intent(out) :: document
       type(error_t), allocatable :: error
-      call new_document(document, "beam.nml", text, error)
+      call read_namelist(document, "beam.nml", text, error)
       call expect_no_error(error)
    end subroutine read_text
 

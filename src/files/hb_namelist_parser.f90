@@ -3,10 +3,12 @@
 !> A subset of Fortran's namelist input (F2018, 13.11) that refuses what is legal but nearly always a mistake:
 !> values left out, text behind the closing '/', strings over several lines, lists for one element.
 module hb_namelist_parser
-   use hb_namelist_content, only: content_t, max_values, value_t
-   use hb_namelist_scan, only: blanks, is_name, line_feed, quote_marks, rest_is_empty, return, scan_t, shown, skip_blanks, &
-      skip_comment, stop_at, tab, word_last
-   use hb_text, only: lower, parse_integer, to_text
+   use hb_kinds, only: wp
+   use hb_namelist_scan, only: blanks, line_feed, quote_marks, rest_is_empty, return, scan_t, skip_blanks, skip_comment, stop_at, &
+      tab, word_last
+   use hb_parameter_path, only: index_help, split_index
+   use hb_property_values, only: content_t, kind_of, max_values, value_t
+   use hb_text, only: is_name, lower, parse_integer, parse_real, shown, to_text
    implicit none
    private
    public :: next_group, parse_body
@@ -150,7 +152,7 @@ contains
                       "; a value with '/' needs quotes, a comment begins with '!'")
          return
       end if
-      content%text = text(offset + 1:scan%position - 1)
+      content%spelling = text(offset + 1:scan%position - 1)
       associate (values => content%values(1:content%n_values))
          values%first = values%first - offset
          values%last = values%last - offset
@@ -232,28 +234,17 @@ contains
       character(*), intent(in) :: text
       type(scan_t), intent(inout) :: scan
       type(body_t), intent(inout) :: body
+      character(:), allocatable :: name
       integer, parameter :: longest = 60
-      integer :: close, comma
+      integer :: close
       logical :: ok
 
       close = index(text(scan%position:min(len(text), scan%position + longest)), ")")
       ok = close > 0
-      if (ok) then
-         associate (inside => text(scan%position + 1:scan%position + close - 2))
-            comma = index(inside, ",")
-            if (comma == 0) then
-               call parse_integer(trim(adjustl(inside)), body%i, ok)
-            else
-               call parse_integer(trim(adjustl(inside(1:comma - 1))), body%i, ok)
-               if (ok) call parse_integer(trim(adjustl(inside(comma + 1:))), body%j, ok)
-               ok = ok .and. body%j > 0
-            end if
-            ok = ok .and. body%i > 0 .and. max(body%i, body%j) <= max_values
-         end associate
-      end if
+      if (ok) call split_index("x"//text(scan%position:scan%position + close - 1), name, body%i, body%j, ok)
       if (.not. ok) then
          call stop_at(scan, scan%line, "&"//body%name//": index of '"//body%key// &
-                      "' must be like (2) or (1, 2), each from 1 to "//to_text(max_values))
+                      "' "//index_help//to_text(max_values))
       end if
       scan%position = scan%position + close
    end subroutine read_index
@@ -292,10 +283,38 @@ contains
          else if (value%first > last) then
             call stop_at(scan, scan%line, "&"//body%name//": a value is missing after '"//shown(word)//"'")
          else
+            call classify(text(value%first:last), value)
             scan%position = last + 1
          end if
       end associate
    end subroutine read_value
+
+   !> Says what a word without quotes is: a number, a truth, or none of them.
+   pure subroutine classify(word, value)
+      character(*), intent(in) :: word
+      type(value_t), intent(inout) :: value
+      integer :: whole
+      logical :: ok
+
+      call parse_integer(word, whole, ok)
+      if (ok .and. (whole /= 0 .or. word(1:1) /= "-")) then ! zeros have signs
+         value%kind = kind_of%whole
+         value%number = real(whole, wp)
+         return
+      end if
+      value%kind = merge(kind_of%whole, kind_of%number, ok)
+      call parse_real(word, value%number, ok)
+      if (ok) return
+      value%kind = kind_of%truth
+      select case (lower(word))
+      case (".true.", "true", ".t.", "t")
+         value%number = 1.0_wp
+      case (".false.", "false", ".f.", "f")
+         value%number = 0.0_wp
+      case default
+         value%kind = kind_of%none
+      end select
+   end subroutine classify
 
    !> Reads the string in quotes at the scan's position; it ends in its line.
    pure subroutine read_string(text, scan, body)
@@ -327,7 +346,7 @@ contains
       end if
       body%value%first = scan%position + 1
       body%value%last = i - 1
-      body%value%is_quoted = .true.
+      body%value%kind = kind_of%word
       if (i < len(text)) then
          if (index(blanks//",/!", text(i + 1:i + 1)) == 0) then
             call stop_at(scan, scan%line, &

@@ -1,17 +1,19 @@
-!> Paths to keys of a namelist document, such as law(2)%gap: their parts, and which group they name.
-module hb_namelist_path
+!> Paths to parameters of a document, such as law(2)%gap: their parts, and which group they name.
+module hb_parameter_path
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
-   use hb_namelist_group, only: group_t
-   use hb_namelist_groups, only: groups_t
-   use hb_namelist_scan, only: shown
-   use hb_text, only: lower, parse_integer, quote, string_t, to_text
+   use hb_properties, only: properties_t
+   use hb_property_groups, only: groups_t
+   use hb_property_values, only: kind_of, max_values
+   use hb_text, only: is_name, lower, parse_integer, quote, shown, string_t, to_text
    implicit none
    private
-   public :: path_help, select_group, split_path
+   public :: index_help, path_help, select_group, split_index, split_path
 
    character(*), parameter :: path_help = &
       "a path is like solver%tolerance, law(2)%gap, law(label)%gap or tones%frequency(2)"
+
+   character(*), parameter :: index_help = "must be like (2) or (1, 2), each from 1 to "
 
 contains
 
@@ -35,6 +37,37 @@ contains
       selector = trim(adjustl(path(first + 1:close - 1)))
       if (len(selector) > 0) key = trim(adjustl(path(close + 2:)))
    end subroutine split_path
+
+   !> Cuts the index (i) or (i, j) off a key.
+   pure subroutine split_index(key, name, i, j, is_good)
+      character(*), intent(in) :: key                       !! such as frequency(2)
+      character(:), allocatable, intent(out) :: name        !! lower case
+      integer, intent(out) :: i, j                          !! 0 where there is none
+      logical, intent(out) :: is_good                       !! the name is a name, the index one from 1 to `max_values`
+      integer :: close, comma, first
+
+      i = 0
+      j = 0
+      first = index(key, "(")
+      if (first == 0) first = len(key) + 1
+      name = lower(trim(key(:first - 1)))
+      is_good = is_name(name)
+      if (first > len(key) .or. .not. is_good) return
+      close = len_trim(key)
+      is_good = key(close:close) == ")"
+      if (.not. is_good) return
+      associate (inside => key(first + 1:close - 1))
+         comma = index(inside, ",")
+         if (comma == 0) then
+            call parse_integer(trim(adjustl(inside)), i, is_good)
+         else
+            call parse_integer(trim(adjustl(inside(1:comma - 1))), i, is_good)
+            if (is_good) call parse_integer(trim(adjustl(inside(comma + 1:))), j, is_good)
+            is_good = is_good .and. j > 0
+         end if
+         is_good = is_good .and. i > 0 .and. max(i, j) <= max_values
+      end associate
+   end subroutine split_index
 
    !> Number of the group that a path names; fails when there is none, or more than one.
    pure subroutine select_group(groups, name, selector, i_group, error)
@@ -111,13 +144,17 @@ contains
 
    !> Value of the key `label` of a group, empty when it has none.
    pure function label_of(group) result(label)
-      type(group_t), intent(in) :: group
+      type(properties_t), intent(in) :: group
       character(:), allocatable :: label
       integer :: i_key
 
       label = ""
       i_key = group%content%names%find("label")
       if (.not. group%content%is_given(i_key)) return
-      if (group%content%keys(i_key)%head > 0) label = trim(group%content%word(group%content%keys(i_key)%head))
+      i_key = group%content%keys(i_key)%head
+      if (i_key == 0) return
+      label = group%content%shown(i_key)
+      if (group%content%values(i_key)%kind == kind_of%word) label = group%content%word(i_key)
+      label = trim(label)
    end function label_of
-end module hb_namelist_path
+end module hb_parameter_path

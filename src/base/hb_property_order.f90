@@ -2,10 +2,10 @@
 !>
 !> A key has listed values, single elements like key(2) or key(1, 2), or both where an override changes
 !> elements of a list. `pick` puts the numbers of the values in the order of the places.
-module hb_namelist_order
+module hb_property_order
    use hb_kinds, only: int64
-   use hb_namelist_content, only: element_text, max_values
-   use hb_namelist_record, only: key_problem, record_t, value_problem
+   use hb_property_record, only: key_problem, record_t, value_problem
+   use hb_property_values, only: element_text, max_values
    use hb_text, only: to_text
    implicit none
    private
@@ -78,7 +78,7 @@ contains
                   call key_problem(self, i_key, "is a list; its elements have one index, like "//name//"(2)")
                   return
                else if (n_needed /= any_length .and. value%i > n_needed) then
-                  call value_problem(self, i_key, i_value, value%i, 0, &
+                  call value_problem(self, i_key, i_value, [value%i, 0], &
                      "is out of range: the list has "//to_text(n_needed)//" elements")
                   return
                end if
@@ -120,11 +120,11 @@ contains
          do while (i_value > 0)
             associate (value => values(i_value))
                if (value%j == 0) then
-                  call value_problem(self, i_key, i_value, value%i, 0, &
+                  call value_problem(self, i_key, i_value, [value%i, 0], &
                                      "is an element of a matrix; write "//name//"(i, j)")
                   return
                else if (value%i > n .or. value%j > m) then
-                  call value_problem(self, i_key, i_value, value%i, value%j, &
+                  call value_problem(self, i_key, i_value, [value%i, value%j], &
                                      "is out of range: the matrix has "//matrix_text(n, m))
                   return
                end if
@@ -185,7 +185,7 @@ contains
             position = value%i
             if (m > 0) position = (value%i - 1)*m + value%j
             if (self%content%keys(i_key)%head == 0 .and. order(position) > 0) then
-               call value_problem(self, i_key, i_value, value%i, value%j, "is given again; give it once")
+               call value_problem(self, i_key, i_value, [value%i, value%j], "is given again; give it once")
                is_good = .false.
                return
             end if
@@ -210,4 +210,4 @@ contains
       text = to_text(n)//" values"
       if (n == 1) text = "1 value"
    end function counted
-end module hb_namelist_order
+end module hb_property_order

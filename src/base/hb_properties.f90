@@ -1,0 +1,559 @@
+!> Properties: one group of named values, from which laws, structures and settings are read.
+!>
+!> Whoever makes them, a namelist file (hb_namelist) or a caller with numbers:
+!>
+!>     call law%set("gap", 1.5e-3_wp)
+!>     call law%get("gap", gap, required=.true., unit="m", minimum=0.0_wp)
+!>     call law%finish(error)
+!>
+!> `get` takes the value of a key when it is there, else what the variable holds is the default; it collects what is wrong
+!> instead of returning an error at every call. `finish` reports all of it at once, together with the keys that nobody asked
+!> for. After a problem the value is untouched.
+module hb_properties
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_closest_word, only: closest_word
+   use hb_kinds, only: wp
+   use hb_property_order, only: any_length, element_at, matrix_text, pick
+   use hb_property_record, only: ask, max_unit, missing_key, record_t, value_problem
+   use hb_property_values, only: kind_of, number_value, value_t
+   use hb_text, only: join, lower, quote, shown, string_t, to_text
+   implicit none
+   private
+   public :: new_properties, properties_t
+
+   integer, parameter :: single_value(0) = [integer ::]     !! extents, as for `pick`
+
+   type, extends(record_t) :: properties_t
+   contains
+      generic :: get => get_real, get_integer, get_logical, get_word, get_reals, get_integers, get_logicals, get_words, get_matrix
+      generic :: set => set_real, set_integer, set_logical, set_word, set_reals, set_integers, set_logicals, set_words, set_matrix
+      procedure, private :: get_real => properties_get_real
+      procedure, private :: get_integer => properties_get_integer
+      procedure, private :: get_logical => properties_get_logical
+      procedure, private :: get_word => properties_get_word
+      procedure, private :: get_reals => properties_get_reals
+      procedure, private :: get_integers => properties_get_integers
+      procedure, private :: get_logicals => properties_get_logicals
+      procedure, private :: get_words => properties_get_words
+      procedure, private :: get_matrix => properties_get_matrix
+      procedure, private :: set_real => properties_set_real
+      procedure, private :: set_integer => properties_set_integer
+      procedure, private :: set_logical => properties_set_logical
+      procedure, private :: set_word => properties_set_word
+      procedure, private :: set_reals => properties_set_reals
+      procedure, private :: set_integers => properties_set_integers
+      procedure, private :: set_logicals => properties_set_logicals
+      procedure, private :: set_words => properties_set_words
+      procedure, private :: set_matrix => properties_set_matrix
+   end type properties_t
+
+   !> What a reader wants of a key: minimum, maximum, above and below are limits of each number.
+   type :: wanted_t
+      integer :: kind = 0                                   !! one of `kind_of`
+      logical :: is_required = .false.
+      character(max_unit) :: unit = ""
+      logical :: is_limited(4) = .false.
+      real(wp) :: limit(4) = 0.0_wp                         !! holds any integer exactly
+   end type wanted_t
+
+contains
+
+   !> A group without values; `file_name` is empty and `line` 0 for one that comes from no file.
+   pure subroutine new_properties(self, name, file_name, line)
+      type(properties_t), intent(out) :: self
+      character(*), intent(in) :: name                      !! lower case
+      character(*), intent(in) :: file_name
+      integer, intent(in) :: line
+
+      self%name = name
+      self%file_name = file_name
+      self%line = line
+   end subroutine new_properties
+
+   !> Takes a real; NaN and infinity are problems.
+   pure subroutine properties_get_real(self, key, value, required, unit, minimum, maximum, above, below)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      real(wp), intent(inout) :: value
+      logical, intent(in), optional :: required             !! the key must be there
+      character(*), intent(in), optional :: unit
+      real(wp), intent(in), optional :: minimum, maximum, above, below !! value >= minimum, > above, ...
+      type(wanted_t) :: wanted
+      real(wp), allocatable :: numbers(:)
+      integer :: i_asked
+
+      wanted = wanting(kind_of%number, required, unit, minimum, maximum, above, below)
+      call read_numbers(self, key, wanted, single_value, i_asked, numbers)
+      if (allocated(numbers)) value = numbers(1)
+      if (allocated(numbers) .or. .not. wanted%is_required) call keep(self, i_asked, wanted, [value])
+   end subroutine properties_get_real
+
+   !> Takes an integer.
+   pure subroutine properties_get_integer(self, key, value, required, unit, minimum, maximum, above, below)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      integer, intent(inout) :: value
+      logical, intent(in), optional :: required
+      character(*), intent(in), optional :: unit
+      integer, intent(in), optional :: minimum, maximum, above, below
+      type(wanted_t) :: wanted
+      real(wp), allocatable :: numbers(:)
+      integer :: i_asked
+
+      wanted = wanting_integers(required, unit, minimum, maximum, above, below)
+      call read_numbers(self, key, wanted, single_value, i_asked, numbers)
+      if (allocated(numbers)) value = nint(numbers(1))
+      if (allocated(numbers) .or. .not. wanted%is_required) call keep(self, i_asked, wanted, [real(value, wp)])
+   end subroutine properties_get_integer
+
+   !> Takes a truth.
+   pure subroutine properties_get_logical(self, key, value, required)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      logical, intent(inout) :: value
+      logical, intent(in), optional :: required
+      type(wanted_t) :: wanted
+      real(wp), allocatable :: numbers(:)
+      integer :: i_asked
+
+      wanted = wanting(kind_of%truth, required)
+      call read_numbers(self, key, wanted, single_value, i_asked, numbers)
+      if (allocated(numbers)) value = numbers(1) > 0.0_wp
+      if (allocated(numbers) .or. .not. wanted%is_required) call keep(self, i_asked, wanted, [number_of_truth(value)])
+   end subroutine properties_get_logical
+
+   !> Takes a word; with `choices` it must be one of them, in any case, and comes out as spelt there.
+   pure subroutine properties_get_word(self, key, value, required, choices)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      character(:), allocatable, intent(inout) :: value
+      logical, intent(in), optional :: required
+      character(*), intent(in), optional :: choices(:)
+      type(string_t), allocatable :: words(:)
+      integer :: i_asked
+
+      call read_words(self, key, wanting(kind_of%word, required), single_value, i_asked, words, choices)
+      if (allocated(words)) then
+         value = words(1)%value
+      else if (allocated(value)) then
+         allocate (words(1))
+         words(1)%value = value
+      end if
+      if (allocated(words)) call keep_words(self, i_asked, words)
+   end subroutine properties_get_word
+
+   !> Takes a list of reals of any length, or of length `n`.
+   pure subroutine properties_get_reals(self, key, value, n, required, unit, minimum, maximum, above, below)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      real(wp), allocatable, intent(inout) :: value(:)
+      integer, intent(in), optional :: n
+      logical, intent(in), optional :: required
+      character(*), intent(in), optional :: unit
+      real(wp), intent(in), optional :: minimum, maximum, above, below
+      type(wanted_t) :: wanted
+      real(wp), allocatable :: numbers(:)
+      integer :: i_asked
+
+      wanted = wanting(kind_of%number, required, unit, minimum, maximum, above, below)
+      call read_numbers(self, key, wanted, list_of(n), i_asked, numbers)
+      if (allocated(numbers)) call move_alloc(numbers, value)
+      if (allocated(value)) call keep(self, i_asked, wanted, value)
+   end subroutine properties_get_reals
+
+   !> Takes a list of integers of any length, or of length `n`.
+   pure subroutine properties_get_integers(self, key, value, n, required, unit, minimum, maximum, above, below)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      integer, allocatable, intent(inout) :: value(:)
+      integer, intent(in), optional :: n
+      logical, intent(in), optional :: required
+      character(*), intent(in), optional :: unit
+      integer, intent(in), optional :: minimum, maximum, above, below
+      type(wanted_t) :: wanted
+      real(wp), allocatable :: numbers(:)
+      integer :: i_asked
+
+      wanted = wanting_integers(required, unit, minimum, maximum, above, below)
+      call read_numbers(self, key, wanted, list_of(n), i_asked, numbers)
+      if (allocated(numbers)) value = nint(numbers)
+      if (allocated(value)) call keep(self, i_asked, wanted, real(value, wp))
+   end subroutine properties_get_integers
+
+   !> Takes a list of truths of any length, or of length `n`.
+   pure subroutine properties_get_logicals(self, key, value, n, required)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      logical, allocatable, intent(inout) :: value(:)
+      integer, intent(in), optional :: n
+      logical, intent(in), optional :: required
+      type(wanted_t) :: wanted
+      real(wp), allocatable :: numbers(:)
+      integer :: i_asked
+
+      wanted = wanting(kind_of%truth, required)
+      call read_numbers(self, key, wanted, list_of(n), i_asked, numbers)
+      if (allocated(numbers)) value = numbers > 0.0_wp
+      if (allocated(value)) call keep(self, i_asked, wanted, number_of_truth(value))
+   end subroutine properties_get_logicals
+
+   !> Takes a list of words of any length, or of length `n`; `choices` as for one word.
+   pure subroutine properties_get_words(self, key, value, n, required, choices)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      type(string_t), allocatable, intent(inout) :: value(:)
+      integer, intent(in), optional :: n
+      logical, intent(in), optional :: required
+      character(*), intent(in), optional :: choices(:)
+      type(string_t), allocatable :: words(:)
+      integer :: i_asked
+
+      call read_words(self, key, wanting(kind_of%word, required), list_of(n), i_asked, words, choices)
+      if (allocated(words)) call move_alloc(words, value)
+      if (allocated(value)) call keep_words(self, i_asked, value)
+   end subroutine properties_get_words
+
+   !> Takes a real matrix of `n` rows and `m` columns, listed row by row, or element by element as key(i, j).
+   pure subroutine properties_get_matrix(self, key, value, n, m, required, unit, minimum, maximum, above, below)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      real(wp), allocatable, intent(inout) :: value(:, :)   !! (n, m)
+      integer, intent(in) :: n, m
+      logical, intent(in), optional :: required
+      character(*), intent(in), optional :: unit
+      real(wp), intent(in), optional :: minimum, maximum, above, below
+      type(wanted_t) :: wanted
+      real(wp), allocatable :: numbers(:)
+      integer :: i_asked
+
+      wanted = wanting(kind_of%number, required, unit, minimum, maximum, above, below)
+      call read_numbers(self, key, wanted, [n, m], i_asked, numbers)
+      if (allocated(numbers)) value = reshape(numbers, [n, m], order=[2, 1])
+      if (.not. allocated(value)) return
+      call keep(self, i_asked, wanted, row_by_row(value))
+      self%asked(i_asked)%row_length = size(value, 2)
+   end subroutine properties_get_matrix
+
+   !> Sets a key to a real in place of the values that it had.
+   pure subroutine properties_set_real(self, key, value)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      real(wp), intent(in) :: value
+
+      call self%set_reals(key, [value])
+   end subroutine properties_set_real
+
+   pure subroutine properties_set_integer(self, key, value)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      integer, intent(in) :: value
+
+      call self%set_reals(key, [real(value, wp)])
+   end subroutine properties_set_integer
+
+   pure subroutine properties_set_logical(self, key, value)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      logical, intent(in) :: value
+
+      call self%set_logicals(key, [value])
+   end subroutine properties_set_logical
+
+   pure subroutine properties_set_word(self, key, value)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      character(*), intent(in) :: value
+      type(string_t) :: words(1)
+
+      words(1)%value = value
+      call self%set_words(key, words)
+   end subroutine properties_set_word
+
+   !> Sets a key to a list of reals.
+   pure subroutine properties_set_reals(self, key, value)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      real(wp), intent(in) :: value(:)
+
+      call self%content%put(lower(trim(key)), number_value(value), self%has_changed)
+   end subroutine properties_set_reals
+
+   pure subroutine properties_set_integers(self, key, value)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      integer, intent(in) :: value(:)
+
+      call self%set_reals(key, real(value, wp))
+   end subroutine properties_set_integers
+
+   pure subroutine properties_set_logicals(self, key, value)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      logical, intent(in) :: value(:)
+      type(value_t) :: values(size(value))
+
+      values%kind = kind_of%truth
+      values%number = number_of_truth(value)
+      call self%content%put(lower(trim(key)), values, self%has_changed)
+   end subroutine properties_set_logicals
+
+   pure subroutine properties_set_words(self, key, value)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      type(string_t), intent(in) :: value(:)
+
+      call self%content%put_words(lower(trim(key)), value, self%has_changed)
+   end subroutine properties_set_words
+
+   !> Sets a key to a matrix.
+   pure subroutine properties_set_matrix(self, key, value)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      real(wp), intent(in) :: value(:, :)
+
+      call self%set_reals(key, row_by_row(value))
+   end subroutine properties_set_matrix
+
+   ! What a reader wants, and what is said where a value is not so
+
+   pure type(wanted_t) function wanting(kind, required, unit, minimum, maximum, above, below) result(wanted)
+      integer, intent(in) :: kind
+      logical, intent(in), optional :: required
+      character(*), intent(in), optional :: unit
+      real(wp), intent(in), optional :: minimum, maximum, above, below
+
+      wanted%kind = kind
+      if (present(required)) wanted%is_required = required
+      if (present(unit)) wanted%unit = unit
+      wanted%is_limited = [present(minimum), present(maximum), present(above), present(below)]
+      if (present(minimum)) wanted%limit(1) = minimum
+      if (present(maximum)) wanted%limit(2) = maximum
+      if (present(above)) wanted%limit(3) = above
+      if (present(below)) wanted%limit(4) = below
+   end function wanting
+
+   pure type(wanted_t) function wanting_integers(required, unit, minimum, maximum, above, below) result(wanted)
+      logical, intent(in), optional :: required
+      character(*), intent(in), optional :: unit
+      integer, intent(in), optional :: minimum, maximum, above, below
+
+      wanted = wanting(kind_of%whole, required, unit)
+      wanted%is_limited = [present(minimum), present(maximum), present(above), present(below)]
+      if (present(minimum)) wanted%limit(1) = real(minimum, wp)
+      if (present(maximum)) wanted%limit(2) = real(maximum, wp)
+      if (present(above)) wanted%limit(3) = real(above, wp)
+      if (present(below)) wanted%limit(4) = real(below, wp)
+   end function wanting_integers
+
+   !> Whether a value is of the kind that is wanted, finite and within the limits.
+   pure logical function suits(value, wanted)
+      type(value_t), intent(in) :: value
+      type(wanted_t), intent(in) :: wanted
+
+      suits = value%kind == wanted%kind .or. (value%kind == kind_of%whole .and. wanted%kind == kind_of%number)
+      if (suits) suits = ieee_is_finite(value%number)
+      if (suits .and. any(wanted%is_limited)) suits = exceeded(value%number, wanted) == 0
+   end function suits
+
+   !> The first limit that a number exceeds, 0 for none.
+   pure integer function exceeded(number, wanted)
+      real(wp), intent(in) :: number
+      type(wanted_t), intent(in) :: wanted
+
+      associate (limit => wanted%limit)
+         exceeded = findloc(wanted%is_limited .and. &
+            [number < limit(1), number > limit(2), number <= limit(3), number >= limit(4)], .true., dim=1)
+      end associate
+   end function exceeded
+
+   !> What is wrong with a value that does not suit.
+   pure function complaint(value, wanted) result(text)
+      type(value_t), intent(in) :: value
+      type(wanted_t), intent(in) :: wanted
+      character(:), allocatable :: text
+      integer :: i
+
+      if (wanted%kind == kind_of%truth) then
+         text = "must be .true. or .false."
+      else if (value%kind == kind_of%word) then
+         text = "must be "//what(wanted%kind, single_value)//", without quotes"
+      else if (wanted%kind == kind_of%whole .and. value%kind /= kind_of%whole) then
+         text = "must be an integer like 3, at most "//to_text(huge(i))
+      else if (.not. any(value%kind == [kind_of%number, kind_of%whole])) then
+         text = "must be a real number like 1.5e-3, below 1.8e308"
+      else if (.not. ieee_is_finite(value%number)) then
+         text = "must be finite"
+      else
+         i = exceeded(value%number, wanted)
+         text = to_text(wanted%limit(i))
+         if (wanted%kind == kind_of%whole) text = to_text(nint(wanted%limit(i)))
+         select case (i)
+         case (1)
+            text = "must be "//text//" or greater"
+         case (2)
+            text = "must be "//text//" or less"
+         case (3)
+            text = "must be above "//text
+         case (4)
+            text = "must be below "//text
+         end select
+      end if
+   end function complaint
+
+   !> What a key needs, for messages.
+   pure function what(kind, extents) result(text)
+      integer, intent(in) :: kind
+      integer, intent(in) :: extents(:)                     !! as for `pick`
+      character(:), allocatable :: text
+      character(25), parameter :: one(4) = [character(25) :: "a real number", "an integer", ".true. or .false.", &
+                                            "a text in quotes"]
+      character(25), parameter :: many(4) = [character(25) :: "real numbers", "integers", ".true. and .false.", &
+                                             "texts in quotes"]
+
+      select case (size(extents))
+      case (0)
+         text = trim(one(kind))
+      case (1)
+         text = "a list of "//trim(many(kind))
+      case default
+         text = "a matrix of "//matrix_text(extents(1), extents(2))//", row by row"
+      end select
+   end function what
+
+   ! Reading
+
+   !> Asks for a key and takes its numbers: all of them, or none after a problem.
+   pure subroutine read_numbers(self, key, wanted, extents, i_asked, numbers)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      type(wanted_t), intent(in) :: wanted
+      integer, intent(in) :: extents(:)                     !! as for `pick`
+      integer, intent(out) :: i_asked                       !! for `keep`
+      real(wp), allocatable, intent(out) :: numbers(:)      !! row by row
+      integer, allocatable :: order(:)
+      integer :: element(2), i_key, k
+
+      call find(self, key, wanted, extents, i_asked, i_key, order)
+      if (.not. allocated(order)) return
+      allocate (numbers(size(order)))
+      do k = 1, size(order)
+         if (suits(self%content%values(order(k)), wanted)) then
+            numbers(k) = self%content%values(order(k))%number
+            cycle
+         end if
+         element = element_at(k, extents)
+         call value_problem(self, i_key, order(k), element, complaint(self%content%values(order(k)), wanted))
+         deallocate (numbers)
+         return
+      end do
+   end subroutine read_numbers
+
+   !> Asks for a key and takes its words: all of them, or none after a problem.
+   pure subroutine read_words(self, key, wanted, extents, i_asked, words, choices)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      type(wanted_t), intent(in) :: wanted
+      integer, intent(in) :: extents(:)                     !! as for `pick`
+      integer, intent(out) :: i_asked                       !! for `keep_words`
+      type(string_t), allocatable, intent(out) :: words(:)
+      character(*), intent(in), optional :: choices(:)
+      character(:), allocatable :: close, problem, word
+      integer, allocatable :: order(:)
+      integer :: i, i_key, k
+
+      call find(self, key, wanted, extents, i_asked, i_key, order)
+      if (.not. allocated(order)) return
+      allocate (words(size(order)))
+      do k = 1, size(order)
+         problem = ""
+         if (self%content%values(order(k))%kind /= kind_of%word) then
+            problem = "needs quotes: "//quote(shown(self%content%shown(order(k))))
+         else
+            word = self%content%word(order(k))
+            if (present(choices)) then
+               do i = 1, size(choices)
+                  if (lower(trim(choices(i))) == lower(word)) exit
+               end do
+               if (i <= size(choices)) then
+                  word = trim(choices(i))
+               else
+                  close = closest_word(word, choices)
+                  if (close /= "") close = " did you mean '"//close//"'?"
+                  problem = "is not known;"//close//" known: "//join(choices, ", ")
+               end if
+            end if
+            call move_alloc(word, words(k)%value)
+         end if
+         if (problem == "") cycle
+         call value_problem(self, i_key, order(k), element_at(k, extents), problem)
+         deallocate (words)
+         return
+      end do
+   end subroutine read_words
+
+   !> Asks for a key; `order` tells its values, and is not allocated when there are none or they are too few or too many.
+   pure subroutine find(self, key, wanted, extents, i_asked, i_key, order)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      type(wanted_t), intent(in) :: wanted
+      integer, intent(in) :: extents(:)                     !! as for `pick`
+      integer, intent(out) :: i_asked, i_key
+      integer, allocatable, intent(out) :: order(:)
+
+      call ask(self, key, wanted%unit, i_asked, i_key)
+      if (i_key > 0) then
+         self%content%keys(i_key)%is_real = wanted%kind == kind_of%number
+         call pick(self, i_key, extents, order)
+      else if (wanted%is_required) then
+         call missing_key(self, key, what(wanted%kind, extents))
+      end if
+   end subroutine find
+
+   !> Keeps the numbers that are used for a key.
+   pure subroutine keep(self, i_asked, wanted, numbers)
+      class(properties_t), intent(inout) :: self
+      integer, intent(in) :: i_asked                        !! as `find` gives it
+      type(wanted_t), intent(in) :: wanted
+      real(wp), intent(in) :: numbers(:)
+
+      associate (asked => self%asked(i_asked))
+         asked%kind = wanted%kind
+         asked%numbers = numbers
+         asked%row_length = size(numbers)
+      end associate
+   end subroutine keep
+
+   pure subroutine keep_words(self, i_asked, words)
+      class(properties_t), intent(inout) :: self
+      integer, intent(in) :: i_asked
+      type(string_t), intent(in) :: words(:)
+
+      associate (asked => self%asked(i_asked))
+         asked%kind = kind_of%word
+         asked%words = words
+         asked%row_length = size(words)
+      end associate
+   end subroutine keep_words
+
+   !> Extents of a list, with or without a given length.
+   pure function list_of(n) result(extents)
+      integer, intent(in), optional :: n
+      integer :: extents(1)
+
+      extents = any_length
+      if (present(n)) extents = n
+   end function list_of
+
+   elemental real(wp) function number_of_truth(truth) result(number)
+      logical, intent(in) :: truth
+
+      number = merge(1.0_wp, 0.0_wp, truth)
+   end function number_of_truth
+
+   pure function row_by_row(matrix) result(numbers)
+      real(wp), intent(in) :: matrix(:, :)
+      real(wp), allocatable :: numbers(:)
+
+      numbers = reshape(transpose(matrix), [size(matrix)])
+   end function row_by_row
+end module hb_properties

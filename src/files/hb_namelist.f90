@@ -1,0 +1,240 @@
+!> Namelist files: to documents and back. Read by ourselves because the compiler's runtime cannot say which key was wrong.
+!>
+!>     call read_namelist(document, file_name, text, error)
+!>     call set_text(document, "law(2)%gap", "1.5e-3", error)    ! overrides, if any
+!>     text = complete_text(document)                            ! after it was read: with all defaults
+module hb_namelist
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_document, only: document_t, new_document, parameter_t
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: int64, wp
+   use hb_namelist_parser, only: next_group, parse_body
+   use hb_namelist_scan, only: scan_t
+   use hb_parameter_path, only: path_help, split_path
+   use hb_properties, only: properties_t
+   use hb_property_groups, only: max_groups
+   use hb_property_record, only: asked_t
+   use hb_property_values, only: content_t, kind_of
+   use hb_text, only: is_name, quote, shown, string_t, text_builder_t, to_text
+   implicit none
+   private
+   public :: complete_text, read_namelist, set_text
+
+   integer, parameter :: line_width = 100                   !! of what `complete_text` gives
+
+contains
+
+   !> Takes the text of a namelist file apart; fails with file and line where the syntax is wrong.
+   pure subroutine read_namelist(self, file_name, text, error)
+      type(document_t), intent(out) :: self
+      character(*), intent(in) :: file_name                 !! for messages
+      character(*), intent(in) :: text
+      type(error_t), allocatable, intent(out) :: error
+      type(scan_t) :: scan
+      type(content_t) :: content
+      character(:), allocatable :: name
+      integer :: i, line, n
+
+      call new_document(self, file_name)
+      n = index(text, achar(0))
+      if (n > 0) then
+         line = 1
+         do i = 1, n
+            if (text(i:i) == new_line("a")) line = line + 1
+         end do
+         call fail(error, &
+                   self%file_name//":"//to_text(line)//": the file contains a NUL byte; it is no text file")
+         return
+      end if
+      if (index(text, char(239)//char(187)//char(191)) == 1) scan%position = 4  ! byte order mark
+      do
+         call next_group(text, scan, name)
+         if (len(name) == 0 .or. allocated(scan%problem)) exit
+         line = scan%line
+         call parse_body(text, scan, name, content)
+         if (allocated(scan%problem)) exit
+         if (self%groups%n == max_groups) then
+            call fail(error, &
+                      self%file_name//":"//to_text(line)//": more than "//to_text(max_groups)//" groups")
+            return
+         end if
+         call self%groups%append(name, self%file_name, line)
+         self%groups%holders(self%groups%n)%group%content = content
+      end do
+      if (allocated(scan%problem)) then
+         call fail(error, self%file_name//":"//to_text(scan%problem_line)//": "//scan%problem)
+         return
+      end if
+      call self%groups%sort()
+   end subroutine read_namelist
+
+   !> Gives the key at `path` another value, in namelist form; the path names a group by its number or label.
+   !> A single group that the file does not have is added.
+   pure subroutine set_text(self, path, value_text, error)
+      class(document_t), intent(inout) :: self
+      character(*), intent(in) :: path                      !! like law(2)%gap, see `path_help`
+      character(*), intent(in) :: value_text                !! like 1.5e-3 or 'newton' or 3, 5
+      type(error_t), allocatable, intent(out) :: error
+      type(content_t) :: content
+      type(parameter_t) :: parameter
+      type(scan_t) :: scan
+      character(:), allocatable :: body, key, name, place, selector
+      logical :: is_one_key
+
+      place = "override '"//shown(path)//" = "//shown(value_text)//"': "
+      if (index(path//value_text, achar(0)) > 0) then
+         call fail(error, place//"contains a NUL byte")
+         return
+      end if
+      call split_path(trim(adjustl(path)), name, selector, key)
+      if (.not. is_name(name) .or. len(key) == 0) then
+         call fail(error, place//"is no path to a key; "//path_help)
+         return
+      end if
+      body = key//" = "//value_text//new_line("a")//"/"
+      call parse_body(body, scan, name, content)
+      if (allocated(scan%problem)) then
+         call fail(error, place//scan%problem)
+         return
+      end if
+      is_one_key = scan%position > len(body) .and. content%names%n == 1
+      if (is_one_key) is_one_key = content%keys(1)%second_line == 0
+      if (.not. is_one_key) then
+         call fail(error, place//"must be one key with its values; "//path_help)
+         return
+      end if
+      call self%resolve(path, parameter, error)
+      if (allocated(error)) then
+         error%message = place//error%message
+         return
+      end if
+      associate (group => self%groups%holders(parameter%i_group)%group)
+         call group%content%take(content, group%has_changed)
+      end associate
+   end subroutine set_text
+
+   !> The input after defaults and overrides: all groups that were read, with every key asked for. Reading it
+   !> again gives the same values; left out is what a namelist cannot express: values not allocated, empty
+   !> lists, NaN, infinity, strings of several lines.
+   pure function complete_text(self) result(text)
+      type(document_t), intent(in) :: self
+      character(:), allocatable :: text
+      type(text_builder_t) :: lines
+      integer :: i
+
+      do i = 1, self%groups%n
+         if (self%groups%holders(i)%group%reading > 0) call write_group(self%groups%holders(i)%group, lines)
+      end do
+      text = lines%text()
+   end function complete_text
+
+   !> Writes a group with every key that was asked for and its value, given or default.
+   pure subroutine write_group(self, lines)
+      type(properties_t), intent(in) :: self
+      type(text_builder_t), intent(inout) :: lines
+      type(string_t), allocatable :: texts(:)
+      character(:), allocatable :: list
+      integer :: i
+
+      call lines%add("&"//self%name//new_line("a"))
+      do i = 1, self%n_asked
+         associate (asked => self%asked(i))
+            call texts_of(asked, texts)
+            if (size(texts) == 0) cycle
+            call write_list(texts, asked%row_length, list)
+            call lines%add("   "//trim(self%content%names%names(asked%i_key))//" = ")
+            call lines%add(list)
+            call lines%add(new_line("a"))
+         end associate
+      end do
+      call lines%add("/"//new_line("a"))
+   end subroutine write_group
+
+   !> Values in namelist form; none where a namelist file cannot express one of them.
+   pure subroutine texts_of(asked, texts)
+      type(asked_t), intent(in) :: asked
+      type(string_t), allocatable, intent(out) :: texts(:)
+      character(:), allocatable :: text
+      integer(int64) :: bits, bits_before
+      integer :: i
+
+      allocate (texts(0))
+      if (asked%kind == kind_of%none) return
+      if (asked%kind == kind_of%word) then
+         if (.not. all([(can_be_written(asked%words(i)), i=1, size(asked%words))])) return
+         deallocate (texts)
+         allocate (texts(size(asked%words)))
+         do i = 1, size(texts)
+            texts(i)%value = quote(asked%words(i)%value)
+         end do
+         return
+      end if
+      if (.not. all(ieee_is_finite(asked%numbers))) return
+      deallocate (texts)
+      allocate (texts(size(asked%numbers)))
+      do i = 1, size(texts)
+         bits = transfer(asked%numbers(i), bits)            ! zeros have signs
+         if (i == 1 .or. bits /= bits_before) text = number_text(asked%numbers(i), asked%kind)
+         bits_before = bits                                 ! matrices have long rows of equal numbers
+         texts(i)%value = text
+      end do
+   end subroutine texts_of
+
+   pure function number_text(number, kind) result(text)
+      real(wp), intent(in) :: number
+      integer, intent(in) :: kind
+      character(:), allocatable :: text
+
+      if (kind == kind_of%whole) then
+         text = to_text(nint(number))
+      else if (kind == kind_of%truth) then
+         text = to_text(number > 0.0_wp)
+      else
+         text = to_text(number)
+      end if
+   end function number_text
+
+   pure logical function can_be_written(word)
+      type(string_t), intent(in) :: word
+
+      can_be_written = allocated(word%value)
+      if (can_be_written) can_be_written = scan(word%value, achar(0)//achar(13)//new_line("a")) == 0
+   end function can_be_written
+
+   !> Values in namelist form, a line for each row, four and more equal ones with a repeat count; nothing for
+   !> an empty list, which a namelist cannot express.
+   pure subroutine write_list(words, row_length, text)
+      type(string_t), intent(in) :: words(:)
+      integer, intent(in) :: row_length
+      character(:), allocatable, intent(out) :: text
+      type(text_builder_t) :: list
+      character(:), allocatable :: piece
+      integer :: column, count, i, k, row_end
+
+      if (size(words) == 0) return
+      column = 0
+      i = 1
+      do while (i <= size(words))
+         row_end = ((i - 1)/row_length + 1)*row_length
+         count = 1
+         do k = i + 1, row_end
+            if (words(k)%value /= words(i)%value) exit
+            count = count + 1
+         end do
+         if (count < 4) count = 1
+         piece = words(i)%value
+         if (count > 1) piece = to_text(count)//"*"//piece
+         if (i > 1) call list%add(",")
+         if (i > 1 .and. (column + len(piece) > line_width .or. mod(i - 1, row_length) == 0)) then
+            call list%add(new_line("a")//"      ")
+            column = 0
+         else if (i > 1) then
+            call list%add(" ")
+         end if
+         call list%add(piece)
+         column = column + len(piece) + 2
+         i = i + count
+      end do
+      text = list%text()
+   end subroutine write_list
+end module hb_namelist
