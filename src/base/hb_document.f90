@@ -25,7 +25,7 @@ module hb_document
    use hb_parameter_path, only: path_help, select_group, split_index, split_path
    use hb_properties, only: properties_t
    use hb_property_groups, only: groups_t, new_groups
-   use hb_property_values, only: number_value, value_t
+   use hb_property_values, only: kind_of, number_value, value_t
    use hb_text, only: is_name, join, lower, max_name, string_t, text_builder_t, to_text
    implicit none
    private
@@ -255,7 +255,7 @@ contains
       end associate
    end subroutine document_set_word
 
-   !> Unit of a parameter as its reader declares it; empty when it does not, or has not read it yet.
+   !> Unit of a parameter as its reader declares it, 1 for an integer; empty when it does not, or has not read it yet.
    pure function document_unit_of(self, parameter) result(unit)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
@@ -266,7 +266,11 @@ contains
       associate (group => self%groups%holders(parameter%i_group)%group)
          i_key = group%content%names%find(trim(parameter%key))
          if (i_key == 0) return
-         if (group%content%keys(i_key)%asked > 0) unit = trim(group%asked(group%content%keys(i_key)%asked)%unit)
+         if (group%content%keys(i_key)%asked == 0) return
+         associate (asked => group%asked(group%content%keys(i_key)%asked))
+            unit = trim(asked%unit)
+            if (unit == "" .and. asked%kind == kind_of%whole) unit = "1"
+         end associate
       end associate
    end function document_unit_of
 

@@ -235,7 +235,7 @@ contains
       if (group%given("dofs")) then
          call group%get("dofs", names)
          if (.not. allocated(names)) return
-         call group%get("weights", weights, required=.true., n=size(names))
+         call group%get("weights", weights, required=.true., unit="1", n=size(names))
          if (.not. allocated(weights)) return
          call place_coordinate(self, group, structure, "dofs", names, weights)
       else

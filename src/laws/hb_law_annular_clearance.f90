@@ -78,16 +78,16 @@ contains
       friction = 0.0_wp
       spin = trim(spin_names(1))
       center = self%center
-      call group%get("stiffness", stiffness, required=.true., minimum=0.0_wp)
-      call group%get("clearance", clearance, required=.true., minimum=0.0_wp)
-      call group%get("friction_coefficient", friction, minimum=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., unit="N/m", minimum=0.0_wp)
+      call group%get("clearance", clearance, required=.true., unit="m", minimum=0.0_wp)
+      call group%get("friction_coefficient", friction, unit="1", minimum=0.0_wp)
       if (group%given("rotor_radius")) then
          radius = 0.0_wp
          speed = 0.0_wp
          slip_velocity = 0.0_wp
-         call group%get("rotor_radius", radius, required=.true., above=0.0_wp)
-         call group%get("rotor_speed", speed, required=.true.)
-         call group%get("slip_velocity", slip_velocity, required=.true., above=0.0_wp)
+         call group%get("rotor_radius", radius, required=.true., unit="m", above=0.0_wp)
+         call group%get("rotor_speed", speed, required=.true., unit="rad/s")
+         call group%get("slip_velocity", slip_velocity, required=.true., unit="m/s", above=0.0_wp)
          if (slip_velocity > 0.0_wp) call set_sliding(self, radius*speed, slip_velocity)
          if (group%given("spin")) call group%problem("spin", "not beside 'rotor_radius': the sign of 'rotor_speed' tells the sense")
       else
@@ -95,7 +95,7 @@ contains
          if (group%given("rotor_speed")) call group%problem("rotor_speed", "needs 'rotor_radius' and 'slip_velocity'")
          if (group%given("slip_velocity")) call group%problem("slip_velocity", "needs 'rotor_radius' and 'rotor_speed'")
       end if
-      call group%get("center", center, n=2)
+      call group%get("center", center, unit="m", n=2)
       if (spin == spin_names(2)) friction = -friction
       if (size(center) == 2) call new_annular_clearance(self, stiffness, clearance, friction, center)
       call read_dofs(self, group, structure)

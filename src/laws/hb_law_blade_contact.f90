@@ -74,16 +74,16 @@ contains
       call read_dofs(self, group, structure)
       call group%get("n_diameters", n_diameters, required=.true., minimum=1)
       call group%get("n_blades", n_blades, required=.true., minimum=1, maximum=100000)
-      call group%get("gaps", gaps, required=.true.)
+      call group%get("gaps", gaps, required=.true., unit="m")
       call read_hardness(group, is_rigid, stiffness, augmentation)
-      call group%get("friction_coefficient", friction, minimum=0.0_wp)
-      call group%get("shares", shares)
+      call group%get("friction_coefficient", friction, unit="1", minimum=0.0_wp)
+      call group%get("shares", shares, unit="1")
       call group%get("frame", frame, choices=known_frames)
       if (any(friction > 0.0_wp)) then
-         call group%get("friction_arms", arms, required=.true., n=2)
+         call group%get("friction_arms", arms, required=.true., unit="1", n=2)
       else
          arms = [0.0_wp, 0.0_wp]
-         call group%get("friction_arms", arms, n=2)
+         call group%get("friction_arms", arms, unit="1", n=2)
       end if
       if (frame /= known_frames(1)) call group%get("tone", tone, required=.true., minimum=1)
       if (.not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness) .and. allocated(arms))) return

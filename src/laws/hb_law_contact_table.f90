@@ -123,18 +123,18 @@ contains
       friction = [0.0_wp]
       call read_dofs(self, group, structure)
       call group%get("n_contacts", n, required=.true., minimum=1, maximum=100000)
-      call group%get("gaps", gaps, required=.true.)
+      call group%get("gaps", gaps, required=.true., unit="m")
       call read_hardness(group, is_rigid, stiffness, augmentation)
-      call group%get("friction_coefficient", friction, minimum=0.0_wp)
+      call group%get("friction_coefficient", friction, unit="1", minimum=0.0_wp)
       call group%get("tone", tone, minimum=0)
-      if (tone > 0) call group%get("turns", turns, required=.true.)
+      if (tone > 0) call group%get("turns", turns, required=.true., unit="1")
       if (n < 1 .or. .not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness))) return
-      call group%get("shapes", shapes, required=.true., n=n, m=size(self%dofs))
+      call group%get("shapes", shapes, required=.true., unit="1", n=n, m=size(self%dofs))
       if (any(friction > 0.0_wp)) then
-         call group%get("friction_shapes", friction_shapes, required=.true., n=n, m=size(self%dofs))
+         call group%get("friction_shapes", friction_shapes, required=.true., unit="1", n=n, m=size(self%dofs))
       else
          allocate (friction_shapes(n, size(self%dofs)), source=0.0_wp)
-         call group%get("friction_shapes", friction_shapes, n=n, m=size(self%dofs))
+         call group%get("friction_shapes", friction_shapes, unit="1", n=n, m=size(self%dofs))
       end if
       call one_for_each(group, "gaps", gaps, n)
       call one_for_each(group, "stiffness", stiffness, n)
@@ -171,7 +171,7 @@ contains
       call group%get("contact", kind, choices=kinds)
       is_rigid = kind == kinds(2)
       if (.not. is_rigid) then
-         call group%get("stiffness", stiffness, required=.true., minimum=0.0_wp)
+         call group%get("stiffness", stiffness, required=.true., unit="N/m", minimum=0.0_wp)
          if (group%given("augmentation")) call group%problem("augmentation", "only rigid contacts have one: leave it out, or "// &
                                                              "take contact = 'rigid'")
          return
@@ -179,7 +179,7 @@ contains
       if (group%given("stiffness")) call group%problem("stiffness", "rigid contacts have none: leave it out, or take "// &
                                                        "contact = 'elastic'")
       stiffness = [0.0_wp]
-      call group%get("augmentation", augmentation, minimum=0.0_wp)
+      call group%get("augmentation", augmentation, unit="N/m", minimum=0.0_wp)
    end subroutine read_hardness
 
    !> Spreads one number over all contacts.

@@ -48,8 +48,8 @@ contains
 
       limit = 0.0_wp
       augmentation = self%augmentation
-      call group%get("limit", limit, required=.true., minimum=0.0_wp)
-      call group%get("augmentation", augmentation, minimum=0.0_wp)
+      call group%get("limit", limit, required=.true., unit="N", minimum=0.0_wp)
+      call group%get("augmentation", augmentation, unit="N s/m", minimum=0.0_wp)
       call new_coulomb_rigid(self, limit, augmentation)
       call read_place(self, group, structure)
    end subroutine coulomb_rigid_read

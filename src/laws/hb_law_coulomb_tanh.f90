@@ -43,8 +43,8 @@ contains
 
       limit = 0.0_wp
       velocity = 0.0_wp
-      call group%get("limit", limit, required=.true., minimum=0.0_wp)
-      call group%get("velocity", velocity, required=.true., above=0.0_wp)
+      call group%get("limit", limit, required=.true., unit="N", minimum=0.0_wp)
+      call group%get("velocity", velocity, required=.true., unit="m/s", above=0.0_wp)
       call new_coulomb_tanh(self, limit, velocity)
       call read_place(self, group, structure)
    end subroutine coulomb_tanh_read

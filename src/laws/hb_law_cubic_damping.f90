@@ -48,8 +48,8 @@ contains
       speed = 0.0_wp
       n_diameters = 1
       call read_dofs(self, group, structure)
-      call group%get("coefficient", coefficient, required=.true.)
-      call group%get("speed", speed)
+      call group%get("coefficient", coefficient, required=.true., unit="N s3/m3")
+      call group%get("speed", speed, unit="rad/s")
       call group%get("n_diameters", n_diameters, minimum=1)
       call new_cubic_damping(self, coefficient, n_diameters*speed)
       if (.not. allocated(self%dofs)) return

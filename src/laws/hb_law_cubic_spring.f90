@@ -38,7 +38,7 @@ contains
       real(wp) :: stiffness
 
       stiffness = 0.0_wp
-      call group%get("stiffness", stiffness, required=.true.)
+      call group%get("stiffness", stiffness, required=.true., unit="N/m3")
       call new_cubic_spring(self, stiffness)
       call read_place(self, group, structure)
    end subroutine cubic_spring_read

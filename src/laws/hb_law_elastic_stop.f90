@@ -50,8 +50,8 @@ contains
       stiffness = 0.0_wp
       gap = 0.0_wp
       two_sided = self%two_sided
-      call group%get("stiffness", stiffness, required=.true., minimum=0.0_wp)
-      call group%get("gap", gap, required=.true.)
+      call group%get("stiffness", stiffness, required=.true., unit="N/m", minimum=0.0_wp)
+      call group%get("gap", gap, required=.true., unit="m")
       call group%get("two_sided", two_sided)
       call new_elastic_stop(self, stiffness, gap, two_sided)
       call read_place(self, group, structure)

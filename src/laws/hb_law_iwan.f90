@@ -46,11 +46,11 @@ contains
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: limit(:), stiffness(:)
 
-      call group%get("stiffness", stiffness, required=.true., above=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., unit="N/m", above=0.0_wp)
       if (allocated(stiffness)) then
-         call group%get("limit", limit, required=.true., n=size(stiffness), above=0.0_wp)
+         call group%get("limit", limit, required=.true., unit="N", n=size(stiffness), above=0.0_wp)
       else
-         call group%get("limit", limit, required=.true., above=0.0_wp)
+         call group%get("limit", limit, required=.true., unit="N", above=0.0_wp)
       end if
       if (allocated(stiffness) .and. allocated(limit)) call new_iwan(self, stiffness, limit)
       call read_place(self, group, structure)

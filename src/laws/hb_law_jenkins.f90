@@ -59,9 +59,9 @@ contains
 
       stiffness = 0.0_wp
       limit = 0.0_wp
-      call group%get("stiffness", stiffness, required=.true., above=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., unit="N/m", above=0.0_wp)
       if (.not. group%given("friction_coefficient")) then
-         call group%get("limit", limit, required=.true., above=0.0_wp)
+         call group%get("limit", limit, required=.true., unit="N", above=0.0_wp)
          call new_jenkins(self, stiffness, limit)
          call read_place(self, group, structure)
          return
@@ -70,16 +70,16 @@ contains
       self%normal_load_varies = .true.
       if (group%given("limit")) then
          call group%problem("limit", "give either 'limit' or 'friction_coefficient', not both")
-         call group%get("limit", limit)
+         call group%get("limit", limit, unit="N")
       end if
-      call group%get("friction_coefficient", self%friction_coefficient, required=.true., above=0.0_wp)
-      call group%get("normal_stiffness", self%normal_stiffness, required=.true., minimum=0.0_wp)
-      call group%get("preload", self%preload, required=.true.)
+      call group%get("friction_coefficient", self%friction_coefficient, required=.true., unit="1", above=0.0_wp)
+      call group%get("normal_stiffness", self%normal_stiffness, required=.true., unit="N/m", minimum=0.0_wp)
+      call group%get("preload", self%preload, required=.true., unit="N")
       call read_place(self, group, structure)
       call group%get("normal_dofs", names, required=.true.)
       if (.not. allocated(names)) return
       weights = spread(1.0_wp, 1, size(names))
-      call group%get("normal_weights", weights, n=size(names))
+      call group%get("normal_weights", weights, unit="1", n=size(names))
       call place_coordinate(self, group, structure, "normal_dofs", names, weights)
    end subroutine jenkins_read
 

@@ -50,14 +50,14 @@ contains
 
       stiffness = 0.0_wp
       limit = 0.0_wp
-      call group%get("stiffness", stiffness, required=.true., above=0.0_wp)
-      call group%get("limit", limit, required=.true., above=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., unit="N/m", above=0.0_wp)
+      call group%get("limit", limit, required=.true., unit="N", above=0.0_wp)
       call new_jenkins_2d(self, stiffness, limit)
       call read_place(self, group, structure)
       call group%get("second_dofs", names, required=.true.)
       if (.not. allocated(names)) return
       weights = spread(1.0_wp, 1, size(names))
-      call group%get("second_weights", weights, n=size(names))
+      call group%get("second_weights", weights, unit="1", n=size(names))
       call place_coordinate(self, group, structure, "second_dofs", names, weights)
    end subroutine jenkins_2d_read
 

@@ -56,10 +56,10 @@ contains
       real(wp) :: force_at_zero
 
       force_at_zero = 0.0_wp
-      call group%get("breakpoints", breakpoints, required=.true.)
-      call group%get("force_at_zero", force_at_zero)
+      call group%get("breakpoints", breakpoints, required=.true., unit="m")
+      call group%get("force_at_zero", force_at_zero, unit="N")
       if (allocated(breakpoints)) then
-         call group%get("slopes", slopes, required=.true., n=size(breakpoints) + 1)
+         call group%get("slopes", slopes, required=.true., unit="N/m", n=size(breakpoints) + 1)
          if (.not. is_ascending(breakpoints)) then
             call group%problem("breakpoints", "each must be greater than the one before")
          else if (allocated(slopes)) then

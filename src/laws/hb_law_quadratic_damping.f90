@@ -40,7 +40,7 @@ contains
       real(wp) :: coefficient
 
       coefficient = 0.0_wp
-      call group%get("coefficient", coefficient, required=.true.)
+      call group%get("coefficient", coefficient, required=.true., unit="N s2/m2")
       call new_quadratic_damping(self, coefficient)
       call read_place(self, group, structure)
    end subroutine quadratic_damping_read

@@ -54,8 +54,8 @@ contains
       gap = 0.0_wp
       augmentation = self%augmentation
       two_sided = self%two_sided
-      call group%get("gap", gap, required=.true.)
-      call group%get("augmentation", augmentation, minimum=0.0_wp)
+      call group%get("gap", gap, required=.true., unit="m")
+      call group%get("augmentation", augmentation, unit="N/m", minimum=0.0_wp)
       call group%get("two_sided", two_sided)
       if (two_sided .and. gap < 0.0_wp) call group%problem("gap", "a two-sided rigid wall needs a gap of 0 or more")
       call new_rigid_wall(self, gap, augmentation, two_sided)

@@ -88,10 +88,10 @@ contains
       character(:), allocatable :: beyond
 
       beyond = trim(beyond_names(1))
-      call group%get("displacements", nodes, required=.true.)
+      call group%get("displacements", nodes, required=.true., unit="m")
       call group%get("beyond", beyond, choices=beyond_names)
       if (allocated(nodes)) then
-         call group%get("forces", forces, required=.true., n=size(nodes))
+         call group%get("forces", forces, required=.true., unit="N", n=size(nodes))
          if (size(nodes) < 2) then
             call group%problem("displacements", "a table needs two points or more")
          else if (.not. is_ascending(nodes)) then

@@ -44,8 +44,8 @@ contains
 
       strength = 0.0_wp
       threshold = self%threshold
-      call group%get("strength", strength, required=.true.)
-      call group%get("threshold", threshold, above=0.0_wp)
+      call group%get("strength", strength, required=.true., unit="N s/m")
+      call group%get("threshold", threshold, unit="m", above=0.0_wp)
       call new_van_der_pol(self, strength, threshold)
       call read_place(self, group, structure)
    end subroutine van_der_pol_read

@@ -9,7 +9,7 @@ module hb_beam
    use hb_kinds, only: wp
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
-   use hb_structure, only: label_length, max_dofs, new_structure, structure_t, unit_length
+   use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t, unit_length
    use hb_text, only: join, to_text
    implicit none
    private
@@ -20,10 +20,11 @@ module hb_beam
 contains
 
    !> Reads the beam from the keys of its group `&structure`.
-   subroutine read_beam(group, structure, error)
+   subroutine read_beam(group, structure, error, memory_limit)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: memory_limit         !! bytes
       type(proportional_damping_t) :: damping
       character(:), allocatable :: left_support, right_support
       real(wp) :: bending_stiffness, length, mass_per_length
@@ -35,17 +36,20 @@ contains
       length = 0.0_wp
       bending_stiffness = 0.0_wp
       mass_per_length = 0.0_wp
-      call group%get("length", length, required=.true., above=0.0_wp)
-      call group%get("bending_stiffness", bending_stiffness, required=.true., above=0.0_wp)
-      call group%get("mass_per_length", mass_per_length, required=.true., above=0.0_wp)
+      call group%get("length", length, required=.true., unit="m", above=0.0_wp)
+      call group%get("bending_stiffness", bending_stiffness, required=.true., unit="N m2", above=0.0_wp)
+      call group%get("mass_per_length", mass_per_length, required=.true., unit="kg/m", above=0.0_wp)
       call group%get("n_elements", n_elements, required=.true., minimum=1, maximum=max_dofs/2)
       call group%get("left_support", left_support, choices=supports)
       call group%get("right_support", right_support, choices=supports)
       call read_proportional_damping(group, damping)
       call group%finish(error)
       if (allocated(error)) return
-      call new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, left_support, &
-                    right_support, damping, error)
+      call check_room(2*n_elements + 2, error, memory_limit)
+      if (.not. allocated(error)) then
+         call new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, left_support, right_support, &
+            damping, error)
+      end if
       call annotate(error, group%place())
    end subroutine read_beam
 

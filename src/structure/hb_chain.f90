@@ -4,7 +4,7 @@ module hb_chain
    use hb_kinds, only: wp
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
-   use hb_structure, only: label_length, max_dofs, new_structure, structure_t, unit_length
+   use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t, unit_length
    use hb_text, only: join, to_text
    implicit none
    private
@@ -16,10 +16,11 @@ contains
 
    !> Reads the chain from the keys of its group `&structure`; a single value stands for all masses or
    !> springs.
-   subroutine read_chain(group, structure, error)
+   subroutine read_chain(group, structure, error, memory_limit)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: memory_limit         !! bytes
       type(proportional_damping_t) :: damping
       real(wp), allocatable :: coupling_stiffness(:), ground_stiffness(:), mass(:)
       character(:), allocatable :: ends
@@ -30,9 +31,9 @@ contains
       n_masses = 0
       call group%get("n_masses", n_masses, required=.true., minimum=1, maximum=max_dofs)
       call group%get("ends", ends, choices=known_ends)
-      call group%get("mass", mass, required=.true., minimum=0.0_wp)
-      call group%get("coupling_stiffness", coupling_stiffness, required=.true., minimum=0.0_wp)
-      call group%get("ground_stiffness", ground_stiffness)
+      call group%get("mass", mass, required=.true., unit="kg", minimum=0.0_wp)
+      call group%get("coupling_stiffness", coupling_stiffness, required=.true., unit="N/m", minimum=0.0_wp)
+      call group%get("ground_stiffness", ground_stiffness, unit="N/m")
       call read_proportional_damping(group, damping)
       if (n_masses > 0) then
          call spread_value(group, "mass", mass, n_masses)
@@ -41,7 +42,10 @@ contains
       end if
       call group%finish(error)
       if (allocated(error)) return
-      call new_chain(structure, mass, coupling_stiffness, ground_stiffness, ends, damping, error)
+      call check_room(n_masses, error, memory_limit)
+      if (.not. allocated(error)) then
+         call new_chain(structure, mass, coupling_stiffness, ground_stiffness, ends, damping, error)
+      end if
       call annotate(error, group%place())
    end subroutine read_chain
 

@@ -4,7 +4,7 @@ module hb_matrices
    use hb_kinds, only: wp
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
-   use hb_structure, only: label_length, max_dofs, new_structure, structure_t
+   use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t
    use hb_text, only: string_t, to_text
    implicit none
    private
@@ -16,10 +16,11 @@ contains
    !>
    !> Each matrix is written row by row with n_dofs**2 numbers, or as the n_dofs numbers of its diagonal.
    !> Labels are x1, x2, ... and units `m` unless they are given.
-   subroutine read_matrices(group, structure, error)
+   subroutine read_matrices(group, structure, error, memory_limit)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: memory_limit         !! bytes
       type(proportional_damping_t) :: proportional
       type(string_t), allocatable :: labels(:), units(:)
       real(wp), allocatable :: damping(:), gyroscopic(:), mass(:), stiffness(:)
@@ -36,10 +37,10 @@ contains
       damping = mass
       gyroscopic = mass
       stiffness = mass
-      call group%get("mass", mass, required=.true.)
-      call group%get("damping", damping)
-      call group%get("gyroscopic", gyroscopic)
-      call group%get("stiffness", stiffness, required=.true.)
+      call group%get("mass", mass, required=.true., unit="kg")
+      call group%get("damping", damping, unit="N s/m")
+      call group%get("gyroscopic", gyroscopic, unit="N s/m")
+      call group%get("stiffness", stiffness, required=.true., unit="N/m")
       call group%get("labels", labels)
       call group%get("units", units)
       call read_proportional_damping(group, proportional)
@@ -51,8 +52,11 @@ contains
       end if
       call group%finish(error)
       if (allocated(error)) return
-      call new_matrices(structure, full(mass, n_dofs), full(damping, n_dofs), full(gyroscopic, n_dofs), &
-                        full(stiffness, n_dofs), proportional, words(labels), words(units), error)
+      call check_room(n_dofs, error, memory_limit)
+      if (.not. allocated(error)) then
+         call new_matrices(structure, full(mass, n_dofs), full(damping, n_dofs), full(gyroscopic, n_dofs), full(stiffness, &
+            n_dofs), proportional, words(labels), words(units), error)
+      end if
       call annotate(error, group%place())
    end subroutine read_matrices
 

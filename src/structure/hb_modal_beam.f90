@@ -8,7 +8,7 @@ module hb_modal_beam
    use hb_kinds, only: pi, wp
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
-   use hb_structure, only: label_length, max_dofs, new_structure, structure_t, unit_length
+   use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t, unit_length
    use hb_text, only: to_text
    implicit none
    private
@@ -17,10 +17,11 @@ module hb_modal_beam
 contains
 
    !> Reads the modal beam from the keys of its group `&structure`.
-   subroutine read_modal_beam(group, structure, error)
+   subroutine read_modal_beam(group, structure, error, memory_limit)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: memory_limit         !! bytes
       type(proportional_damping_t) :: damping
       real(wp) :: bending_stiffness, length, mass_per_length
       integer :: n_modes
@@ -29,14 +30,17 @@ contains
       length = 0.0_wp
       bending_stiffness = 0.0_wp
       mass_per_length = 0.0_wp
-      call group%get("length", length, required=.true., above=0.0_wp)
-      call group%get("bending_stiffness", bending_stiffness, required=.true., above=0.0_wp)
-      call group%get("mass_per_length", mass_per_length, required=.true., above=0.0_wp)
+      call group%get("length", length, required=.true., unit="m", above=0.0_wp)
+      call group%get("bending_stiffness", bending_stiffness, required=.true., unit="N m2", above=0.0_wp)
+      call group%get("mass_per_length", mass_per_length, required=.true., unit="kg/m", above=0.0_wp)
       call group%get("n_modes", n_modes, required=.true., minimum=1, maximum=max_dofs)
       call read_proportional_damping(group, damping)
       call group%finish(error)
       if (allocated(error)) return
-      call new_modal_beam(structure, length, bending_stiffness, mass_per_length, n_modes, damping, error)
+      call check_room(n_modes, error, memory_limit)
+      if (.not. allocated(error)) then
+         call new_modal_beam(structure, length, bending_stiffness, mass_per_length, n_modes, damping, error)
+      end if
       call annotate(error, group%place())
    end subroutine read_modal_beam
 

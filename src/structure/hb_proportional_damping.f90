@@ -22,9 +22,9 @@ contains
       type(properties_t), intent(inout) :: group
       type(proportional_damping_t), intent(out) :: self
 
-      call group%get("damping_diagonal", self%diagonal, minimum=0.0_wp)
-      call group%get("damping_mass", self%mass, minimum=0.0_wp)
-      call group%get("damping_stiffness", self%stiffness, minimum=0.0_wp)
+      call group%get("damping_diagonal", self%diagonal, unit="N s/m", minimum=0.0_wp)
+      call group%get("damping_mass", self%mass, unit="1/s", minimum=0.0_wp)
+      call group%get("damping_stiffness", self%stiffness, unit="s", minimum=0.0_wp)
    end subroutine read_proportional_damping
 
    !> Gives the damping matrix for this mass and stiffness.

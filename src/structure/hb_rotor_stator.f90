@@ -42,14 +42,14 @@ contains
       n_diameters = 1
       speed = 0.0_wp
       call group%get("n_diameters", n_diameters, required=.true., minimum=1)
-      call group%get("speed", speed, required=.true.)
+      call group%get("speed", speed, required=.true., unit="rad/s")
       call group%get("frame", frame, choices=known_frames)
-      call group%get("disk_frequency", disk%frequency, required=.true., minimum=0.0_wp)
-      call group%get("casing_frequency", casing%frequency, required=.true., minimum=0.0_wp)
-      call group%get("disk_mass", disk%mass, above=0.0_wp)
-      call group%get("casing_mass", casing%mass, above=0.0_wp)
-      call group%get("disk_damping_ratio", disk%damping_ratio, minimum=0.0_wp)
-      call group%get("casing_damping_ratio", casing%damping_ratio, minimum=0.0_wp)
+      call group%get("disk_frequency", disk%frequency, required=.true., unit="rad/s", minimum=0.0_wp)
+      call group%get("casing_frequency", casing%frequency, required=.true., unit="rad/s", minimum=0.0_wp)
+      call group%get("disk_mass", disk%mass, unit="kg", above=0.0_wp)
+      call group%get("casing_mass", casing%mass, unit="kg", above=0.0_wp)
+      call group%get("disk_damping_ratio", disk%damping_ratio, unit="1", minimum=0.0_wp)
+      call group%get("casing_damping_ratio", casing%damping_ratio, unit="1", minimum=0.0_wp)
       call read_proportional_damping(group, damping)
       call group%finish(error)
       if (allocated(error)) return

@@ -10,7 +10,7 @@ module hb_structure
    use hb_text, only: join, parse_integer, to_text
    implicit none
    private
-   public :: label_length, max_dofs, new_structure, structure_bytes, structure_t, unit_length
+   public :: check_room, label_length, max_dofs, new_structure, structure_t, unit_length
 
    integer, parameter :: label_length = 16                   !! longest name of a degree of freedom
    integer, parameter :: unit_length = 8
@@ -37,6 +37,23 @@ contains
 
       structure_bytes = copies*8.0_wp*real(n_dofs, wp)**2
    end function structure_bytes
+
+   !> Fails when the matrices of a structure need more than the limit: for readers, before these are made.
+   subroutine check_room(n_dofs, error, memory_limit)
+      integer, intent(in) :: n_dofs
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: memory_limit                  !! bytes
+      real(wp), parameter :: gib = 1024.0_wp**3
+      character(20) :: needed, there
+
+      if (.not. present(memory_limit)) return
+      if (structure_bytes(n_dofs) <= memory_limit) return
+      write (needed, "(f20.2)") structure_bytes(n_dofs)/gib
+      write (there, "(f20.2)") memory_limit/gib
+      call fail(error, "the matrices of "//to_text(n_dofs)//" degrees of freedom would need "//trim(adjustl(needed))// &
+                " GiB of memory while they are read, "//trim(adjustl(there))//" GiB are there for each process; at most "// &
+                to_text(int(sqrt(memory_limit/structure_bytes(1))))//" would fit")
+   end subroutine check_room
 
    !> Makes a structure from its matrices.
    !>

@@ -10,8 +10,8 @@ module hb_structure_catalogue
    use hb_modal_beam, only: read_modal_beam
    use hb_properties, only: properties_t
    use hb_rotor_stator, only: read_rotor_stator
-   use hb_structure, only: max_dofs, structure_bytes, structure_t
-   use hb_text, only: join, lower, to_text
+   use hb_structure, only: structure_t
+   use hb_text, only: join, lower
    implicit none
    private
    public :: known_structures, read_structure
@@ -33,19 +33,17 @@ contains
       name = ""
       call group%get("type", name)
       name = lower(name)
-      if (present(memory_limit)) call check_size(group, name, memory_limit, error)
-      if (allocated(error)) return
       select case (name)
       case ("beam")
-         call read_beam(group, structure, error)
+         call read_beam(group, structure, error, memory_limit)
       case ("chain")
-         call read_chain(group, structure, error)
+         call read_chain(group, structure, error, memory_limit)
       case ("jeffcott")
          call read_jeffcott(group, structure, error)
       case ("matrices")
-         call read_matrices(group, structure, error)
+         call read_matrices(group, structure, error, memory_limit)
       case ("modal_beam")
-         call read_modal_beam(group, structure, error)
+         call read_modal_beam(group, structure, error, memory_limit)
       case ("rotor_stator")
          call read_rotor_stator(group, structure, error)
       case ("")
@@ -58,34 +56,4 @@ contains
                    join(known_structures, ", ")//closest)
       end select
    end subroutine read_structure
-
-   !> Fails when the matrices of a structure as large as the group says need more than the limit.
-   subroutine check_size(group, name, memory_limit, error)
-      type(properties_t), intent(inout) :: group
-      character(*), intent(in) :: name                                !! of the builder
-      real(wp), intent(in) :: memory_limit                            !! bytes
-      type(error_t), allocatable, intent(out) :: error
-      real(wp), parameter :: gib = 1024.0_wp**3
-      integer :: n_dofs
-      character(10) :: key
-      character(20) :: needed, there
-
-      select case (name)                                              ! each builder asks for its key again
-      case ("beam"); key = "n_elements"
-      case ("chain"); key = "n_masses"
-      case ("matrices"); key = "n_dofs"
-      case ("modal_beam"); key = "n_modes"
-      case default; return                                            ! a few degrees of freedom
-      end select
-      n_dofs = 0
-      call group%get(key, n_dofs)
-      if (name == "beam") n_dofs = 2*max(0, min(n_dofs, max_dofs/2)) + 2
-      if (n_dofs > max_dofs + 2) return                               ! the builder refuses it with its key
-      if (structure_bytes(n_dofs) <= memory_limit) return
-      write (needed, "(f20.2)") structure_bytes(n_dofs)/gib
-      write (there, "(f20.2)") memory_limit/gib
-      call fail(error, group%place()//": the matrices of "//to_text(n_dofs)//" degrees of freedom would need "// &
-                trim(adjustl(needed))//" GiB of memory while they are read, "//trim(adjustl(there))// &
-                " GiB are there for each process; at most "//to_text(int(sqrt(memory_limit/structure_bytes(1))))//" would fit")
-   end subroutine check_size
 end module hb_structure_catalogue

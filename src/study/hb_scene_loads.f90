@@ -33,7 +33,7 @@ contains
 
       self%start = (0.0_wp, 0.0_wp)
       do i = 1, document%count("start")
-         call read_amplitude(self, document%group("start", i), self%start)
+         call read_amplitude(self, document%group("start", i), "m", self%start)
       end do
    end subroutine read_starts
 
@@ -43,6 +43,7 @@ contains
       type(properties_t), intent(inout) :: group
       complex(wp), allocatable :: amplitudes(:, :)
       real(wp), allocatable :: w(:)
+      character(4), parameter :: units(0:4) = [character(4) :: "N", "N s", "N s2", "N s3", "N s4"]
       integer :: h, power
 
       power = 0
@@ -51,12 +52,12 @@ contains
          call group%problem("frequency_power", "loads cannot grow with frequencies where some of these are unknown")
       end if
       if (power == 0) then
-         call read_amplitude(self, group, self%loads)
+         call read_amplitude(self, group, trim(units(0)), self%loads)
          return
       end if
       self%has_inertia_loads = .true.
       allocate (amplitudes(size(self%loads, 1), size(self%loads, 2)), source=(0.0_wp, 0.0_wp))
-      call read_amplitude(self, group, amplitudes)
+      call read_amplitude(self, group, trim(units(max(0, min(power, 4)))), amplitudes)
       w = self%harmonics%frequencies(self%tones%omega)
       do h = 1, size(w)
          self%loads(:, h) = self%loads(:, h) + abs(w(h))**power*amplitudes(:, h)
@@ -65,9 +66,10 @@ contains
    end subroutine read_load
 
    !> Reads `&load` and `&start`: `dof`, `tuple`, `cos`, `sin`, added to the amplitudes.
-   subroutine read_amplitude(self, group, amplitudes)
+   subroutine read_amplitude(self, group, unit, amplitudes)
       type(scene_t), intent(in) :: self
       type(properties_t), intent(inout) :: group
+      character(*), intent(in) :: unit                                !! of the amplitudes
       complex(wp), intent(inout) :: amplitudes(:, :)
       character(:), allocatable :: name
       integer, allocatable :: tuple(:)
@@ -79,8 +81,8 @@ contains
       sine = 0.0_wp
       call group%get("dof", name, required=.true.)
       call group%get("tuple", tuple, required=.true., n=self%tones%n_tones)
-      call group%get("cos", cosine)
-      call group%get("sin", sine)
+      call group%get("cos", cosine, unit=unit)
+      call group%get("sin", sine, unit=unit)
       if (.not. (group%given("cos") .or. group%given("sin"))) then
          call group%problem("cos", "give 'cos', 'sin' or both")
       end if

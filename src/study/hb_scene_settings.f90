@@ -30,7 +30,7 @@ contains
          first_jacobian = trim(start_names(merge(2, 1, solver%start_with_tangent)))
          first_guess = trim(first_guess_names(merge(1, 2, self%start_from_linear)))
          call group%get("method", name, choices=method_names)
-         call group%get("tolerance", solver%tolerance, above=0.0_wp)
+         call group%get("tolerance", solver%tolerance, unit="1", above=0.0_wp)
          call group%get("max_iterations", solver%max_iterations, minimum=0)
          call group%get("line_search", solver%line_search)
          call group%get("rescue", solver%rescue)
@@ -41,7 +41,7 @@ contains
          call group%get("chain_length", self%chain%length, minimum=1, maximum=1000000)
          call group%get("secant", self%chain%secant)
          limit = 0.0_wp
-         call group%get("memory_limit", limit, minimum=0.0_wp)
+         call group%get("memory_limit", limit, unit="GiB", minimum=0.0_wp)
          if (limit > 0.0_wp) self%memory_limit = limit*gib
          limit = 0.0_wp
          call group%get("time_limit", limit, minimum=0.0_wp)
@@ -78,7 +78,7 @@ contains
       samples = [0]                                                   ! so that a sweep over the order has its own at each point
       call group%get("samples", samples, minimum=0)
       oversampling = 0.0_wp
-      call group%get("oversampling", oversampling, minimum=0.0_wp, maximum=1000.0_wp)
+      call group%get("oversampling", oversampling, unit="1", minimum=0.0_wp, maximum=1000.0_wp)
       if (oversampling > 0.0_wp) then
          if (any(samples > 0)) call group%problem("oversampling", "give either 'samples' or 'oversampling', not both")
          samples = fast_size(ceiling(max(1.0_wp, oversampling)*(2*self%harmonics%highest + 1)))
@@ -105,11 +105,11 @@ contains
       type(properties_t), intent(inout) :: group
 
       call group%get("is_on", self%is_on)
-      call group%get("truncation", self%truncation, above=0.0_wp)
-      call group%get("aliasing", self%aliasing, above=0.0_wp)
-      call group%get("penetration", self%penetration, above=0.0_wp)
+      call group%get("truncation", self%truncation, unit="1", above=0.0_wp)
+      call group%get("aliasing", self%aliasing, unit="1", above=0.0_wp)
+      call group%get("penetration", self%penetration, unit="1", above=0.0_wp)
       call group%get("improvement_steps", self%improvement_steps, minimum=0, maximum=1000)
-      call group%get("commensurability", self%commensurability, minimum=0.0_wp)
+      call group%get("commensurability", self%commensurability, unit="1", minimum=0.0_wp)
    end subroutine read_certificate
 
    !> Reads `&output`: title, stored degrees of freedom, grid of stored surfaces.

@@ -26,26 +26,26 @@ contains
       if (group%given("hertz")) then
          if (group%given("frequency")) then
             call group%problem("hertz", "give either 'frequency' [rad/s] or 'hertz', not both")
-            call group%get("frequency", omega, above=0.0_wp)
+            call group%get("frequency", omega, unit="rad/s", above=0.0_wp)
          end if
          if (group%given("unknown")) then
-            call group%get("hertz", omega, minimum=0.0_wp)
+            call group%get("hertz", omega, unit="Hz", minimum=0.0_wp)
          else
-            call group%get("hertz", omega, above=0.0_wp)
+            call group%get("hertz", omega, unit="Hz", above=0.0_wp)
          end if
          if (allocated(omega)) omega = two_pi*omega
       else if (.not. group%given("unknown")) then
-         call group%get("frequency", omega, required=.true., above=0.0_wp)
+         call group%get("frequency", omega, required=.true., unit="rad/s", above=0.0_wp)
       else if (group%given("frequency")) then
-         call group%get("frequency", omega, minimum=0.0_wp)
+         call group%get("frequency", omega, unit="rad/s", minimum=0.0_wp)
       else
          call group%get("unknown", is_unknown)
          if (allocated(is_unknown)) then
             omega = spread(0.0_wp, 1, size(is_unknown))
             if (all(is_unknown)) then
-               call group%get("frequency", omega)
+               call group%get("frequency", omega, unit="rad/s")
             else
-               call group%get("frequency", omega, required=.true.)
+               call group%get("frequency", omega, required=.true., unit="rad/s")
             end if
          end if
       end if

@@ -66,13 +66,13 @@ contains
          mode%has_energy = group%given("energy")
          call group%get("mode", mode%mode, minimum=0)
          if (mode%has_energy) then
-            call group%get("energy", mode%energy, required=.true., above=0.0_wp)
+            call group%get("energy", mode%energy, required=.true., unit="J", above=0.0_wp)
             call refuse_beside_energy(group)
             call check_energy(self, group)
          else if (.not. any([group%given("amplitude"), group%given("dof"), group%given("measure")])) then
             call group%problem("amplitude", "give 'amplitude' and 'dof', or 'energy'")
          else
-            call group%get("amplitude", mode%amplitude, required=.true.)
+            call group%get("amplitude", mode%amplitude, required=.true., unit="m")
             call group%get("dof", dof, required=.true.)
             if (group%given("amplitude") .and. mode%amplitude == 0.0_wp) call group%problem("amplitude", "must not be 0")
             call group%get("measure", measure, choices=measure_names)
