@@ -44,7 +44,7 @@ contains
          call group%get("memory_limit", limit, unit="GiB", minimum=0.0_wp)
          if (limit > 0.0_wp) self%memory_limit = limit*gib
          limit = 0.0_wp
-         call group%get("time_limit", limit, minimum=0.0_wp)
+         call group%get("time_limit", limit, unit="s", minimum=0.0_wp)
          if (limit > 0.0_wp) solver%time_limit = limit
          limit = solver%rescue_work/unit_of_work
          call group%get("rescue_work", limit, minimum=0.0_wp)

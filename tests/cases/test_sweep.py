@@ -265,7 +265,7 @@ def test_jumps_are_told_and_stored(length, ranks, tmp_path):
     steps = np.abs(np.diff(np.hypot(*x[:200, 0, 1].T)))
     assert np.flatnonzero(np.diff(branch[0])).tolist() == np.flatnonzero(steps > 0.1).tolist() == [{200: 170, 70: 69}[length]]
     first = np.flatnonzero(np.diff(branch[0]))[0] + 1
-    place = f"load(1)%cos = 0.1, tones%frequency = {frequency[first]!s}"
+    place = f"load(1)%cos = 0.1 N, tones%frequency = {frequency[first]!s} rad/s"
     assert f"2 jumps between neighbours to another branch of motions (see 'branch'), the first to {place}" in done.stdout
     told = run("info", tmp_path / "case.h5", cwd=tmp_path).stdout
     assert f"jumps      to another branch at point {first} ({place})" in told
