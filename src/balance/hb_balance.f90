@@ -49,6 +49,7 @@ module hb_balance
       real(wp), allocatable, private :: u_before(:, :)                ! (n_coefficients, n_dofs) motion a step of time earlier
       real(wp), allocatable, private :: sampled(:, :)                 ! (n_coefficients, n_dofs) motion that law_set holds
       logical, private :: has_samples = .false.                       ! of it, at today's frequencies and loads
+      logical, private :: has_moved = .false.                         ! to other frequencies than it was made for
       type(real_block_t), private :: answer                           ! (n_samples, 1) of a law with memory
       type(block_factors_t), private :: factors                       ! LU of S of each harmonic
       type(block_pattern_t), private :: tangent_pattern               ! of the tangent of one harmonic
@@ -76,6 +77,11 @@ module hb_balance
       procedure :: frequency_derivative => balance_frequency_derivative
       procedure :: damping_derivative => balance_damping_derivative
       procedure :: deform => balance_deform
+      procedure :: parameters => balance_parameters
+      procedure :: parameter_scales => balance_parameter_scales
+      procedure :: set_parameters => balance_set_parameters
+      procedure :: parameter_derivative => balance_parameter_derivative
+      procedure :: update_regular_preconditioner => balance_update_regular_preconditioner
       procedure :: coarse_guess => balance_coarse_guess
       procedure :: linear_solution => balance_linear_solution
       procedure :: sample => balance_sample
@@ -187,8 +193,42 @@ module hb_balance
       end subroutine balance_coarse_guess
    end interface
 
-   ! Base frequencies and artificial damping; bodies in hb_balance_frequency
+   ! Base frequencies and artificial damping; bodies in hb_balance_frequency. As parameters of a problem they are numbered
+   ! 1 to n_tones and n_tones + 1 to 2 n_tones.
    interface
+      pure module function balance_parameters(self, which) result(values)
+         class(balance_t), intent(in) :: self
+         integer, intent(in) :: which(:)
+         real(wp) :: values(size(which))
+      end function balance_parameters
+
+      pure module function balance_parameter_scales(self, which) result(scales)
+         class(balance_t), intent(in) :: self
+         integer, intent(in) :: which(:)
+         real(wp) :: scales(size(which))
+      end function balance_parameter_scales
+
+      module subroutine balance_set_parameters(self, which, values, is_possible)
+         class(balance_t), intent(inout) :: self
+         integer, intent(in) :: which(:)
+         real(wp), intent(in) :: values(:)
+         logical, intent(out) :: is_possible
+      end subroutine balance_set_parameters
+
+      module subroutine balance_parameter_derivative(self, x, which, derivative)
+         class(balance_t), intent(inout) :: self
+         real(wp), intent(in), contiguous :: x(:)
+         integer, intent(in) :: which
+         real(wp), intent(out), contiguous :: derivative(:)
+      end subroutine balance_parameter_derivative
+
+      module subroutine balance_update_regular_preconditioner(self, which, level, is_strongest)
+         class(balance_t), intent(inout) :: self
+         integer, intent(in) :: which(:)
+         integer, intent(in) :: level
+         logical, intent(out) :: is_strongest
+      end subroutine balance_update_regular_preconditioner
+
       module subroutine balance_move(self, omega, xi, error)
          class(balance_t), intent(inout) :: self
          real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones), > 0
@@ -246,6 +286,7 @@ contains
       self%law_factor = 1.0_wp
       self%load_factor = 1.0_wp
       self%has_samples = .false.
+      self%has_moved = .false.
       call new_transform(self%transform, harmonics, torus, self%n_dofs, effort, error)
       if (allocated(error)) return
       call new_law_set(self%law_set, laws, torus, omega, error)

@@ -2,10 +2,117 @@
 !> Source: docs/user/theory.md, sections 5.6 and 6.5.
 submodule (hb_balance) hb_balance_frequency
    use hb_error, only: fail
+   use hb_problem, only: deformation_derivative, deformation_places, set_deformations
    use hb_text, only: to_text
    implicit none
 
+   real(wp), parameter :: added_damping = 1.0e-6_wp                   ! of the preconditioner, relative to the frequencies
+
 contains
+
+   pure module function balance_parameters(self, which) result(values)
+      class(balance_t), intent(in) :: self
+      integer, intent(in) :: which(:)
+      real(wp) :: values(size(which))
+      integer :: i
+
+      values = deformation_places(self, which)
+      do i = 1, size(which)
+         if (which(i) > size(self%omega)) then
+            values(i) = self%xi(which(i) - size(self%omega))
+         else if (which(i) > 0) then
+            values(i) = self%omega(which(i))
+         end if
+      end do
+   end function balance_parameters
+
+   !> Of a frequency and of the artificial damping of its tone: the frequency.
+   pure module function balance_parameter_scales(self, which) result(scales)
+      class(balance_t), intent(in) :: self
+      integer, intent(in) :: which(:)
+      real(wp) :: scales(size(which))
+      integer :: i
+
+      scales = 1.0_wp
+      do i = 1, size(which)
+         if (which(i) > 0) scales(i) = self%omega(1 + modulo(which(i) - 1, size(self%omega)))
+      end do
+   end function balance_parameter_scales
+
+   !> Not possible are frequencies that are not positive, and those at which the structure has no condensed stiffness.
+   module subroutine balance_set_parameters(self, which, values, is_possible)
+      class(balance_t), intent(inout) :: self
+      integer, intent(in) :: which(:)
+      real(wp), intent(in) :: values(:)
+      logical, intent(out) :: is_possible
+      type(error_t), allocatable :: error
+      real(wp), dimension(size(self%omega)) :: omega, xi
+      integer :: i
+
+      associate (n => size(self%omega))
+         call set_deformations(self, pack(which, which < 0), pack(values, which < 0), is_possible)
+         if (all(which < 0) .or. .not. is_possible) return
+         omega = self%omega
+         xi = self%xi
+         do i = 1, size(which)
+            if (which(i) > n) then
+               xi(which(i) - n) = values(i)
+            else if (which(i) > 0) then
+               omega(which(i)) = values(i)
+            end if
+         end do
+         is_possible = all(omega(pack(which, which > 0 .and. which <= n)) > 0.0_wp)
+         if (.not. is_possible) return
+         call self%move(omega, xi, error)
+         is_possible = .not. allocated(error)
+      end associate
+   end subroutine balance_set_parameters
+
+   !> Exact; zero where there is none.
+   module subroutine balance_parameter_derivative(self, x, which, derivative)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      integer, intent(in) :: which
+      real(wp), intent(out), contiguous :: derivative(:)
+      type(error_t), allocatable :: error
+      real(wp), dimension(self%harmonics%n_coefficients, self%n_dofs) :: u, column
+
+      if (which < 0) then
+         call deformation_derivative(self, x, which, derivative)
+         return
+      end if
+      u = reshape(x, shape(u))
+      if (which > size(self%omega)) then
+         call self%damping_derivative(u, which - size(self%omega), column, error)
+      else
+         call self%frequency_derivative(u, which, column, error)
+      end if
+      derivative = 0.0_wp
+      if (.not. allocated(error)) derivative = reshape(column, [size(column)])
+   end subroutine balance_parameter_derivative
+
+   !> Made with a trace of damping of the tones whose frequencies are unknown: at a solution the tangent is singular along the shift
+   !> of an unknown phase.
+   module subroutine balance_update_regular_preconditioner(self, which, level, is_strongest)
+      class(balance_t), intent(inout) :: self
+      integer, intent(in) :: which(:)
+      integer, intent(in) :: level
+      logical, intent(out) :: is_strongest
+      type(error_t), allocatable :: error
+      real(wp) :: omega(size(self%omega)), xi(size(self%xi)), xi_damped(size(self%xi))
+      integer :: i
+
+      omega = self%omega
+      xi = self%xi
+      xi_damped = xi
+      do i = 1, size(which)
+         if (which(i) > 0 .and. which(i) <= size(omega)) &
+            xi_damped(which(i)) = xi(which(i)) + added_damping*omega(which(i))
+      end do
+      call self%move(omega, xi_damped, error)
+      call self%update_preconditioner(level, is_strongest)
+      call self%move(omega, xi, error)
+   end subroutine balance_update_regular_preconditioner
 
    !> Changes base frequencies and artificial damping; scales, first Jacobian and what laws were told by the structure stay, and
    !> so does a preconditioner until its next update. Products need `linearise` anew.
@@ -23,6 +130,7 @@ contains
       self%omega = omega
       self%xi = xi
       self%has_samples = .false.
+      self%has_moved = .true.
       self%frequencies = self%harmonics%frequencies(omega)
       if (.not. is_same(1)) call self%law_set%move(self%transform%torus, omega)
       call self%stiffness%move(self%frequencies, self%drives(), error)

@@ -184,7 +184,7 @@ contains
       self%truncation = huge(1.0_wp)
       self%aliasing = huge(1.0_wp)
       if (present(phase)) then
-         call new_tangent_solver(tangent, phase, phase%unknowns(u), is_singular)
+         call new_tangent_solver(tangent, phase, phase%unknowns([u]), is_singular)
       else
          call new_tangent_solver(tangent, balance, reshape(u, [size(u)]), is_singular)
       end if
@@ -211,7 +211,7 @@ contains
          associate (first => size(u) + 1, last => size(u) + size(phase%tones))
             self%frequency_error(phase%tones) = hypot(change(first:last), alias(first:last))
          end associate
-         if (is_rigid .or. self%truncation > linear) call compare_with_half(self, phase, u, size_of_motion)
+         if (is_rigid .or. self%truncation > linear) call compare_with_half(self, balance%harmonics, phase, u, size_of_motion)
          return                                                       ! the improvement holds the frequencies
       end if
       if (n_steps == 0) return
@@ -270,8 +270,9 @@ contains
    !> all harmonics alike, and those left out move the place where it is struck by sum 1/j**2 = 1/order: the error falls with the
    !> first power, so that it is as large as this change. The harmonics just outside show little of that: the force of the
    !> truncated motion has a width, not the spectrum of a blow. Without a solution the estimates stay.
-   subroutine compare_with_half(self, phase, u, size_of_motion)
+   subroutine compare_with_half(self, harmonics, phase, u, size_of_motion)
       type(certificate_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: harmonics
       type(phase_problem_t), intent(inout) :: phase
       real(wp), intent(in) :: u(:, :)
       real(wp), intent(in) :: size_of_motion                          !! [m]
@@ -282,14 +283,14 @@ contains
       real(wp) :: x(phase%n_unknowns), x_half(phase%n_unknowns)
       logical :: is_possible
 
-      x = phase%unknowns(u)
+      x = phase%unknowns([u])
       x_half = x
-      call phase%hold_above(maxval(sum(abs(phase%balance%harmonics%tuples), dim=1))/2)
+      call phase%hold_above(harmonics, maxval(sum(abs(harmonics%tuples), dim=1))/2)
       if (.not. allocated(phase%is_held)) return                      ! order 0
       where (phase%is_held) x_half(:size(u)) = 0.0_wp
       config%max_iterations = most_iterations
       call solve_newton(phase, config, x_half, report)
-      call phase%hold_above(huge(1))
+      call phase%hold_above(harmonics, huge(1))
       call phase%move_to(x, is_possible)
       if (report%status /= outcome%converged .or. norm2(x_half(:size(u))) < same_motion*norm2(u)) return
       x_half = x_half - x

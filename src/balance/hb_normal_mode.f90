@@ -6,12 +6,15 @@
 !> Computers and
 !> Structures 154 (2015) 59-71.
 module hb_normal_mode
+   use hb_amplitude_curve, only: begin_curve, leaps, point_of, renew
+   use hb_balance, only: balance_t
+   use hb_curve, only: curve_t, event_t
    use hb_energy, only: energy_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, shift_form
-   use hb_search, only: climb_orders, fundamental, search_t
+   use hb_search, only: climb_orders, fundamental, search_t, way_point_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
@@ -21,11 +24,9 @@ module hb_normal_mode
 
    character(8), parameter :: measure_names(2) = [character(8) :: "peak", "harmonic"]
    real(wp), parameter :: first_share = 1.0e-3_wp                     ! of the amplitude, where the way begins
-   real(wp), parameter :: longest_growth = 2.5_wp                     ! of log(amplitude) in one step
-   real(wp), parameter :: shortest_growth = 1.0e-5_wp
+   real(wp), parameter :: near = 1.0e-3_wp                            ! the goal, as a share of the amplitude, where the way ends
    integer, parameter :: most_steps = 400
    real(wp), parameter :: dead = 1.0e-3_wp                            ! share of the fundamental in a motion
-   integer, parameter :: easy_iterations = 6                          ! the next step may be longer
 
    type :: normal_mode_t
       logical :: is_asked = .false.
@@ -47,6 +48,15 @@ module hb_normal_mode
       logical :: is_peak = .false.                                    ! these are rate and value where the phase is zero
       type(energy_t), allocatable :: energy                           ! else an amplitude
    end type goal_t
+
+   !> Where a curve meets the goal.
+   type, extends(event_t) :: goal_event_t
+      type(goal_t) :: goal
+      type(balance_t), pointer :: balance => null()
+      integer :: tone = 0
+   contains
+      procedure :: value => goal_event_value
+   end type goal_event_t
 
 contains
 
@@ -111,20 +121,20 @@ contains
       call continue_from_mode(search, goal, u)
    end subroutine find
 
-   !> Follows the amplitude from nearly nothing, by steps of its logarithm with a secant predictor.
+   !> Follows the motions with artificial damping from a small one in the linear mode, until one has what is asked for.
    subroutine continue_from_mode(search, goal, u)
       type(search_t), intent(inout) :: search
       type(goal_t), intent(in) :: goal
       real(wp), intent(inout) :: u(:, :)
-      type(solver_config_t) :: config
-      complex(wp) :: form(size(u, 2))
-      real(wp), allocatable :: last(:), before(:), now(:)
-      real(wp) :: growth, next, reached, reached_before
-      integer :: h, iterations, step
+      type(curve_t) :: curve
       type(error_t), allocatable :: error
-      real(wp) :: omega(size(search%balance%omega)), xi(size(search%balance%omega))
+      type(goal_event_t) :: event
+      type(way_point_t) :: last, point
+      complex(wp) :: form(size(u, 2))
+      real(wp) :: omega(size(search%balance%omega)), reached, xi(size(search%balance%omega))
+      integer :: h, i
+      logical :: is_found, is_possible
 
-      config = search%path_config()
       h = fundamental(search%balance%harmonics, search%tones(1))
       associate (modes => search%rest%modes, mode => search%modes(1), set => search%balance%harmonics, tone => search%tones(1))
          omega = search%balance%omega
@@ -140,82 +150,77 @@ contains
          call scale_mode(search, goal, h, form)
          if (search%report%status == outcome%no_motion) return
          u = search%rest%u
-         before = [reshape(u, [size(u)]), omega(tone), xi(tone)]
          u(set%cos_at(h), :) = u(set%cos_at(h), :) + first_share*real(form)
          u(set%sin_at(h), :) = u(set%sin_at(h), :) - first_share*aimag(form)
-         last = before
-         last(:size(u)) = reshape(u, [size(u)])
       end associate
-      reached_before = 0.0_wp
-      reached = first_share
-      growth = 0.1_wp*longest_growth
-      next = first_share
-      do step = 1, most_steps
-         if (step == 1) then
-            now = last
-         else
-            next = min(1.0_wp, reached*exp(growth))
-            now = last + (last - before)*(next - reached)/(reached - reached_before)
+      event%goal = goal
+      event%balance => search%balance
+      event%tone = search%tones(1)
+      reached = 0.0_wp
+      call solve_at(search, goal, first_share, search%path_config(), .true., u)
+      is_found = .false.
+      if (search%report%status == outcome%converged) then
+         reached = first_share
+         point = point_of(search, search%phase%unknowns([u]))
+         call begin_curve(search, point, curve)
+         if (.not. allocated(goal%energy)) then                       ! the peak tells how deep a stop is pressed
+            curve%form = 0.0_wp*curve%x
+            curve%form(:size(u)) = sign(1.0_wp, goal%value)*goal%forms(:, 2)
          end if
-         call step_to(next)
-         if (search%report%status == outcome%converged) then
-            if (step > 1) then
-               before = last
-               reached_before = reached
+         do i = 1, most_steps
+            last = point
+            call curve%advance()
+            if (curve%status /= outcome%pending) exit
+            point = point_of(search, curve%x)
+            associate (set => search%balance%harmonics)                ! the same motion counted as a higher harmonic?
+               if (norm2(point%u([set%cos_at(h), set%sin_at(h)], :)) < dead*norm2(point%u - search%rest%u) .or. &
+                   leaps(last, point)) then
+                  call curve%retreat()
+                  point = last
+                  cycle
+               end if
+            end associate
+            reached = max(reached, 1.0_wp + event%value(curve%x))
+            if (reached >= 1.0_wp) then
+               call curve%locate(event, near, is_found)
+               exit
             end if
-            last = now
-            reached = next
-            if (reached >= 1.0_wp) exit
-            if (iterations <= easy_iterations) growth = min(longest_growth, 1.6_wp*growth)
-         else
-            if (step == 1) exit
-            growth = 0.4_wp*growth
-            if (growth < shortest_growth) exit
-         end if
-      end do
-      if (reached < 1.0_wp .or. search%report%status /= outcome%converged) then
-         if (allocated(goal%energy)) then
-            search%message = "the way from the linear mode ended at an energy of "//to_text(reached**2*goal%value)
-         else
-            search%message = "the way from the linear mode ended at amplitude "//to_text(reached*goal%value)
-         end if
-         u = reshape(last(:size(u)), shape(u))
+            call renew(search, curve, point)
+            call curve%turn()
+         end do
+         call search%report%add(curve%report)
+      end if
+      if (is_found) then
+         call search%phase%move_to(curve%x, is_possible)
+         u = reshape(curve%x(:size(u)), shape(u))
+         call solve_at(search, goal, 1.0_wp, search%config, .false., u)
          return
       end if
-      call put(last)
-      call solve_at(search, goal, 1.0_wp, search%config, .false., u)
-
-   contains
-
-      subroutine step_to(share)
-         real(wp), intent(in) :: share
-         integer :: effort_before
-         logical :: is_possible
-
-         is_possible = now(size(u) + 1) > 0.0_wp
-         search%report%status = outcome%stalled
-         iterations = 0
-         if (.not. is_possible) return
-         effort_before = search%report%iterations
-         call put(now)
-         call solve_at(search, goal, share, config, step == 1, u)
-         iterations = search%report%iterations - effort_before
-         now = search%phase%unknowns(u)
-         associate (set => search%balance%harmonics)                   ! the same motion counted as a higher harmonic?
-            if (norm2(u([set%cos_at(h), set%sin_at(h)], :)) < dead*norm2(u - search%rest%u)) search%report%status = outcome%stalled
-         end associate
-      end subroutine step_to
-
-      !> Puts balance and u at a vector of unknowns.
-      subroutine put(x)
-         real(wp), intent(in) :: x(:)
-
-         u = reshape(x(:size(u)), shape(u))
-         omega(search%tones) = x(size(u) + 1)
-         xi(search%tones) = x(size(u) + 2)
-         call search%balance%move(omega, xi, error)
-      end subroutine put
+      search%report%status = outcome%stalled
+      if (allocated(goal%energy)) then
+         search%message = "the way from the linear mode ended at an energy of "//to_text(reached**2*goal%value)
+      else
+         search%message = "the way from the linear mode ended at amplitude "//to_text(reached*goal%value)
+      end if
+      if (allocated(point%u)) u = point%u
    end subroutine continue_from_mode
+
+   !> How far a motion is beyond what is asked for, as a share of the amplitude; 0 at the goal.
+   real(wp) function goal_event_value(self, x) result(value)
+      class(goal_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      logical :: is_possible
+
+      associate (n => self%balance%n_unknowns, goal => self%goal)
+         if (allocated(goal%energy)) then
+            call self%balance%set_parameters([self%tone, size(self%balance%omega) + self%tone], x(n + 1:), is_possible)
+            value = goal%energy%value(self%balance, reshape(x(:n), [self%balance%harmonics%n_coefficients, self%balance%n_dofs]))
+            value = sign(sqrt(abs(value)/goal%value), value) - 1.0_wp
+         else
+            value = dot_product(goal%forms(:n, 2), x(:n))/goal%value - 1.0_wp
+         end if
+      end associate
+   end function goal_event_value
 
    !> Shape of the linear mode where the laws act [m], as large as it would be at the goal if the laws were linear; with the
    !> balance at the frequency of the mode. The status is `no_motion` where that cannot be said.
@@ -282,9 +287,9 @@ contains
          call new_phase_problem(search%phase, search%balance, search%tones, .true., goal%forms, [0.0_wp, share*goal%value])
          if (goal%is_peak) search%phase%peak_dof = goal%dof
       end if
-      x = search%phase%unknowns(u)
+      x = search%phase%unknowns([u])
       if (by_orders) then
-         call climb_orders(search%phase, config, x, report)
+         call climb_orders(search%phase, search%balance%harmonics, config, x, report)
       else
          call solve(search%phase, config, x, x, report)
       end if

@@ -191,12 +191,12 @@ contains
       end do
       call new_phase_problem(problem, self%balance, self%tones, .true., forms, [0.0_wp*point%amplitude, point%amplitude])
       config = self%path_config()
-      x = problem%unknowns(point%u)
+      x = problem%unknowns([point%u])
       call solve_newton(problem, config, x, report)
       call self%report%add(report)
       if (report%status /= outcome%converged .and. is_first) then
-         x = problem%unknowns(point%u)
-         call climb_orders(problem, config, x, report)
+         x = problem%unknowns([point%u])
+         call climb_orders(problem, self%balance%harmonics, config, x, report)
          call self%report%add(report)
       end if
       is_solved = report%status == outcome%converged
@@ -225,8 +225,9 @@ contains
 
    !> Newton's method with the harmonics up to order 1, 2, 4, ... only, each from the one before, then with all. Order 1 is
    !> close to the linear mode with the stiffness that the laws have on average.
-   subroutine climb_orders(problem, config, x, report)
+   subroutine climb_orders(problem, harmonics, config, x, report)
       type(phase_problem_t), intent(inout) :: problem
+      type(harmonics_t), intent(in) :: harmonics
       type(solver_config_t), intent(in) :: config
       real(wp), intent(inout), contiguous :: x(:)
       type(report_t), intent(out) :: report
@@ -235,7 +236,7 @@ contains
 
       order = 1
       do
-         call problem%hold_above(order)
+         call problem%hold_above(harmonics, order)
          if (allocated(problem%is_held)) then
             where (problem%is_held) x(:size(problem%is_held)) = 0.0_wp
          end if
@@ -246,7 +247,7 @@ contains
          if (report%status /= outcome%converged .or. .not. allocated(problem%is_held)) exit
          order = 2*order
       end do
-      call problem%hold_above(huge(order))
+      call problem%hold_above(harmonics, huge(order))
    end subroutine climb_orders
 
    !> Solves without artificial damping from a point nearby; found is a motion in which every unknown tone lives.
@@ -276,7 +277,7 @@ contains
       is_found = all(before > 0.0_wp)
       if (.not. is_found) return
       call new_phase_problem(self%phase, self%balance, self%tones, .false., forms, 0.0_wp*point%omega)
-      x = self%phase%unknowns(u)
+      x = self%phase%unknowns([u])
       call solve(self%phase, self%config, x, x, report)
       call self%report%add(report)
       is_found = report%status == outcome%converged

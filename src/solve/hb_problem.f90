@@ -6,7 +6,7 @@ module hb_problem
    use hb_watch, only: watch_t
    implicit none
    private
-   public :: default_largest_dense, deformation, problem_t
+   public :: default_largest_dense, deformation, deformation_derivative, deformation_places, problem_t, set_deformations
 
    integer, parameter :: default_largest_dense = 400                  !! unknowns up to which the dense tangent is cheaper
 
@@ -16,6 +16,9 @@ module hb_problem
       integer :: load = 2                                             !! factor of what drives the problem
    end type deformation_t
    type(deformation_t), parameter :: deformation = deformation_t()
+
+   real(wp), parameter :: growth = 14.0_wp                            ! of an amount along its way, about six decades
+   real(wp), parameter :: farthest = 2.0_wp                           ! place beyond which it grows no more
 
    !> Solvers work with x/x_scale and r/r_scale, so that the units of a scene do not matter to them.
    type, abstract :: problem_t
@@ -27,6 +30,7 @@ module hb_problem
       real(wp) :: residual_work = 0.0_wp                              !! of a residual or a product, see hb_solver_types%report_t
       real(wp) :: tangent_work = 0.0_wp                               !! of a dense tangent and its factors
       class(watch_t), pointer :: watch => null()                      !! over the point; none: it takes what it takes
+      real(wp), private :: place(2) = 1.0_wp                          ! on the way of each deformation
    contains
       procedure(residual), deferred :: residual
       procedure(tangent), deferred :: tangent
@@ -37,6 +41,11 @@ module hb_problem
       procedure :: apply_tangent => problem_apply_tangent
       procedure :: update_preconditioner => problem_update_preconditioner
       procedure :: precondition => problem_precondition
+      procedure :: update_regular_preconditioner => problem_update_regular_preconditioner
+      procedure :: parameters => deformation_places
+      procedure :: parameter_scales => problem_parameter_scales
+      procedure :: set_parameters => set_deformations
+      procedure :: parameter_derivative => deformation_derivative
       procedure :: coarse_guess => problem_coarse_guess
       procedure :: norm => problem_norm
       procedure :: work_of => problem_work_of
@@ -124,6 +133,80 @@ contains
 
       call self%solve_linear(r, step)
    end subroutine problem_precondition
+
+   !> As `update_preconditioner`, made so that it has an inverse where the tangent has none because some parameters are unknown.
+   subroutine problem_update_regular_preconditioner(self, which, level, is_strongest)
+      class(problem_t), intent(inout) :: self
+      integer, intent(in) :: which(:)                                 !! the unknown parameters
+      integer, intent(in) :: level                                    !! >= 0
+      logical, intent(out) :: is_strongest
+
+      call self%update_preconditioner(level, is_strongest)
+   end subroutine problem_update_regular_preconditioner
+
+   ! Parameters are numbered: those of the problem itself from 1 on; -kind is the place on the way of a deformation, from 0 at the
+   ! easy problem to 1. In between the amount grows exponentially, (exp(c theta) - 1)/(exp(c) - 1), because what counts for a
+   ! contact stiffness is its ratio to the stiffness of the structure.
+
+   !> Values of some parameters.
+   pure function deformation_places(self, which) result(values)
+      class(problem_t), intent(in) :: self
+      integer, intent(in) :: which(:)
+      real(wp) :: values(size(which))
+
+      values = 0.0_wp
+      where (which < 0) values = self%place(-which)
+   end function deformation_places
+
+   !> Typical magnitudes of some parameters, > 0.
+   pure function problem_parameter_scales(self, which) result(scales)
+      class(problem_t), intent(in) :: self
+      integer, intent(in) :: which(:)
+      real(wp) :: scales(size(which))
+
+      scales = 1.0_wp
+   end function problem_parameter_scales
+
+   !> Changes some parameters for all later calls; `is_possible` is false, and the problem of no use until the next change, where
+   !> it has no such parameter or no such value.
+   subroutine set_deformations(self, which, values, is_possible)
+      class(problem_t), intent(inout) :: self
+      integer, intent(in) :: which(:)
+      real(wp), intent(in) :: values(:)                               !! as which
+      logical, intent(out) :: is_possible
+      integer :: i
+
+      is_possible = all(which < 0) .and. all(abs(values) <= huge(values))
+      if (.not. is_possible) return
+      do i = 1, size(which)
+         self%place(-which(i)) = values(i)
+         call self%deform(-which(i), amount_at(values(i)))
+      end do
+   end subroutine set_deformations
+
+   !> Derivative of the residual by a parameter at fixed x. Of a deformation from two amounts: the residual is linear in them.
+   subroutine deformation_derivative(self, x, which, derivative)
+      class(problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
+      integer, intent(in) :: which
+      real(wp), intent(out), contiguous :: derivative(:)              !! (n_unknowns)
+      real(wp), parameter :: apart = 0.5_wp                           ! of two amounts
+      real(wp) :: r(size(x)), amount, place
+
+      place = self%place(-which)
+      amount = amount_at(place)
+      call self%deform(-which, amount + apart)
+      call self%residual(x, derivative)
+      call self%deform(-which, amount)
+      call self%residual(x, r)
+      derivative = (derivative - r)/apart*growth*exp(growth*min(place, farthest))/(exp(growth) - 1.0_wp)
+   end subroutine deformation_derivative
+
+   pure real(wp) function amount_at(place)
+      real(wp), intent(in) :: place
+
+      amount_at = (exp(growth*min(place, farthest)) - 1.0_wp)/(exp(growth) - 1.0_wp)
+   end function amount_at
 
    !> Improves a first guess by solving a smaller problem that resembles this one; most problems know of none.
    recursive subroutine problem_coarse_guess(self, config, x, report, is_found)

@@ -15,6 +15,7 @@ module hb_tangent_solver
       type(tangent_factor_t), allocatable, private :: factor
       type(tangent_krylov_t), allocatable, private :: krylov
    contains
+      procedure :: determinant_sign => tangent_solver_determinant_sign
       procedure :: solve => tangent_solver_solve
    end type tangent_solver_t
 
@@ -40,6 +41,14 @@ contains
          call self%factor%update(problem, x, is_singular)
       end if
    end subroutine new_tangent_solver
+
+   !> Sign of the determinant of the tangent, 1 or -1; 0 where it is not known.
+   pure real(wp) function tangent_solver_determinant_sign(self)
+      class(tangent_solver_t), intent(in) :: self
+
+      tangent_solver_determinant_sign = 0.0_wp
+      if (allocated(self%factor)) tangent_solver_determinant_sign = self%factor%determinant_sign()
+   end function tangent_solver_determinant_sign
 
    !> Overwrites r with the solution s of tangent s = r. From products this holds as long as the problem is not evaluated at
    !> another point; `is_singular` where they do not lead to a solution.

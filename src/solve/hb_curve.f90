@@ -1,0 +1,284 @@
+!> A curve of solutions: a bordered problem with one form to spare, followed by arc length.
+!>
+!> The unknowns are x = (unknowns of the base problem, parameters); the last form is the plane across the curve, all others are the
+!> caller's. A step goes along the tangent, Newton's method corrects in the plane at its end, by factors or from products as the
+!> size asks for. Where the tangent turns little from step to step, it goes on that way. Where it turns a lot, as at the first touch of
+!> a stop, its sense is the one that keeps the sign of the determinant of the tangent bordered by the direction before; from products
+!> that is not known. A sign that changes where the tangent turns little tells of a branch point passed by. Lengths are measured in
+!> units of each unknown.
+!>
+!> Source: docs/user/theory.md, section 6.4; Allgower and Georg, Introduction to Numerical Continuation Methods, SIAM 2003, chapters 2,
+!> 3, 6 and (orientation of piecewise linear curves) 12.
+module hb_curve
+   use hb_bordered, only: bordered_problem_t
+   use hb_kinds, only: wp
+   use hb_krylov, only: solve_krylov
+   use hb_newton, only: solve_newton
+   use hb_outcome, only: outcome
+   use hb_solver_types, only: report_t, solver_config_t
+   use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   implicit none
+   private
+   public :: curve_config_t, curve_t, event_t, new_curve
+
+   real(wp), parameter :: least_growth = 0.05_wp                      ! of a form along the curve, relative to its largest part
+   real(wp), parameter :: little = 0.97_wp                            ! cosine of the angle up to which a tangent turns little
+
+   !> How steps are chosen; lengths in units of the unknowns.
+   type :: curve_config_t
+      real(wp) :: first_step = 0.05_wp
+      real(wp) :: longest_step = 0.5_wp
+      real(wp) :: shortest_step = 1.0e-7_wp
+      real(wp) :: kink_step = 0.0_wp                                  !! how far beyond a kink its other side is looked at; 0: nowhere
+      real(wp) :: growth = 1.5_wp                                     !! of a step after an easy one
+      real(wp) :: reduction = 0.3_wp                                  !! of a step that failed
+      integer :: easy_iterations = 4                                  !! of the corrector
+   end type curve_config_t
+
+   !> Where a curve is. To go on from a stored point, set `x`, `direction`, `step` and `orientation`.
+   type :: curve_t
+      type(bordered_problem_t) :: problem
+      type(curve_config_t) :: config
+      type(solver_config_t) :: corrector
+      real(wp), allocatable :: x(:)                                   !! point on the curve, (n_unknowns)
+      real(wp), allocatable :: direction(:)                           !! tangent there, of length 1
+      real(wp), allocatable :: units(:)                               !! of lengths, > 0
+      real(wp), allocatable :: form(:)                                !! if given: planes are those of this linear form, as long as it
+                                                                      !! grows along the curve
+      real(wp) :: step = 0.0_wp                                       !! length of the next one
+      real(wp) :: orientation = 0.0_wp                                !! sign of the determinant on this piece; 0: not known
+      integer :: n_branch_points = 0                                  !! passed by so far
+      real(wp), allocatable :: last_x(:), last_direction(:)           !! the point before
+      real(wp) :: last_step = 0.0_wp                                  !! that led from there to x
+      integer :: status = outcome%pending                             !! `stalled`: no way on; `singular`: no tangent
+      type(report_t) :: report                                        !! the work so far
+      integer, private :: last_iterations = 0                         ! of the corrector
+      logical, private :: is_turned = .false.                         ! at a kink, since the point before
+      logical, private :: is_along_form = .false.                     ! the last plane was one of `form`
+   contains
+      procedure :: advance => curve_advance
+      procedure :: retreat => curve_retreat
+      procedure :: turn => curve_turn
+      procedure :: point_at => curve_point_at
+      procedure :: locate => curve_locate
+      procedure, private :: put_plane => curve_put_plane
+      procedure, private :: tangent_at => curve_tangent_at
+      procedure, private :: turn_at_kink => curve_turn_at_kink
+   end type curve_t
+
+   !> A function along a curve that is looked for a zero.
+   type, abstract :: event_t
+   contains
+      procedure(event_value), deferred :: value
+   end type event_t
+
+   abstract interface
+      real(wp) function event_value(self, x)
+         import :: event_t, wp
+         class(event_t), intent(inout) :: self
+         real(wp), intent(in) :: x(:)                                 !! (n_unknowns)
+      end function event_value
+   end interface
+
+contains
+
+   !> Curve through x, which solves all equations but the last; `direction` says roughly where to go.
+   subroutine new_curve(self, problem, x, direction, units, config, corrector)
+      type(curve_t), intent(out) :: self
+      type(bordered_problem_t), intent(in) :: problem                 !! its last form is not used
+      real(wp), intent(in) :: x(:)                                    !! (n_unknowns)
+      real(wp), intent(in) :: direction(:)                            !! not zero
+      real(wp), intent(in) :: units(:)                                !! of lengths, > 0
+      type(curve_config_t), intent(in) :: config
+      type(solver_config_t), intent(in) :: corrector
+
+      self%problem = problem
+      self%config = config
+      self%corrector = corrector
+      self%x = x
+      self%units = units
+      self%step = config%first_step
+      self%direction = direction/norm2(direction/units)
+      call self%turn()
+   end subroutine new_curve
+
+   !> Goes one step along the direction and back to the curve; where that fails, with shorter and shorter steps, at last round a
+   !> kink. The status tells where there is no way on.
+   subroutine curve_advance(self)
+      class(curve_t), intent(inout) :: self
+      logical :: is_on_curve
+
+      do while (self%status == outcome%pending)
+         self%last_x = self%x
+         self%last_direction = self%direction
+         self%last_step = self%step
+         call self%point_at(self%step, self%x, is_on_curve)
+         if (is_on_curve .or. self%status /= outcome%pending) return
+         call self%retreat()
+      end do
+   end subroutine curve_advance
+
+   !> Goes back to the point before and shortens the step: it left the curve, or led too far for the caller.
+   subroutine curve_retreat(self)
+      class(curve_t), intent(inout) :: self
+      logical :: is_possible
+
+      self%x = self%last_x
+      self%direction = self%last_direction
+      self%step = self%config%reduction*self%step
+      if (self%step >= self%config%shortest_step) return
+      is_possible = .false.
+      if (self%config%kink_step > 0.0_wp .and. .not. self%is_turned) call self%turn_at_kink(is_possible)
+      self%is_turned = is_possible
+      if (.not. is_possible) self%status = outcome%stalled
+   end subroutine curve_retreat
+
+   !> Turns the direction into the tangent at x, and chooses the next step. The caller may have changed forms, scales and units.
+   subroutine curve_turn(self)
+      class(curve_t), intent(inout) :: self
+      real(wp) :: direction(size(self%x)), sign_now
+      logical :: is_singular
+
+      call self%tangent_at(self%x, direction, sign_now, is_singular)
+      if (is_singular) then
+         if (.not. allocated(self%last_x)) self%status = outcome%singular   ! else the old direction must do
+      else
+         if (self%orientation*sign_now < 0.0_wp .and. .not. self%is_along_form) then
+            if (dot_product(direction/self%units, self%direction/self%units) > little) then
+               self%n_branch_points = self%n_branch_points + 1
+               self%orientation = sign_now
+            else
+               direction = -direction
+            end if
+         else if (abs(sign_now) > 0.0_wp) then
+            self%orientation = sign_now
+         end if
+         self%direction = direction
+      end if
+      self%is_turned = .false.
+      if (allocated(self%last_x) .and. self%last_iterations <= self%config%easy_iterations) &
+         self%step = min(self%config%longest_step, self%config%growth*self%step)
+   end subroutine curve_turn
+
+   !> The point of the curve in the plane at a distance from the last one, along the direction there.
+   subroutine curve_point_at(self, step, x, is_on_curve)
+      class(curve_t), intent(inout) :: self
+      real(wp), intent(in) :: step
+      real(wp), intent(inout) :: x(:)
+      logical, intent(out) :: is_on_curve
+      type(report_t) :: report
+
+      associate (problem => self%problem)
+         call self%put_plane(self%last_x, self%last_direction, step)
+         x = self%last_x + step*self%last_direction
+         if (problem%has_products .and. problem%n_unknowns > problem%largest_dense) then
+            call solve_krylov(problem, self%corrector, x, report)
+         else
+            call solve_newton(problem, self%corrector, x, report)
+         end if
+      end associate
+      call self%report%add(report)
+      self%last_iterations = report%iterations
+      is_on_curve = report%status == outcome%converged
+      if (any(report%status == [outcome%timed_out, outcome%interrupted])) self%status = report%status
+   end subroutine curve_point_at
+
+   !> Finds a zero of a function that has changed its sign on the step from the last point to x, by bisection and secants. x becomes
+   !> the zero; the next step begins there, once `turn` was called.
+   subroutine curve_locate(self, event, tolerance, is_found)
+      class(curve_t), intent(inout) :: self
+      class(event_t), intent(inout) :: event
+      real(wp), intent(in) :: tolerance                               !! of the function
+      logical, intent(out) :: is_found
+      integer, parameter :: most_steps = 60
+      real(wp) :: high, low, middle, value, value_high, value_low, x(size(self%x))
+      integer :: i
+      logical :: is_on_curve
+
+      is_found = .false.
+      low = 0.0_wp
+      high = self%last_step
+      value_low = event%value(self%last_x)
+      value_high = event%value(self%x)
+      do i = 1, most_steps
+         middle = 0.5_wp*(low + high)
+         if (modulo(i, 3) > 0 .and. abs(value_high - value_low) > 0.0_wp) &
+            middle = low + (high - low)*min(0.95_wp, max(0.05_wp, -value_low/(value_high - value_low)))
+         call self%point_at(middle, x, is_on_curve)
+         if (.not. is_on_curve) return
+         value = event%value(x)
+         is_found = abs(value) <= tolerance
+         if (is_found .or. high - low <= epsilon(1.0_wp)*self%last_step) exit
+         if (value*value_low > 0.0_wp) then
+            low = middle
+            value_low = value
+         else
+            high = middle
+            value_high = value
+         end if
+      end do
+      self%x = x
+      self%last_step = middle
+   end subroutine curve_locate
+
+   !> Makes the last equation the plane at a distance from a point.
+   subroutine curve_put_plane(self, x, direction, distance)
+      class(curve_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:), direction(:), distance
+      integer :: last
+
+      last = size(self%problem%values)
+      self%problem%forms(:, last) = direction/self%units**2
+      self%is_along_form = .false.
+      if (allocated(self%form)) self%is_along_form = &
+         dot_product(self%form, direction) > least_growth*maxval(abs(self%form*self%units))
+      if (self%is_along_form) self%problem%forms(:, last) = self%form/dot_product(self%form, direction)
+      self%problem%values(last) = dot_product(self%problem%forms(:, last), x) + distance
+      call self%problem%rescale()
+   end subroutine curve_put_plane
+
+   !> The tangent at a point of the curve, towards the direction, and the sign of the determinant; 0 where that is not known.
+   subroutine curve_tangent_at(self, x, tangent, determinant_sign, is_singular)
+      class(curve_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(out), contiguous :: tangent(:)
+      real(wp), intent(out) :: determinant_sign
+      logical, intent(out) :: is_singular
+      type(tangent_solver_t) :: solver
+      logical :: is_possible
+
+      determinant_sign = 0.0_wp
+      call self%problem%move_to(x, is_possible)
+      is_singular = .not. is_possible
+      if (is_singular) return
+      call self%put_plane(x, self%direction, 0.0_wp)
+      call new_tangent_solver(solver, self%problem, x, is_singular)
+      self%report%factorizations = self%report%factorizations + 1
+      if (is_singular) return
+      determinant_sign = solver%determinant_sign()
+      tangent = 0.0_wp
+      tangent(size(tangent)) = 1.0_wp
+      call solver%solve(self%problem, tangent, is_singular)
+      if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
+   end subroutine curve_tangent_at
+
+   !> Turns the direction where the curve has a kink so sharp that no plane across the direction meets what follows. What follows has
+   !> the tangent of the next piece, in the sense that keeps the sign of the determinant.
+   subroutine curve_turn_at_kink(self, is_possible)
+      class(curve_t), intent(inout) :: self
+      logical, intent(out) :: is_possible
+      real(wp), dimension(size(self%x)) :: next, same
+      real(wp) :: sign_before, sign_beyond
+      logical :: is_singular
+
+      is_possible = .false.
+      call self%tangent_at(self%x, same, sign_before, is_singular)
+      if (is_singular) return
+      call self%tangent_at(self%x + self%config%kink_step*self%direction, next, sign_beyond, is_singular)
+      if (is_singular) return
+      is_possible = sign_before*sign_beyond < 0.0_wp
+      if (.not. is_possible) return
+      self%direction = -next
+      self%step = self%config%kink_step
+   end subroutine curve_turn_at_kink
+end module hb_curve
