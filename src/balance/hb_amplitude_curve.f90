@@ -15,7 +15,7 @@ module hb_amplitude_curve
    public :: begin_curve, follow_curve, leaps, point_of, renew
 
    type(curve_config_t), parameter :: steps = curve_config_t( &       ! arc length in units of the amplitude reached
-      first_step=0.3_wp, longest_step=2.0_wp, shortest_step=1.0e-6_wp, kink_step=1.0e-3_wp, reduction=0.4_wp)
+      first_step=0.3_wp, longest_step=2.0_wp, shortest_step=1.0e-6_wp, kink_step=1.0e-3_wp, reduction=0.4_wp, little=0.0_wp)
    integer, parameter :: most_steps = 600
    real(wp), parameter :: largest_damping = 100.0_wp                  ! xi/omega: damped for good
    integer, parameter :: most_bisections = 40                         ! of a step on which the damping changes its sign

@@ -22,7 +22,6 @@ module hb_curve
    public :: curve_config_t, curve_t, event_t, new_curve
 
    real(wp), parameter :: least_growth = 0.05_wp                      ! of a form along the curve, relative to its largest part
-   real(wp), parameter :: little = 0.97_wp                            ! cosine of the angle up to which a tangent turns little
 
    !> How steps are chosen; lengths in units of the unknowns.
    type :: curve_config_t
@@ -33,13 +32,15 @@ module hb_curve
       real(wp) :: growth = 1.5_wp                                     !! of a step after an easy one
       real(wp) :: reduction = 0.3_wp                                  !! of a step that failed
       integer :: easy_iterations = 4                                  !! of the corrector
+      real(wp) :: little = 0.97_wp                                    !! cosine of the angle up to which a tangent turns little: 0 where
+                                                                      !! the curve is smooth, above 1 where it has many kinks
    end type curve_config_t
 
    !> Where a curve is. To go on from a stored point, set `x`, `direction`, `step` and `orientation`.
    type :: curve_t
       type(bordered_problem_t) :: problem
       type(curve_config_t) :: config
-      type(solver_config_t) :: corrector
+      type(solver_config_t) :: corrector                              !! its limit of work is that of the whole curve
       real(wp), allocatable :: x(:)                                   !! point on the curve, (n_unknowns)
       real(wp), allocatable :: direction(:)                           !! tangent there, of length 1
       real(wp), allocatable :: units(:)                               !! of lengths, > 0
@@ -144,7 +145,7 @@ contains
          if (.not. allocated(self%last_x)) self%status = outcome%singular   ! else the old direction must do
       else
          if (self%orientation*sign_now < 0.0_wp .and. .not. self%is_along_form) then
-            if (dot_product(direction/self%units, self%direction/self%units) > little) then
+            if (dot_product(direction/self%units, self%direction/self%units) > self%config%little) then
                self%n_branch_points = self%n_branch_points + 1
                self%orientation = sign_now
             else
@@ -167,20 +168,25 @@ contains
       real(wp), intent(inout) :: x(:)
       logical, intent(out) :: is_on_curve
       type(report_t) :: report
+      type(solver_config_t) :: limited
 
+      limited = self%corrector
+      limited%work_limit = self%corrector%work_limit - self%report%work
       associate (problem => self%problem)
          call self%put_plane(self%last_x, self%last_direction, step)
          x = self%last_x + step*self%last_direction
          if (problem%has_products .and. problem%n_unknowns > problem%largest_dense) then
-            call solve_krylov(problem, self%corrector, x, report)
+            call solve_krylov(problem, limited, x, report)
          else
-            call solve_newton(problem, self%corrector, x, report)
+            call solve_newton(problem, limited, x, report)
          end if
       end associate
       call self%report%add(report)
       self%last_iterations = report%iterations
       is_on_curve = report%status == outcome%converged
       if (any(report%status == [outcome%timed_out, outcome%interrupted])) self%status = report%status
+      self%report%is_out_of_work = self%report%work >= self%corrector%work_limit
+      if (self%report%is_out_of_work) self%status = outcome%out_of_budget
    end subroutine curve_point_at
 
    !> Finds a zero of a function that has changed its sign on the step from the last point to x, by bisection and secants. x becomes
@@ -254,6 +260,7 @@ contains
       call self%put_plane(x, self%direction, 0.0_wp)
       call new_tangent_solver(solver, self%problem, x, is_singular)
       self%report%factorizations = self%report%factorizations + 1
+      self%report%work = self%report%work + self%problem%tangent_work
       if (is_singular) return
       determinant_sign = solver%determinant_sign()
       tangent = 0.0_wp

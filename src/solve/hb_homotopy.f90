@@ -14,6 +14,7 @@ module hb_homotopy
    private
    public :: solve_by_homotopy
 
+   type(curve_config_t), parameter :: steps = curve_config_t(little=2.0_wp)   ! each sample that enters contact is a kink
    real(wp), parameter :: loose_tolerance = 1.0e-6_wp                 ! of the residual on the way
    integer, parameter :: most_corrections = 8
 
@@ -43,7 +44,6 @@ contains
       n = problem%n_unknowns
       corrector = config
       corrector%tolerance = loose_tolerance
-      corrector%work_limit = huge(1.0_wp)                             ! looked at between steps
       corrector%max_iterations = most_corrections
       corrector%line_search = .false.
       corrector%repeats_tangent = .false.                             ! of several motions the way decides which is found
@@ -51,7 +51,7 @@ contains
       forward(n + 1, 1) = 1.0_wp
       call problem%set_parameters([-kind], [0.0_wp], is_possible)
       call new_bordered_problem(way, problem, [-kind], forward, [0.0_wp])
-      call new_curve(curve, way, [x, 0.0_wp], forward(:, 1), way%x_scale, curve_config_t(), corrector)
+      call new_curve(curve, way, [x, 0.0_wp], forward(:, 1), way%x_scale, steps, corrector)
       n_steps = 0                                                     ! many may need no correction
       trial = x
       do while (curve%status == outcome%pending)
@@ -75,15 +75,12 @@ contains
                call curve%turn()
             end if
          end associate
-         curve%report%work = problem%work_of(curve%report)
-         curve%report%is_out_of_work = curve%status == outcome%pending .and. curve%report%work >= config%work_limit
-         if (curve%status == outcome%pending .and. (max(curve%report%iterations, n_steps) >= config%homotopy_iterations .or. &
-                                                    curve%report%is_out_of_work)) curve%status = outcome%out_of_budget
+         if (curve%status == outcome%pending .and. max(curve%report%iterations, n_steps) >= config%homotopy_iterations) &
+            curve%status = outcome%out_of_budget
       end do
       call problem%set_parameters([-kind], [1.0_wp], is_possible)
       report = curve%report
       report%status = curve%status
-      report%work = problem%work_of(report)
       if (report%status == outcome%converged) then
          x = trial
          report%residual = last%residual
