@@ -8,7 +8,7 @@ module arguments
    use hb_text, only: join, parse_integer, parse_real, split, string_t, to_text
    implicit none
    private
-   public :: argument_list, arguments_t, default_output, read_arguments, read_numbers
+   public :: argument_list, arguments_t, read_arguments, read_numbers
 
    type :: arguments_t
       character(:), allocatable :: verb
@@ -24,12 +24,15 @@ module arguments
       logical :: retries = .false.                                    !! points that did not converge, too
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s]
       integer :: level = log_level%normal                             !! how much to tell
+      logical :: wants_check = .false.                                !! of info: whether rows are damaged
       logical :: wants_help = .false.
       logical :: wants_version = .false.
       character(:), allocatable :: ranks, cost, cost_from             !! of plan
       character(:), allocatable :: points                             !! of plan their number, of verify a list
       type(string_t), allocatable :: machine(:)                       !! of plan, key=value
       type(string_t), allocatable :: given(:)                         !! the options that were given, by their long names
+   contains
+      procedure :: result_path => arguments_result_path
    end type arguments_t
 
 contains
@@ -134,6 +137,7 @@ contains
          return
       end if
       select case (name)
+      case ("--check"); self%wants_check = .true.
       case ("--help"); self%wants_help = .true.
       case ("--version"); self%wants_version = .true.
       case ("--overwrite"); self%overwrite = .true.
@@ -243,15 +247,22 @@ contains
       end do
    end subroutine refuse_others
 
-   !> The name of the input without its folder, ending in .h5: results go to the current folder.
-   pure function default_output(input) result(path)
-      character(*), intent(in) :: input
+   !> Where the result goes: --output, or the name of the input without its folder, ending in .h5, in the current folder;
+   !> resume goes on in the file that it is given.
+   pure function arguments_result_path(self) result(path)
+      class(arguments_t), intent(in) :: self
       character(:), allocatable :: path
       integer :: dot
 
-      path = input(index(input, "/", back=.true.) + 1:)
+      if (allocated(self%output)) then
+         path = self%output
+         return
+      end if
+      path = self%input
+      if (self%verb == "resume") return
+      path = path(index(path, "/", back=.true.) + 1:)
       dot = index(path, ".", back=.true.)
       if (dot > 1) path = path(:dot - 1)
       path = path//".h5"
-   end function default_output
+   end function arguments_result_path
 end module arguments

@@ -1,6 +1,6 @@
 !> The verbs and options of nhbm, each written once: what the command line may have, and what the help says.
 module command_table
-   use, intrinsic :: iso_fortran_env, only: output_unit
+   use console, only: say
    use hb_text, only: join, split, string_t
    implicit none
    private
@@ -37,11 +37,12 @@ module command_table
 
    character(*), parameter :: all_verbs = "solve resume info check plan bench march verify"
 
-   type(option_t), parameter :: options(22) = [ &
+   type(option_t), parameter :: options(23) = [ &
       option_t("--output", "-o", "FILE", "solve bench march", &
          "file of results; default: name of the input, ending in .h5, in the current folder"), &
       option_t("--output", "-o", "FILE", "plan", "write the table as comma-separated values too, for nhbm-post plan"), &
-      option_t("--overwrite", "", "", "solve bench march", "replace the file of results if there is one"), &
+      option_t("--overwrite", "", "", "solve plan bench march", "replace the file of results if there is one"), &
+      option_t("--check", "", "", "info", "also compare the results with their checksums"), &
       option_t("--resume", "", "", "solve", "go on with the result file if there is one; the input must be the same"), &
       option_t("--retry", "", "", "solve resume", "when going on: also solve again the points that did not converge"), &
       option_t("--time-limit", "", "SECONDS", "solve resume", &
@@ -135,9 +136,9 @@ contains
       integer :: i
 
       is_one = any(verbs%name == verb .and. verbs%argument /= "")
-      if (.not. is_one) write (output_unit, "(a)") &
+      if (.not. is_one) call say([character(120) :: &
          "nhbm finds the steady vibration of structures with contact and other strong nonlinearities", &
-         "under several tones, by the n-dimensional harmonic balance method.", ""
+         "under several tones, by the n-dimensional harmonic balance method.", ""])
       do i = 1, size(verbs)
          if (is_one .and. verbs(i)%name /= verb) cycle
          call write_entry(merge("usage: nhbm ", "       nhbm ", i == 1 .or. is_one)//trim(verbs(i)%name)//" "// &
@@ -145,19 +146,19 @@ contains
       end do
       if (.not. is_one .or. verb == "solve") &
          call write_entry("       mpirun -n 4 nhbm solve INPUT", "the same, points spread over 4 ranks", 42)
-      write (output_unit, "(a)") "", "options:"
+      call say([character(120) :: "", "options:"])
       do i = 1, size(options)
          if (is_one .and. .not. has(options(i), verb)) cycle
          call write_entry("  "//merge(options(i)%short//", ", "    ", options(i)%short /= "")//trim(options(i)%name)//" "// &
             options(i)%value, trim(verbs_before(options(i), is_one))//" "//options(i)%text, column_of_text)
       end do
-      write (output_unit, "(a)") "", &
+      call say([character(120) :: "", &
          "exit status: 0 all points converged, 1 some did not (their status is in the file), a derivative is wrong or", &
          "             marching does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
          "             limit came first; resume solves them.", &
          "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run at the next step of a solver, a second one at once.", &
          "BLAS works with one thread unless OPENBLAS_NUM_THREADS says otherwise. docs/user/input.md lists the keys of the", &
-         "input, docs/user/schema.md the results."
+         "input, docs/user/schema.md the results."])
    end subroutine write_help
 
    !> The verbs of an option, where the help tells of all verbs and not all have it.
@@ -185,11 +186,11 @@ contains
       call split(trim(adjustl(text)), " ", words)
       do i = 1, size(words)
          if (len_trim(line) > 0 .and. len(line) + len(words(i)%value) > width) then
-            write (output_unit, "(a)") trim(line)
+            call say(trim(line))
             line = repeat(" ", column - 1)
          end if
          line = line//words(i)%value//" "
       end do
-      write (output_unit, "(a)") trim(line)
+      call say(trim(line))
    end subroutine write_entry
 end module command_table

@@ -1,15 +1,17 @@
 !> nhbm: steady vibration under several tones by the n-dimensional harmonic balance method.
 program nhbm
-   use, intrinsic :: iso_c_binding, only: c_int
-   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
+   use, intrinsic :: iso_fortran_env, only: error_unit
    use arguments, only: argument_list, arguments_t, read_arguments
    use command_table, only: verb_names, write_help
-   use exit_status, only: bad_input, not_all_right, success
-   use hb_blas_threads, only: use_one_blas_thread
+   use console, only: finish_output, say
+   use exit_status, only: bad_input, incomplete, not_all_right, success
+   use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
-   use hb_mpi, only: comm_t, rank_of, start_mpi, stop_mpi, world
-   use hb_system, only: keep_freed_memory
+   use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, stop_mpi, world
+   use hb_signals, only: catch_signals, wait_for_points
+   use hb_system, only: keep_freed_memory, survive_failed_writes
    use hb_text, only: join
    use hb_version, only: git_commit, program_version
    use verb_bench, only: run_bench_verb
@@ -23,10 +25,17 @@ program nhbm
 
    interface
       !> Ends the process with a status and without a word.
-      subroutine c_exit(status) bind(c, name="exit")
+      subroutine hb_exit(status) bind(c, name="hb_exit")
          import :: c_int
          integer(c_int), value :: status
-      end subroutine c_exit
+      end subroutine hb_exit
+
+      !> Has the process end with a text and a status where anybody else calls exit().
+      subroutine hb_refuse_exit(text, status) bind(c, name="hb_refuse_exit")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: text(*)
+         integer(c_int), value :: status
+      end subroutine hb_refuse_exit
    end interface
 
    type(arguments_t) :: options
@@ -36,25 +45,44 @@ program nhbm
 
    call keep_freed_memory()
    call use_one_blas_thread()
+   call survive_failed_writes()
+   call hb_refuse_exit("nhbm: a library has called exit(), maybe a law of the user's own; the work is not done"// &
+      new_line("a")//c_null_char, int(bad_input, c_int))
+   call read_arguments(options, argument_list(), error)
+   if (.not. allocated(error)) call expect_signals()
    call start_mpi()
    comm = world()
    status = success
-   call read_arguments(options, argument_list(), error)
    if (.not. allocated(error)) call run_verb()
-   if (allocated(error)) then
-      status = bad_input
-      if (rank_of(comm) == 0) write (error_unit, "(a)") "nhbm: "//error%message
-   end if
+   call tell_error(bad_input)
+   call finish_output(error)
+   call tell_error(max(status, bad_input))
+   call wait_for_points()                                             ! a signal of mpirun has no news any more
    call stop_mpi()
-   flush (output_unit)
    flush (error_unit)
-   call c_exit(int(status, c_int))
+   call hb_exit(int(status, c_int))
 
 contains
 
+   !> From here on, before anything takes time, a signal asks for what the verbs that solve points can do: end between two of them.
+   subroutine expect_signals()
+      if (.not. (allocated(options%verb) .and. allocated(options%input))) return
+      if (options%verb /= "solve" .and. options%verb /= "resume") return
+      call catch_signals("nhbm: ended by a second signal; nhbm resume "// &
+         options%result_path()//" goes on", incomplete, error)
+   end subroutine expect_signals
+
+   !> Says what went wrong, if anything did, and has the program end with this status.
+   subroutine tell_error(status_of_error)
+      integer, intent(in) :: status_of_error
+
+      if (.not. allocated(error)) return
+      status = status_of_error
+      if (rank_of(comm) == 0) write (error_unit, "(a)") "nhbm: "//error%message
+   end subroutine tell_error
+
    subroutine run_verb()
       character(:), allocatable :: closest, verb
-      logical :: all_right
 
       verb = ""
       if (allocated(options%verb)) verb = options%verb
@@ -63,7 +91,7 @@ contains
          if (verb == "help" .and. allocated(options%input)) verb = options%input
          call write_help(verb)
       else if (options%wants_version .or. verb == "version") then
-         if (rank_of(comm) == 0) write (output_unit, "(a)") "nhbm "//program_version//" ("//git_commit//")"
+         if (rank_of(comm) == 0) call say("nhbm "//program_version//" ("//git_commit//")")
       else if (verb == "") then
          call fail(error, "say what to do: nhbm solve input.nml; nhbm --help tells all")
       else if (all(verb_names() /= verb)) then
@@ -74,7 +102,18 @@ contains
          call fail(error, verb//" needs a result file, such as nhbm "//verb//" result.h5")
       else if (.not. allocated(options%input)) then
          call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
-      else if (verb == "check") then
+      else
+         call take_blas_memory(error)
+         call share_error(comm, error)
+         if (.not. allocated(error)) call run_known_verb(verb)
+      end if
+   end subroutine run_verb
+
+   subroutine run_known_verb(verb)
+      character(*), intent(in) :: verb
+      logical :: all_right
+
+      if (verb == "check") then
          call run_check(options, comm, all_right, error)
          if (.not. all_right) status = not_all_right
       else if (verb == "info") then
@@ -94,5 +133,5 @@ contains
       else
          call run_solve(options, comm, status, error)
       end if
-   end subroutine run_verb
+   end subroutine run_known_verb
 end program nhbm

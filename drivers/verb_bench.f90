@@ -1,7 +1,7 @@
 !> `nhbm bench`: what the points of an input cost, whole and by their kernels.
 module verb_bench
-   use, intrinsic :: iso_fortran_env, only: output_unit
-   use arguments, only: arguments_t, default_output
+   use arguments, only: arguments_t
+   use console, only: say
    use hb_bench, only: bench_options_t, part, point_cost_t, run_bench
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_place
@@ -11,6 +11,7 @@ module verb_bench
    use hb_progress, only: log_level
    use hb_study, only: study_t
    use hb_text, only: to_text
+   use result_place, only: place_result
    use verb_solve, only: load_study
    implicit none
    private
@@ -30,23 +31,22 @@ contains
       integer :: i
 
       all_converged = .false.
-      how%path = default_output(options%input)
       how%overwrite = options%overwrite
       how%repeats = options%n_repeats
       how%budget = options%budget
       how%level = options%level
-      if (allocated(options%output)) how%path = options%output
       if (size_of(comm) > 1) then
          call fail(error, "bench measures times in one process; run it without mpirun")
          return
       end if
-      call load_study(options, comm, study, error)
+      call place_result(options, comm, how%path, error)
+      if (.not. allocated(error)) call load_study(options, comm, study, error)
       if (allocated(error)) return
       call check_place(how%path, how%overwrite, error)                ! before the work
       call annotate(error, "result file '"//how%path//"'")
       if (allocated(error)) return
-      if (how%level > log_level%quiet) write (output_unit, "(a)") "nhbm bench "//options%input//": "// &
-         to_text(study%plan%n_points)//" points, each solved "//to_text(how%repeats)//" times"
+      if (how%level > log_level%quiet) call say("nhbm bench "//options%input//": "// &
+         to_text(study%plan%n_points)//" points, each solved "//to_text(how%repeats)//" times")
       call run_bench(study, how, comm, costs, error)
       if (allocated(error)) return
       all_converged = all([(costs(i)%result%status == outcome%converged, i=1, size(costs))])
@@ -55,21 +55,23 @@ contains
       do i = 1, size(costs)
          if (has_kernels(costs(i)%kernels)) call write_kernels(i, costs(i)%kernels)
       end do
-      write (output_unit, "(a)") "results in "//how%path
+      call say("results in "//how%path)
    end subroutine run_bench_verb
 
    subroutine write_points(study, costs)
       type(study_t), intent(in) :: study
       type(point_cost_t), intent(in) :: costs(:)
       character(:), allocatable :: status
+      character(80) :: line
       integer :: i
 
-      write (output_unit, "(a)") "point  unknowns  iterations  total [s]  status         parameters"
+      call say("point  unknowns  iterations  total [s]  status         parameters")
       do i = 1, size(costs)
          status = outcome_name(costs(i)%result%status)
          associate (cost => costs(i))
-            write (output_unit, "(i5, i10, i12, es11.2, 2x, a)") i - 1, cost%result%n_unknowns, cost%result%iterations, &
-               median(cost%seconds(part%total, :)), status//repeat(" ", max(1, 15 - len(status)))//study%plan%describe(i)
+            write (line, "(i5, i10, i12, es11.2)") i - 1, cost%result%n_unknowns, cost%result%iterations, &
+               median(cost%seconds(part%total, :))
+            call say(trim(line)//"  "//status//repeat(" ", max(1, 15 - len(status)))//study%plan%describe(i))
          end associate
       end do
    end subroutine write_points
@@ -77,14 +79,16 @@ contains
    subroutine write_kernels(point, times)
       integer, intent(in) :: point                                    !! from 1
       type(kernel_times_t), intent(in) :: times
+      character(80) :: line
       integer :: i
 
-      write (output_unit, "(a)") "point "//to_text(point - 1)//": "//to_text(times%n_unknowns)//" unknowns, "// &
-         to_text(times%n_samples)//" samples, "//to_text(times%n_channels)//" channels"
-      write (output_unit, "(a)") "             median [s]   first     least      most    yardstick     ratio"
+      call say("point "//to_text(point - 1)//": "//to_text(times%n_unknowns)//" unknowns, "// &
+         to_text(times%n_samples)//" samples, "//to_text(times%n_channels)//" channels")
+      call say("             median [s]   first     least      most    yardstick     ratio")
       do i = 1, size(kernel_names)
-         write (output_unit, "(1x, a12, 5es10.2, f10.3)") kernel_names(i), times%seconds(i), times%first(i), times%fastest(i), &
+         write (line, "(1x, a12, 5es10.2, f10.3)") kernel_names(i), times%seconds(i), times%first(i), times%fastest(i), &
             times%slowest(i), times%yardstick(i), times%ratio(i)
+         call say(trim(line))
       end do
    end subroutine write_kernels
 end module verb_bench

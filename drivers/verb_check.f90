@@ -1,10 +1,11 @@
 !> `nhbm check`: reads an input as `solve` would, every point of it, says what it asks for, and compares the derivatives of
 !> its laws with differences of their forces.
 module verb_check
-   use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t
+   use console, only: say
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
+   use hb_guard, only: lower_guard, raise_guard
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_check, only: check_derivatives, derivative_check_t
@@ -16,7 +17,7 @@ module verb_check
    use hb_scene_reader, only: read_scene
    use hb_scene_sizes, only: sizes_of
    use hb_study, only: study_t
-   use hb_text, only: join, to_text
+   use hb_text, only: to_text
    use verb_solve, only: load_study
    implicit none
    private
@@ -43,7 +44,7 @@ contains
       if (rank_of(comm) > 0) return
       call describe(study)
       call check_laws(study%scene%laws, all_right)
-      if (all_right) write (output_unit, "(a)") "the input is sound"
+      if (all_right) call say("the input is sound")
    end subroutine run_check
 
    subroutine check_point(study, point, error)
@@ -61,26 +62,31 @@ contains
 
    subroutine describe(study)
       type(study_t), intent(in) :: study
+      character(:), allocatable :: samples, tones
       integer, allocatable :: law_dofs(:)
       integer :: i
 
       associate (scene => study%scene)
          law_dofs = law_dofs_of(scene%laws)
-         write (output_unit, "(a)") "points      "//to_text(study%plan%n_points)
+         call say("points      "//to_text(study%plan%n_points))
          do i = 1, size(study%plan%parameters)
-            write (output_unit, "(a)") "swept       "//study%plan%parameters(i)%describe()
+            call say("swept       "//study%plan%parameters(i)%describe())
          end do
-         write (output_unit, "(a)") "structure   "//to_text(scene%structure%n_dofs)//" degrees of freedom"
-         write (output_unit, "(a, *(a, :, ', '))") "tones       ", &
-            (tone_text(scene, i), i=1, scene%tones%n_tones)
-         write (output_unit, "(a)") "harmonics   "//to_text(scene%harmonics%n_harmonics)
-         write (output_unit, "(a, *(a, :, ' x '))") "samples     ", &
-            (to_text(scene%torus%n_samples(i)), i=1, scene%tones%n_tones)
-         write (output_unit, "(a)") "unknowns    "//to_text(scene%harmonics%n_coefficients*size(law_dofs))
+         call say("structure   "//to_text(scene%structure%n_dofs)//" degrees of freedom")
+         tones = tone_text(scene, 1)
+         samples = to_text(scene%torus%n_samples(1))
+         do i = 2, scene%tones%n_tones
+            tones = tones//", "//tone_text(scene, i)
+            samples = samples//" x "//to_text(scene%torus%n_samples(i))
+         end do
+         call say("tones       "//tones)
+         call say("harmonics   "//to_text(scene%harmonics%n_harmonics))
+         call say("samples     "//samples)
+         call say("unknowns    "//to_text(scene%harmonics%n_coefficients*size(law_dofs)))
          call describe_symmetry(scene, size(law_dofs))
          call describe_memory(scene)
          do i = 1, size(scene%laws)
-            write (output_unit, "(a)") "law         "//scene%laws(i)%law%label
+            call say("law         "//scene%laws(i)%law%label)
          end do
       end associate
    end subroutine describe
@@ -95,8 +101,8 @@ contains
 
       reduced = scene
       call reduce_to_odd(odd, reduced, error)
-      if (odd%is_used) write (output_unit, "(a)") "symmetry    odd motions, "// &
-         to_text(reduced%harmonics%n_coefficients*n_law_dofs)//" unknowns"
+      if (odd%is_used) call say("symmetry    odd motions, "// &
+         to_text(reduced%harmonics%n_coefficients*n_law_dofs)//" unknowns")
    end subroutine describe_symmetry
 
    !> Says what the memory of a point is estimated at, and what takes most of it.
@@ -109,7 +115,8 @@ contains
       text = amount(bytes%usual())
       if (bytes%worst() > bytes%usual()) text = text//", "//amount(bytes%worst())//" if it needs a rescue"
       if (scene%memory_limit < huge(1.0_wp)) text = text//"; "//amount(scene%memory_limit)//" are there"
-      write (output_unit, "(a)") "memory      "//text, "            "//memory_text(bytes)
+      call say("memory      "//text)
+      call say("            "//memory_text(bytes))
    end subroutine describe_memory
    !> Frequency of a tone, or that it is unknown.
    function tone_text(scene, i) result(text)
@@ -131,24 +138,26 @@ contains
       type(law_box_t), intent(in) :: laws(:)
       logical, intent(out) :: all_right
       type(derivative_check_t) :: check
-      character(:), allocatable :: verdict
+      character(12) :: difference
       integer :: i, width
 
       all_right = .true.
       if (size(laws) == 0) return
       width = max(11, maxval([(len(laws(i)%law%label), i=1, size(laws))]))
-      write (output_unit, "(a)") "", pad("derivatives", width)//"  difference  skipped       verdict"
+      call say("")
+      call say(pad("derivatives", width)//"  difference  skipped       verdict")
       do i = 1, size(laws)
+         call raise_guard("law '"//laws(i)%law%label//"' has ended the process")
          call check_derivatives(laws(i)%law, check)
-         verdict = "right"
-         if (check%n_skipped == check%n_compared) verdict = "no sample could be compared"
-         if (size(check%wrong) > 0) verdict = "wrong: "//join(check%wrong, ", ")
-         write (output_unit, "(a, es12.1, 2x, a, a)") pad(laws(i)%law%label, width), check%difference, &
-            pad(to_text(check%n_skipped)//" of "//to_text(check%n_compared), 14), verdict
-         all_right = all_right .and. size(check%wrong) == 0
+         call lower_guard()
+         write (difference, "(es12.1)") check%difference
+         call say(pad(laws(i)%law%label, width)//difference//"  "// &
+            pad(to_text(check%n_skipped)//" of "//to_text(check%n_compared), 14)//check%verdict())
+         all_right = all_right .and. check%is_sound()
       end do
-      write (output_unit, "(a)") "difference: the largest between a derivative and a difference of forces, relative; "// &
-         "skipped: samples at kinks", ""
+      call say("difference: the largest between a derivative and a difference of forces, relative; "// &
+         "skipped: samples at kinks")
+      call say("")
    end subroutine check_laws
 
    !> Text filled up with blanks to a width.

@@ -1,12 +1,12 @@
 !> `nhbm info`: what a result file holds, how its points ended, and whether it is complete.
 module verb_info
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t
+   use console, only: say
    use exit_status, only: incomplete, success
    use hb_branches, only: jumps_between
    use hb_document, only: document_t
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, max_over, rank_of, share_error
    use hb_outcome, only: outcome, outcome_name, outcome_text
@@ -51,7 +51,9 @@ contains
             call write_jumps(record, plan)
             call write_worst(record, plan)
             call write_times(record, plan)
+            if (options%wants_check) call record%check_rows(options%input, error)
             call write_rest(record, options%input)
+            if (allocated(record%is_damaged) .and. .not. allocated(error)) call tell_damage(record, options%input, error)
             if (size(open_points(record, .false.)) > 0) status = incomplete
          end if
       end if
@@ -206,12 +208,30 @@ contains
          " again that did not converge")
    end subroutine write_rest
 
+   !> Fails where rows are damaged, with their points.
+   subroutine tell_damage(record, path, error)
+      type(record_t), intent(in) :: record
+      character(*), intent(in) :: path
+      type(error_t), allocatable, intent(out) :: error
+      character(12), allocatable :: points(:)
+      integer :: i
+
+      if (.not. any(record%is_damaged)) then
+         call write_fact("checked", "all rows are as they were written")
+         return
+      end if
+      allocate (points(count(record%is_damaged)))
+      write (points, "(i0)") pack([(i - 1, i=1, record%n_points)], record%is_damaged)
+      call fail(error, "result file '"//path//"' is damaged: the results of "//number_of(size(points), "point")// &
+         " are not what was written ("//list_of(points)//"); nhbm resume "//path//" solves them again")
+   end subroutine tell_damage
+
    subroutine write_fact(name, text)
       character(*), intent(in) :: name, text
       character(11) :: field
 
       field = name
-      write (output_unit, "(a)") field//trim(text)
+      call say(field//trim(text))
    end subroutine write_fact
 
    pure function list_of(words) result(text)

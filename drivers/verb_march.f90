@@ -1,7 +1,7 @@
 !> `nhbm march`: follows a scene through time and writes the record.
 module verb_march
-   use, intrinsic :: iso_fortran_env, only: output_unit
-   use arguments, only: arguments_t, default_output
+   use arguments, only: arguments_t
+   use console, only: say
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_place
@@ -19,6 +19,7 @@ module verb_march
    use hb_scene_reader, only: read_scene
    use hb_study, only: study_t
    use hb_text, only: to_text
+   use result_place, only: place_result
    use verb_solve, only: load_study
    implicit none
    private
@@ -43,6 +44,7 @@ contains
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
+      character(:), allocatable :: path
 
       call load_study(options, comm, study, error)
       if (allocated(error)) return
@@ -52,7 +54,9 @@ contains
          call fail(error, "&march needs 'duration' [s]")
          return
       end if
-      if (rank_of(comm) == 0) call march_scene(options, study, error)
+      call place_result(options, comm, path, error)
+      if (allocated(error)) return
+      if (rank_of(comm) == 0) call march_scene(options, study, path, error)
       call share_error(comm, error)
    end subroutine run_march
 
@@ -75,9 +79,10 @@ contains
       call annotate(error, "point "//to_text(options%point))
    end subroutine choose_point
 
-   subroutine march_scene(options, study, error)
+   subroutine march_scene(options, study, path, error)
       type(arguments_t), intent(in) :: options
       type(study_t), intent(in) :: study
+      character(*), intent(in) :: path                                !! of the record
       type(error_t), allocatable, intent(out) :: error
       type(march_system_t), target :: system
       type(march_state_t) :: state
@@ -87,10 +92,8 @@ contains
       type(shown_progress_t) :: watcher
       real(wp) :: seconds, share, step
       real(wp), allocatable :: frequencies(:), omega(:)
-      character(:), allocatable :: path
+      character(300) :: line
 
-      path = default_output(options%input)
-      if (allocated(options%output)) path = options%output
       call check_place(path, options%overwrite, error)
       call annotate(error, "march record '"//path//"'")
       if (allocated(error)) return
@@ -124,18 +127,18 @@ contains
                                state, error)
       end associate
       if (allocated(error) .or. options%level < log_level%normal) return
-      write (output_unit, "(a, f0.3, a)") "marched to t = "//to_text(state%time)//" s in ", seconds, &
-         " s of computing; record in "//path
+      write (line, "(f0.3)") seconds
+      call say("marched to t = "//to_text(state%time)//" s in "//trim(line)//" s of computing; record in "//path)
       if (any(study%scene%tones%is_unknown)) then
          if (share > 0.0_wp) then
-            write (output_unit, "(a, *(es23.15e2))") "frequencies read from the record [rad/s]:", &
-               pack(omega, study%scene%tones%is_unknown)
+            write (line, "(*(es23.15e2))") pack(omega, study%scene%tones%is_unknown)
+            call say("frequencies read from the record [rad/s]:"//trim(line))
          else
-            write (output_unit, "(a)") "the record has no tone of its own; the coefficients of unknown tones mean nothing"
+            call say("the record has no tone of its own; the coefficients of unknown tones mean nothing")
          end if
       end if
-      write (output_unit, "(a, es7.1)") "largest difference between coefficients of both halves of the record: ", &
-         maxval(judgement%spread)
+      write (line, "(es7.1)") maxval(judgement%spread)
+      call say("largest difference between coefficients of both halves of the record: "//trim(line))
    end subroutine march_scene
 
    !> Base frequencies for the march: unknown ones without a first guess take those of the linear structure, the lowest first.

@@ -1,10 +1,11 @@
 !> `nhbm plan`: says how large the result file of an input becomes and how a run of it would go on any number of ranks.
 module verb_plan
-   use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t
+   use console, only: say
    use hb_closest_word, only: closest_word
    use hb_counter_speed, only: measure_counter
    use hb_error, only: annotate, error_t, fail
+   use hb_file_place, only: check_place
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_held_rows, only: hold_seconds
    use hb_kinds, only: wp
@@ -13,6 +14,7 @@ module verb_plan
    use hb_simulation, only: forecast_t, lognormal_costs, machine_t, simulate, stretched_costs, tasks_t
    use hb_study, only: row_of_study, study_t
    use hb_text, only: join, parse_real, split, string_t, to_text
+   use result_place, only: place_result
    use verb_solve, only: load_study
    implicit none
    private
@@ -35,14 +37,25 @@ contains
       type(tasks_t) :: tasks
       type(machine_t) :: machine
       real(wp), allocatable :: ranks(:)
+      character(128) :: measured
+      character(:), allocatable :: path
       integer :: chain, group_size, line, n_points
 
+      if (allocated(options%output)) then
+         call place_result(options, comm, path, error)
+         if (.not. allocated(error)) call check_place(path, options%overwrite, error)
+         call annotate(error, "'"//options%output//"' cannot be written")
+         if (allocated(error)) return
+      end if
       call load_study(options, comm, study, error)
       if (allocated(error)) return
       if (size_of(comm) > 1) call measure_counter(comm, machine%latency, machine%counter_rate, error)
       if (allocated(error) .or. rank_of(comm) > 0) return
-      if (size_of(comm) > 1) write (output_unit, "(a, es7.1, a, es7.1)") "measured among "//to_text(size_of(comm))// &
-         " ranks: latency=", machine%latency, " counter_rate=", machine%counter_rate
+      if (size_of(comm) > 1) then
+         write (measured, "(a, es7.1, a, es7.1)") "measured among "//to_text(size_of(comm))//" ranks: latency=", &
+            machine%latency, " counter_rate=", machine%counter_rate
+         call say(trim(measured))
+      end if
       n_points = study%plan%n_points
       line = study%plan%n_fastest()
       chain = merge(study%scene%chain%length, 1, study%scene%chain%is_on)
@@ -52,10 +65,10 @@ contains
       if (.not. allocated(error)) call read_ranks(options, ranks, error)
       if (allocated(error)) return
       call row_of_study(study, tasks%bytes_per_point, tasks%writes_per_row)
-      write (output_unit, "(a)") to_text(n_points)//" points of "//to_text(nint(tasks%bytes_per_point))//" B in "// &
-         to_text(tasks%writes_per_row)//" datasets: "//gigabytes(n_points*tasks%bytes_per_point)//" GB"
+      call say(to_text(n_points)//" points of "//to_text(nint(tasks%bytes_per_point))//" B in "// &
+         to_text(tasks%writes_per_row)//" datasets: "//gigabytes(n_points*tasks%bytes_per_point)//" GB")
       if (.not. allocated(tasks%ends)) return
-      call forecast_all(ranks, n_points, line, chain, group_size, tasks, machine, options%output, error)
+      call forecast_all(ranks, n_points, line, chain, group_size, tasks, machine, path, error)
    end subroutine run_plan
 
    subroutine read_points(options, line, n_points, error)
@@ -187,10 +200,11 @@ contains
       integer, intent(in) :: n_points, line, chain, group_size
       type(tasks_t), intent(in) :: tasks
       type(machine_t), intent(inout) :: machine
-      character(*), intent(in), optional :: path
+      character(*), intent(in), optional :: path                      !! of a file of comma-separated values
       type(error_t), allocatable, intent(out) :: error
       type(schedule_t) :: schedule
       type(forecast_t) :: forecast
+      character(160) :: row
       real(wp) :: n_bytes
       integer :: i, n_ranks, status, unit
       logical :: is_hold_given
@@ -204,17 +218,18 @@ contains
          end if
          write (unit, "(a)") columns
       end if
-      write (output_unit, "(a)") "     ranks    seconds  efficiency   drawing   writing      idle      draws    writes/s"// &
-         "        B/s  counter     file"
+      call say("     ranks    seconds  efficiency   drawing   writing      idle      draws    writes/s"// &
+         "        B/s  counter     file")
       n_bytes = n_points*tasks%bytes_per_point
       do i = 1, size(ranks)
          n_ranks = nint(ranks(i))
          if (.not. is_hold_given) machine%hold = hold_seconds(n_ranks, tasks%writes_per_row)
          call new_schedule(schedule, n_points, line, chain, n_ranks, machine%hold, group_size)
          call simulate(schedule, n_ranks, tasks, machine, forecast)
-         write (output_unit, "(i10, es11.3, f12.4, 3f10.4, 3es11.2, 2f9.4)") n_ranks, forecast%seconds, forecast%efficiency, &
+         write (row, "(i10, es11.3, f12.4, 3f10.4, 3es11.2, 2f9.4)") n_ranks, forecast%seconds, forecast%efficiency, &
             forecast%drawing, forecast%writing, forecast%idle, forecast%draws, forecast%writes/forecast%seconds, &
             n_bytes/forecast%seconds, forecast%counter_load, forecast%file_load
+         call say(trim(row))
          if (present(path)) write (unit, "(i0, ',', i0, 10(',', es13.6))") n_ranks, n_points, forecast%seconds, &
             forecast%efficiency, forecast%drawing, forecast%writing, forecast%idle, forecast%draws, forecast%writes, n_bytes, &
             forecast%counter_load, forecast%file_load

@@ -1,10 +1,12 @@
 !> `nhbm solve`: solves all points of an input and writes the result file. `nhbm resume`: goes on with one.
 module verb_solve
-   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
-   use arguments, only: arguments_t, default_output
+   use, intrinsic :: iso_fortran_env, only: error_unit
+   use arguments, only: arguments_t
+   use console, only: say
    use exit_status, only: incomplete, not_all_right, success
    use hb_available_memory, only: available_memory
    use hb_error, only: error_t
+   use hb_file_place, only: check_source
    use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
@@ -12,7 +14,7 @@ module verb_solve
    use hb_progress, only: log_level
    use hb_results_record, only: read_record, record_t
    use hb_run_summary, only: found_frequency, run_summary_t
-   use hb_signals, only: catch_signals, signal_caught, signal_name
+   use hb_signals, only: signal_caught, signal_name
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
    use hb_sweep_plan, only: sweep_plan_t
@@ -20,6 +22,7 @@ module verb_solve
    use hb_text_file, only: read_text_file
    use hb_timing, only: timing_lines
    use hb_version, only: git_commit, program_version
+   use result_place, only: place_result
    implicit none
    private
    public :: load_study, run_resume, run_solve
@@ -36,9 +39,8 @@ contains
       character(:), allocatable :: path
 
       status = success
-      path = default_output(options%input)
-      if (allocated(options%output)) path = options%output
-      call load_study(options, comm, study, error)
+      call place_result(options, comm, path, error)
+      if (.not. allocated(error)) call load_study(options, comm, study, error)
       if (allocated(error)) return
       call run(study, options, path, options%resumes, comm, status, error)
    end subroutine run_solve
@@ -78,12 +80,9 @@ contains
       how%status_of_exit = incomplete
       status = success
       is_told = rank_of(comm) == 0 .and. options%level >= log_level%normal
-      if (is_told) write (output_unit, "(a)") "nhbm "//options%verb//" "//options%input//": "// &
+      if (is_told) call say("nhbm "//options%verb//" "//options%input//": "// &
          number_of(study%plan%n_points, "point")//" on "//number_of(size_of(comm), "rank")//", "// &
-         number_of(study%scene%tones%n_tones, "tone")//", "//number_of(size(study%tuples, 2), "harmonic")
-      call catch_signals("nhbm: ended by a second signal; nhbm resume "//path// &
-         " goes on", incomplete, error)
-      if (allocated(error)) return
+         number_of(study%scene%tones%n_tones, "tone")//", "//number_of(size(study%tuples, 2), "harmonic"))
       call run_study(study, how, comm, summary, error)
       if (allocated(error)) return
       if (summary%counts(outcome%converged) < summary%n_points) status = not_all_right
@@ -116,7 +115,10 @@ contains
       integer :: i
 
       lines = timing_lines(summary%times)
-      write (output_unit, "(a)") "where the time of the ranks went:", (trim(lines(i)), i=1, size(lines))
+      call say("where the time of the ranks went:")
+      do i = 1, size(lines)
+         call say(trim(lines(i)))
+      end do
    end subroutine write_times
 
    subroutine write_summary(summary, plan, path, is_unknown)
@@ -124,28 +126,35 @@ contains
       type(sweep_plan_t), intent(in) :: plan
       character(*), intent(in) :: path
       logical, intent(in) :: is_unknown(:)                            !! of each tone
+      character(100) :: estimates
       integer :: i, status
 
-      if (allocated(summary%made_by)) write (output_unit, "(a)") "note: the file was made by "//summary%made_by// &
-         ", this is nhbm "//program_version//" ("//git_commit//")"
-      write (output_unit, "(a)") to_text(summary%counts(outcome%converged))//" of "//to_text(summary%n_points)// &
-         " points converged; results in "//path
+      if (allocated(summary%made_by)) call say("note: the file was made by "//summary%made_by// &
+         ", this is nhbm "//program_version//" ("//git_commit//")")
+      if (summary%n_damaged > 0) call say("note: the results of "//number_of(summary%n_damaged, "point")// &
+         " were damaged in the file; solved again")
+      if (summary%has_other_libraries) call say("note: a law comes from another library than in the run that made the file")
+      call say(to_text(summary%counts(outcome%converged))//" of "//to_text(summary%n_points)// &
+         " points converged; results in "//path)
       do status = outcome%converged + 1, ubound(summary%counts, 1)
          if (summary%counts(status) == 0) cycle
-         write (output_unit, "(a)") to_text(summary%counts(status))//" "//outcome_text(status)
+         call say(to_text(summary%counts(status))//" "//outcome_text(status))
       end do
-      if (summary%n_rescued > 0) write (output_unit, "(a)") to_text(summary%n_rescued)// &
-         " needed more than the direct attempt (see 'rescue' in the results)"
+      if (summary%n_rescued > 0) call say(to_text(summary%n_rescued)// &
+         " needed more than the direct attempt (see 'rescue' in the results)")
       do i = 1, size(is_unknown)
-         if (is_unknown(i)) write (output_unit, "(a)") "unknown "//found_frequency(summary, i)
+         if (is_unknown(i)) call say("unknown "//found_frequency(summary, i))
       end do
-      if (summary%n_certified > 0) write (output_unit, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", &
-         summary%truncation, " by truncation, ", summary%aliasing, " by aliasing"
-      if (summary%n_jumps > 0) write (output_unit, "(a)") number_of(summary%n_jumps, "jump")// &
-         " between neighbours to another branch of motions (see 'branch'), the first to "//plan%describe(summary%first_jump)
-      if (summary%n_near_commensurate > 0) write (output_unit, "(a)") "warning: in "// &
+      if (summary%n_certified > 0) then
+         write (estimates, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", summary%truncation, &
+            " by truncation, ", summary%aliasing, " by aliasing"
+         call say(trim(estimates))
+      end if
+      if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
+         " between neighbours to another branch of motions (see 'branch'), the first to "//plan%describe(summary%first_jump))
+      if (summary%n_near_commensurate > 0) call say("warning: in "// &
          to_text(summary%n_near_commensurate)//" points a low-order combination of the tones nearly vanishes"// &
-         " (see 'combination'); such tones are hard to tell from commensurate ones"
+         " (see 'combination'); such tones are hard to tell from commensurate ones")
    end subroutine write_summary
 
    !> Reads the input file on rank 0, for all ranks, and makes the study of it.
@@ -156,7 +165,10 @@ contains
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: text
 
-      if (rank_of(comm) == 0) call read_text_file(options%input, text, error)
+      if (rank_of(comm) == 0) then
+         call check_source(options%input, error)
+         if (.not. allocated(error)) call read_text_file(options%input, text, error)
+      end if
       call share_error(comm, error)
       if (allocated(error)) return
       call broadcast_text(comm, text, 0)

@@ -1,7 +1,7 @@
 !> `nhbm verify`: marches from points of a result file and says whether their motions stay where they are.
 module verb_verify
-   use, intrinsic :: iso_fortran_env, only: output_unit
    use arguments, only: arguments_t, read_numbers
+   use console, only: say
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_march_verdict, only: verdict, verdict_text
@@ -24,6 +24,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(verdict_t), allocatable :: verdicts(:)
       integer, allocatable :: points(:)
+      character(400) :: line, drift
       integer :: i, n_wrong
 
       all_right = .false.
@@ -36,17 +37,18 @@ contains
       all_right = max_over(comm, n_wrong) == 0
       if (options%level < log_level%normal) return
       do i = 1, size(verdicts)
-         if (verdicts(i)%skipped_status > 0) write (output_unit, "(a)") &
-            "point "//to_text(i - 1)//": skipped, its status is "//outcome_name(verdicts(i)%skipped_status)
+         if (verdicts(i)%skipped_status > 0) call say(&
+            "point "//to_text(i - 1)//": skipped, its status is "//outcome_name(verdicts(i)%skipped_status))
          if (verdicts(i)%kind == verdict%not_done) cycle
-         write (output_unit, "(a, es8.1, a, es8.1, a, es8.1, a, es9.1, a)", advance="no") &
+         write (line, "(a, es8.1, a, es8.1, a, es8.1, a, es9.1, a)") &
             "point "//to_text(i - 1)//": difference", verdicts(i)%first_difference, " in the first period,", &
             verdicts(i)%difference, " at the end (limit", verdicts(i)%limit, ", "//verdicts(i)%coordinate//"), growth", &
-            verdicts(i)%growth, " 1/s, after "//to_text(verdicts(i)%n_periods)//" periods; "
-         if (any(abs(verdicts(i)%drift) > 0.0_wp)) write (output_unit, "(a, *(es10.2))", advance="no") &
-            "drift of the frequency", pack(verdicts(i)%drift, abs(verdicts(i)%drift) > 0.0_wp)
-         if (any(abs(verdicts(i)%drift) > 0.0_wp)) write (output_unit, "(a)", advance="no") " rad/s; "
-         write (output_unit, "(a)") verdict_text(verdicts(i)%kind)
+            verdicts(i)%growth, " 1/s, after "//to_text(verdicts(i)%n_periods)//" periods;"
+         drift = ""
+         if (any(abs(verdicts(i)%drift) > 0.0_wp)) write (drift, "(a, *(es10.2))") " drift of the frequency", &
+            pack(verdicts(i)%drift, abs(verdicts(i)%drift) > 0.0_wp)
+         if (drift /= "") drift = trim(drift)//" rad/s;"
+         call say(trim(line)//trim(drift)//" "//verdict_text(verdicts(i)%kind))
       end do
    end subroutine run_verify
 end module verb_verify

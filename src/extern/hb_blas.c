@@ -1,6 +1,8 @@
+#define _DEFAULT_SOURCE /* for MAP_ANONYMOUS */
 #include "hb_blas.h"
 
 #include <stdlib.h>
+#include <sys/mman.h>
 
 /* From OpenBLAS's cblas.h; null where BLAS comes from another library. */
 void openblas_set_num_threads(int n_threads) __attribute__((weak));
@@ -16,6 +18,25 @@ void hb_use_one_blas_thread(void)
       if (value != NULL && *value != '\0') return;
    }
    openblas_set_num_threads(1);
+}
+
+/* Of the buffer that OpenBLAS 0.3 takes at its first call; its own constant is not exported. */
+static const size_t buffer_bytes = 144u << 20;
+
+int hb_take_blas_memory(void)
+{
+   void dpotrf_(const char *, const int *, double *, const int *, int *, size_t);
+   const int n = 1;
+   int info;
+   double one = 1.0;
+
+   if (openblas_set_num_threads != NULL) {
+      void *const room = mmap(NULL, buffer_bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+      if (room == MAP_FAILED) return -1;
+      munmap(room, buffer_bytes);
+   }
+   dpotrf_("L", &n, &one, &n, &info, 1);
+   return 0;
 }
 
 int hb_n_blas_threads(void)

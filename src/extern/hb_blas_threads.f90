@@ -1,11 +1,12 @@
-!> How many threads BLAS works with. Points are spread over ranks, and the matrices of one are small: more threads than one
-!> only wait for each other, and their sums may be rounded in another order.
+!> How many threads BLAS works with, and in which memory. Points are spread over ranks, and the matrices of one are small: more
+!> threads than one only wait for each other, and their sums may be rounded in another order.
 !> Source of the interfaces: hb_blas.h.
 module hb_blas_threads
    use, intrinsic :: iso_c_binding, only: c_int
+   use hb_error, only: error_t, fail
    implicit none
    private
-   public :: n_blas_threads, use_one_blas_thread
+   public :: n_blas_threads, take_blas_memory, use_one_blas_thread
 
    interface
       !> Has OpenBLAS work with one thread, unless the user's environment asks for a number (OPENBLAS_NUM_THREADS,
@@ -13,9 +14,23 @@ module hb_blas_threads
       subroutine use_one_blas_thread() bind(c, name="hb_use_one_blas_thread")
       end subroutine use_one_blas_thread
 
+      integer(c_int) function hb_take_blas_memory() bind(c, name="hb_take_blas_memory")
+         import :: c_int
+      end function hb_take_blas_memory
+
       !> Threads that OpenBLAS works with; 0 with another library.
       integer(c_int) function n_blas_threads() bind(c, name="hb_n_blas_threads")
          import :: c_int
       end function n_blas_threads
    end interface
+
+contains
+
+   !> Has BLAS take the memory that it works in, before its first call; fails where a limit leaves too little.
+   subroutine take_blas_memory(error)
+      type(error_t), allocatable, intent(out) :: error
+
+      if (hb_take_blas_memory() /= 0) call fail(error, "a limit on memory (ulimit -v) leaves less than the 144 MiB that "// &
+         "OpenBLAS takes at its first call; raise it")
+   end subroutine take_blas_memory
 end module hb_blas_threads

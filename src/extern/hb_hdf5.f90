@@ -148,8 +148,8 @@ module hb_hdf5
          integer, allocatable :: extents(:)
       end function dataset_get_extents
 
-      !> Gives the byte of the file where the values begin that then follow each other, int32 with the least significant
-      !> byte first (`value_size` 4) or single bytes (1); -1 where the values stand there in another way.
+      !> Gives the byte of the file where the values begin that then follow each other, int32 or float64 with the least
+      !> significant byte first (`value_size` 4, 8) or single bytes (1); -1 where the values stand there in another way.
       module function dataset_get_offset(self, value_size) result(offset)
          class(h5_dataset_t), intent(in) :: self
          integer, intent(in) :: value_size                !! [byte]

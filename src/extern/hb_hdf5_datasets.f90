@@ -166,14 +166,15 @@ contains
       integer(size_t) :: n_bytes
       integer(haddr_t) :: address
       integer :: status
-      logical :: is_integer
+      logical :: is_integer, is_real
 
       offset = -1
       call h5dget_type_f(self%id, file_type, status)
       if (status < 0) return
       call h5tget_size_f(file_type, n_bytes, status)
       if (status >= 0) call h5tequal_f(file_type, H5T_STD_I32LE, is_integer, status)
-      if (status >= 0 .and. n_bytes == value_size .and. (is_integer .or. value_size == 1)) then
+      if (status >= 0) call h5tequal_f(file_type, H5T_IEEE_F64LE, is_real, status)
+      if (status >= 0 .and. n_bytes == value_size .and. (is_integer .or. is_real .or. value_size == 1)) then
          call h5dget_offset_f(self%id, address, status)              ! fails unless there is one address for all
          if (status >= 0) offset = int(address, int64)
       end if

@@ -1,11 +1,22 @@
-/* What only C can ask of the operating system: signals and locks on files. Source: POSIX.1-2017; flock of BSD. */
+/* What only C can ask of the operating system: signals, standard output, kinds of files and locks on them. Source:
+   POSIX.1-2017; flock of BSD. */
 #ifndef HB_POSIX_H
 #define HB_POSIX_H
 
 /* Catches SIGINT, SIGTERM, SIGUSR1 and SIGUSR2, each of which then asks the run to end. The first is only counted; at the
-   second the process writes `text` to standard error and ends at once with `exit_status`. Also has a write beyond a limit
-   on the size of files fail instead of ending the process. Returns 0, or -1 where a handler cannot be set. */
+   second the process writes `text` to standard error and ends at once with `exit_status`. Returns 0, or -1 where a handler
+   cannot be set. */
 int hb_catch_signals(const char *text, int exit_status);
+
+/* A signal ends the process at once, with the same exit status, until this is called: before there are points, nothing is lost. */
+void hb_wait_for_points(void);
+
+/* Names a file that such a signal removes; an empty name for none. */
+void hb_note_unfinished(const char *path);
+
+/* Has a write fail, instead of ending the process, where the reader has closed the pipe or a limit on the size of files is
+   reached. */
+void hb_survive_failed_writes(void);
 
 /* Number of the first signal that was caught, 0 before. */
 int hb_caught_signal(void);
@@ -13,10 +24,46 @@ int hb_caught_signal(void);
 /* Its name, such as SIGTERM; "no signal" before. */
 const char *hb_caught_signal_name(void);
 
+/* From here on, should anybody but hb_exit call exit(), such as a law of the user's own, the process writes `text` to standard
+   error and ends with `exit_status`, not 0. */
+void hb_refuse_exit(const char *text, int exit_status);
+
+/* Ends the process, as exit() does. */
+void hb_exit(int exit_status);
+
+/* Writes a line to standard output. */
+void hb_say(const char *line);
+
+/* Brings all lines to where they go; returns 0, or the error number of the first that was lost. A pipe whose reader is gone
+   loses nothing that anybody wants. */
+int hb_finish_output(void);
+
+enum { HB_NO_FILE, HB_REGULAR_FILE, HB_EMPTY_FILE, HB_FOLDER, HB_NO_REGULAR_FILE, HB_LOST_LINK };
+
+/* What the name stands for, one of these; links are followed. HB_NO_REGULAR_FILE is a device, a pipe or a socket, HB_LOST_LINK
+   a link to what is not there. */
+int hb_kind_of_file(const char *path);
+
+/* Whether both names stand for one file; links are followed. */
+int hb_is_same_file(const char *one, const char *other);
+
+/* Writes what a link says, without a null at its end; returns its length, or -1 where the name is no link or there is no room. */
+int hb_read_link(const char *path, char *target, int n_bytes);
+
 /* Makes the file unless it is there and locks it for this process; the lock ends with the process at the latest. Returns a
-   descriptor for hb_release_file, -1 where the file cannot be made, -2 where another process has the lock. On a file
-   system without locks the file counts as locked. */
+   descriptor for hb_release_file, -1 where the file cannot be made, -2 where another process has the lock, -3 where what has
+   the name is no regular file. On a file system without locks the file counts as locked. */
 int hb_take_file(const char *path);
+
+/* Opens a file that is there, tells its length, and locks it for this process where that does not get into the way of parallel
+   HDF5. Returns a descriptor for hb_release_file, -1 where it cannot be opened, -2 where another process has the lock. */
+int hb_hold_file(const char *path, long long *n_bytes);
+
+enum { HB_FILE_IS_SOUND, HB_FILE_WAS_DELETED, HB_FILE_WAS_MOVED, HB_FILE_WAS_CUT };
+
+/* What has become of the file since hb_hold_file: one of these. HB_FILE_WAS_MOVED: it has another name, or another file has its;
+   HB_FILE_WAS_CUT: it is shorter than it was. */
+int hb_state_of_file(int descriptor, const char *path, long long n_bytes);
 
 /* Asks whether the disk, a quota and other limits leave room for a file of that many bytes, by reserving them and giving
    them back. Returns 0 for yes and where the system cannot tell, -1 for no. */

@@ -1,13 +1,13 @@
 !> Signals by which a user or a batch system asks a run to end: SIGINT, SIGTERM, SIGUSR1, SIGUSR2.
 !>
-!> The handler of the first one only takes a note, which `signal_caught` reads between two points; a second one ends
-!> the process at once. Source of the interface: hb_posix.h.
+!> Before there are points, a signal ends the process at once. Afterwards the handler of the first one only takes a note, which
+!> `signal_caught` reads between two points; a second one ends the process. Source of the interface: hb_posix.h.
 module hb_signals
    use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_int, c_null_char, c_ptr, c_size_t
    use hb_error, only: error_t, fail
    implicit none
    private
-   public :: catch_signals, signal_caught, signal_name
+   public :: catch_signals, note_unfinished, signal_caught, signal_name, wait_for_points
 
    interface
       integer(c_int) function hb_catch_signals(text, exit_status) bind(c, name="hb_catch_signals")
@@ -15,6 +15,15 @@ module hb_signals
          character(c_char), intent(in) :: text(*)
          integer(c_int), value :: exit_status
       end function hb_catch_signals
+
+      !> From here on the first signal only takes a note; before, it ends the process at once.
+      subroutine wait_for_points() bind(c, name="hb_wait_for_points")
+      end subroutine wait_for_points
+
+      subroutine hb_note_unfinished(path) bind(c, name="hb_note_unfinished")
+         import :: c_char
+         character(c_char), intent(in) :: path(*)
+      end subroutine hb_note_unfinished
 
       integer(c_int) function hb_caught_signal() bind(c, name="hb_caught_signal")
          import :: c_int
@@ -32,8 +41,8 @@ module hb_signals
 
 contains
 
-   !> Takes note of signals from here on; at the second the process writes `text`, cut to 1000 bytes, as a line to
-   !> standard error and ends with `exit_status`.
+   !> Catches signals from here on; one that ends the process does so with `exit_status`, and, where that is a second one, `text`
+   !> as a line on standard error, cut to 1000 bytes.
    subroutine catch_signals(text, exit_status, error)
       character(*), intent(in) :: text
       integer, intent(in) :: exit_status
@@ -42,6 +51,13 @@ contains
       if (hb_catch_signals(text(:min(len(text), 1000))//new_line("a")//c_null_char, int(exit_status, c_int)) /= 0) &
          call fail(error, "cannot catch signals")
    end subroutine catch_signals
+
+   !> Names a file in the making, which a signal that ends the process removes; an empty name when it is made.
+   subroutine note_unfinished(path)
+      character(*), intent(in) :: path
+
+      call hb_note_unfinished(path//c_null_char)
+   end subroutine note_unfinished
 
    !> Whether a signal has asked this process to end.
    logical function signal_caught()

@@ -2,11 +2,31 @@
 !> Source of the interfaces: POSIX.1-2017, hb_posix.h.
 module hb_system
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_long_long, c_null_char, c_null_ptr, c_ptr, c_size_t
+   use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    implicit none
    private
-   public :: empty_file, exists, has_space, is_terminal, keep_freed_memory, link_file, memory_peak, memory_resident, process_id
-   public :: release_file, release_memory, remove_file, rename_file, reset_memory_peak, sync_file, take_file, utc_now
+   public :: check_held, empty_file, exists, file_kind, follow_links, has_space, held_file_t, hold_file, is_same_file
+   public :: is_terminal, keep_freed_memory, kind_of_file, link_file, memory_peak, memory_resident, process_id, release_file
+   public :: release_memory, remove_file, rename_file, reset_memory_peak, survive_failed_writes, sync_file, take_file, utc_now
+
+   !> What a name stands for; links are followed.
+   type :: file_kind_t
+      integer :: none = 0
+      integer :: regular = 1                           !! with at least one byte
+      integer :: empty = 2                             !! regular, too
+      integer :: folder = 3
+      integer :: device_or_pipe = 4                    !! or a socket
+      integer :: lost_link = 5                         !! to what is not there
+   end type file_kind_t
+
+   type(file_kind_t), parameter :: file_kind = file_kind_t()
+
+   !> A file that this process holds.
+   type :: held_file_t
+      integer :: descriptor = -1
+      integer(c_long_long), private :: n_bytes = 0     ! when it began
+   end type held_file_t
 
    interface
       integer(c_int) function c_link(old, new) bind(c, name="link")
@@ -29,10 +49,45 @@ module hb_system
          integer(c_int), value :: descriptor
       end function c_isatty
 
+      !> Has a write fail, instead of ending the process, where the reader has closed the pipe or a limit on the size of files
+      !> is reached.
+      subroutine survive_failed_writes() bind(c, name="hb_survive_failed_writes")
+      end subroutine survive_failed_writes
+
+      integer(c_int) function hb_kind_of_file(path) bind(c, name="hb_kind_of_file")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: path(*)
+      end function hb_kind_of_file
+
+      integer(c_int) function hb_is_same_file(one, other) bind(c, name="hb_is_same_file")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: one(*), other(*)
+      end function hb_is_same_file
+
+      integer(c_int) function hb_read_link(path, target, n_bytes) bind(c, name="hb_read_link")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: path(*)
+         character(c_char), intent(out) :: target(*)
+         integer(c_int), value :: n_bytes
+      end function hb_read_link
+
       integer(c_int) function hb_take_file(path) bind(c, name="hb_take_file")
          import :: c_char, c_int
          character(c_char), intent(in) :: path(*)
       end function hb_take_file
+
+      integer(c_int) function hb_hold_file(path, n_bytes) bind(c, name="hb_hold_file")
+         import :: c_char, c_int, c_long_long
+         character(c_char), intent(in) :: path(*)
+         integer(c_long_long), intent(out) :: n_bytes
+      end function hb_hold_file
+
+      integer(c_int) function hb_state_of_file(descriptor, path, n_bytes) bind(c, name="hb_state_of_file")
+         import :: c_char, c_int, c_long_long
+         integer(c_int), value :: descriptor
+         character(c_char), intent(in) :: path(*)
+         integer(c_long_long), value :: n_bytes
+      end function hb_state_of_file
 
       integer(c_int) function hb_check_space(descriptor, n_bytes) bind(c, name="hb_check_space")
          import :: c_int, c_long_long
@@ -102,6 +157,40 @@ contains
       inquire (file=path, exist=exists)
    end function exists
 
+   !> Says what a name stands for, as `file_kind` lists.
+   integer function kind_of_file(path)
+      character(*), intent(in) :: path
+
+      kind_of_file = int(hb_kind_of_file(c_path(path)))
+   end function kind_of_file
+
+   !> Says whether both names stand for one file.
+   logical function is_same_file(one, other)
+      character(*), intent(in) :: one, other
+
+      is_same_file = hb_is_same_file(c_path(one), c_path(other)) /= 0
+   end function is_same_file
+
+   !> Gives the name of the file that a link leads to, whether that is there or not; a name that is no link as it is.
+   function follow_links(path) result(file)
+      character(*), intent(in) :: path
+      character(:), allocatable :: file
+      integer, parameter :: longest = 4096, most_links = 40
+      character(longest, c_char) :: words
+      integer :: i, length
+
+      file = path
+      do i = 1, most_links
+         length = int(hb_read_link(c_path(file), words, int(longest, c_int)))
+         if (length < 1) return
+         if (words(1:1) == "/") then
+            file = words(:length)
+         else
+            file = file(:index(file, "/", back=.true.))//words(:length)
+         end if
+      end do
+   end function follow_links
+
    !> Gives a file a second name; unlike `rename_file` it fails where the name is taken.
    subroutine link_file(old, new, ok)
       character(*), intent(in) :: old, new
@@ -127,16 +216,45 @@ contains
    end subroutine remove_file
 
    !> Makes a file unless it is there, and locks it for this process until `release_file` or the end of the process.
-   subroutine take_file(path, descriptor, is_taken, ok)
+   subroutine take_file(path, descriptor, error)
       character(*), intent(in) :: path
       integer, intent(out) :: descriptor               !! for `release_file`
-      logical, intent(out) :: is_taken                 !! by another process
-      logical, intent(out) :: ok                       !! false too where the file cannot be made
+      type(error_t), allocatable, intent(out) :: error
 
       descriptor = int(hb_take_file(c_path(path)))
-      is_taken = descriptor == -2
-      ok = descriptor >= 0
+      select case (descriptor)
+      case (0:); return
+      case (-2); call fail(error, "another run is making it at this moment; give another --output")
+      case (-3); call fail(error, "'"//path//"' is in its way and no regular file; remove that or give another --output")
+      case default
+         call fail(error, "cannot be made; check the permission of its folder or give another --output")
+      end select
    end subroutine take_file
+
+   !> Opens a file that is being written, to see what becomes of it, and locks it where that does not get into the way of parallel
+   !> HDF5; fails where another process has the lock.
+   subroutine hold_file(path, held, error)
+      character(*), intent(in) :: path
+      type(held_file_t), intent(out) :: held           !! for `check_held` and `release_file`
+      type(error_t), allocatable, intent(out) :: error
+
+      held%descriptor = int(hb_hold_file(c_path(path), held%n_bytes))
+      if (held%descriptor == -2) call fail(error, "another run is writing to it at this moment")
+   end subroutine hold_file
+
+   !> Fails where somebody has deleted, replaced or cut the file since `hold_file`.
+   subroutine check_held(held, path, error)
+      type(held_file_t), intent(in) :: held
+      character(*), intent(in) :: path
+      type(error_t), allocatable, intent(out) :: error
+
+      select case (hb_state_of_file(int(held%descriptor, c_int), c_path(path), held%n_bytes))
+      case (1); call fail(error, "was deleted while the run wrote to it; its results are lost")
+      case (2)
+         call fail(error, "was moved, or replaced by another file, while the run wrote to it; its results are not under this name")
+      case (3); call fail(error, "was cut off while the run wrote to it; results are lost")
+      end select
+   end subroutine check_held
 
    !> Says whether a file can grow to `n_bytes`; also true where the system cannot tell.
    logical function has_space(descriptor, n_bytes)

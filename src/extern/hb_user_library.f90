@@ -1,9 +1,11 @@
 !> Laws in shared libraries, as nhbm_user_law.h describes them: the Fortran side of that C interface.
 module hb_user_library
-   use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_set_halting_mode
+   use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_quiet_nan, ieee_set_halting_mode, ieee_value
    use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_loc, c_null_funptr, c_null_ptr, c_ptr
+   use hb_checksum, only: library_mark
    use hb_dynamic_library, only: dynamic_library_t, open_library
    use hb_error, only: annotate, error_t, fail
+   use hb_guard, only: lower_guard, raise_guard
    use hb_kinds, only: wp
    use hb_text, only: to_text
    implicit none
@@ -33,6 +35,8 @@ module hb_user_library
       type(c_funptr), private :: evaluate_function = c_null_funptr
    contains
       procedure :: evaluate => user_library_evaluate
+      procedure :: has_touched => user_library_has_touched
+      procedure :: mark => user_library_mark
    end type user_library_t
 
    abstract interface
@@ -45,9 +49,9 @@ module hb_user_library
                                                 df_dz, df_dv) bind(c)
          import :: c_double, c_int, c_ptr
          integer(c_int), value :: n_samples, n_coordinates, stride, n_parameters
-         real(c_double), intent(in) :: z(*), parameters(*)
+         real(c_double), intent(inout) :: z(*), parameters(*)         ! not to be written, but who knows
          type(c_ptr), value :: v, df_dz, df_dv                        ! NULL where there is none
-         real(c_double), intent(out) :: f(*)
+         real(c_double), intent(inout) :: f(*)
       end function evaluate_function
    end interface
 
@@ -73,7 +77,9 @@ contains
       call annotate(error, "'"//path//"'")
       if (allocated(error)) return
       call c_f_procpointer(address, ask)
+      call raise_guard("'"//path//"': "//name//"_info ended the process")
       code = ask(info)
+      call lower_guard()
       if (code /= 0) then
          call fail(error, "'"//path//"': "//name//"_info returned "//to_text(int(code))//" instead of 0")
       else if (info%api_version /= api_version) then
@@ -88,12 +94,54 @@ contains
       self%length_scale = max(0.0_wp, info%length_scale)
    end subroutine load_user_library
 
-   !> Calls the user's function and gives its return code. Its floating-point exceptions do not stop the program: what they
-   !> leave behind is seen in the numbers.
+   !> What tells the library from another one: checksum and length.
+   function user_library_mark(self) result(text)
+      class(user_library_t), intent(in) :: self
+      character(:), allocatable :: text
+
+      text = library_mark(self%evaluate_function)
+   end function user_library_mark
+
+   !> Calls the user's function and gives its return code. It gets copies, so that it cannot change what others rely on, and
+   !> what it does not write stays NaN. Its floating-point exceptions do not stop the program: what they leave behind is seen in
+   !> the numbers.
    integer function user_library_evaluate(self, parameters, z, v, f, df_dz, df_dv) result(code)
       class(user_library_t), intent(in) :: self
       real(wp), intent(in), contiguous :: parameters(:)
-      real(wp), intent(in), contiguous, target :: z(:, :), v(:, :)    !! (n_samples, n_coordinates), v empty if not needed
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :)            !! (n_samples, n_coordinates), v empty if not needed
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional, target :: df_dz(:, :, :), df_dv(:, :, :)
+      real(wp), allocatable, target :: v_copy(:, :)
+      real(wp), allocatable :: parameters_copy(:), z_copy(:, :)
+
+      parameters_copy = parameters
+      z_copy = z
+      v_copy = v
+      code = call_evaluate(self, parameters_copy, z_copy, v_copy, f, df_dz, df_dv)
+   end function user_library_evaluate
+
+   !> Calls the user's function, and says whether it has written to what it is only to read.
+   logical function user_library_has_touched(self, parameters, z, v) result(has_touched)
+      class(user_library_t), intent(in) :: self
+      real(wp), intent(in) :: parameters(:), z(:, :), v(:, :)         !! as `evaluate` has them
+      real(wp), allocatable, target :: v_copy(:, :)
+      real(wp), allocatable :: f(:, :), parameters_copy(:), z_copy(:, :)
+      integer :: ignored
+
+      allocate (f, mold=z)
+      parameters_copy = parameters
+      z_copy = z
+      v_copy = v
+      ignored = call_evaluate(self, parameters_copy, z_copy, v_copy, f)
+      has_touched = .not. (all(abs(parameters_copy - parameters) <= 0.0_wp) .and. all(abs(z_copy - z) <= 0.0_wp) .and. &
+         all(abs(v_copy - v) <= 0.0_wp))
+   end function user_library_has_touched
+
+   integer function call_evaluate(self, parameters, z, v, f, df_dz, df_dv) result(code)
+      class(user_library_t), intent(in) :: self
+      real(wp), intent(inout), contiguous :: parameters(:)
+      real(wp), intent(inout), contiguous :: z(:, :)
+      real(wp), intent(inout), contiguous, target :: v(:, :)
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional, target :: df_dz(:, :, :), df_dv(:, :, :)
       procedure(evaluate_function), pointer :: evaluate
@@ -106,11 +154,14 @@ contains
       if (self%needs_velocity) v_address = c_loc(v)
       if (present(df_dz)) df_dz_address = c_loc(df_dz)
       if (present(df_dv) .and. self%needs_velocity) df_dv_address = c_loc(df_dv)
+      f = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (present(df_dz)) df_dz = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (present(df_dv)) df_dv = ieee_value(1.0_wp, ieee_quiet_nan)
       call c_f_procpointer(self%evaluate_function, evaluate)
       call ieee_get_halting_mode(ieee_all, halting)
       call ieee_set_halting_mode(ieee_all, .false.)
       code = evaluate(int(size(z, 1), c_int), int(size(z, 2), c_int), int(size(z, 1), c_int), z, v_address, &
                       int(size(parameters), c_int), parameters, f, df_dz_address, df_dv_address)
       call ieee_set_halting_mode(ieee_all, halting)
-   end function user_library_evaluate
+   end function call_evaluate
 end module hb_user_library

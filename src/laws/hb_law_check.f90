@@ -7,7 +7,8 @@ module hb_law_check
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_text, only: string_t, to_text
+   use hb_law_user, only: user_law_t
+   use hb_text, only: join, string_t, to_text
    implicit none
    private
    public :: check_derivatives, derivative_check_t, derivative_tolerance
@@ -24,6 +25,11 @@ module hb_law_check
       integer :: n_compared = 0                                       !! samples, each for every motion differentiated by
       integer :: n_skipped = 0                                        !! of these, near a kink or without a finite force
       type(string_t), allocatable :: wrong(:)                         !! derivatives that are wrong, such as df/dz
+      logical :: is_repeatable = .true.                               !! the same samples give the same forces and derivatives
+      logical :: has_touched_inputs = .false.                         !! by code of the user's own
+   contains
+      procedure :: is_sound => derivative_check_is_sound
+      procedure :: verdict => derivative_check_verdict
    end type derivative_check_t
 
    !> Samples z, rates v and reactions p, their magnitudes, and the phase of the law's tone.
@@ -44,7 +50,7 @@ contains
       type(derivative_check_t), intent(out) :: check
       class(law_t), allocatable :: law
       type(samples_t) :: samples
-      real(wp), allocatable :: f(:, :), slopes(:, :, :, :)
+      real(wp), allocatable :: f(:, :), f_again(:, :), slopes(:, :, :, :), slopes_again(:, :, :, :)
       integer :: b, kind_of_motion, n
 
       allocate (law, source=unprepared_law)
@@ -56,6 +62,16 @@ contains
       allocate (check%wrong(0), f(n_samples, n))
       allocate (slopes(n_samples, n, n, 3))
       call evaluate(law, samples, f, slopes)
+      allocate (f_again, mold=f)
+      allocate (slopes_again, mold=slopes)
+      call evaluate(law, samples, f_again, slopes_again)
+      check%is_repeatable = are_the_same(reshape(f, [size(f)]), reshape(f_again, [size(f)])) .and. &
+         are_the_same(reshape(slopes, [size(slopes)]), reshape(slopes_again, [size(slopes)]))
+      select type (law)
+      class is (user_law_t)
+         check%has_touched_inputs = law%has_touched_inputs(samples%motion(:, :, 1), &
+            samples%motion(:, :merge(n, 0, law%needs_velocity), 2))
+      end select
       do kind_of_motion = 1, 3
          if (.not. depends_on(law, kind_of_motion)) cycle
          do b = 1, n
@@ -63,6 +79,46 @@ contains
          end do
       end do
    end subroutine check_derivatives
+
+   !> Whether the law may be used: its derivatives are those of its forces, and that could be seen.
+   pure logical function derivative_check_is_sound(self) result(is_sound)
+      class(derivative_check_t), intent(in) :: self
+
+      is_sound = self%is_repeatable .and. .not. self%has_touched_inputs .and. size(self%wrong) == 0 .and. &
+         self%n_skipped < self%n_compared
+   end function derivative_check_is_sound
+
+   !> What was found, in words.
+   function derivative_check_verdict(self) result(verdict)
+      class(derivative_check_t), intent(in) :: self
+      character(:), allocatable :: verdict
+
+      if (self%has_touched_inputs) then
+         verdict = "wrong: it writes to its inputs"
+      else if (.not. self%is_repeatable) then
+         verdict = "wrong: the same motion gives other numbers each time"
+      else if (size(self%wrong) > 0) then
+         verdict = "wrong: "//join(self%wrong, ", ")
+      else if (self%n_skipped == self%n_compared) then
+         verdict = "not known: no sample could be compared"
+      else
+         verdict = "right"
+      end if
+   end function derivative_check_verdict
+
+   !> Whether two answers to one question agree, but for rounding; both may be no number at the same places.
+   pure logical function are_the_same(a, b)
+      real(wp), intent(in) :: a(:), b(:)
+      real(wp), parameter :: rounding = 1.0e-12_wp
+      real(wp) :: largest_of_all
+      logical :: is_number(size(a))
+
+      is_number = ieee_is_finite(a) .and. ieee_is_finite(b)
+      are_the_same = all(is_number .or. .not. (ieee_is_finite(a) .or. ieee_is_finite(b)))
+      if (.not. (are_the_same .and. any(is_number))) return
+      largest_of_all = maxval(abs(a), is_number)
+      are_the_same = all(abs(a - b) <= rounding*largest_of_all .or. .not. is_number)
+   end function are_the_same
 
    !> Whether the law is told this kind of motion: 1 displacement, 2 rate, 3 reaction.
    pure logical function depends_on(law, kind_of_motion)

@@ -24,6 +24,8 @@ module hb_law_user
       procedure :: read => user_law_read
       procedure :: evaluate => user_law_evaluate
       procedure :: explain => user_law_explain
+      procedure :: mark => user_law_mark
+      procedure :: has_touched_inputs => user_law_has_touched_inputs
       procedure :: length_scale => user_law_length_scale
       procedure :: is_odd => user_is_odd
    end type user_law_t
@@ -139,6 +141,22 @@ contains
          text = "'"//self%name//"_evaluate' gave NaN or infinity for a derivative"
       end if
    end subroutine user_law_explain
+
+   !> What tells the library from another one.
+   function user_law_mark(self) result(text)
+      class(user_law_t), intent(in) :: self
+      character(:), allocatable :: text
+
+      text = self%library%mark()
+   end function user_law_mark
+
+   !> Asks the library once more: whether it writes to what it is only to read.
+   logical function user_law_has_touched_inputs(self, z, v)
+      class(user_law_t), intent(in) :: self
+      real(wp), intent(in) :: z(:, :), v(:, :)                        !! as `evaluate` has them
+
+      user_law_has_touched_inputs = self%library%has_touched(self%parameters, z, v)
+   end function user_law_has_touched_inputs
 
    pure real(wp) function user_law_length_scale(self)
       class(user_law_t), intent(in) :: self

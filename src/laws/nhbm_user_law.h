@@ -59,7 +59,7 @@ typedef int (*nhbm_law_info_function)(nhbm_law_info_t *info);
  *    df_dz[i + stride*(a + n_coordinates*b)]    d f_a/d z_b, to be written; NULL when not asked for
  *    df_dv[i + stride*(a + n_coordinates*b)]    d f_a/d v_b, to be written; NULL when not asked for or not needs_velocity
  *
- * with 0 <= i < n_samples <= stride and 0 <= a, b, c < n_coordinates. Every entry must be written, zeros too.
+ * with 0 <= i < n_samples <= stride and 0 <= a, b, c < n_coordinates. Every entry must be written, zeros too: it is NaN before.
  *
  * Returns
  *    0           all is well; entries may be NaN where the law is not defined,

@@ -5,6 +5,7 @@
 !> than a point takes, and every point is written when it is solved.
 module hb_held_rows
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_checksum, only: checksum
    use hb_error, only: error_t, fail
    use hb_hdf5, only: h5_dataset_t
    use hb_kinds, only: wp
@@ -29,6 +30,7 @@ module hb_held_rows
       real(wp), allocatable :: reals(:, :)                            ! (row_size, room)
       character(message_length), allocatable :: texts(:)              ! (room)
    contains
+      procedure :: add_to_checksum => held_rows_add_to_checksum
       procedure :: blank => held_rows_blank
       procedure :: flush => held_rows_flush
       generic :: put => put_integers, put_reals, put_text
@@ -78,6 +80,22 @@ contains
       if (allocated(self%reals)) self%reals(:, k) = ieee_value(1.0_wp, ieee_quiet_nan)
       if (allocated(self%texts)) self%texts(k) = ""
    end subroutine held_rows_blank
+
+   !> Goes on with the checksum over row `k`, byte by byte as in the file.
+   subroutine held_rows_add_to_checksum(self, k, so_far)
+      class(held_rows_t), intent(in) :: self
+      integer, intent(in) :: k
+      integer, intent(inout) :: so_far
+      character(message_length) :: bytes
+
+      select case (self%kind)
+      case (is_integer); so_far = checksum(so_far, self%integers(:, k))
+      case (is_real); so_far = checksum(so_far, self%reals(:, k))
+      case (is_characters)
+         bytes = trim(self%texts(k))//repeat(achar(0), message_length)
+         so_far = checksum(so_far, bytes)
+      end select
+   end subroutine held_rows_add_to_checksum
 
    subroutine held_rows_put_integers(self, k, values, error)
       class(held_rows_t), intent(inout) :: self

@@ -16,7 +16,8 @@ module hb_results
    use hb_outcome, only: outcome
    use hb_results_file, only: make_file
    use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
-   use hb_results_plan, only: is_integer, measure_row, message_length, new_plan, plan_t
+   use hb_results_plan, only: is_checked, is_integer, measure_row, message_length, new_plan, plan_t
+   use hb_system, only: check_held, held_file_t, hold_file, release_file
    use hb_text, only: to_text
    use hb_timing, only: n_times, rank_times_t
    implicit none
@@ -64,8 +65,10 @@ module hb_results
       integer :: n_points = 0
       logical :: is_resumed = .false.                   !! rows may hold what a run before has left
       type(held_rows_t), allocatable :: held(:)         ! for each variable of the plan
+      logical, allocatable :: is_checked(:)             ! same; whether the checksum goes over it
       integer :: room = 1, first_held = 1, n_held = 0   ! points that are held back
       real(wp) :: hold = 0.0_wp, flushed = 0.0_wp       ! [s] how long, and when the last was written
+      type(held_file_t) :: place                        ! of rank 0: whether the file is still what it was
    contains
       procedure :: close => results_close
       procedure :: crash_place => results_crash_place
@@ -143,6 +146,9 @@ contains
       type(error_t), allocatable :: error_in_close
       integer :: i
 
+      if (rank_of(comm) == 0) call hold_file(self%path, self%place, error)
+      call share_error(comm, error)
+      if (allocated(error)) return
       if (self%is_resumed) call raise_guard("'"//self%path//"': HDF5 died of this file; it is damaged")
       call open_file_parallel(self%file, self%path, comm, error)
       call share_error(comm, error)
@@ -168,6 +174,7 @@ contains
       call share_error(comm, error)
       if (allocated(error)) then
          call self%file%close(error_in_close)
+         call release_file(self%place%descriptor)
       else
          call make_room(self, size(layout%parameters), size_of(comm))
       end if
@@ -192,6 +199,7 @@ contains
       self%room = room_for(n_bytes)
       self%hold = hold_seconds(n_ranks, n_datasets)
       self%flushed = wall_clock()
+      self%is_checked = is_checked(self%plan%variables)
       allocate (self%held(size(self%plan%variables)))
       do i = 1, size(self%held)
          associate (axes => self%plan%variables(i)%axes)
@@ -244,6 +252,7 @@ contains
       if (allocated(point%corrected_samples)) call put(self, "corrected_samples", point%corrected_samples, error)
       if (allocated(point%force_samples)) call put(self, "force_samples", point%force_samples, error)
       call put(self, "status", [point%status], error)
+      if (.not. allocated(error)) call put(self, "checksum", [checksum_of_row(self)], error)
       call annotate(error, "point "//to_text(i))
       if (allocated(error)) then
          self%n_held = self%n_held - 1                  ! what could not be taken whole is not written in part
@@ -251,6 +260,17 @@ contains
       end if
       if (self%n_held == self%room .or. wall_clock() - self%flushed >= self%hold) call self%flush(error)
    end subroutine results_write_point
+
+   !> Checksum over what is held of the point that is taken.
+   integer function checksum_of_row(self) result(sum)
+      class(results_t), intent(in) :: self
+      integer :: i
+
+      sum = 0
+      do i = 1, size(self%held)
+         if (self%is_checked(i)) call self%held(i)%add_to_checksum(self%n_held, sum)
+      end do
+   end function checksum_of_row
 
    !> Gives the time [s] for which a rank holds results back.
    pure real(wp) function results_hold_seconds(self)
@@ -276,6 +296,11 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: i, i_status, n
 
+      call check_held(self%place, self%path, error)
+      if (allocated(error)) then
+         call annotate(error, "result file '"//self%path//"'")
+         return
+      end if
       n = self%n_held
       self%n_held = 0
       self%flushed = wall_clock()
@@ -395,6 +420,12 @@ contains
       call self%file%close(error_in_close)
       call annotate(error_in_close, "result file '"//self%path//"'")
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
+      if (.not. allocated(error)) then
+         call check_held(self%place, self%path, error)
+         call annotate(error, "result file '"//self%path//"'")
+      end if
+      call release_file(self%place%descriptor)
+      self%place%descriptor = -1
    end subroutine results_close
 
    subroutine put_integer(self, name, values, error)

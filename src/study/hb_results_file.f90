@@ -7,9 +7,10 @@ module hb_results_file
    use hb_march_verdict, only: verdict_names
    use hb_outcome, only: outcome_names
    use hb_results_layout, only: results_layout_t, swept_parameter_t
-   use hb_results_plan, only: axis_t, component_axis, dof_axis, harmonic_axis, is_characters, is_integer, &
+   use hb_results_plan, only: axis_t, component_axis, dof_axis, harmonic_axis, is_characters, is_checked, is_integer, &
       is_real, law_axis, law_dof_axis, message_axis, n_bytes_of, parameter_name_length, parameter_names, plan_t, point_axis, &
       size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
+   use hb_signals, only: note_unfinished
    use hb_solver_types, only: rescue_names
    use hb_system, only: empty_file, has_space, release_file, remove_file, sync_file, take_file, utc_now
    use hb_text, only: join, to_text
@@ -36,19 +37,14 @@ contains
       character(:), allocatable :: temporary
       integer(int64) :: n_bytes
       integer :: descriptor
-      logical :: is_taken, ok
+      logical :: ok
 
       call check_place(path, overwrite, error)
       if (allocated(error)) return
       temporary = path//".part"
-      call take_file(temporary, descriptor, is_taken, ok)
-      if (is_taken) then
-         call fail(error, "another run is making it at this moment; give another --output")
-         return
-      else if (.not. ok) then
-         call fail(error, "cannot be made; check the permission of its folder or give another --output")
-         return
-      end if
+      call take_file(temporary, descriptor, error)
+      if (allocated(error)) return
+      call note_unfinished(temporary)
       n_bytes = n_bytes_of(plan, layout)
       if (has_space(descriptor, n_bytes)) then
          call fill_file(temporary, descriptor, layout, plan, error)
@@ -66,6 +62,7 @@ contains
          call put_in_place(temporary, path, overwrite, error)
       end if
       if (allocated(error)) call remove_file(temporary)
+      call note_unfinished("")
       call release_file(descriptor)
    end subroutine make_file
 
@@ -206,6 +203,9 @@ contains
       if (allocated(error)) return
       call file%add_text("input_complete", or_empty(layout%input_complete), dataset, error)
       if (.not. allocated(error)) call describe(dataset, "1", "the input after defaults", error)
+      if (allocated(error)) return
+      call file%add_text("input_libraries", or_empty(layout%input_libraries), dataset, error)
+      if (.not. allocated(error)) call describe(dataset, "1", "libraries of the laws, checksum and length, a line each", error)
    end subroutine add_inputs
 
    !> Adds one entry of all tuples as a dataset of its own: xarray selects by an index of such, not by rows of a matrix.
@@ -288,6 +288,7 @@ contains
             if (variable%kind == is_characters .and. .not. allocated(error)) &
                call variable%dataset%set_attribute("_Encoding", "utf-8", error)
             if (allocated(error)) return
+            if (variable%name == "checksum") call variable%dataset%set_attribute("of", names_of_checked(variables), error)
             if (variable%name == "status") call set_flags(variable%dataset, outcome_names, error)
             if (variable%name == "rescue") call set_flags(variable%dataset, rescue_names, error)
             if (variable%name == "march_verdict") call set_flags(variable%dataset, verdict_names, error)
@@ -295,6 +296,19 @@ contains
          if (allocated(error)) return
       end do
    end subroutine add_variables
+
+   !> Names of the datasets that the checksum of a row goes over, in its order, with blanks between.
+   function names_of_checked(variables) result(names)
+      type(variable_t), intent(in) :: variables(:)
+      character(:), allocatable :: names
+      integer :: i
+
+      names = ""
+      do i = 1, size(variables)
+         if (is_checked(variables(i))) names = names//" "//variables(i)%name
+      end do
+      names = names(2:)
+   end function names_of_checked
 
    !> Names the values 0, 1, ... of an integer dataset (CF convention).
    subroutine set_flags(dataset, names, error)

@@ -31,6 +31,7 @@ module hb_results_layout
       character(:), allocatable :: input_text           !! the input as given
       character(:), allocatable :: input_overrides      !! changes of it: path=value, a line each
       character(:), allocatable :: input_complete       !! the input after defaults
+      character(:), allocatable :: input_libraries      !! of laws of the user's own, and what marks them, a line each
       integer :: n_ranks = 1
       character(:), allocatable :: program_version
       character(:), allocatable :: git_commit

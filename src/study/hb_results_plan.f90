@@ -6,7 +6,8 @@ module hb_results_plan
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: axis_t, identifier, measure_row, n_bytes_of, new_plan, parameter_name_length, parameter_names, plan_t, size_text
+   public :: axis_t, identifier, is_checked, measure_row, n_bytes_of, new_plan, parameter_name_length, parameter_names, plan_t
+   public :: size_text
    public :: tuple_entry_name, variable_t
    public :: message_length
    public :: is_characters, is_integer, is_real
@@ -45,6 +46,17 @@ module hb_results_plan
    end type plan_t
 
 contains
+
+   !> Whether the values of a dataset are in the checksum of the row: all that is written when the point is solved, but for what
+   !> depends on who did that and when; so the checksums of two runs are the same.
+   pure elemental logical function is_checked(variable)
+      type(variable_t), intent(in) :: variable
+
+      select case (variable%name)
+      case ("checksum", "branch", "rank", "solve_seconds"); is_checked = .false.
+      case default; is_checked = index(variable%name, "march_") /= 1
+      end select
+   end function is_checked
 
    !> Plans the file for a layout that `check_layout` has passed.
    subroutine new_plan(self, layout)
@@ -144,6 +156,7 @@ contains
          call add("combination", is_integer, [tone_axis, point_axis], "1", "integers k of combination_frequency")
          call add("is_near_commensurate", is_integer, [point_axis], "1", &
             "1 where combination_frequency is below the threshold: the tones are hard to tell from commensurate ones")
+         call add("checksum", is_integer, [point_axis], "1", "CRC-32 over the values of the row, as they stand in the file")
          call add("branch", is_integer, [point_axis], "1", &
             "piece of the response along the fastest swept parameter, from 1; 0 where that is not known")
          call add("march_verdict", is_integer, [point_axis], "1", "what marching from the point says of it")
@@ -232,7 +245,7 @@ contains
       integer :: i, n
 
       allocate (taken, source=[character(parameter_name_length) :: "tuple", "input_text", "input_overrides", &
-                               "input_complete"])
+                               "input_complete", "input_libraries"])
       do i = 1, size(plan%axes)
          taken = [character(parameter_name_length) :: taken, plan%axes(i)%name]
       end do

@@ -2,14 +2,15 @@
 !> `info` start from it.
 module hb_results_record
    use hb_error, only: annotate, error_t, fail
+   use hb_file_place, only: check_source
    use hb_guard, only: lower_guard, raise_guard
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, is_status, outcome
    use hb_results_file, only: schema_version
    use hb_results_plan, only: identifier
+   use hb_row_checks, only: find_damaged_rows
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_system, only: exists
    use hb_text, only: split, string_t, to_text
    implicit none
    private
@@ -23,6 +24,7 @@ module hb_results_record
       character(:), allocatable :: input_text           !! the input as given
       type(string_t), allocatable :: overrides(:)       !! path=value
       character(:), allocatable :: input_complete       !! the input after defaults
+      character(:), allocatable :: input_libraries      !! of laws of the user's own, and what marks them, a line each
       integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics)
       character(:), allocatable :: dofs(:), laws(:)     !! labels
       integer, allocatable :: status(:)                 !! (n_points), hb_outcome; as the next
@@ -34,6 +36,9 @@ module hb_results_record
       real(wp), allocatable :: solve_seconds(:)         !! [s]; NaN for a point not solved, as the next
       real(wp), allocatable :: truncation(:), aliasing(:)
       real(wp), allocatable :: penetration(:)           !! [m]
+      logical, allocatable :: is_damaged(:)             !! by their checksums; not allocated before `check_rows`
+   contains
+      procedure :: check_rows => record_check_rows
    end type record_t
 
    !> Reads a dataset as a whole; does nothing once there is an error.
@@ -53,10 +58,8 @@ contains
       type(h5_file_t) :: file
       type(error_t), allocatable :: error_in_close
 
-      if (.not. exists(path)) then
-         call fail(error, "result file '"//path//"' does not exist")
-         return
-      end if
+      call check_source(path, error)
+      if (allocated(error)) return
       call raise_guard("'"//path//"': HDF5 died of this file; it is damaged")
       call open_file(file, path, error)
       if (.not. allocated(error)) call read_attributes(self, file, error)
@@ -131,6 +134,7 @@ contains
       if (allocated(error)) return
       call read_overrides(overrides, self%overrides)
       call read_one(file, "input_complete", self%input_complete, error)
+      call read_one(file, "input_libraries", self%input_libraries, error)
       call read_all(file, "dof", self%dofs, error)
       call read_all(file, "law", self%laws, error)
       call read_all(file, "status", self%status, error)
@@ -228,16 +232,27 @@ contains
       overrides = overrides(:n)
    end subroutine read_overrides
 
-   !> Gives the points, from 1, that a resumed run has to solve: those that are pending and, if `retries`, those whose
-   !> solver has failed.
+   !> Looks which rows are damaged.
+   subroutine record_check_rows(self, path, error)
+      class(record_t), intent(inout) :: self
+      character(*), intent(in) :: path
+      type(error_t), allocatable, intent(out) :: error
+
+      call find_damaged_rows(path, self%status, self%is_damaged, error)
+   end subroutine record_check_rows
+
+   !> Gives the points, from 1, that a resumed run has to solve: those that are pending or known to be damaged and, if `retries`,
+   !> those whose solver has failed.
    pure function open_points(self, retries) result(points)
       type(record_t), intent(in) :: self
       logical, intent(in) :: retries
       integer, allocatable :: points(:)
+      logical :: is_open(self%n_points)
       integer :: i
 
-      points = pack([(i, i=1, self%n_points)], self%status == outcome%pending .or. &
-         (retries .and. .not. is_solved(self%status)))
+      is_open = self%status == outcome%pending .or. (retries .and. .not. is_solved(self%status))
+      if (allocated(self%is_damaged)) is_open = is_open .or. self%is_damaged
+      points = pack([(i, i=1, self%n_points)], is_open)
    end function open_points
 
    subroutine read_all_integers(file, name, values, error, n_expected)

@@ -16,6 +16,7 @@ module hb_resume
    type :: resumed_input_t
       character(:), allocatable :: complete                           !! the input after defaults
       integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics), of all points
+      character(:), allocatable :: libraries                          !! of laws, and what marks them, a line each
    end type resumed_input_t
 
 contains
@@ -40,7 +41,8 @@ contains
       if (rank_of(comm) == 0) then
          if (exists(path)) then
             call read_record(record, path, error)
-            if (.not. allocated(error)) call compare_input(input, schedule%n_points, record, path, error)
+            if (.not. allocated(error)) call compare_input(input, schedule%n_points, retries, record, path, error)
+            if (.not. allocated(error)) call record%check_rows(path, error)
             if (.not. allocated(error)) found = [1, open_points(record, retries)]
          end if
       end if
@@ -54,13 +56,16 @@ contains
       is_there = size(found) > 0                                      ! a 1 and the points, or nothing without a file
       if (.not. is_there) return
       call schedule%keep(found(2:))
-      if (rank_of(comm) == 0) call count_kept(summary, record, schedule%all_points())
+      if (rank_of(comm) > 0) return
+      call count_kept(summary, record, schedule%all_points())
+      summary%has_other_libraries = input%libraries /= record%input_libraries
    end subroutine choose_units
 
    !> Refuses to go on with the file of another input.
-   subroutine compare_input(self, n_points, record, path, error)
+   subroutine compare_input(self, n_points, retries, record, path, error)
       type(resumed_input_t), intent(in) :: self
       integer, intent(in) :: n_points
+      logical, intent(in) :: retries                                  !! another library may be what cures points
       type(record_t), intent(in) :: record
       character(*), intent(in) :: path
       type(error_t), allocatable, intent(out) :: error
@@ -73,6 +78,10 @@ contains
       if (len(differences) > 0) then
          call fail(error, "result file '"//path//"' was made from another input; give the same or another --output"// &
             new_line("a")//differences)
+      else if (self%libraries /= record%input_libraries .and. .not. retries) then
+         call fail(error, "result file '"//path//"' was made with other libraries of laws; give the same or another --output, "// &
+            "or --retry to go on with these"//new_line("a")//"now:"//new_line("a")//self%libraries//new_line("a")// &
+            "in the file:"//new_line("a")//record%input_libraries)
       else if (.not. has_same_tuples .or. n_points /= record%n_points) then
          call fail(error, "result file '"//path//"' has other points or harmonics than the input gives in this version "// &
             "of the program; it was made by version "//record%program_version//", commit "//record%git_commit)

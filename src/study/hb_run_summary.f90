@@ -32,6 +32,8 @@ module hb_run_summary
       integer :: n_left = 0                                           !! points that the run should have solved and has not
       integer :: interruption = interruption%none                     !! why
       character(:), allocatable :: made_by                            !! version that made the file, where it is another
+      integer :: n_damaged = 0                                        !! points of the file whose results were damaged
+      logical :: has_other_libraries = .false.                        !! than the run that made the file
    end type run_summary_t
 
 contains
@@ -58,6 +60,7 @@ contains
       summary%n_certified = count(is_kept)
       summary%truncation = max(0.0_wp, maxval(record%truncation, is_kept))
       summary%aliasing = max(0.0_wp, maxval(record%aliasing, is_kept .and. .not. ieee_is_nan(record%aliasing)))
+      if (allocated(record%is_damaged)) summary%n_damaged = count(record%is_damaged)
       if (record%program_version /= program_version .or. record%git_commit /= git_commit) &
          summary%made_by = "nhbm "//record%program_version//" ("//record%git_commit//")"
    end subroutine count_kept

@@ -4,6 +4,7 @@ module hb_study
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
+   use hb_law_user, only: user_law_t
    use hb_law_forces, only: law_dofs_of
    use hb_namelist, only: complete_text, read_namelist, set_text
    use hb_results_layout, only: results_layout_t
@@ -116,8 +117,33 @@ contains
       type(study_t), intent(in) :: self
       integer, intent(in) :: n_ranks
       type(results_layout_t), intent(out) :: layout
-      integer, allocatable :: law_dofs(:)
       integer :: i, k
+
+      call describe_rows(self, n_ranks, layout)
+      associate (plan => self%plan)
+         do i = 1, size(plan%parameters)
+            if (plan%parameters(i)%is_text) then
+               allocate (layout%parameters(i)%text_values(plan%n_points))
+               do k = 1, plan%n_points
+                  layout%parameters(i)%text_values(k) = plan%parameters(i)%texts(plan%index_on(i, k))%value
+               end do
+            else
+               allocate (layout%parameters(i)%values(plan%n_points))
+               do k = 1, plan%n_points
+                  layout%parameters(i)%values(k) = plan%parameters(i)%values(plan%index_on(i, k))
+               end do
+            end if
+         end do
+      end associate
+   end subroutine describe_layout
+
+   !> As `describe_layout`, without the values that swept parameters have at each point.
+   subroutine describe_rows(self, n_ranks, layout)
+      type(study_t), intent(in) :: self
+      integer, intent(in) :: n_ranks
+      type(results_layout_t), intent(out) :: layout
+      integer, allocatable :: law_dofs(:)
+      integer :: i
 
       associate (scene => self%scene, structure => self%scene%structure, plan => self%plan)
          law_dofs = law_dofs_of(scene%laws)
@@ -135,6 +161,7 @@ contains
          layout%input_text = self%input_text
          layout%input_overrides = self%input_overrides
          layout%input_complete = self%input_complete
+         layout%input_libraries = libraries_of(scene)
          layout%n_ranks = n_ranks
          layout%program_version = program_version
          layout%git_commit = git_commit
@@ -143,17 +170,25 @@ contains
             layout%parameters(i)%path = plan%parameters(i)%path
             layout%parameters(i)%units = plan%parameters(i)%units
             layout%parameters(i)%is_text = plan%parameters(i)%is_text
-            if (plan%parameters(i)%is_text) then
-               allocate (layout%parameters(i)%text_values(plan%n_points))
-               do k = 1, plan%n_points
-                  layout%parameters(i)%text_values(k) = plan%parameters(i)%texts(plan%index_on(i, k))%value
-               end do
-            else
-               layout%parameters(i)%values = [(plan%parameters(i)%values(plan%index_on(i, k)), k=1, plan%n_points)]
-            end if
          end do
       end associate
-   end subroutine describe_layout
+   end subroutine describe_rows
+
+   !> Libraries of the laws of the user's own and what marks them, a line each.
+   function libraries_of(scene) result(text)
+      type(scene_t), intent(in) :: scene
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ""
+      do i = 1, size(scene%laws)
+         select type (law => scene%laws(i)%law)
+         class is (user_law_t)
+            if (len(text) > 0) text = text//new_line("a")
+            text = text//law%label//": "//law%name//", "//law%mark()
+         end select
+      end do
+   end function libraries_of
 
    !> What one point takes in the result file, and to how many datasets it is written.
    subroutine row_of_study(self, n_bytes, n_datasets)
@@ -163,7 +198,7 @@ contains
       type(results_layout_t) :: layout
       type(plan_t) :: plan
 
-      call describe_layout(self, 1, layout)
+      call describe_rows(self, 1, layout)
       call new_plan(plan, layout)
       call measure_row(plan, size(layout%parameters), n_bytes, n_datasets)
    end subroutine row_of_study

@@ -20,11 +20,14 @@ module hb_sweep
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_results, only: create_results, open_results, point_result_t, results_layout_t, results_t
    use hb_resume, only: choose_units, resumed_input_t
+   use hb_row_checks, only: count_pending
    use hb_run_summary, only: count_point, run_summary_t, sum_up
    use hb_scene, only: scene_t
    use hb_schedule, only: new_schedule, schedule_t, way_t
+   use hb_signals, only: wait_for_points
    use hb_study, only: describe_layout, study_t
    use hb_swept_point, only: run_point
+   use hb_system, only: file_kind, kind_of_file
    use hb_text, only: to_text
    use hb_timing, only: rank_times_t
    implicit none
@@ -87,6 +90,7 @@ contains
       if (options%resumes) then
          input%complete = self%input_complete
          input%tuples = self%tuples
+         input%libraries = run%layout%input_libraries
          call choose_units(options%path, input, options%retries, comm, run%schedule, run%crashed, is_there, summary, error)
          if (allocated(error)) return
       end if
@@ -102,6 +106,7 @@ contains
          place = run%results%crash_place()
          place%exit_status = options%status_of_exit
          call watch_crashes(options%path, place)
+         call wait_for_points()
          call run_points(self, run, options%level, comm, summary, error)
          call end_watch()
          call share_error(comm, error)
@@ -110,9 +115,28 @@ contains
       end if
       call run%results%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
+      if (rank_of(comm) == 0 .and. summary%interruption /= interruption%signal .and. .not. allocated(error)) &
+         call check_written(options%path, summary%n_left, error)
+      call share_error(comm, error)
       call run%ending%destroy()
       summary%seconds = wall_clock() - started
    end subroutine run_study
+
+   !> Fails where results that were written are not in the file.
+   subroutine check_written(path, n_left, error)
+      character(*), intent(in) :: path
+      integer, intent(in) :: n_left                                   !! points that may be without a result
+      type(error_t), allocatable, intent(out) :: error
+      integer :: n_pending
+
+      call count_pending(path, n_pending, error)
+      if (allocated(error)) then
+         error%message = "result file '"//path//"' was changed while the run wrote to it; results are lost: "//error%message
+      else if (n_pending > n_left) then
+         call fail(error, "result file '"//path//"' was changed while the run wrote to it; the results of "// &
+            to_text(n_pending - n_left)//" points are lost")
+      end if
+   end subroutine check_written
 
    !> Gives all ranks the same wisdom: rank 0 reads the file or plans once and writes it, then the others read it.
    subroutine prepare_wisdom(self, comm, error)
@@ -124,13 +148,16 @@ contains
 
       if (.not. allocated(self%scene%wisdom)) return
       if (rank_of(comm) == 0) then
-         if (.not. import_wisdom(self%scene%wisdom)) then
+         if (kind_of_file(self%scene%wisdom) == file_kind%none) then
             scene = self%scene
             call solve_point(scene, trial, error)                     ! plans every transform of the first point
             if (allocated(error)) deallocate (error)                  ! told again when the point is solved
             if (.not. export_wisdom(self%scene%wisdom)) then
                call fail(error, "&sampling: wisdom: cannot write '"//self%scene%wisdom//"'; give a path in a writable folder")
             end if
+         else if (.not. import_wisdom(self%scene%wisdom)) then
+            call fail(error, "&sampling: wisdom: '"//self%scene%wisdom//"' is no wisdom of this FFTW; remove it or give "// &
+               "another path")
          end if
       end if
       call share_error(comm, error)

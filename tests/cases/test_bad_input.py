@@ -163,7 +163,8 @@ CASES = [
     ),
     # files that are no input
     Bad("NUL byte", (line(AFTER), "NUL"), GOOD + "\0\n"),
-    Bad("empty file", ("bad.nml: ", "missing group &structure"), ""),
+    Bad("empty file", ("'bad.nml' is empty",), ""),
+    Bad("blank file", ("bad.nml: ", "missing group &structure"), "\n"),
     Bad("binary file", ("bad.nml:",), bytes((7 * i * i + 3 * i + 89) % 256 for i in range(4000))),
     Bad("words", ("bad.nml:",), "this is no namelist\n"),
     # options

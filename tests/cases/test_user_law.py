@@ -113,3 +113,95 @@ def test_other_points_go_on_when_a_law_fails(wrong_law):
     with Results(wrong_law / "one_mass.h5") as results:
         assert [results.status_name(i) for i in range(3)] == ["converged", "failed", "converged"]
         assert results.message(1) == "law 'mine': 'wrong_evaluate' returned -2"
+
+
+# A spring that does at one place what its author may have meant well; `{body}` before the forces.
+ROGUE = """
+#include "nhbm_user_law.h"
+#include <math.h>
+#include <signal.h>
+#include <stddef.h>
+#include <stdlib.h>
+
+{constructor}
+
+int rogue_info(nhbm_law_info_t *info)
+{{
+   info->api_version = NHBM_USER_LAW_API;
+   info->n_coordinates = 1;
+   {info}
+   return 0;
+}}
+
+int rogue_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                   const double *parameters, double *f, double *df_dz, double *df_dv)
+{{
+   {body}
+   for (int i = 0; i < n; i++) {{
+      f[i] = {force};
+      if (df_dz != NULL)
+         df_dz[i] = 1.0;
+   }}
+   return 0;
+}}
+"""
+ROGUE_PARTS = {"constructor": "", "info": "", "body": "", "force": "z[i]"}
+ROGUE_SCENE = ONE_MASS.replace("'wrong.so'", "'rogue.so'").replace("'wrong'", "'rogue'").replace(", parameters = 0.0", "")
+ROGUE_SCENE += "&march duration = 1.0 /\n"
+
+
+def rogue(folder, **parts):
+    """Folder with the library and the input `rogue.nml`."""
+    (folder / "rogue.c").write_text(ROGUE.format(**{**ROGUE_PARTS, **parts}))
+    command = ["cc", "-w", "-O0", "-shared", "-fPIC", f"-I{HEADER_FOLDER}", "-o", "rogue.so", "rogue.c"]
+    subprocess.run(command, cwd=folder, check=True)
+    (folder / "rogue.nml").write_text(ROGUE_SCENE)
+    return folder
+
+
+@pytest.mark.parametrize("verb", ["check", "solve", "march", "bench", "plan"])
+@pytest.mark.parametrize("status", [0, 7])
+def test_exit_at_loading_is_no_success(status, verb, tmp_path):
+    folder = rogue(tmp_path, constructor=f"__attribute__((constructor)) static void begin(void) {{ exit({status}); }}")
+    done = run(verb, "rogue.nml", cwd=folder)
+    assert done.status == BAD_INPUT and "has called exit()" in done.stderr, (done.status, done.stderr)
+
+
+@pytest.mark.parametrize("verb", ["check", "march", "bench"])
+@pytest.mark.parametrize("status", [0, 7])
+def test_exit_of_a_law_is_no_success(status, verb, tmp_path):
+    done = run(verb, "rogue.nml", cwd=rogue(tmp_path, body=f"exit({status});"))
+    assert done.status == BAD_INPUT and "has called exit()" in done.stderr, (done.status, done.stderr)
+
+
+@pytest.mark.parametrize("ending", ["abort();", "raise(SIGSEGV);", "raise(SIGFPE);"])
+@pytest.mark.parametrize("place", ["info", "body"])
+def test_signals_during_check_are_told(place, ending, tmp_path):
+    done = run("check", "rogue.nml", cwd=rogue(tmp_path, **{place: ending}))
+    if "AddressSanitizer" in done.stderr:
+        pytest.skip("the address sanitizer has its own handlers")
+    assert done.status == BAD_INPUT and "ended the process" in done.stderr, (done.status, done.stderr)
+
+
+@pytest.mark.parametrize(
+    "parts, says",
+    [
+        ({"force": "NAN"}, "not known: no sample could be compared"),
+        ({"force": "z[i] + 1e-3 * rand() / RAND_MAX"}, "wrong: the same motion gives other numbers each time"),
+        ({"body": "return 0;"}, "not known: no sample could be compared"),
+        ({"body": "((double *)z)[0] = 1.0;"}, "wrong: it writes to its inputs"),
+    ],
+    ids=["NaN", "random", "no force", "writes inputs"],
+)
+def test_check_does_not_call_it_sound(parts, says, tmp_path):
+    done = run("check", "rogue.nml", cwd=rogue(tmp_path, **parts))
+    assert done.status == NOT_ALL_CONVERGED and says in done.stdout, (done.status, done.stdout)
+    assert "the input is sound" not in done.stdout
+
+
+@pytest.mark.parametrize("parts", [{"force": "NAN"}, {"body": "return 0;"}], ids=["NaN", "no force"])
+def test_point_without_forces_does_not_converge(parts, tmp_path):
+    done = run("solve", "rogue.nml", cwd=rogue(tmp_path, **parts))
+    assert done.status == NOT_ALL_CONVERGED, done.stderr
+    with Results(tmp_path / "rogue.h5") as results:
+        assert results.status_name(0) == "not_finite"

@@ -166,3 +166,53 @@ int half_info(nhbm_law_info_t *info)
 {
    return describe(info, 1, 0, 0);
 }
+
+/* Springs of stiffness 1 that break a promise each: forces that are never written, ... */
+int silent_info(nhbm_law_info_t *info)
+{
+   return describe(info, 1, 0, 0);
+}
+
+int silent_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                    const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   (void)n, (void)n_coordinates, (void)stride, (void)z, (void)v, (void)n_parameters, (void)parameters, (void)f, (void)df_dz;
+   (void)df_dv;
+   return 0;
+}
+
+/* ... other forces at each call, ... */
+int restless_info(nhbm_law_info_t *info)
+{
+   return describe(info, 1, 0, 0);
+}
+
+int restless_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                      const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   static int n_calls = 0;
+
+   (void)n_coordinates, (void)stride, (void)v, (void)n_parameters, (void)parameters, (void)df_dv;
+   spring(n, z, f, df_dz, 1.0);
+   n_calls++;
+   for (int i = 0; i < n; i++) f[i] += 1.0e-3 * n_calls;
+   return 0;
+}
+
+/* ... and inputs that are written. */
+int greedy_info(nhbm_law_info_t *info)
+{
+   return describe(info, 1, 1, 0);
+}
+
+int greedy_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                    const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   double *const mine = (double *)(size_t)z, *const parameter = (double *)(size_t)parameters;
+
+   (void)n_coordinates, (void)stride, (void)v, (void)n_parameters, (void)df_dv;
+   spring(n, z, f, df_dz, 1.0);
+   for (int i = 0; i < n; i++) mine[i] = 0.0;
+   parameter[0] = 0.0;
+   return 0;
+}

@@ -1,0 +1,50 @@
+!> Standard output, written through the standard library of C: that of Fortran does not tell when output is lost.
+module console
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
+   use hb_error, only: error_t, fail
+   implicit none
+   private
+   public :: finish_output, say
+
+   interface
+      integer(c_int) function hb_finish_output() bind(c, name="hb_finish_output")
+         import :: c_int
+      end function hb_finish_output
+
+      subroutine hb_say(line) bind(c, name="hb_say")
+         import :: c_char
+         character(c_char), intent(in) :: line(*)
+      end subroutine hb_say
+   end interface
+
+   !> Writes lines to standard output.
+   interface say
+      module procedure say_line, say_lines
+   end interface say
+
+contains
+
+   subroutine say_line(text)
+      character(*), intent(in) :: text
+
+      call hb_say(text//c_null_char)
+   end subroutine say_line
+
+   !> Blanks at their ends are dropped.
+   subroutine say_lines(texts)
+      character(*), intent(in) :: texts(:)
+      integer :: i
+
+      do i = 1, size(texts)
+         call say_line(trim(texts(i)))
+      end do
+   end subroutine say_lines
+
+   !> Brings all that was said to where it goes; fails where something of it was lost. A reader who has closed the pipe wants
+   !> no more, which is no failure.
+   subroutine finish_output(error)
+      type(error_t), allocatable, intent(out) :: error
+
+      if (hb_finish_output() /= 0) call fail(error, "standard output cannot be written (device full?); what was said is lost")
+   end subroutine finish_output
+end module console

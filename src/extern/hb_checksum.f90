@@ -1,0 +1,87 @@
+!> Checksums by which damage to stored numbers is seen. Source of the interface: hb_checksum.h.
+module hb_checksum
+   use, intrinsic :: iso_c_binding, only: c_char, c_funptr, c_int, c_int32_t, c_loc, c_long_long, c_null_char, c_ptr, c_size_t
+   use hb_kinds, only: int64, wp
+   implicit none
+   private
+   public :: checksum, checksum_rows, library_mark
+
+   interface
+      integer(c_int32_t) function hb_add_to_checksum(so_far, bytes, n_bytes) bind(c, name="hb_add_to_checksum")
+         import :: c_int32_t, c_ptr, c_size_t
+         integer(c_int32_t), value :: so_far
+         type(c_ptr), value :: bytes
+         integer(c_size_t), value :: n_bytes
+      end function hb_add_to_checksum
+
+      integer(c_int) function hb_checksum_rows(path, offset, row_bytes, n_rows, checksums) bind(c, name="hb_checksum_rows")
+         import :: c_char, c_int, c_int32_t, c_long_long
+         character(c_char), intent(in) :: path(*)
+         integer(c_long_long), value :: offset, row_bytes, n_rows
+         integer(c_int32_t), intent(inout) :: checksums(*)
+      end function hb_checksum_rows
+
+      integer(c_int) function hb_checksum_of_library(address, sum, n_bytes) bind(c, name="hb_checksum_of_library")
+         import :: c_funptr, c_int, c_int32_t, c_long_long
+         type(c_funptr), value :: address
+         integer(c_int32_t), intent(out) :: sum
+         integer(c_long_long), intent(out) :: n_bytes
+      end function hb_checksum_of_library
+   end interface
+
+   !> Goes on with a checksum, 0 at the beginning, over further values, as they stand in the memory.
+   interface checksum
+      module procedure checksum_integers, checksum_reals, checksum_text
+   end interface checksum
+
+contains
+
+   integer function checksum_integers(so_far, values) result(sum)
+      integer, intent(in) :: so_far
+      integer, intent(in), contiguous, target :: values(:)
+
+      sum = so_far
+      if (size(values) > 0) sum = hb_add_to_checksum(int(so_far, c_int32_t), c_loc(values), 4_c_size_t*size(values))
+   end function checksum_integers
+
+   integer function checksum_reals(so_far, values) result(sum)
+      integer, intent(in) :: so_far
+      real(wp), intent(in), contiguous, target :: values(:)
+
+      sum = so_far
+      if (size(values) > 0) sum = hb_add_to_checksum(int(so_far, c_int32_t), c_loc(values), 8_c_size_t*size(values))
+   end function checksum_reals
+
+   integer function checksum_text(so_far, text) result(sum)
+      integer, intent(in) :: so_far
+      character(*), intent(in), target :: text
+
+      sum = hb_add_to_checksum(int(so_far, c_int32_t), c_loc(text), len(text, c_size_t))
+   end function checksum_text
+
+   !> Goes on with the checksum of each row over its bytes in a part of a file, where rows follow each other; `ok` is false where
+   !> that cannot be read.
+   subroutine checksum_rows(path, offset, row_bytes, checksums, ok)
+      character(*), intent(in) :: path
+      integer(int64), intent(in) :: offset, row_bytes
+      integer, intent(inout) :: checksums(:)                          !! (rows)
+      logical, intent(out) :: ok
+
+      ok = hb_checksum_rows(path//c_null_char, int(offset, c_long_long), int(row_bytes, c_long_long), &
+         size(checksums, kind=c_long_long), checksums) == 0
+   end subroutine checksum_rows
+
+   !> What tells a shared library from another one, by a function of it that is loaded: its checksum and length.
+   function library_mark(address) result(text)
+      type(c_funptr), intent(in) :: address
+      character(:), allocatable :: text
+      character(60) :: line
+      integer(c_int32_t) :: sum
+      integer(c_long_long) :: n_bytes
+
+      text = "unknown"
+      if (hb_checksum_of_library(address, sum, n_bytes) /= 0) return
+      write (line, "(a, z8.8, a, i0, a)") "CRC-32 ", sum, ", ", n_bytes, " bytes"
+      text = trim(line)
+   end function library_mark
+end module hb_checksum

@@ -1,0 +1,101 @@
+!> Finds rows of a result file that are damaged: each has a checksum over its values in most datasets.
+module hb_row_checks
+   use hb_checksum, only: checksum_rows
+   use hb_error, only: annotate, error_t, fail
+   use hb_guard, only: lower_guard, raise_guard
+   use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
+   use hb_kinds, only: int64
+   use hb_outcome, only: outcome
+   use hb_text, only: split, string_t
+   implicit none
+   private
+   public :: count_pending, find_damaged_rows
+
+contains
+
+   !> Says which points have other numbers than were written. What has no result, or a crash noted in it, has no checksum.
+   subroutine find_damaged_rows(path, status, is_damaged, error)
+      character(*), intent(in) :: path
+      integer, intent(in) :: status(:)                                !! of the points
+      logical, allocatable, intent(out) :: is_damaged(:)              !! (points)
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
+      type(h5_file_t) :: file
+      type(h5_dataset_t) :: dataset
+      character(:), allocatable :: names
+      integer :: expected(size(status)), found(size(status))
+
+      allocate (is_damaged(size(status)), source=.false.)
+      call raise_guard("'"//path//"': HDF5 died of this file; it is damaged")
+      call open_file(file, path, error)
+      if (.not. allocated(error)) call file%open_dataset("checksum", dataset, error)
+      if (.not. allocated(error)) call dataset%read(expected, error)
+      if (.not. allocated(error)) call dataset%get_attribute("of", names, error)
+      if (.not. allocated(error)) call add_up(file, path, names, found, error)
+      call file%close(error_in_close)
+      call lower_guard()
+      call annotate(error, "checksums of '"//path//"'")
+      if (allocated(error)) return
+      is_damaged = found /= expected .and. status /= outcome%pending .and. status /= outcome%crashed
+   end subroutine find_damaged_rows
+
+   !> Checksums of all rows over the datasets of these names, with blanks between them.
+   subroutine add_up(file, path, names, checksums, error)
+      type(h5_file_t), intent(in) :: file
+      character(*), intent(in) :: path, names
+      integer, intent(out) :: checksums(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer, parameter :: value_sizes(3) = [4, 8, 1]
+      type(h5_dataset_t) :: dataset
+      type(string_t), allocatable :: words(:)
+      integer(int64) :: offset, row_bytes
+      integer :: i, k
+      logical :: ok
+
+      checksums = 0
+      call split(names, " ", words)
+      do i = 1, size(words)
+         call file%open_dataset(words(i)%value, dataset, error)
+         if (allocated(error)) return
+         associate (extents => dataset%get_extents())
+            ok = size(extents) > 0
+            if (ok) ok = extents(size(extents)) == size(checksums)
+            row_bytes = 0
+            if (ok) row_bytes = product(int(extents(:size(extents) - 1), int64))
+         end associate
+         if (ok .and. row_bytes == 0) cycle
+         offset = -1
+         do k = 1, size(value_sizes)
+            if (offset < 0) offset = dataset%get_offset(value_sizes(k))
+            if (offset >= 0) exit
+         end do
+         if (ok) ok = offset >= 0
+         if (ok) call checksum_rows(path, offset, row_bytes*value_sizes(k), checksums, ok)
+         if (.not. ok) call fail(error, "dataset '"//words(i)%value//"' cannot be read row by row")
+         if (allocated(error)) return
+      end do
+   end subroutine add_up
+
+   !> Counts the points without a result in a file, as it stands on the disk.
+   subroutine count_pending(path, n_pending, error)
+      character(*), intent(in) :: path
+      integer, intent(out) :: n_pending
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
+      type(h5_file_t) :: file
+      type(h5_dataset_t) :: dataset
+      integer, allocatable :: status(:)
+
+      n_pending = 0
+      call raise_guard("'"//path//"': was changed while the run wrote it, HDF5 dies of it; results are lost")
+      call open_file(file, path, error)
+      if (.not. allocated(error)) call file%open_dataset("status", dataset, error)
+      if (.not. allocated(error)) then
+         allocate (status(product(dataset%get_extents())))
+         call dataset%read(status, error)
+         n_pending = count(status == outcome%pending)
+      end if
+      call file%close(error_in_close)
+      call lower_guard()
+   end subroutine count_pending
+end module hb_row_checks

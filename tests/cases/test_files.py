@@ -1,0 +1,219 @@
+"""Files, links, pipes and devices in places where a file is expected, and output that goes nowhere."""
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, command, environment, run
+
+SCENE = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
+&tones frequency = 2.0 /
+&harmonics order = 3 /
+&load dof = 'x1', tuple = 1, cos = 1.0 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /
+&march duration = 1.0 /
+"""
+SWEEP = "&sweep parameter = 'load(1)%cos', values = 0.5, 1.0, 1.5 /\n"
+
+on_linux = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "case.nml").write_text(SCENE + SWEEP)
+    (tmp_path / "point.nml").write_text(SCENE)
+    return tmp_path
+
+
+def refused(done, *says):
+    assert done.status == BAD_INPUT and len(done.messages) == 1, (done.status, done.stderr)
+    for words in says:
+        assert words in done.messages[0]
+
+
+# What is never replaced
+
+
+def test_pipe_is_never_replaced(folder):
+    os.mkfifo(folder / "pipe")
+    refused(run("solve", "case.nml", "-o", "pipe", "--overwrite", cwd=folder), "'pipe'", "never replaced")
+    assert (folder / "pipe").is_fifo()
+
+
+def test_device_is_never_replaced(folder):
+    """Through a link, which is followed: the test needs no right to make a device."""
+    (folder / "link").symlink_to("/dev/null")
+    refused(run("solve", "case.nml", "-o", "link", "--overwrite", cwd=folder), "'/dev/null'", "never replaced")
+    assert Path("/dev/null").is_char_device()
+
+
+@pytest.mark.parametrize("options", [[], ["--overwrite"]])
+def test_links_are_followed(options, folder):
+    for name in ("kept.h5", "none.h5"):
+        (folder / f"to_{name}").symlink_to(name)
+    (folder / "kept.h5").write_text("old")
+    for name in ("kept.h5", "none.h5"):
+        done = run("solve", "case.nml", "-o", f"to_{name}", *options, cwd=folder)
+        assert (folder / f"to_{name}").is_symlink()
+        if name == "kept.h5" and not options:
+            refused(done, "'kept.h5'", "--overwrite")
+        else:
+            assert done.status == ALL_CONVERGED, done.stderr
+            assert run("info", name, cwd=folder).status == 0
+
+
+def test_links_that_go_round_are_refused(folder):
+    (folder / "a").symlink_to("b")
+    (folder / "b").symlink_to("a")
+    refused(run("solve", "case.nml", "-o", "a", cwd=folder), "leads nowhere")
+
+
+@pytest.mark.parametrize("verb", ["solve", "march", "bench", "plan"])
+@pytest.mark.parametrize("name", ["point.nml", "./point.nml", "link", "hard"])
+def test_input_is_never_replaced(verb, name, folder):
+    (folder / "link").symlink_to("point.nml")
+    os.link(folder / "point.nml", folder / "hard")
+    refused(run(verb, "point.nml", "-o", name, "--overwrite", cwd=folder), "is the input file")
+    assert (folder / "point.nml").read_text() == SCENE
+
+
+def test_table_of_plan_is_not_replaced_unasked(folder):
+    (folder / "plan.csv").write_text("mine")
+    refused(run("plan", "case.nml", "--cost", "1.0", "-o", "plan.csv", cwd=folder), "'plan.csv'", "--overwrite")
+    assert (folder / "plan.csv").read_text() == "mine"
+
+
+def test_wisdom_does_not_replace_another_file(folder):
+    keys = "&sampling planning = 'measure', wisdom = 'case.nml' /\n"
+    (folder / "wise.nml").write_text(SCENE + keys)
+    refused(run("solve", "wise.nml", cwd=folder), "'case.nml'", "no wisdom")
+    assert (folder / "case.nml").read_text() == SCENE + SWEEP
+
+
+# Names
+
+
+def test_long_names(folder):
+    assert run("solve", "case.nml", "-o", 240 * "n", "--quiet", cwd=folder).status == ALL_CONVERGED
+    for n_bytes in (241, 250, 255, 300):
+        refused(run("solve", "case.nml", "-o", n_bytes * "n", cwd=folder), "more than 240 bytes")
+
+
+def test_trailing_blank_leaves_nothing(folder):
+    before = sorted(folder.iterdir())
+    refused(run("solve", "case.nml", "-o", "result.h5 ", cwd=folder), "ends with a blank")
+    assert sorted(folder.iterdir()) == before
+
+
+def test_stale_pipe_of_the_temporary_name(folder):
+    os.mkfifo(folder / "case.h5.part")
+    refused(run("solve", "case.nml", cwd=folder), "'case.h5.part'", "in its way")
+
+
+# What is read
+
+
+@pytest.mark.parametrize("verb", ["solve", "check", "bench", "info", "resume"])
+def test_sources_that_are_no_files(verb, folder):
+    os.mkfifo(folder / "pipe")
+    (folder / "empty").touch()
+    (folder / "lost").symlink_to("nothing")
+    for name, says in (("pipe", "is a pipe or a device"), ("empty", "is empty"), ("lost", "does not exist")):
+        refused(run(verb, name, cwd=folder), f"'{name}'", says)
+
+
+# Where messages go
+
+
+def run_into(output, *arguments, cwd):
+    return subprocess.run(
+        command(*arguments), cwd=cwd, env=environment(), stdout=output, stderr=subprocess.PIPE, text=True, timeout=60
+    )
+
+
+@pytest.mark.parametrize("arguments", [("solve", "case.nml"), ("check", "case.nml"), ("version",), ("help",)])
+def test_closed_pipe_ends_nothing(arguments, folder):
+    """Nobody reads any more what the program says: it goes on, and its exit status is that of its work."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = run_into(writer, *arguments, cwd=folder)
+    os.close(writer)
+    assert done.returncode == ALL_CONVERGED, done.stderr
+    if arguments[0] == "solve":
+        assert run("info", "case.h5", cwd=folder).status == 0
+
+
+@on_linux
+@pytest.mark.parametrize("arguments", [("solve", "case.nml"), ("check", "case.nml"), ("version",), ("help",)])
+def test_full_device_is_told(arguments, folder):
+    with open("/dev/full", "w") as full:
+        done = run_into(full, *arguments, cwd=folder)
+    assert done.returncode == BAD_INPUT and "standard output cannot be written" in done.stderr
+
+
+# Memory, signals
+
+
+@on_linux
+@pytest.mark.parametrize("megabytes", [200, 300])
+def test_too_little_address_space_is_told(megabytes, folder):
+    """OpenBLAS asks for its memory again and again."""
+    limit = megabytes * 1000**2
+    words = f"import os, resource, sys; resource.setrlimit(resource.RLIMIT_AS, ({limit}, {limit})); os.execv(sys.argv[1], sys.argv[1:])"
+    done = subprocess.run(
+        ["python3", "-c", words, *command("solve", "case.nml")],
+        cwd=folder, env=environment(), capture_output=True, text=True, timeout=60,
+    )
+    if "AddressSanitizer" in done.stderr:
+        pytest.skip("the address sanitizer maps far more")
+    assert done.returncode == BAD_INPUT and "a limit on memory" in done.stderr, (done.returncode, done.stderr)
+
+
+def test_signal_before_the_first_point_ends_at_once(tmp_path):
+    """Ten thousand times ten thousand points, whose file would take a minute to make and 60 GB: nothing is left of it."""
+    sweeps = "".join(
+        f"&sweep parameter = '{path}', from = 0.5, to = 1.5, n = 10000 /\n" for path in ("load(1)%cos", "law(1)%stiffness")
+    )
+    (tmp_path / "case.nml").write_text(SCENE + sweeps)
+    for number in (signal.SIGUSR1, signal.SIGTERM):
+        process = subprocess.Popen(command("solve", "case.nml", "--quiet"), cwd=tmp_path, env=environment(), stderr=subprocess.PIPE)
+        try:
+            wait_until_caught(process, number)
+            process.send_signal(number)
+            began = time.monotonic()
+            words = process.communicate(timeout=20)[1].decode()
+            assert time.monotonic() - began < 2.0
+            assert process.returncode == INCOMPLETE and "before the first point" in words, (process.returncode, words)
+        finally:
+            process.kill()
+            process.wait()
+        assert [path.name for path in tmp_path.iterdir()] == ["case.nml"]
+
+
+def wait_until_caught(process, number):
+    """Until the program has its handler, which is before anything that takes time."""
+    for _ in range(1000):
+        status = Path(f"/proc/{process.pid}/status").read_text()
+        if int(status.split("SigCgt:")[1].split()[0], 16) >> (number - 1) & 1:
+            return
+        time.sleep(0.005)
+    raise AssertionError("no handler")
+
+
+def test_plan_of_many_points_takes_little_memory(tmp_path):
+    sweeps = "".join(
+        f"&sweep parameter = '{path}', from = 0.5, to = 1.5, n = 10000 /\n" for path in ("load(1)%cos", "law(1)%stiffness")
+    )
+    (tmp_path / "case.nml").write_text(SCENE + sweeps)
+    words = "import os, resource, subprocess, sys; done = subprocess.run(sys.argv[1:]); "
+    words += "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss); sys.exit(done.returncode)"
+    done = subprocess.run(
+        ["python3", "-c", words, *command("plan", "case.nml")], cwd=tmp_path, env=environment(), capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "100000000 points" in done.stdout and int(done.stdout.split()[-1]) < 200_000

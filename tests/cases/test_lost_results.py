@@ -1,0 +1,217 @@
+"""Results that are lost or damaged, during the run or afterwards, never pass for what was computed."""
+
+import os
+import shutil
+import subprocess
+import time
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+
+from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, command, environment, read, run
+from user_law import HEADER_FOLDER
+
+CONVERGED = 1
+N_POINTS = 6
+
+# A spring of stiffness 1 whose parameter says what becomes of the result file under the run.
+LAW = """
+#include "nhbm_user_law.h"
+#include <fcntl.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+int thief_info(nhbm_law_info_t *info)
+{
+   info->api_version = NHBM_USER_LAW_API;
+   info->n_coordinates = 1;
+   info->n_parameters = 1;
+   return 0;
+}
+
+static void steal(int how)
+{
+   struct stat file;
+   if (stat("case.h5", &file) != 0) return;
+   switch (how) {
+   case 1: unlink("case.h5"); break;
+   case 2: rename("case.h5", "elsewhere.h5"); break;
+   case 3: unlink("case.h5"); close(open("case.h5", O_CREAT | O_WRONLY, 0666)); break;
+   case 4: truncate("case.h5", file.st_size / 2); break;
+   case 5: truncate("case.h5", 0); break;
+   case 6: truncate("case.h5", 0); truncate("case.h5", file.st_size); break;
+   case 7:
+      close(open("waiting", O_CREAT | O_WRONLY, 0666));
+      for (int i = 0; i < 600 && stat("go", &file) != 0; i++) usleep(100000);
+      break;
+   default: break;
+   }
+}
+
+int thief_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                   const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   static int is_done = 0;
+   if (parameters[0] >= 1.0 && !is_done) {
+      is_done = 1;
+      steal((int)parameters[0]);
+   }
+   for (int i = 0; i < n; i++) {
+      f[i] = z[i];
+      if (df_dz != NULL) df_dz[i] = 1.0;
+   }
+   return 0;
+}
+"""
+
+SCENE = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
+&tones frequency = 2.0 /
+&harmonics order = 3 /
+&load dof = 'x1', tuple = 1, cos = 1.0 /
+"""
+SPRING = "&law type = 'cubic_spring', label = 'spring', dof = 'x1', stiffness = 0.5 /\n"
+THIEF = "&law type = 'user', label = 'thief', library = 'thief.so', name = 'thief', dof = 'x1', parameters = 0.0 /\n"
+
+
+def compile_law(folder, text=LAW):
+    (folder / "thief.c").write_text(text)
+    words = ["cc", "-w", "-O0", "-shared", "-fPIC", f"-I{HEADER_FOLDER}", "-o", "thief.so", "thief.c"]
+    subprocess.run(words, cwd=folder, check=True)
+
+
+def thief(folder, values):
+    compile_law(folder)
+    sweep = f"&sweep parameter = 'law(1)%parameters', values = {', '.join(map(str, values))} /\n"
+    (folder / "case.nml").write_text(SCENE + THIEF + sweep)
+
+
+@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.parametrize(
+    "how, says",
+    [(1, "deleted"), (2, "moved"), (3, "deleted"), (4, "cut off"), (5, "cut off"), (6, "changed")],
+    ids=["deleted", "moved", "replaced", "cut", "emptied", "zeros"],
+)
+def test_file_that_is_lost_under_the_run_is_told(how, says, ranks, tmp_path):
+    thief(tmp_path, [0.1, 0.2, how, 0.3])
+    done = run("solve", "case.nml", "--quiet", cwd=tmp_path, ranks=ranks)
+    assert done.status == BAD_INPUT, (done.status, done.stderr)
+    assert says in done.stderr and "case.h5" in done.stderr, done.stderr
+
+
+def test_two_runs_do_not_write_to_one_file(tmp_path):
+    thief(tmp_path, [0.1, 7, 0.2])
+    assert run("solve", "case.nml", "--time-limit", "0", cwd=tmp_path).status == INCOMPLETE
+    first = subprocess.Popen(command("resume", "case.h5", "--quiet"), cwd=tmp_path, env=environment())
+    try:
+        while first.poll() is None and not (tmp_path / "waiting").exists():
+            time.sleep(0.01)
+        done = run("resume", "case.h5", "--quiet", cwd=tmp_path)
+        assert done.status == BAD_INPUT and "another run" in done.stderr, (done.status, done.stderr)
+        (tmp_path / "go").touch()
+        assert first.wait(60) == ALL_CONVERGED
+    finally:
+        first.kill()
+        first.wait()
+
+
+# Damage after the run
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    """Folder with the result of a whole run, and the names of all its datasets that have rows with a checksum."""
+    folder = tmp_path_factory.mktemp("sound")
+    sweep = f"&sweep parameter = 'load(1)%cos', from = 0.5, to = 1.5, n = {N_POINTS} /\n"
+    (folder / "case.nml").write_text(SCENE + SPRING + "&output samples = 8 /\n" + sweep)
+    done = run("solve", "case.nml", "--quiet", cwd=folder)
+    assert done.status == ALL_CONVERGED, done.stderr
+    return folder
+
+
+def test_checksum_is_that_of_zlib(sound):
+    with h5py.File(sound / "case.h5", "r") as file:
+        names = file["checksum"].attrs["of"]
+        names = (names if isinstance(names, str) else names.decode()).split()
+        for row, expected in enumerate(file["checksum"][()]):
+            found = 0
+            for name in names:
+                found = zlib.crc32(file[name][row].tobytes(), found)
+            assert np.uint32(found) == expected.astype(np.uint32)
+        assert {"status", "coefficients", "residual", "message", "displacement_samples"} <= set(names)
+
+
+def test_sound_file_passes(sound, tmp_path):
+    done = run("info", sound / "case.h5", "--check", cwd=tmp_path)
+    assert done.status == 0 and "all rows are as they were written" in done.stdout, (done.stdout, done.stderr)
+
+
+def place_of(path, name, row):
+    """Offset and length of a row in the file."""
+    with h5py.File(path, "r") as file:
+        data = file[name]
+        n_bytes = data.dtype.itemsize * int(np.prod(data.shape[1:], dtype=int))
+        return data.id.get_offset() + row * n_bytes, n_bytes
+
+
+DAMAGES = {
+    "a bit of a coefficient": ("coefficients", lambda data: bytes([data[0] ^ 1]) + data[1:]),
+    "the last bit of a residual": ("residual", lambda data: data[:-1] + bytes([data[-1] ^ 1])),
+    "zeros": ("displacement_samples", lambda data: bytes(len(data))),
+    "a message": ("message", lambda data: b"x" + data[1:]),
+    "a status": ("status", lambda data: b"\2\0\0\0"),
+    "the checksum itself": ("checksum", lambda data: bytes([data[0] ^ 128]) + data[1:]),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damaged_rows_are_found_and_solved_again(damage, sound, tmp_path):
+    path = tmp_path / "case.h5"
+    shutil.copy(sound / "case.h5", path)
+    name, change = DAMAGES[damage]
+    with open(path, "r+b") as file:
+        for row in (1, 4):
+            at, n_bytes = place_of(path, name, row)
+            file.seek(at)
+            data = file.read(n_bytes)
+            file.seek(at)
+            file.write(change(data))
+    done = run("info", path, "--check", cwd=tmp_path)
+    assert done.status == BAD_INPUT and "2 points" in done.stderr and "(1, 4)" in done.stderr, (done.status, done.stderr)
+    done = run("resume", path, cwd=tmp_path)
+    assert done.status == ALL_CONVERGED and "2 points were damaged" in done.stdout, (done.stdout, done.stderr)
+    assert run("info", path, "--check", cwd=tmp_path).status == 0
+    for name in ("status", "coefficients", "residual", "displacement_samples", "message"):
+        assert read(path, name).tobytes() == read(sound / "case.h5", name).tobytes(), name
+
+
+def test_verify_leaves_the_checksums_right(sound, tmp_path):
+    path = tmp_path / "case.h5"
+    shutil.copy(sound / "case.h5", path)
+    run("verify", path, "--points", "1", "--periods", "2", cwd=tmp_path)
+    assert run("info", path, "--check", cwd=tmp_path).status == 0
+
+
+# Libraries
+
+
+def test_another_library_is_not_gone_on_with_unasked(tmp_path):
+    thief(tmp_path, [0.1, 0.2])
+    assert run("solve", "case.nml", "--time-limit", "0", cwd=tmp_path).status == INCOMPLETE
+    os.remove(tmp_path / "thief.so")
+    compile_law(tmp_path, LAW.replace("f[i] = z[i]", "f[i] = 1.0 * z[i] + 0.0"))
+    done = run("resume", "case.h5", cwd=tmp_path)
+    assert done.status == BAD_INPUT and "other libraries" in done.stderr and "thief: thief, CRC-32" in done.stderr, done.stderr
+    done = run("resume", "case.h5", "--retry", cwd=tmp_path)
+    assert done.status == ALL_CONVERGED and "another library" in done.stdout, (done.stdout, done.stderr)
+
+
+def test_the_same_library_is_gone_on_with(tmp_path):
+    thief(tmp_path, [0.1, 0.2])
+    assert run("solve", "case.nml", "--time-limit", "0", cwd=tmp_path).status == INCOMPLETE
+    assert run("resume", "case.h5", cwd=tmp_path).status == ALL_CONVERGED
+    assert read(tmp_path / "case.h5", "status").tolist() == [CONVERGED] * 2
