@@ -20,7 +20,7 @@ module hb_march_verdict
    real(wp), parameter :: halved = 2.0_wp                             ! fall of the distance that is one
    real(wp), parameter :: neutral = 1.2_wp                            ! rise of the distance that is none
    real(wp), parameter :: sheared = 4.5_wp                            ! likewise where nothing decays: like the square of time
-   integer, parameter :: fewest_fitted = 3                            ! periods
+   integer, parameter :: fewest_fitted = 2                            ! periods
 
    type :: verdict_kind_t
       integer :: not_done = 0
@@ -54,7 +54,7 @@ contains
       real(wp), intent(in) :: estimate                                !! relative error that the certificate lets expect
       real(wp), intent(in) :: share                                   !! by how much it may be larger in this coordinate, >= 1
 
-      limit_of = min(largest_limit, max(safety*estimate, smallest_limit)*share)
+      limit_of = min(largest_limit, max(safety*min(estimate, 1.0_wp), smallest_limit)*min(share, 1.0_wp/smallest_limit))
    end function limit_of
 
    !> Verdict after some periods; `not_done` where the march must go on.
@@ -62,7 +62,7 @@ contains
       real(wp), intent(in) :: ratio(:)                                !! of the difference to its limit, (n_periods)
       real(wp), intent(in) :: distance(:)                             !! of both marches, logarithm, 0 at the start, (n_periods)
       integer, intent(in) :: fewest                                   !! periods that show all of the motion
-      integer, intent(in) :: decay                                    !! periods in which the linear structure forgets, 0: it does not
+      integer, intent(in) :: decay                                    !! periods in which the structure forgets, 0: it does not
       logical, intent(in) :: is_last                                  !! no more periods
       integer :: kept, n, tail
       logical :: has_forgotten, has_left, is_falling
@@ -78,12 +78,10 @@ contains
       start = max(distance(1), 0.0_wp)                                ! what fell in the first period fell
       gain = 0.0_wp
       rise = 0.0_wp
+      if (has_left) kept = min(n, max(kept, fewest_fitted))           ! left at once: two periods tell growth from a first shock
       if (kept >= fewest_fitted) then
          gain = distance(kept) - start
          rise = rise_of(distance(:kept))
-      else if (kept > 0) then                                         ! left at once: all that was gained counts
-         gain = distance(kept)
-         rise = gain
       end if
       has_forgotten = distance(n) <= start - log(forgotten)
       if (gain >= log(grown) .and. rise >= log(growing)) then
@@ -125,7 +123,8 @@ contains
       integer :: kept
 
       kept = findloc(ratio > 1.0_wp, .true., dim=1) - 1
-      if (kept < fewest_fitted) kept = size(ratio)
+      if (kept < 0) kept = size(ratio)
+      kept = min(size(ratio), max(kept, fewest_fitted))
       growth = 0.0_wp
       if (kept > 1) growth = rise_of(distance(:kept))/(kept - kept/2)
    end function growth_of
