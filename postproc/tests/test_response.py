@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import single
-from synthetic import box, write_results
+from synthetic import STATUS_WORDS, box, write_results
 
 from nhbm_post import Results, UsageError
 from nhbm_post.cli import main
@@ -114,7 +114,7 @@ def test_statuses_look_different_and_new_ones_have_a_look():
 
 
 def test_a_status_of_a_newer_program_is_drawn_by_its_name(tmp_path):
-    path = grid_file(tmp_path / "a.h5", n_gaps=1, status=[1, 1, 15, 1, 1])
+    path = grid_file(tmp_path / "a.h5", n_gaps=1, status=[1, 1, len(STATUS_WORDS.split()), 1, 1])
     with h5py.File(path, "r+") as file:
         words = file["status"].attrs["flag_meanings"]
         words = (words.decode() if isinstance(words, bytes) else words) + " hit_too_hard"

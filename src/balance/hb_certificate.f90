@@ -8,6 +8,7 @@ module hb_certificate
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box, new_of_parity
+   use hb_impact, only: impact_energy
    use hb_kinds, only: wp
    use hb_law, only: defects_t, law_box_t
    use hb_law_forces, only: law_dofs_of
@@ -35,6 +36,8 @@ module hb_certificate
       real(wp) :: aliasing = 0.0_wp                                   !! estimated error by the finite grid, relative
       real(wp), allocatable :: frequency_error(:)                     !! of unknown tones, by both [rad/s], (n_tones)
       type(defects_t) :: defects                                      !! of rigid walls and rigid friction, on the finer grid
+      real(wp) :: impact = 0.0_wp                                     !! energy of the hardest blow against a rigid wall, relative
+                                                                      !! to that of the motion there
       real(wp) :: power_in = 0.0_wp                                   !! mean power of the loads [W]
       real(wp) :: power_damping = 0.0_wp                              !! mean loss in the structure [W]
       real(wp), allocatable :: power_laws(:)                          !! mean loss in each law, on the finer grid [W]
@@ -74,7 +77,7 @@ contains
       call make_wide_balance()
       if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, n_steps, error, phase)
       if (.not. allocated(error)) then
-         call check_contact(self, balance, wide, u)
+         call check_contact(self, structure, balance, wide, u)
          call find_structure_powers(self, structure, balance, loads, u)
       end if
       call wide%destroy()
@@ -307,8 +310,9 @@ contains
    end subroutine compare_with_half
 
    !> Rigid contact and friction on the finer grid, and the power that each law takes there.
-   subroutine check_contact(self, balance, wide, u)
+   subroutine check_contact(self, structure, balance, wide, u)
       type(certificate_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)
@@ -330,6 +334,7 @@ contains
             self%power_laws(i) = self%power_laws(i) + mean_power(wide%harmonics, wide%frequencies, force, motion)
          end do
       end do
+      self%impact = impact_energy(structure, wide, big)
    end subroutine check_contact
 
    !> Mean of force times rate: sum over harmonics of w/2 (f_cos x_sin - f_sin x_cos), rate = w (x_sin cos - x_cos sin).

@@ -25,18 +25,19 @@ module hb_outcome
       integer :: diverged = 13                         !! the steps run away from anything of the size of the problem
       integer :: locked = 14                           !! the tones are multiples of one: the motion has one tone
       integer :: timed_out = 15                        !! the point has had its processor time
+      integer :: impact = 16                           !! solved, but a rigid wall is struck: a law of impact is missing
       integer :: interrupted = -1                      !! the run ends: never in a file, where the point stays pending
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:15) = [character(13) :: &
+   character(*), parameter :: outcome_names(0:16) = [character(13) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
       "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed", "diverged", "locked", &
-      "timed_out"]
+      "timed_out", "impact"]
 
-   character(*), parameter :: texts(0:15) = [character(64) :: &
+   character(*), parameter :: texts(0:16) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
@@ -52,7 +53,8 @@ module hb_outcome
       "crashed: its solution has ended the process, see the message", &
       "diverged: the steps run away from the size of the problem", &
       "locked: the tones are multiples of one, the motion has one tone", &
-      "timed out: the point has had its processor time"]
+      "timed out: the point has had its processor time", &
+      "impact: solved, but a wall is struck: a law of impact is missing"]
 
 contains
 
@@ -78,7 +80,8 @@ contains
    elemental logical function is_solved(status)
       integer, intent(in) :: status
 
-      is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating])
+      is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating, &
+                               outcome%impact])
    end function is_solved
 
    !> Whether a number is one of the statuses.

@@ -393,6 +393,8 @@ contains
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
          if (any(is_missed(found%frequency_error/balance%omega, limit%truncation))) result%status = outcome%truncated
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
+         if (found%impact > limit%impact .and. .not. scene%normal_mode%is_asked) &   ! what moves freely for ever loses nothing
+            result%status = outcome%impact                            ! no larger set cures that
          result%is_near_commensurate = scene%tones%n_tones > 1 .and. &
             found%combination_frequency < limit%commensurability*maxval(balance%omega)
       end associate

@@ -398,6 +398,7 @@ contains
          call put(self, "truncation_estimate", [found%truncation], error)
          call put(self, "aliasing_estimate", [found%aliasing], error)
          call put(self, "penetration", [found%defects%penetration], error)
+         call put(self, "impact_estimate", [found%impact], error)
          call put(self, "tension", [found%defects%tension], error)
          call put(self, "complementarity", [found%defects%complementarity], error)
          call put(self, "slip_defect", [found%defects%slip], error)

@@ -145,6 +145,8 @@ contains
          call add("aliasing_estimate", is_real, [point_axis], "1", &
             "estimated error by the finite number of samples, relative to the motion")
          call add("penetration", is_real, [point_axis], "m", "largest penetration into a rigid wall")
+         call add("impact_estimate", is_real, [point_axis], "1", &
+            "energy of the hardest blow against a rigid wall, relative to that of the motion there")
          call add("tension", is_real, [point_axis], "N", "largest pull that a rigid wall would have to exert")
          call add("complementarity", is_real, [point_axis], "N m", "largest product of reaction and gap of a rigid wall")
          call add("slip_defect", is_real, [point_axis], "W", &

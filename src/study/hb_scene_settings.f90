@@ -108,6 +108,7 @@ contains
       call group%get("truncation", self%truncation, unit="1", above=0.0_wp)
       call group%get("aliasing", self%aliasing, unit="1", above=0.0_wp)
       call group%get("penetration", self%penetration, unit="1", above=0.0_wp)
+      call group%get("impact", self%impact, unit="1", above=0.0_wp)
       call group%get("improvement_steps", self%improvement_steps, minimum=0, maximum=1000)
       call group%get("commensurability", self%commensurability, unit="1", minimum=0.0_wp)
    end subroutine read_certificate

@@ -38,6 +38,8 @@ STATUSES = (
     "crashed",
     "diverged",
     "locked",
+    "timed_out",
+    "impact",
 )
 
 _FORMS = (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from program import read, solve
+from program import read, run, solve
 
 BEAM = """
 &structure type = 'beam', length = 1.0, bending_stiffness = 1750.0, mass_per_length = 7.8, n_elements = 4,
@@ -54,7 +54,7 @@ CASES = {
 }
 FACTOR = 3.0
 
-CONVERGED, TRUNCATED, ALIASED, PENETRATING = 1, 7, 8, 9
+CONVERGED, TRUNCATED, ALIASED, PENETRATING, IMPACT = 1, 7, 8, 9, 16
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -105,6 +105,32 @@ def test_an_error_above_one_per_cent_is_told_by_default(tmp_path):
     assert status.tolist() == [TRUNCATED]
     assert 0.01 < estimate[0] < 0.1
     assert np.isfinite(coefficients).all()
+
+
+@pytest.mark.parametrize(
+    ("tones", "order", "status"),
+    [("1.0", 15, IMPACT), ("0.5", 15, IMPACT), ("0.05", 31, CONVERGED), ("1.0, 1.618033988749895", 9, IMPACT)],
+)
+def test_a_blow_that_restitution_decides_on_is_told(tones, order, status, tmp_path):
+    """One mass against a rigid wall, marched with restitution 0 and 0.8: the estimate is about their difference."""
+    two = "," in tones
+    scene = MASS.format(damping=0.2, tones=tones, load=0.4 if two else 0.6)
+    if not two:
+        scene = scene.replace("&load dof = 'x1', tuple = 0, 1, cos = 0.6 /\n", "").replace("tuple = 1, 0", "tuple = 1")
+    scene += f"&law type = 'rigid_wall', dof = 'x1', gap = 0.5 /\n&harmonics order = {order} /\n"
+    scene += f"&sampling samples = {64 if two else 1024} /\n&certificate truncation = 1.0, penetration = 1.0 /\n"
+    scene += "&march transient = 150.0, duration = 300.0, step = 0.05 /\n"
+    result = solve(scene, tmp_path, status=None)
+    found, estimate = (values[0] for values in read(result, "status", "impact_estimate"))
+    assert found == status
+    motions = []
+    for restitution in (0.0, 0.8):
+        record = tmp_path / f"march_{restitution}.h5"
+        options = ("--set", f"march%restitution={restitution}", "--overwrite", "--quiet")
+        assert run("march", result.with_suffix(".nml"), "-o", record, *options, cwd=tmp_path).status == 0
+        motions.append(read(record, "coefficients"))
+    difference = np.linalg.norm(motions[1] - motions[0]) / np.linalg.norm(motions[0])
+    assert difference / 4 < estimate < 4 * difference, (difference, estimate)
 
 
 def test_error_of_an_unknown_frequency_is_stored(tmp_path):

@@ -9,7 +9,7 @@ PENDING, CONVERGED, FAILED, CRASHED = 0, 1, 6, 12
 # No motion was reached that could be looked at.
 EMPTY = (PENDING, FAILED, CRASHED)
 # The balance is solved; all but the first miss a threshold of the certificate and do not count as converged.
-SOLVED = (CONVERGED, 7, 8, 9)
+SOLVED = (CONVERGED, 7, 8, 9, 16)
 
 TEXTS = {
     "pending": "not solved yet",
@@ -28,6 +28,7 @@ TEXTS = {
     "diverged": "diverged: the steps run away from the size of the problem",
     "locked": "locked: the tones are multiples of one, the motion has one tone",
     "timed_out": "timed out: the point has had its processor time",
+    "impact": "impact: solved, but a wall is struck: a law of impact is missing",
 }
 NAMES = dict(enumerate(TEXTS))
 

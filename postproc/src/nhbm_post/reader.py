@@ -236,7 +236,7 @@ class Results:
 
     @property
     def solved(self) -> np.ndarray:
-        """Numbers of the points whose balance is solved: converged, truncated, aliased, penetrating."""
+        """Numbers of the points whose balance is solved: converged, truncated, aliased, penetrating, impact."""
         return np.flatnonzero(np.isin(self.status, SOLVED))
 
     def outcome_text(self, points: Sequence[int] | None = None) -> str:

@@ -40,6 +40,7 @@ _MARKS = {
     "truncated": Mark("^", "#E69F00"),
     "aliased": Mark("s", "#56B4E9"),
     "penetrating": Mark("v", "#CC79A7"),
+    "impact": Mark("<", "#F0E442"),
     "stalled": Mark("x", style.FAILURE),
     "out_of_budget": Mark("+", style.FAILURE),
     "singular": Mark("1", style.FAILURE),
