@@ -2,6 +2,7 @@
 module verb_march
    use arguments, only: arguments_t
    use console, only: say
+   use hb_clock, only: wall_clock
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_place
@@ -12,7 +13,7 @@ module verb_march
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
    use hb_modes, only: modes_t, new_modes
-   use hb_mpi, only: comm_t, rank_of, share_error, wall_clock
+   use hb_mpi, only: comm_t, rank_of, share_error
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_record_tones, only: find_tones
    use hb_scene, only: scene_t

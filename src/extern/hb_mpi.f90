@@ -21,7 +21,7 @@ module hb_mpi
    implicit none
    private
    public :: abort_run, as_comm, barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, gather_rows, max_over, &
-      new_work_counter, no_info_handle, rank_of, ranks_on_node, share_error, size_of, start_mpi, stop_mpi, sum_over, wall_clock, &
+      new_work_counter, no_info_handle, rank_of, ranks_on_node, share_error, size_of, start_mpi, stop_mpi, sum_over, &
       work_counter_t, world
 
    !> Makes a communicator of what a caller has: an integer handle of the old `mpi` module, or a communicator.
@@ -236,14 +236,6 @@ contains
       call broadcast_text(comm, message, root=first)
       call fail(error, message)
    end subroutine share_error
-
-   !> Gives the seconds since a fixed moment [s]; for differences. Works before `start_mpi`.
-   real(wp) function wall_clock()
-      integer(int64) :: ticks, ticks_per_second
-
-      call system_clock(ticks, ticks_per_second)
-      wall_clock = real(ticks, wp)/real(ticks_per_second, wp)
-   end function wall_clock
 
    !> Makes counters at 0 with empty tallies, shared by the ranks of `comm`; collective, as `destroy` is.
    subroutine new_work_counter(self, owners, comm, error)

@@ -5,6 +5,7 @@
 !> the costs beside them, so that errors are found from it as from any other.
 module hb_bench
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_clock, only: wall_clock
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_fftw, only: forget_plans
@@ -12,11 +13,12 @@ module hb_bench
    use hb_kernel_times, only: has_kernels, kernel_names, kernel_times_t, kernel_words, measure_kernels, median, &
       memory_bandwidth, yardstick_words
    use hb_kinds, only: wp
-   use hb_mpi, only: comm_t, wall_clock
+   use hb_motion_result, only: motion_result_t
+   use hb_mpi, only: comm_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: is_solved
    use hb_progress, only: new_progress, progress_t
-   use hb_results, only: create_results, point_result_t, results_layout_t, results_t
+   use hb_results, only: create_results, results_layout_t, results_t
    use hb_results_file, only: describe
    use hb_scene, only: scene_t
    use hb_study, only: describe_layout, study_t
@@ -56,7 +58,7 @@ module hb_bench
 
    !> What one point costs.
    type :: point_cost_t
-      type(point_result_t) :: result                                  !! of the first time
+      type(motion_result_t) :: result                                  !! of the first time
       real(wp), allocatable :: seconds(:, :)                          !! (parts, repeats)
       real(wp) :: memory = 0.0_wp                                     !! largest addition [byte]; 0: not known
       type(kernel_times_t) :: kernels
@@ -139,7 +141,7 @@ contains
       type(document_t), target :: document
       type(scene_t) :: nothing
       type(neighbour_t) :: nobody
-      type(point_result_t) :: result
+      type(motion_result_t) :: result
       type(rank_times_t) :: times
       real(wp) :: begun, ended, cpu_begun, cpu_ended, resident
       logical :: has_peak

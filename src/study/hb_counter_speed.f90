@@ -1,8 +1,9 @@
 !> How fast a shared counter is on the machine at hand, for the simulation of larger runs.
 module hb_counter_speed
+   use hb_clock, only: wall_clock
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_mpi, only: barrier, comm_t, max_over, new_work_counter, rank_of, size_of, wall_clock, work_counter_t
+   use hb_mpi, only: barrier, comm_t, max_over, new_work_counter, rank_of, size_of, work_counter_t
    implicit none
    private
    public :: measure_counter

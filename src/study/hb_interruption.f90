@@ -3,9 +3,10 @@
 !> The question is asked before each point, and by solvers as one that watches over the point in flight. A point that is ended
 !> that way is left as it was, to be solved by a later run from its beginning: no number depends on when a run ends.
 module hb_interruption
+   use hb_clock, only: wall_clock
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_mpi, only: comm_t, size_of, wall_clock
+   use hb_mpi, only: comm_t, size_of
    use hb_shared_flag, only: new_shared_flag, shared_flag_t
    use hb_signals, only: signal_caught
    use hb_watch, only: watch_t

@@ -6,6 +6,7 @@
 !> where odd motions are solved on half of it), and LAPACK's LU factorisation of a full matrix of the same size.
 module hb_kernel_times
    use hb_balance, only: balance_t, new_balance
+   use hb_clock, only: wall_clock
    use hb_document, only: document_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
@@ -14,10 +15,10 @@ module hb_kernel_times
    use hb_lapack, only: dgetrf
    use hb_law_forces, only: law_dofs_of
    use hb_law_span, only: law_span_t, reduce_to_span
-   use hb_mpi, only: wall_clock
+   use hb_marching_judge, only: marching_judge_t
+   use hb_motion, only: solve_motion
+   use hb_motion_result, only: motion_result_t
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
-   use hb_point, only: solve_point
-   use hb_results, only: point_result_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use hb_solver, only: solve
@@ -329,10 +330,10 @@ contains
       type(workshop_t), intent(inout) :: shop
       type(error_t), allocatable, intent(out) :: error
       type(scene_t) :: scene
-      type(point_result_t) :: result
+      type(motion_result_t) :: result
 
       call read_fresh(scene, shop%document, error)
-      if (.not. allocated(error)) call solve_point(scene, result, error)
+      if (.not. allocated(error)) call solve_motion(scene, result, error, judge=marching_judge_t())
    end subroutine run_point
 
    !> Seconds of the yardstick of kernel i, over `times` runs; 0 where it has none.

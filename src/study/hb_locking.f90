@@ -7,50 +7,21 @@ module hb_locking
    use hb_birkhoff, only: bump_weights, coefficients_at
    use hb_error, only: error_t
    use hb_frequency_analysis, only: find_frequencies
+   use hb_judge, only: highest_part, locking_t
    use hb_kinds, only: wp
    use hb_march, only: march_record_t
    use hb_marched_start, only: change_of, first_kick, march_once, steady
    use hb_scene, only: scene_t
-   use hb_text, only: to_text
    use hb_watch, only: watch_t
    implicit none
    private
-   public :: find_locking, locking_t, may_be_locked
+   public :: find_locking
 
-   integer, parameter :: highest_part = 6                             ! of a tone that the common base frequency is
    integer, parameter :: most_multiples = 80
    integer, parameter :: largest_structure = 64                       ! degrees of freedom that are marched unasked
    real(wp), parameter :: all_power = 1.0_wp - 1.0e-5_wp
-   real(wp), parameter :: close = 0.05_wp                             ! |q w_m - p w_l| relative to the larger tone
-
-   type :: locking_t
-      logical :: is_locked = .false.
-      real(wp) :: base = 0.0_wp                                       !! common frequency [rad/s]
-      integer, allocatable :: multiples(:)                            !! of it, one for each tone
-   contains
-      procedure :: message => locking_message
-   end type locking_t
 
 contains
-
-   !> Whether two tones, one of them unknown, are close to a ratio of small numbers.
-   pure logical function may_be_locked(omega, is_unknown)
-      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
-      logical, intent(in) :: is_unknown(:)                            !! (n_tones)
-      integer :: l, m, p, q
-
-      may_be_locked = .false.
-      do m = 2, size(omega)
-         do l = 1, m - 1
-            if (.not. (is_unknown(l) .or. is_unknown(m))) cycle
-            do p = 1, highest_part
-               do q = 1, highest_part - p + 1
-                  if (abs(q*omega(m) - p*omega(l)) < close*max(omega(l), omega(m))) may_be_locked = .true.
-               end do
-            end do
-         end do
-      end do
-   end function may_be_locked
 
    !> Marches, and looks for a common frequency of all that moves. Where marching fails nothing is known, and nothing said; nor
    !> of a large structure, which may take longer to march than the search took.
@@ -82,19 +53,6 @@ contains
       end do
       if (self%is_locked) self%multiples = max(1, nint(omega/self%base))
    end subroutine find_locking
-
-   !> Says what to do about it.
-   pure function locking_message(self) result(text)
-      class(locking_t), intent(in) :: self
-      character(:), allocatable :: text
-      integer :: m
-
-      text = to_text(self%multiples(1))
-      do m = 2, size(self%multiples)
-         text = text//":"//to_text(self%multiples(m))
-      end do
-      text = "the tones lock in the ratio "//text//", as marching shows: use one tone, near "//to_text(self%base)//" rad/s"
-   end function locking_message
 
    !> Frequency of the largest line of all [rad/s]; 0 where nothing moves.
    subroutine find_leading_line(record, leading, error)

@@ -28,7 +28,7 @@ module hb_marched_start
 
 contains
 
-   !> Marches, and gives the guess as hb_point takes it: coefficients at the degrees of freedom of the laws, then all base
+   !> Marches, and gives the guess as hb_motion takes it: coefficients at the degrees of freedom of the laws, then all base
    !> frequencies. Not allocated where nothing is left to move, or where the motion has no tone of its own. An error is one of
    !> marching, such as a law that the method cannot follow.
    subroutine marched_guess(scene, omega, law_dofs, watch, guess, error)

@@ -2,8 +2,8 @@
 !> much of it is wanted.
 module hb_progress
    use, intrinsic :: iso_fortran_env, only: error_unit
+   use hb_clock, only: wall_clock
    use hb_kinds, only: wp
-   use hb_mpi, only: wall_clock
    use hb_system, only: is_terminal
    use hb_text, only: to_text
    implicit none

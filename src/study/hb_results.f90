@@ -6,13 +6,15 @@
 !> file in which a status other than 0 means complete.
 module hb_results
    use hb_certificate, only: certificate_t
+   use hb_clock, only: wall_clock
    use hb_crash_watch, only: crash_place_t
    use hb_error, only: annotate, error_t, fail
    use hb_guard, only: lower_guard, raise_guard
    use hb_hdf5, only: h5_file_t, open_file_parallel
    use hb_held_rows, only: held_rows_t, hold_seconds, new_held_rows, room_for
    use hb_kinds, only: wp
-   use hb_mpi, only: comm_t, rank_of, share_error, size_of, wall_clock
+   use hb_motion_result, only: motion_result_t
+   use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: outcome
    use hb_results_file, only: make_file
    use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
@@ -22,39 +24,7 @@ module hb_results
    use hb_timing, only: n_times, rank_times_t
    implicit none
    private
-   public :: create_results, open_results, point_result_t, results_layout_t, results_t, swept_parameter_t
-
-   !> The result of one point. What is not allocated stays NaN in the file.
-   type :: point_result_t
-      integer :: status = outcome%pending               !! hb_outcome
-      character(:), allocatable :: message              !! why the point failed; cut to 400 bytes
-      integer :: iterations = 0
-      integer :: evaluations = 0                        !! of the residual
-      integer :: rescue = 0                             !! what the solver needed, hb_solver_types
-      real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
-      real(wp) :: solve_seconds = 0.0_wp                !! wall time of the whole point
-      real(wp) :: setup_seconds = 0.0_wp                !! of it, dynamic stiffness, plans, first guess
-      real(wp) :: solver_seconds = 0.0_wp               !! of it, the iterations
-      real(wp) :: certificate_seconds = 0.0_wp          !! of it, the certificate
-      real(wp) :: certificate_cpu_seconds = 0.0_wp      !! processor time of the certificate
-      integer :: rank = 0                               !! that solved it
-      integer :: n_harmonics = 0                        !! in the set of this point
-      integer :: n_unknowns = 0                         !! of the equations that were solved; 0: none
-      real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
-      real(wp), allocatable :: artificial_damping(:)    !! [1/s], (n_tones), of a normal mode
-      real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
-      real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
-      real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
-      real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of certificate%wider, n_law_dofs)
-      logical :: is_odd = .false.                       !! sought among motions of odd tuples alone
-      real(wp) :: asymmetry = 0.0_wp                    !! of forces with memory, where only odd tuples are kept
-      integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
-      type(certificate_t) :: certificate                !! zero and without combination where none was made
-      logical :: is_near_commensurate = .false.
-      real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
-      real(wp), allocatable :: corrected_samples(:, :)  !! same
-      real(wp), allocatable :: force_samples(:, :)      !! [N], same
-   end type point_result_t
+   public :: create_results, open_results, results_layout_t, results_t, swept_parameter_t
 
    !> A result file open for writing.
    type :: results_t
@@ -214,7 +184,7 @@ contains
    subroutine results_write_point(self, i, point, error)
       class(results_t), intent(inout) :: self
       integer, intent(in) :: i
-      type(point_result_t), intent(in) :: point
+      type(motion_result_t), intent(in) :: point
       type(error_t), allocatable, intent(out) :: error
       integer :: k
 
@@ -390,7 +360,7 @@ contains
 
    subroutine put_certificate(self, point, error)
       class(results_t), intent(inout) :: self
-      type(point_result_t), intent(in) :: point
+      type(motion_result_t), intent(in) :: point
       type(error_t), allocatable, intent(inout) :: error
 
       associate (found => point%certificate)

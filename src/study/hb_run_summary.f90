@@ -3,9 +3,9 @@ module hb_run_summary
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_interruption, only: interruption
    use hb_kinds, only: wp
+   use hb_motion_result, only: motion_result_t
    use hb_mpi, only: comm_t, max_over, sum_over
    use hb_outcome, only: is_solved, outcome_names
-   use hb_results, only: point_result_t
    use hb_results_record, only: record_t
    use hb_text, only: to_text
    use hb_tones, only: max_tones
@@ -68,7 +68,7 @@ contains
    !> Counts a point that was solved.
    subroutine count_point(summary, result)
       type(run_summary_t), intent(inout) :: summary
-      type(point_result_t), intent(in) :: result
+      type(motion_result_t), intent(in) :: result
 
       summary%counts(result%status) = summary%counts(result%status) + 1
       if (result%rescue > 0) summary%n_rescued = summary%n_rescued + 1

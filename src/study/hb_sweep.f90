@@ -6,19 +6,21 @@
 !> last digit).
 module hb_sweep
    use hb_branch_marks, only: mark_branches
+   use hb_clock, only: wall_clock
    use hb_crash_watch, only: begin_point, crash_place_t, end_point, end_watch, watch_crashes
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
    use hb_interruption, only: interruption, interruption_t, new_interruption
    use hb_kinds, only: wp
-   use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, wall_clock, &
-      work_counter_t
+   use hb_marching_judge, only: marching_judge_t
+   use hb_motion, only: solve_motion
+   use hb_motion_result, only: motion_result_t
+   use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, work_counter_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome, outcome_name
-   use hb_point, only: solve_point
    use hb_progress, only: log_level, new_progress, progress_t
-   use hb_results, only: create_results, open_results, point_result_t, results_layout_t, results_t
+   use hb_results, only: create_results, open_results, results_layout_t, results_t
    use hb_resume, only: choose_units, resumed_input_t
    use hb_row_checks, only: count_pending
    use hb_run_summary, only: count_point, run_summary_t, sum_up
@@ -143,14 +145,14 @@ contains
       type(study_t), intent(in) :: self
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
-      type(point_result_t) :: trial
+      type(motion_result_t) :: trial
       type(scene_t) :: scene
 
       if (.not. allocated(self%scene%wisdom)) return
       if (rank_of(comm) == 0) then
          if (kind_of_file(self%scene%wisdom) == file_kind%none) then
             scene = self%scene
-            call solve_point(scene, trial, error)                     ! plans every transform of the first point
+            call solve_motion(scene, trial, error, judge=marching_judge_t())  ! plans every transform of the first point
             if (allocated(error)) deallocate (error)                  ! told again when the point is solved
             if (.not. export_wisdom(self%scene%wisdom)) then
                call fail(error, "&sampling: wisdom: cannot write '"//self%scene%wisdom//"'; give a path in a writable folder")
@@ -233,7 +235,7 @@ contains
       type(run_summary_t), intent(inout) :: summary
       type(error_t), allocatable, intent(out) :: error
       type(neighbour_t) :: neighbour
-      type(point_result_t) :: result
+      type(motion_result_t) :: result
       real(wp) :: started
       integer :: first, last, point
       logical :: is_report_due
@@ -270,7 +272,7 @@ contains
       type(run_t), intent(inout) :: run
       type(neighbour_t), intent(inout) :: neighbour
       type(run_summary_t), intent(inout) :: summary
-      type(point_result_t) :: result
+      type(motion_result_t) :: result
       logical :: is_report_due
 
       result%status = outcome%crashed

@@ -2,16 +2,18 @@
 !> file that it shares with the others.
 module hb_swept_point
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_clock, only: wall_clock
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_forces, only: law_dofs_of
-   use hb_mpi, only: wall_clock
+   use hb_marching_judge, only: marching_judge_t
+   use hb_motion, only: solve_motion
+   use hb_motion_result, only: motion_result_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome
-   use hb_point, only: solve_point
-   use hb_results, only: point_result_t, results_layout_t
+   use hb_results, only: results_layout_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
    use hb_sweep_plan, only: sweep_plan_t
@@ -33,7 +35,7 @@ contains
       integer, intent(in) :: point, rank
       type(neighbour_t), intent(inout) :: neighbour                   !! solutions of the points before it in its chain
       type(rank_times_t), intent(inout) :: times
-      type(point_result_t), intent(out) :: result
+      type(motion_result_t), intent(out) :: result
       class(watch_t), intent(inout), optional, target :: watch        !! may end the point
       type(error_t), allocatable :: error
       real(wp), allocatable :: start(:), unknowns(:)
@@ -48,7 +50,7 @@ contains
       if (.not. allocated(error)) then
          if (scene%chain%is_on) call neighbour%predict(plan%fastest_value(point), scene%harmonics%tuples, &
             scene%chain%secant, start)
-         call solve_point(scene, result, error, start, unknowns, watch)
+         call solve_motion(scene, result, error, start, unknowns, watch, marching_judge_t())
       end if
       if (allocated(error)) then
          result%status = outcome%failed

@@ -61,7 +61,7 @@ def names_in(path: Path, constant: str) -> list[str]:
 
 
 def groups_of_program() -> list[str]:
-    return names_in(SRC / "study" / "hb_scene_reader.f90", "group_names") + ["sweep"]
+    return names_in(SRC / "motion" / "hb_scene_reader.f90", "group_names") + ["sweep"]
 
 
 def kinds_of_program() -> set[tuple[str, str]]:

@@ -2,6 +2,25 @@
 file(REMOVE_RECURSE ${FOLDER})
 execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --config ${CONFIG} --prefix ${FOLDER}
    OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+if(CASE STREQUAL "example")                        # builds with the core alone, and gives the number of the paper's wall
+   set(example ${FOLDER}/example)
+   execute_process(COMMAND ${CMAKE_COMMAND} -S ${ROOT}/examples/wall -B ${example} -DCMAKE_PREFIX_PATH=${FOLDER}
+      -DCMAKE_BUILD_TYPE=${CONFIG} OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+   execute_process(COMMAND ${CMAKE_COMMAND} --build ${example} OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+   execute_process(COMMAND ${example}/wall OUTPUT_VARIABLE output COMMAND_ERROR_IS_FATAL ANY)
+   if(NOT output MATCHES "cos tau_1 at midspan:  1\\.0939[0-9]+E-03 m")
+      message(FATAL_ERROR "the example says\n${output}")
+   endif()
+   find_program(LDD ldd)
+   if(LDD)
+      execute_process(COMMAND ${LDD} ${example}/wall OUTPUT_VARIABLE libraries COMMAND_ERROR_IS_FATAL ANY)
+      if(libraries MATCHES "libmpi|hdf5|sundials")
+         message(FATAL_ERROR "the example needs more than the core:\n${libraries}")
+      endif()
+   endif()
+   file(REMOVE_RECURSE ${FOLDER})
+   return()
+endif()
 execute_process(COMMAND ${CMAKE_COMMAND} -E env --unset=LD_LIBRARY_PATH ${FOLDER}/${PROGRAM} version
    OUTPUT_VARIABLE output COMMAND_ERROR_IS_FATAL ANY)
 if(NOT output MATCHES "^nhbm [0-9]")

@@ -11,9 +11,10 @@ program fuzz_input
    use hb_kinds, only: wp
    use hb_law_check, only: check_derivatives, derivative_check_t
    use hb_law_forces, only: law_dofs_of
+   use hb_marching_judge, only: marching_judge_t
+   use hb_motion, only: solve_motion
+   use hb_motion_result, only: motion_result_t
    use hb_mpi, only: start_mpi, stop_mpi
-   use hb_point, only: solve_point
-   use hb_results, only: point_result_t
    use hb_scene, only: scene_t
    use hb_study, only: new_study, study_t
    use hb_text, only: parse_integer, string_t, to_text
@@ -116,7 +117,7 @@ contains
       character(*), intent(in) :: text
       type(study_t) :: study
       type(error_t), allocatable :: error
-      type(point_result_t) :: result
+      type(motion_result_t) :: result
       type(derivative_check_t) :: check
       type(string_t) :: overrides(0)
       integer :: k
@@ -138,7 +139,7 @@ contains
       end do
       study%scene%solver%max_iterations = min(study%scene%solver%max_iterations, 2)
       study%scene%solver%homotopy_iterations = min(study%scene%solver%homotopy_iterations, 2)
-      call solve_point(study%scene, result, error)
+      call solve_motion(study%scene, result, error, judge=marching_judge_t())
    end subroutine try
 
    logical function is_small(scene)

@@ -4,9 +4,10 @@ module results_steps
    use hb_error, only: error_t
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
+   use hb_motion_result, only: motion_result_t
    use hb_mpi, only: barrier, comm_t, rank_of, size_of
    use hb_outcome, only: outcome
-   use hb_results, only: create_results, point_result_t, results_layout_t, results_t
+   use hb_results, only: create_results, results_layout_t, results_t
    implicit none
    private
    public :: attribute_of, integers_of, numbered_point, numbers, read_reals, read_texts, remove, small_layout, write_file
@@ -48,7 +49,7 @@ contains
    !> A point whose numbers tell its index, the dataset and the position in it.
    function numbered_point(i) result(point)
       integer, intent(in) :: i
-      type(point_result_t) :: point
+      type(motion_result_t) :: point
 
       point%status = outcome%converged
       point%iterations = i
@@ -91,7 +92,7 @@ contains
    subroutine write_file(comm, layout, points, error)
       type(comm_t), intent(in) :: comm
       type(results_layout_t), intent(in) :: layout
-      type(point_result_t), intent(in) :: points(:)
+      type(motion_result_t), intent(in) :: points(:)
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
       type(results_t) :: results

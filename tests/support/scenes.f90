@@ -6,9 +6,10 @@ module scenes
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law_forces, only: law_dofs_of
+   use hb_marching_judge, only: marching_judge_t
+   use hb_motion, only: solve_motion
+   use hb_motion_result, only: motion_result_t
    use hb_namelist, only: read_namelist
-   use hb_point, only: solve_point
-   use hb_results, only: point_result_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use random_numbers, only: fill_random
@@ -137,11 +138,11 @@ contains
    subroutine solve_text(text, scene, result, error)
       character(*), intent(in) :: text
       type(scene_t), intent(out) :: scene
-      type(point_result_t), intent(out) :: result
+      type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
 
       call make_scene(text, scene, error)
-      if (.not. allocated(error)) call solve_point(scene, result, error)
+      if (.not. allocated(error)) call solve_motion(scene, result, error, judge=marching_judge_t())
    end subroutine solve_text
    !> Largest difference between products with the tangent and with its matrix, relative to the largest product, for a few
    !> random vectors; huge where there are no products.

@@ -8,7 +8,7 @@
 module hb_law_span
    use hb_kinds, only: wp
    use hb_law_forces, only: law_dofs_of
-   use hb_results, only: point_result_t
+   use hb_motion_result, only: motion_result_t
    use hb_scene, only: scene_t
    implicit none
    private
@@ -145,7 +145,7 @@ contains
    subroutine law_span_restore(self, smaller, result)
       class(law_span_t), intent(in) :: self
       type(scene_t), intent(in) :: smaller
-      type(point_result_t), intent(inout) :: result
+      type(motion_result_t), intent(inout) :: result
       integer :: at_laws(size(self%dofs)), i, part
       real(wp), allocatable :: y(:, :, :), corrected(:, :, :), force(:, :, :)
 

@@ -8,8 +8,8 @@ module hb_odd_motion
    use hb_harmonics, only: harmonics_t, new_of_parity
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
+   use hb_motion_result, only: motion_result_t
    use hb_odd_symmetry, only: even_part
-   use hb_results, only: point_result_t
    use hb_scene, only: scene_t
    use hb_scene_symmetry, only: half_of_odd, is_solved_odd
    use hb_torus, only: torus_t
@@ -38,7 +38,7 @@ module hb_odd_motion
 contains
 
    !> Takes the even tuples and half the grid out of a scene, until `restore`, where its equations are odd, its first guess has
-   !> nothing to the contrary and the user has not asked for all tuples; and out of a first guess as hb_point has it.
+   !> nothing to the contrary and the user has not asked for all tuples; and out of a first guess as hb_motion has it.
    subroutine reduce_to_odd(self, scene, error, guess)
       type(odd_motion_t), intent(out) :: self
       type(scene_t), intent(inout) :: scene
@@ -115,7 +115,7 @@ contains
    !> starts at rest and never slips again stays on one side.
    pure logical function odd_motion_is_proven(self, result) result(is_proven)
       class(odd_motion_t), intent(in) :: self
-      type(point_result_t), intent(in) :: result
+      type(motion_result_t), intent(in) :: result
 
       is_proven = .not. self%has_memory .or. result%asymmetry <= largest_asymmetry
    end function odd_motion_is_proven
@@ -136,7 +136,7 @@ contains
    !> Puts the result of a reduced scene onto the whole set, after `restore`; coefficients of even tuples are zero.
    subroutine odd_motion_restore_result(self, result, error)
       class(odd_motion_t), intent(in) :: self
-      type(point_result_t), intent(inout) :: result
+      type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: odd, wider
       real(wp), allocatable :: improved(:, :)
@@ -176,7 +176,7 @@ contains
       end subroutine fill
    end subroutine odd_motion_restore_result
 
-   !> The same for unknowns as hb_point has them.
+   !> The same for unknowns as hb_motion has them.
    subroutine odd_motion_restore_unknowns(self, n_tones, unknowns)
       class(odd_motion_t), intent(in) :: self
       integer, intent(in) :: n_tones

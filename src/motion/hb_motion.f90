@@ -1,10 +1,11 @@
-!> One point of a study: from a scene to its solution and what is kept of it.
-module hb_point
+!> One question, one answer: from a scene to its motion and what is known of it.
+module hb_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_advice, only: advice_on, circumstances_t, find_circumstances
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
    use hb_certificate, only: certificate_t, certify
+   use hb_clock, only: wall_clock
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
@@ -12,13 +13,11 @@ module hb_point
    use hb_kinds, only: wp
    use hb_law_forces, only: law_dofs_of
    use hb_law_span, only: law_span_t, reduce_to_span
-   use hb_locking, only: find_locking, locking_t, may_be_locked
-   use hb_marched_start, only: marched_guess
-   use hb_mpi, only: wall_clock
+   use hb_judge, only: judge_t, locking_t, may_be_locked
+   use hb_motion_result, only: motion_result_t
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_odd_symmetry, only: asymmetry
    use hb_outcome, only: outcome
-   use hb_results, only: point_result_t
    use hb_scene, only: scene_t
    use hb_search, only: search_t
    use hb_solver, only: solve
@@ -27,20 +26,21 @@ module hb_point
    use hb_watch, only: verdict, watch_t
    implicit none
    private
-   public :: solve_point
+   public :: solve_motion
 
 contains
 
    !> Solves the scene. An `error` is trouble that belongs to this point alone, such as a singular interior; a solver that
    !> does not converge is told by the status of the result. The scene is as before at the end.
-   subroutine solve_point(scene, result, error, guess, unknowns, watch)
+   subroutine solve_motion(scene, result, error, guess, unknowns, watch, judge)
       type(scene_t), intent(inout) :: scene
-      type(point_result_t), intent(out) :: result
+      type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in), optional :: guess(:)         !! in place of that of the scene: coefficients of what the
                                                                       !! laws feel, then all base frequencies
       real(wp), allocatable, intent(out), optional :: unknowns(:)     !! of a converged solution, as `guess`; none without laws
       class(watch_t), intent(inout), optional, target :: watch        !! may end the point, which then is `interrupted`
+      class(judge_t), intent(in), optional :: judge                   !! for first guesses from marching, and for tones that lock
       type(watch_t), target :: own_watch
       class(watch_t), pointer :: its_watch
       type(odd_motion_t) :: odd
@@ -54,7 +54,7 @@ contains
       end if
       call reduce_to_odd(odd, scene, error, first_guess)
       if (allocated(error)) return
-      call solve_all(scene, its_watch, result, error, first_guess, found)
+      call solve_all(scene, its_watch, result, error, first_guess, found, judge)
       if (odd%is_used) then
          call odd%restore(scene)
          if (allocated(error)) return
@@ -67,40 +67,42 @@ contains
             else if (present(guess)) then
                if (allocated(guess)) first_guess = guess
             end if
-            call solve_all(scene, its_watch, result, error, first_guess, found)
+            call solve_all(scene, its_watch, result, error, first_guess, found, judge)
          end if
       end if
       if (present(unknowns)) call move_alloc(found, unknowns)
-   end subroutine solve_point
+   end subroutine solve_motion
 
    !> The same among the motions that the scene has.
-   subroutine solve_all(scene, watch, result, error, guess, unknowns)
+   subroutine solve_all(scene, watch, result, error, guess, unknowns, judge)
       type(scene_t), intent(in) :: scene
       class(watch_t), intent(inout), target :: watch
-      type(point_result_t), intent(out) :: result
+      type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in) :: guess(:)
       real(wp), allocatable, intent(out) :: unknowns(:)
+      class(judge_t), intent(in), optional :: judge
       type(law_span_t) :: span
       type(scene_t), allocatable :: smaller
 
       call reduce_to_span(span, scene, smaller)
       if (span%is_smaller) then
-         call solve_scene(smaller, watch, result, error, guess, unknowns)
+         call solve_scene(smaller, watch, result, error, guess, unknowns, judge)
          if (.not. allocated(error)) call span%restore(smaller, result)
       else
-         call solve_scene(scene, watch, result, error, guess, unknowns)
+         call solve_scene(scene, watch, result, error, guess, unknowns, judge)
       end if
    end subroutine solve_all
 
    !> The same for a scene as it stands.
-   subroutine solve_scene(scene, watch, result, error, guess, unknowns)
+   subroutine solve_scene(scene, watch, result, error, guess, unknowns, judge)
       type(scene_t), intent(in) :: scene
       class(watch_t), intent(inout), target :: watch
-      type(point_result_t), intent(out) :: result
+      type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in), optional :: guess(:)
       real(wp), allocatable, intent(out), optional :: unknowns(:)
+      class(judge_t), intent(in), optional :: judge
       type(dynamic_stiffness_t) :: stiffness
       type(balance_t), target :: balance
       type(autonomous_start_t) :: start
@@ -119,7 +121,11 @@ contains
          if (allocated(guess)) first_guess = guess
       end if
       if (scene%start_from_march .and. .not. allocated(first_guess) .and. size(law_dofs) > 0) then
-         call marched_guess(scene, start%omega, law_dofs, watch, first_guess, error)
+         if (.not. present(judge)) then
+            call fail(error, "first_guess = 'march' needs a judge that marches")
+            return
+         end if
+         call judge%first_guess(scene, start%omega, law_dofs, watch, first_guess, error)
          if (allocated(error) .and. watch%verdict /= verdict%go_on) deallocate (error)   ! nothing that follows takes long
          call annotate(error, "first guess from marching")
          if (allocated(error)) return
@@ -141,7 +147,7 @@ contains
       end if
       call new_balance(balance, scene%harmonics, scene%torus, start%omega, stiffness, scene%laws, scene%planning, error)
       if (.not. allocated(error)) call solve_balance(scene, start, law_dofs, watch, balance, started, result, error, &
-                                                     first_guess, unknowns)
+                                                     first_guess, unknowns, judge)
       call balance%destroy()
    end subroutine solve_scene
 
@@ -149,7 +155,7 @@ contains
    subroutine solve_linear_scene(scene, stiffness, result)
       type(scene_t), intent(in) :: scene
       type(dynamic_stiffness_t), intent(in) :: stiffness
-      type(point_result_t), intent(inout) :: result
+      type(motion_result_t), intent(inout) :: result
       complex(wp) :: at_laws(0, scene%harmonics%n_harmonics)
       complex(wp), allocatable :: c(:, :)
 
@@ -161,17 +167,18 @@ contains
       result%status = outcome%converged
    end subroutine solve_linear_scene
 
-   subroutine solve_balance(scene, start, law_dofs, watch, balance, started, result, error, guess, unknowns)
+   subroutine solve_balance(scene, start, law_dofs, watch, balance, started, result, error, guess, unknowns, judge)
       type(scene_t), intent(in) :: scene
       type(autonomous_start_t), intent(in) :: start
       integer, intent(in) :: law_dofs(:)
       class(watch_t), intent(inout), target :: watch
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: started                                 !! the set-up, on the wall clock [s]
-      type(point_result_t), intent(inout) :: result
+      type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in) :: guess(:)                   !! not allocated: that of the scene
       real(wp), allocatable, intent(out), optional :: unknowns(:)
+      class(judge_t), intent(in), optional :: judge
       type(circumstances_t) :: circumstances
       type(report_t) :: report
       type(search_t) :: search
@@ -234,31 +241,32 @@ contains
          result%certificate_cpu_seconds = cpu_ended - cpu_begun
          if (allocated(error)) return
       end if
-      if (count(scene%tones%is_unknown) > 0 .and. scene%tones%n_tones > 1) &
-         call look_for_locking(scene, start, law_dofs, watch, result)
+      if (present(judge) .and. any(scene%tones%is_unknown) .and. scene%tones%n_tones > 1) &
+         call look_for_locking(judge, scene, start, law_dofs, watch, result)
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)
    end subroutine solve_balance
 
    !> Where the search for a torus was lost, or its motion is no better than a guess and its tones are nearly commensurate, the
    !> tones may have locked: there is no torus then.
-   subroutine look_for_locking(scene, start, law_dofs, watch, result)
+   subroutine look_for_locking(judge, scene, start, law_dofs, watch, result)
+      class(judge_t), intent(in) :: judge
       type(scene_t), intent(in) :: scene
       type(autonomous_start_t), intent(in) :: start
       integer, intent(in) :: law_dofs(:)
       class(watch_t), intent(inout) :: watch
-      type(point_result_t), intent(inout) :: result
+      type(motion_result_t), intent(inout) :: result
       type(locking_t) :: locking
       type(certificate_t) :: none
 
       select case (result%status)
       case (outcome%stalled)
-         call find_locking(locking, scene, start%omega, law_dofs, watch)
+         call judge%find_locking(locking, scene, start%omega, law_dofs, watch)
       case (outcome%truncated)
          if (may_be_locked(result%frequency, scene%tones%is_unknown)) &
-            call find_locking(locking, scene, result%frequency, law_dofs, watch)
+            call judge%find_locking(locking, scene, result%frequency, law_dofs, watch)
       case (outcome%collapsed)                                        ! to a part of a given tone? else the motion has no other
          if (all(scene%tones%is_unknown) .or. .not. may_be_locked(start%omega, scene%tones%is_unknown)) return
-         call find_locking(locking, scene, start%omega, law_dofs, watch)
+         call judge%find_locking(locking, scene, start%omega, law_dofs, watch)
          if (.not. locking%is_locked) return
          locking%is_locked = any(locking%multiples > 1 .and. .not. scene%tones%is_unknown)
       end select
@@ -283,7 +291,7 @@ contains
       type(scene_t), intent(in) :: scene
       type(balance_t), intent(in) :: balance
       type(report_t), intent(in) :: report
-      type(point_result_t), intent(inout) :: result
+      type(motion_result_t), intent(inout) :: result
 
       result%frequency = balance%omega
       if (scene%normal_mode%is_asked) result%artificial_damping = balance%xi
@@ -325,7 +333,7 @@ contains
    subroutine keep_motion(scene, c, result)
       type(scene_t), intent(in) :: scene
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (n_dofs, n_harmonics)
-      type(point_result_t), intent(inout) :: result
+      type(motion_result_t), intent(inout) :: result
       integer :: i
 
       allocate (result%coefficients(2, scene%harmonics%n_harmonics, size(scene%output%dofs)))
@@ -341,7 +349,7 @@ contains
       type(torus_t), intent(in) :: torus
       type(balance_t), intent(inout) :: balance
       real(wp), intent(in) :: u(:, :)
-      type(point_result_t), intent(inout) :: result
+      type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       type(real_block_t) :: corrected
       real(wp), allocatable :: coefficients(:, :)
@@ -375,7 +383,7 @@ contains
       type(balance_t), intent(inout), target :: balance               !! the search points to it
       type(search_t), intent(inout) :: search                         !! of a scene with unknown tones
       real(wp), intent(in) :: u(:, :)
-      type(point_result_t), intent(inout) :: result
+      type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
 
       if (any(scene%tones%is_unknown)) then
@@ -413,7 +421,7 @@ contains
       type(scene_t), intent(in) :: scene
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: u(:, :)
-      type(point_result_t), intent(inout) :: result
+      type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       type(balance_t) :: shown
       type(torus_t) :: torus
@@ -445,4 +453,4 @@ contains
          if (set%sin_at(h) > 0) pairs(2, h, :) = coefficients(set%sin_at(h), :)
       end do
    end function as_pairs
-end module hb_point
+end module hb_motion

@@ -1,0 +1,91 @@
+!> What a solution may ask of somebody who follows motions through time: a first guess, and whether tones lock.
+!>
+!> Who that is need not be known here; without a judge such questions have no answer.
+module hb_judge
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_scene, only: scene_t
+   use hb_text, only: to_text
+   use hb_watch, only: watch_t
+   implicit none
+   private
+   public :: highest_part, judge_t, locking_t, may_be_locked
+
+   integer, parameter :: highest_part = 6                             !! of a tone that a common base frequency is
+   real(wp), parameter :: close = 0.05_wp                             ! |q w_m - p w_l| relative to the larger tone
+
+   !> Whether several tones are multiples of one.
+   type :: locking_t
+      logical :: is_locked = .false.
+      real(wp) :: base = 0.0_wp                                       !! common frequency [rad/s]
+      integer, allocatable :: multiples(:)                            !! of it, one for each tone
+   contains
+      procedure :: message => locking_message
+   end type locking_t
+
+   type, abstract :: judge_t
+   contains
+      procedure(first_guess), deferred :: first_guess
+      procedure(find_locking), deferred :: find_locking
+   end type judge_t
+
+   abstract interface
+      !> Gives a first guess as hb_motion takes it: coefficients at the degrees of freedom of the laws, then all base frequencies. Not
+      !> allocated where nothing is left to move, or where the motion has no tone of its own.
+      subroutine first_guess(self, scene, omega, law_dofs, watch, guess, error)
+         import :: error_t, judge_t, scene_t, watch_t, wp
+         class(judge_t), intent(in) :: self
+         type(scene_t), intent(in) :: scene
+         real(wp), intent(in) :: omega(:)                             !! [rad/s], (n_tones), guesses where unknown, all > 0
+         integer, intent(in) :: law_dofs(:)
+         class(watch_t), intent(inout) :: watch                       !! may end the march, with an error
+         real(wp), allocatable, intent(out) :: guess(:)
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine first_guess
+
+      !> Looks for a common frequency of all that moves.
+      subroutine find_locking(self, locking, scene, omega, law_dofs, watch)
+         import :: judge_t, locking_t, scene_t, watch_t, wp
+         class(judge_t), intent(in) :: self
+         type(locking_t), intent(out) :: locking
+         type(scene_t), intent(in) :: scene
+         real(wp), intent(in) :: omega(:)                             !! [rad/s], (n_tones), as far as known, > 0
+         integer, intent(in) :: law_dofs(:)
+         class(watch_t), intent(inout) :: watch                       !! may end the march: nothing is known then
+      end subroutine find_locking
+   end interface
+
+contains
+
+   !> Whether two tones, one of them unknown, are close to a ratio of small numbers.
+   pure logical function may_be_locked(omega, is_unknown)
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
+      logical, intent(in) :: is_unknown(:)                            !! (n_tones)
+      integer :: l, m, p, q
+
+      may_be_locked = .false.
+      do m = 2, size(omega)
+         do l = 1, m - 1
+            if (.not. (is_unknown(l) .or. is_unknown(m))) cycle
+            do p = 1, highest_part
+               do q = 1, highest_part - p + 1
+                  if (abs(q*omega(m) - p*omega(l)) < close*max(omega(l), omega(m))) may_be_locked = .true.
+               end do
+            end do
+         end do
+      end do
+   end function may_be_locked
+
+   !> Says what to do about it.
+   pure function locking_message(self) result(text)
+      class(locking_t), intent(in) :: self
+      character(:), allocatable :: text
+      integer :: m
+
+      text = to_text(self%multiples(1))
+      do m = 2, size(self%multiples)
+         text = text//":"//to_text(self%multiples(m))
+      end do
+      text = "the tones lock in the ratio "//text//", as marching shows: use one tone, near "//to_text(self%base)//" rad/s"
+   end function locking_message
+end module hb_judge

@@ -1,0 +1,41 @@
+!> What is known of a motion that was looked for.
+module hb_motion_result
+   use hb_certificate, only: certificate_t
+   use hb_kinds, only: wp
+   use hb_outcome, only: outcome
+   implicit none
+   private
+   public :: motion_result_t
+
+   !> The result of one scene. What is not allocated is not known, and stays NaN in a file.
+   type :: motion_result_t
+      integer :: status = outcome%pending               !! hb_outcome
+      character(:), allocatable :: message              !! why the point failed; a file cuts it to 400 bytes
+      integer :: iterations = 0
+      integer :: evaluations = 0                        !! of the residual
+      integer :: rescue = 0                             !! what the solver needed, hb_solver_types
+      real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
+      real(wp) :: solve_seconds = 0.0_wp                !! wall time of the whole point
+      real(wp) :: setup_seconds = 0.0_wp                !! of it, dynamic stiffness, plans, first guess
+      real(wp) :: solver_seconds = 0.0_wp               !! of it, the iterations
+      real(wp) :: certificate_seconds = 0.0_wp          !! of it, the certificate
+      real(wp) :: certificate_cpu_seconds = 0.0_wp      !! processor time of the certificate
+      integer :: rank = 0                               !! that solved it
+      integer :: n_harmonics = 0                        !! in the set of this point
+      integer :: n_unknowns = 0                         !! of the equations that were solved; 0: none
+      real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
+      real(wp), allocatable :: artificial_damping(:)    !! [1/s], (n_tones), of a normal mode
+      real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
+      real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
+      real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
+      real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of certificate%wider, n_law_dofs)
+      logical :: is_odd = .false.                       !! sought among motions of odd tuples alone
+      real(wp) :: asymmetry = 0.0_wp                    !! of forces with memory, where only odd tuples are kept
+      integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
+      type(certificate_t) :: certificate                !! zero and without combination where none was made
+      logical :: is_near_commensurate = .false.
+      real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
+      real(wp), allocatable :: corrected_samples(:, :)  !! same
+      real(wp), allocatable :: force_samples(:, :)      !! [N], same
+   end type motion_result_t
+end module hb_motion_result
