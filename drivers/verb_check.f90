@@ -3,8 +3,7 @@
 module verb_check
    use arguments, only: arguments_t
    use console, only: say
-   use hb_document, only: document_t
-   use hb_error, only: annotate, error_t
+   use hb_error, only: error_t
    use hb_guard, only: lower_guard, raise_guard
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
@@ -14,7 +13,7 @@ module verb_check
    use hb_mpi, only: comm_t, rank_of
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_scene, only: scene_t
-   use hb_scene_reader, only: read_scene
+   use hb_scene_doubts, only: commensurate_text, has_no_load
    use hb_scene_sizes, only: sizes_of
    use hb_study, only: study_t
    use hb_text, only: to_text
@@ -22,6 +21,12 @@ module verb_check
    implicit none
    private
    public :: run_check
+
+   !> What is doubtful at the points of a study.
+   type :: doubts_t
+      integer :: n_commensurate = 0, n_without_load = 0               !! points
+      character(:), allocatable :: first_commensurate                 !! what to say of the first
+   end type doubts_t
 
 contains
 
@@ -32,33 +37,64 @@ contains
       logical, intent(out) :: all_right
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
+      type(doubts_t) :: doubts
       integer :: point
 
       all_right = .true.
       call load_study(options, comm, study, error)
       if (allocated(error)) return
-      do point = 2, study%plan%n_points
-         call check_point(study, point, error)
+      do point = 1, study%plan%n_points
+         call check_point(study, point, doubts, error)
          if (allocated(error)) return
       end do
       if (rank_of(comm) > 0) return
       call describe(study)
       call check_laws(study%scene%laws, all_right)
+      call write_doubts(study, doubts)
       if (all_right) call say("the input is sound")
    end subroutine run_check
 
-   subroutine check_point(study, point, error)
+   !> Reads a point and notes what is doubtful about it.
+   subroutine check_point(study, point, doubts, error)
       type(study_t), intent(in) :: study
       integer, intent(in) :: point
+      type(doubts_t), intent(inout) :: doubts
       type(error_t), allocatable, intent(out) :: error
-      type(document_t), target :: document
       type(scene_t) :: scene
+      character(:), allocatable :: text
 
-      document = study%document
-      call study%plan%apply(point, document)
-      call read_scene(scene, document, error, study%available_memory)
-      call annotate(error, "point "//to_text(point)//" ("//study%plan%describe(point)//")")
+      call study%read_point(point, scene, error)
+      if (allocated(error)) return
+      text = commensurate_text(scene%tones, scene%certificate%commensurability)
+      if (len(text) > 0) then
+         if (doubts%n_commensurate == 0 .and. study%plan%n_points > 1) text = study%plan%describe(point)//": "//text
+         if (doubts%n_commensurate == 0) doubts%first_commensurate = text
+         doubts%n_commensurate = doubts%n_commensurate + 1
+      end if
+      if (has_no_load(scene)) doubts%n_without_load = doubts%n_without_load + 1
    end subroutine check_point
+
+   !> Prints what is doubtful, a line for each kind.
+   subroutine write_doubts(study, doubts)
+      type(study_t), intent(in) :: study
+      type(doubts_t), intent(in) :: doubts
+
+      if (doubts%n_commensurate > 0) call say("warning: "// &
+         share_text(study, doubts%n_commensurate, ", the first at ")//doubts%first_commensurate)
+      if (doubts%n_without_load > 0) call say("warning: "// &
+         share_text(study, doubts%n_without_load, ": ")//"no load acts and no tone is unknown: nothing moves but what laws push")
+   end subroutine write_doubts
+
+   !> How many points of a sweep, with what follows; empty for a single point.
+   function share_text(study, n, and) result(text)
+      type(study_t), intent(in) :: study
+      integer, intent(in) :: n
+      character(*), intent(in) :: and
+      character(:), allocatable :: text
+
+      text = ""
+      if (study%plan%n_points > 1) text = to_text(n)//" of "//to_text(study%plan%n_points)//" points"//and
+   end function share_text
 
    subroutine describe(study)
       type(study_t), intent(in) :: study

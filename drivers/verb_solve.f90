@@ -14,10 +14,11 @@ module verb_solve
    use hb_progress, only: log_level
    use hb_results_record, only: read_record, record_t
    use hb_run_summary, only: found_frequency, run_summary_t
+   use hb_scene, only: scene_t
+   use hb_scene_doubts, only: commensurate_text
    use hb_signals, only: signal_caught, signal_name
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
-   use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
    use hb_timing, only: timing_lines
@@ -83,11 +84,14 @@ contains
       if (is_told) call say("nhbm "//options%verb//" "//options%input//": "// &
          number_of(study%plan%n_points, "point")//" on "//number_of(size_of(comm), "rank")//", "// &
          number_of(study%scene%tones%n_tones, "tone")//", "//number_of(size(study%tuples, 2), "harmonic"))
+      if (is_told .and. study%n_chains() > 0 .and. study%n_chains() < size_of(comm)) call say("note: "// &
+         number_of(study%n_chains(), "chain")//" of points for "//number_of(size_of(comm), "rank")// &
+         "; a smaller &solver chain_length makes more of them")
       call run_study(study, how, comm, summary, error)
       if (allocated(error)) return
       if (summary%counts(outcome%converged) < summary%n_points) status = not_all_right
       if (summary%n_left > 0) status = incomplete
-      if (is_told) call write_summary(summary, study%plan, path, study%scene%tones%is_unknown)
+      if (is_told) call write_summary(summary, study, path)
       if (is_told .and. options%level >= log_level%verbose) call write_times(summary)
       if (rank_of(comm) == 0 .and. status == incomplete) write (error_unit, "(a)") "nhbm: "//reason(summary)//": "// &
          to_text(summary%n_left)//" points are left; nhbm resume "//path//" solves them"
@@ -121,11 +125,10 @@ contains
       end do
    end subroutine write_times
 
-   subroutine write_summary(summary, plan, path, is_unknown)
+   subroutine write_summary(summary, study, path)
       type(run_summary_t), intent(in) :: summary
-      type(sweep_plan_t), intent(in) :: plan
+      type(study_t), intent(in) :: study
       character(*), intent(in) :: path
-      logical, intent(in) :: is_unknown(:)                            !! of each tone
       character(100) :: estimates
       integer :: i, status
 
@@ -142,8 +145,8 @@ contains
       end do
       if (summary%n_rescued > 0) call say(to_text(summary%n_rescued)// &
          " needed more than the direct attempt (see 'rescue' in the results)")
-      do i = 1, size(is_unknown)
-         if (is_unknown(i)) call say("unknown "//found_frequency(summary, i))
+      do i = 1, study%scene%tones%n_tones
+         if (study%scene%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i))
       end do
       if (summary%n_certified > 0) then
          write (estimates, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", summary%truncation, &
@@ -151,11 +154,27 @@ contains
          call say(trim(estimates))
       end if
       if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
-         " between neighbours to another branch of motions (see 'branch'), the first to "//plan%describe(summary%first_jump))
+         " between neighbours to another branch of motions (see 'branch'), the first to "//study%plan%describe(summary%first_jump))
       if (summary%n_near_commensurate > 0) call say("warning: in "// &
          to_text(summary%n_near_commensurate)//" points a low-order combination of the tones nearly vanishes"// &
-         " (see 'combination'); such tones are hard to tell from commensurate ones")
+         " (see 'combination')"//near_text(study, summary%first_near_commensurate))
    end subroutine write_summary
+
+   !> What is to be said of the tones of a point, where they are given.
+   function near_text(study, point) result(text)
+      type(study_t), intent(in) :: study
+      integer, intent(in) :: point                                    !! from 1
+      character(:), allocatable :: text
+      type(error_t), allocatable :: error
+      type(scene_t) :: scene
+
+      call study%read_point(point, scene, error)
+      text = ""
+      if (.not. allocated(error)) text = commensurate_text(scene%tones, scene%certificate%commensurability)
+      if (len(text) == 0) text = "such tones are hard to tell from commensurate ones"
+      if (study%plan%n_points > 1) text = "first at "//study%plan%describe(point)//": "//text
+      text = "; "//text
+   end function near_text
 
    !> Reads the input file on rank 0, for all ranks, and makes the study of it.
    subroutine load_study(options, comm, study, error)

@@ -114,19 +114,21 @@ contains
       type(balance_t), intent(inout) :: self
       real(wp) :: motion(self%n_dofs), load(self%n_dofs)
       real(wp) :: u(self%harmonics%n_coefficients, self%n_dofs), r(self%n_unknowns)
+      real(wp) :: loads(self%harmonics%n_harmonics)
       integer :: h, i
 
       call self%linear_solution(u)
       motion = norm2(u, dim=1)
-      load = 0.0_wp
-      do h = 1, self%harmonics%n_harmonics
-         do i = 1, self%n_dofs
+      do i = 1, self%n_dofs
+         do h = 1, self%harmonics%n_harmonics
             associate (s => self%stiffness%condensed(self%stiffness%pattern%shift(i) + i, i, h))
-               load(i) = load(i) + max(abs(self%stiffness%load(i, h)), abs(s*self%harmonics%amplitude(u(:, i), h)))**2
+               loads(h) = max(abs(self%stiffness%load(i, h)), abs(s*self%harmonics%amplitude(u(:, i), h)))
             end associate
          end do
+         associate (shift => exponent(maxval(loads)))                 ! the squares may be out of range where the norm is not
+            load(i) = scale(sqrt(sum(scale(loads, -shift)**2)), shift)
+         end associate
       end do
-      load = sqrt(load)
       if (maxval(load) <= 0.0_wp) then                                ! no loads: what the laws do at rest
          call self%residual([(0.0_wp, i=1, size(u))], r)
          load = norm2(reshape(r, shape(u)), dim=1)

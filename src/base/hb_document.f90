@@ -50,6 +50,7 @@ module hb_document
       procedure :: finish => document_finish
       procedure :: group => document_group
       procedure :: has_changed => document_has_changed
+      procedure :: is_real => document_is_real
       procedure :: optional_group => document_optional_group
       procedure :: required_group => document_required_group
       procedure :: resolve => document_resolve
@@ -64,6 +65,8 @@ module hb_document
       character(max_name) :: key = ""
       integer :: element(2) = 0                             !! indices, 0 where there are none
       integer :: line = 0                                   !! where its values come from, as in `value_t`
+   contains
+      procedure :: hides => parameter_hides
    end type parameter_t
 
 contains
@@ -255,6 +258,15 @@ contains
       end associate
    end subroutine document_set_word
 
+   !> Whether values of a parameter leave nothing of those of another: the same key, as a whole or the same element.
+   pure logical function parameter_hides(self, other) result(hides)
+      class(parameter_t), intent(in) :: self
+      type(parameter_t), intent(in) :: other
+
+      hides = self%i_group == other%i_group .and. self%key == other%key .and. &
+         (all(self%element == 0) .or. all(self%element == other%element))
+   end function parameter_hides
+
    !> Unit of a parameter as its reader declares it, 1 for an integer; empty when it does not, or has not read it yet.
    pure function document_unit_of(self, parameter) result(unit)
       class(document_t), intent(in) :: self
@@ -273,6 +285,21 @@ contains
          end associate
       end associate
    end function document_unit_of
+
+   !> Whether the reader of a parameter takes it as a real number; false while nobody has read it.
+   pure logical function document_is_real(self, parameter) result(is_real)
+      class(document_t), intent(in) :: self
+      type(parameter_t), intent(in) :: parameter
+      integer :: i_key
+
+      is_real = .false.
+      associate (group => self%groups%holders(parameter%i_group)%group)
+         i_key = group%content%names%find(trim(parameter%key))
+         if (i_key == 0) return
+         if (group%content%keys(i_key)%asked == 0) return
+         is_real = group%asked(group%content%keys(i_key)%asked)%kind == kind_of%number
+      end associate
+   end function document_is_real
 
    !> Whether a value in a group of a name has changed since `accept_changes`, or with `others`, in a group of another name.
    pure logical function document_has_changed(self, names, others) result(has_changed)

@@ -165,6 +165,7 @@ contains
       allocate (result%force_coefficients(2, scene%harmonics%n_harmonics, 0))
       allocate (result%corrected_coefficients(2, scene%harmonics%n_harmonics, 0))
       result%status = outcome%converged
+      if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
    end subroutine solve_linear_scene
 
    subroutine solve_balance(scene, start, law_dofs, watch, balance, started, result, error, guess, unknowns, judge)
@@ -225,6 +226,8 @@ contains
                                                                      outcome%not_finite, outcome%diverged, outcome%timed_out])) then
          call find_circumstances(scene, balance, u, circumstances)
          result%message = advice_on(report, circumstances)
+      else if (report%status == outcome%not_finite) then
+         result%message = "loads, or the motion under them, are out of the range of numbers; scale the units"
       end if
 
       allocate (c(scene%structure%n_dofs, scene%harmonics%n_harmonics))
@@ -403,6 +406,8 @@ contains
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
          if (found%impact > limit%impact .and. .not. scene%normal_mode%is_asked) &   ! what moves freely for ever loses nothing
             result%status = outcome%impact                            ! no larger set cures that
+         if (.not. all(ieee_is_finite([found%power_in, found%power_damping, found%power_laws]))) &
+            result%status = outcome%not_finite
          result%is_near_commensurate = scene%tones%n_tones > 1 .and. &
             found%combination_frequency < limit%commensurability*maxval(balance%omega)
       end associate

@@ -40,7 +40,8 @@ module hb_scene
    !> First guesses from neighbouring points of a sweep.
    type :: chain_config_t
       logical :: is_on = .false.
-      integer :: length = 16                                          !! points along the fastest parameter
+      logical :: is_auto = .true.                                     !! hb_study decides by the sweep
+      integer :: length = 1000                                        !! points along the fastest parameter
       logical :: secant = .true.                                      !! extrapolate through the last two solutions
    end type chain_config_t
 

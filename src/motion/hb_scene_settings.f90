@@ -14,7 +14,7 @@ module hb_scene_settings
    public :: read_certificate, read_output, read_sampling, read_solver
 
    real(wp), parameter :: unit_of_work = 1.0e9_wp                     ! about a second of the processor
-   character(9), parameter :: first_guess_names(4) = [character(9) :: "linear", "zero", "neighbour", "march"]
+   character(9), parameter :: first_guess_names(5) = [character(9) :: "auto", "linear", "zero", "neighbour", "march"]
 
 contains
 
@@ -28,7 +28,7 @@ contains
       associate (solver => self%solver)
          name = trim(method_names(solver%method))
          first_jacobian = trim(start_names(merge(2, 1, solver%start_with_tangent)))
-         first_guess = trim(first_guess_names(merge(1, 2, self%start_from_linear)))
+         first_guess = "auto"
          call group%get("method", name, choices=method_names)
          call group%get("tolerance", solver%tolerance, unit="1", above=0.0_wp)
          call group%get("max_iterations", solver%max_iterations, minimum=0)
@@ -51,9 +51,10 @@ contains
          solver%rescue_work = limit*unit_of_work
          solver%method = max(1, findloc(method_names == name, .true., dim=1))
          solver%start_with_tangent = first_jacobian == start_names(2)
-         self%chain%is_on = first_guess == first_guess_names(3)
-         self%start_from_linear = first_guess /= first_guess_names(2)
-         self%start_from_march = first_guess == first_guess_names(4)
+         self%chain%is_auto = first_guess == "auto"
+         self%chain%is_on = first_guess == "neighbour"
+         self%start_from_linear = first_guess /= "zero"
+         self%start_from_march = first_guess == "march"
       end associate
    end subroutine read_solver
 

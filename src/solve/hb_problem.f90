@@ -1,6 +1,6 @@
 !> A system of nonlinear equations r(x) = 0 as the solvers see it: no mechanics, only numbers and their scales.
 module hb_problem
-   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
    use hb_solver_types, only: report_t, solver_config_t
    use hb_watch, only: watch_t
@@ -47,6 +47,7 @@ module hb_problem
       procedure :: set_parameters => set_deformations
       procedure :: parameter_derivative => deformation_derivative
       procedure :: coarse_guess => problem_coarse_guess
+      procedure :: has_sound_scales => problem_has_sound_scales
       procedure :: norm => problem_norm
       procedure :: work_of => problem_work_of
       procedure :: is_over => problem_is_over
@@ -240,6 +241,17 @@ contains
       problem_is_over = .false.
       if (associated(self%watch)) problem_is_over = self%watch%is_over()
    end function problem_is_over
+
+   !> Whether the scales, and their products (work), are numbers that can be reckoned with: beyond them a residual of zero says
+   !> nothing.
+   pure logical function problem_has_sound_scales(self) result(has_sound_scales)
+      class(problem_t), intent(in) :: self
+
+      has_sound_scales = all(ieee_is_finite(self%x_scale)) .and. all(ieee_is_finite(self%r_scale))
+      if (has_sound_scales) has_sound_scales = all(self%x_scale >= tiny(1.0_wp)) .and. all(self%r_scale >= tiny(1.0_wp))
+      if (has_sound_scales) has_sound_scales = &
+         maxval(exponent(self%x_scale)) + maxval(exponent(self%r_scale)) < maxexponent(1.0_wp)
+   end function problem_has_sound_scales
 
    !> Euclidean norm of r/r_scale; NaN or infinity if any entry is.
    pure real(wp) function problem_norm(self, r)

@@ -1,5 +1,6 @@
 !> Solves a problem by the method that the settings name and, when that fails, by others.
 module hb_solver
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_broyden, only: solve_broyden
    use hb_homotopy, only: solve_by_homotopy
    use hb_kinds, only: wp
@@ -28,6 +29,8 @@ contains
    !>
    !> The rescues together may take the work that the settings allow, or some times that of the direct attempt; each at most half
    !> of what is left, so that none takes it from all that follow.
+   !>
+   !> Not finite where the scales of the problem are out of range.
    subroutine solve(problem, config, linear_solution, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -41,6 +44,12 @@ contains
       integer :: chosen, i, other_method, way
       logical :: is_found
 
+      if (.not. problem%has_sound_scales()) then
+         x = 0.0_wp
+         report%status = outcome%not_finite
+         report%residual = ieee_value(1.0_wp, ieee_quiet_nan)
+         return
+      end if
       allocate (first_guess, source=x)
       allocate (other_guess, source=linear_solution)
       if (all(x == linear_solution)) other_guess = 0.0_wp

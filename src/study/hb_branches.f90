@@ -10,7 +10,7 @@ module hb_branches
    use hb_kinds, only: wp
    implicit none
    private
-   public :: jumps_between, line_t, new_line
+   public :: is_far_above, jumps_between, line_t, new_line
 
    real(wp), parameter :: least_ratio = 3.0_wp                        ! to the larger slope beside a jump
    real(wp), parameter :: mean_ratio = 6.0_wp                         ! to larger**(3/4)*smaller**(1/4)

@@ -1,10 +1,13 @@
 !> First guesses from neighbours: each point of a chain along a swept parameter starts from the solutions of the points
 !> before it, never from a point of another chain, so that nothing depends on who solves which chain and when.
 module hb_neighbour
+   use hb_branches, only: is_far_above
    use hb_kinds, only: wp
    implicit none
    private
    public :: neighbour_t
+
+   real(wp), parameter :: farthest = 4.0_wp                           ! that a line is trusted, in steps between its points
 
    !> The last two solutions of a chain.
    type :: neighbour_t
@@ -28,7 +31,8 @@ contains
       self%n_kept = 0
    end subroutine neighbour_forget
 
-   !> Keeps the solution of the point just solved; with other harmonics than before, it alone.
+   !> Keeps the solution of the point just solved; it alone, with other harmonics than before and where it has jumped away from
+   !> those before: a line through two branches leads nowhere.
    pure subroutine neighbour_keep(self, parameter, tuples, unknowns)
       class(neighbour_t), intent(inout) :: self
       real(wp), intent(in) :: parameter                               !! its value at the point, in the unit of the input
@@ -36,6 +40,9 @@ contains
       real(wp), intent(in) :: unknowns(:)
 
       if (.not. is_alike(self, tuples, size(unknowns))) self%n_kept = 0
+      if (self%n_kept == 2) then
+         if (has_jumped(self, parameter, unknowns)) self%n_kept = 0
+      end if
       if (self%n_kept > 0) then
          self%before = self%last
          self%before_value = self%last_value
@@ -60,9 +67,24 @@ contains
       if (any(tuples /= self%tuples)) return
       start = self%last
       if (.not. secant .or. self%n_kept < 2) return
-      if (.not. abs(self%last_value - self%before_value) > 0.0_wp) return
+      if (.not. abs(parameter - self%last_value) <= farthest*abs(self%last_value - self%before_value)) return
       start = start + (self%last - self%before)*((parameter - self%last_value)/(self%last_value - self%before_value))
    end subroutine neighbour_predict
+
+   !> Whether the motion has left the way of the points before, as far as these tell.
+   pure logical function has_jumped(self, parameter, unknowns)
+      type(neighbour_t), intent(in) :: self
+      real(wp), intent(in) :: parameter, unknowns(:)
+      real(wp) :: slope, slope_before
+
+      has_jumped = .false.
+      associate (n => size(unknowns) - size(self%tuples, 1), p => self%last_value)        ! base frequencies follow the coefficients
+         if (.not. (abs(parameter - p) > 0.0_wp .and. abs(p - self%before_value) > 0.0_wp)) return
+         slope = norm2(unknowns(:n) - self%last(:n))/abs(parameter - p)
+         slope_before = norm2(self%last(:n) - self%before(:n))/abs(p - self%before_value)
+         has_jumped = is_far_above(slope, slope_before, slope_before)
+      end associate
+   end function has_jumped
 
    pure logical function is_alike(self, tuples, n_unknowns)
       type(neighbour_t), intent(in) :: self

@@ -21,6 +21,7 @@ module hb_run_summary
       integer :: n_rescued = 0                                        !! points where the direct attempt failed, but others did not
       integer :: n_certified = 0                                      !! points with a certificate
       integer :: n_near_commensurate = 0
+      integer :: first_near_commensurate = huge(1)                    !! point, from 1
       integer :: n_jumps = 0                                          !! between neighbours, hb_branches
       integer :: first_jump = 0                                       !! point from 1 to which the first of them leads
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
@@ -53,6 +54,8 @@ contains
       end do
       summary%n_rescued = count(is_kept .and. record%rescue > 0)
       summary%n_near_commensurate = count(is_kept .and. record%is_near_commensurate > 0)
+      if (summary%n_near_commensurate > 0) &
+         summary%first_near_commensurate = findloc(is_kept .and. record%is_near_commensurate > 0, .true., dim=1)
       do i = 1, record%n_points
          if (is_kept(i) .and. is_solved(record%status(i))) call count_frequency(summary, record%frequency(:, i))
       end do
@@ -66,14 +69,18 @@ contains
    end subroutine count_kept
 
    !> Counts a point that was solved.
-   subroutine count_point(summary, result)
+   subroutine count_point(summary, point, result)
       type(run_summary_t), intent(inout) :: summary
+      integer, intent(in) :: point                                    !! from 1
       type(motion_result_t), intent(in) :: result
 
       summary%counts(result%status) = summary%counts(result%status) + 1
       if (result%rescue > 0) summary%n_rescued = summary%n_rescued + 1
       if (allocated(result%certificate%combination)) summary%n_certified = summary%n_certified + 1
-      if (result%is_near_commensurate) summary%n_near_commensurate = summary%n_near_commensurate + 1
+      if (result%is_near_commensurate) then
+         summary%n_near_commensurate = summary%n_near_commensurate + 1
+         summary%first_near_commensurate = min(summary%first_near_commensurate, point)
+      end if
       summary%truncation = max(summary%truncation, result%certificate%truncation)
       summary%aliasing = max(summary%aliasing, result%certificate%aliasing)
       if (is_solved(result%status) .and. allocated(result%frequency)) call count_frequency(summary, result%frequency)
@@ -119,6 +126,7 @@ contains
       summary%n_rescued = sum_over(comm, summary%n_rescued)
       summary%n_certified = sum_over(comm, summary%n_certified)
       summary%n_near_commensurate = sum_over(comm, summary%n_near_commensurate)
+      summary%first_near_commensurate = -max_over(comm, -summary%first_near_commensurate)
       summary%truncation = max_over(comm, summary%truncation)
       summary%aliasing = max_over(comm, summary%aliasing)
       do i = 1, max_tones

@@ -1,7 +1,7 @@
 !> An input that was read and is ready to run: its document, the plan of its sweep, the scene of its first point, the
 !> harmonics of all points, and the layout of its result file.
 module hb_study
-   use hb_document, only: document_t
+   use hb_document, only: document_t, parameter_t
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
    use hb_law_user, only: user_law_t
@@ -19,6 +19,9 @@ module hb_study
    private
    public :: describe_layout, new_study, read_input, row_of_study, study_t
 
+   !> Groups whose numbers change the motion; the others say how it is sought, and `&start` which one.
+   character(*), parameter :: groups_of_motions(5) = [character(11) :: "structure", "tones", "load", "law", "normal_mode"]
+
    !> An input that was read without a problem, ready to run.
    type :: study_t
       type(document_t) :: document                                    !! the input after overrides
@@ -29,6 +32,9 @@ module hb_study
       character(:), allocatable :: input_overrides                    !! path=value, a line each
       character(:), allocatable :: input_complete                     !! the input after defaults
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes for this process
+   contains
+      procedure :: n_chains => study_n_chains
+      procedure :: read_point => study_read_point
    end type study_t
 
 contains
@@ -51,13 +57,56 @@ contains
       call read_sweep_plan(self%plan, self%document, error)
       if (allocated(error)) return
       first = self%document
+      call refuse_hidden(self%plan, self%document, overrides, error)
+      if (allocated(error)) return
       call self%plan%apply(1, first)
       call read_scene(self%scene, first, error, self%available_memory)
       if (allocated(error)) return
-      self%input_complete = complete_text(first)
       call self%plan%note_units(first)
+      if (is_chained(self)) then
+         call set_text(self%document, "solver%first_guess", "'neighbour'", error)
+         first = self%document
+         call self%plan%apply(1, first)
+         if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory)
+         if (allocated(error)) return
+      end if
+      self%input_complete = complete_text(first)
       call tuples_of_sweep(self%tuples, self%scene%harmonics, self%plan, self%document, has_improved(self), error)
    end subroutine new_study
+
+   !> Reads the scene of a point.
+   subroutine study_read_point(self, point, scene, error)
+      class(study_t), intent(in) :: self
+      integer, intent(in) :: point                                    !! from 1
+      type(scene_t), intent(out) :: scene
+      type(error_t), allocatable, intent(out) :: error
+      type(document_t), target :: document
+
+      document = self%document
+      call self%plan%apply(point, document)
+      call read_scene(scene, document, error, self%available_memory)
+      call annotate(error, "point "//to_text(point)//" ("//self%plan%describe(point)//")")
+   end subroutine study_read_point
+
+   !> Number of chains that points form; 0 where each starts alone.
+   pure integer function study_n_chains(self) result(n)
+      class(study_t), intent(in) :: self
+
+      n = 0
+      associate (line => self%plan%n_fastest(), length => self%scene%chain%length)
+         if (self%scene%chain%is_on) n = (self%plan%n_points/line)*((line + length - 1)/length)
+      end associate
+   end function study_n_chains
+
+   !> Whether points start from their neighbours without being told to: where many of them follow each other along physical
+   !> parameters that change by and by. What the input alone says decides, not who runs it.
+   pure logical function is_chained(self)
+      type(study_t), intent(in) :: self
+      integer, parameter :: least_points = 8                          ! a few values far from each other are no curve
+
+      is_chained = self%scene%chain%is_auto .and. size(self%scene%laws) > 0 .and. self%plan%n_fastest() >= least_points &
+         .and. self%plan%is_ordered() .and. self%plan%varies_reals(groups_of_motions)
+   end function is_chained
 
    !> Takes the text of an input file apart and applies its overrides.
    subroutine read_input(document, file_name, text, overrides, error)
@@ -85,6 +134,29 @@ contains
          if (allocated(error)) return
       end do
    end subroutine apply_overrides
+
+   !> Refuses an override that no point would see, since a sweep gives the same key other values.
+   subroutine refuse_hidden(plan, document, overrides, error)
+      type(sweep_plan_t), intent(in) :: plan
+      type(document_t), intent(inout) :: document
+      type(string_t), intent(in) :: overrides(:)                      !! path=value
+      type(error_t), allocatable, intent(out) :: error
+      type(parameter_t) :: parameter
+      integer :: i, k
+
+      do i = 1, size(overrides)
+         associate (path => overrides(i)%value(:index(overrides(i)%value, "=") - 1))
+            call document%resolve(path, parameter, error)
+            if (allocated(error)) return
+            do k = 1, size(plan%parameters)
+               if (.not. plan%parameters(k)%parameter%hides(parameter)) cycle
+               call fail(error, "--set "//trim(adjustl(path))//": no point would have this value, "//plan%parameters(k)%place// &
+                  " sweeps "//plan%parameters(k)%path//"; change the sweep, such as --set 'sweep("//to_text(k)//")%values=...'")
+               return
+            end do
+         end associate
+      end do
+   end subroutine refuse_hidden
 
    !> Applies one `path=value`.
    subroutine apply_override(document, text, error)

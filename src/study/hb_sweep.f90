@@ -244,7 +244,7 @@ contains
       do point = first, last
          if (run%ending%is_due()) return
          if (any(run%crashed == point)) then                          ! of a chain that is solved again
-            call pass_by(run, neighbour, summary)
+            call pass_by(run, point, neighbour, summary)
             cycle
          end if
          call begin_point(point)
@@ -256,7 +256,7 @@ contains
          started = wall_clock()
          call run%results%write_point(point, result, error)
          if (allocated(error)) return
-         call count_point(summary, result)
+         call count_point(summary, point, result)
          run%times%n_points = run%times%n_points + 1
          run%times%writing = run%times%writing + wall_clock() - started
          if (run%progress%is_debug) call run%progress%tell_point("point "//to_text(point - 1)//" on rank "// &
@@ -268,15 +268,16 @@ contains
    end subroutine run_unit
 
    !> Counts a point that has ended a run before and is left as it stands in the file; the next has no neighbour.
-   subroutine pass_by(run, neighbour, summary)
+   subroutine pass_by(run, point, neighbour, summary)
       type(run_t), intent(inout) :: run
+      integer, intent(in) :: point
       type(neighbour_t), intent(inout) :: neighbour
       type(run_summary_t), intent(inout) :: summary
       type(motion_result_t) :: result
       logical :: is_report_due
 
       result%status = outcome%crashed
-      call count_point(summary, result)
+      call count_point(summary, point, result)
       call run%progress%note(.true., is_report_due)
       call neighbour%forget()
    end subroutine pass_by

@@ -23,6 +23,7 @@ module hb_sweep_plan
       character(:), allocatable :: units                              !! empty where the reader of the input declares none
       integer :: axis = 0                                             !! index among the axes of the plan
       logical :: is_text = .false.
+      logical :: is_real = .false.                                    !! as its reader takes it
       real(wp), allocatable :: values(:)                              !! numbers, unless is_text
       type(string_t), allocatable :: texts(:)
    contains
@@ -50,6 +51,7 @@ module hb_sweep_plan
       procedure :: describe => sweep_plan_describe
       procedure :: fastest_value => sweep_plan_fastest_value
       procedure :: is_ordered => sweep_plan_is_ordered
+      procedure :: varies_reals => sweep_plan_varies_reals
       procedure :: n_fastest => sweep_plan_n_fastest
    end type sweep_plan_t
 
@@ -330,6 +332,19 @@ contains
       end do
    end function sweep_plan_is_ordered
 
+   !> Whether all parameters along the axis that runs fastest are real numbers of some groups.
+   pure logical function sweep_plan_varies_reals(self, groups)
+      class(sweep_plan_t), intent(in) :: self
+      character(*), intent(in) :: groups(:)                           !! lower case
+      integer :: i
+
+      sweep_plan_varies_reals = .true.
+      do i = 1, size(self%parameters)
+         if (self%parameters(i)%axis == size(self%length)) sweep_plan_varies_reals = sweep_plan_varies_reals .and. &
+            self%parameters(i)%is_real .and. any(groups == self%parameters(i)%group)
+      end do
+   end function sweep_plan_varies_reals
+
    !> Axes along which values of a group vary, (number of axes).
    pure function sweep_plan_axes_of(self, group) result(axes)
       class(sweep_plan_t), intent(in) :: self
@@ -389,7 +404,7 @@ contains
       end do
    end subroutine sweep_plan_apply
 
-   !> Notes the units of the parameters, which a document knows from which a scene has been read.
+   !> Notes units and kinds of the parameters, which a document knows from which a scene has been read.
    pure subroutine sweep_plan_note_units(self, document)
       class(sweep_plan_t), intent(inout) :: self
       type(document_t), intent(in) :: document
@@ -397,6 +412,7 @@ contains
 
       do i = 1, size(self%parameters)
          self%parameters(i)%units = document%unit_of(self%parameters(i)%parameter)
+         self%parameters(i)%is_real = document%is_real(self%parameters(i)%parameter)
       end do
    end subroutine sweep_plan_note_units
 

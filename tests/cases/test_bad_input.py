@@ -342,3 +342,31 @@ def test_quiet_says_nothing(tmp_path):
     (tmp_path / "good.nml").write_text(GOOD)
     done = run("solve", "good.nml", "--quiet", cwd=tmp_path)
     assert (done.status, done.stdout, done.stderr) == (ALL_CONVERGED, "", "")
+
+
+# Doubts that are no mistakes
+
+
+@pytest.mark.parametrize(
+    "tones, loads, told",
+    [
+        ("1.0, 2.0", "tuple = 1, 0", "(2, -1) has the frequency 0; use one tone of 1.0 rad/s"),
+        ("1.0, 1.0", "tuple = 1, 0", "(1, -1) has the frequency 0; use one tone of 1.0 rad/s"),
+        ("1.0, 1.4142", None, "no load acts"),
+        ("1.0, 1.4142", "tuple = 1, 0", None),
+    ],
+)
+def test_check_and_solve_name_doubts(tones, loads, told, tmp_path):
+    """Warnings: the input is solved as it stands, exit status 0."""
+    text = "&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0,\n"
+    text += f"   ground_stiffness = 3.0, damping_mass = 0.1 /\n&tones frequency = {tones} /\n&harmonics order = 3 /\n"
+    text += "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.01 /\n"
+    text += f"&load dof = 'x1', {loads}, cos = 0.1 /\n" if loads else ""
+    (tmp_path / "case.nml").write_text(text)
+    checked = run("check", "case.nml", cwd=tmp_path)
+    assert checked.status == 0 and checked.stdout.endswith("the input is sound\n")
+    assert (told in checked.stdout) if told else ("warning" not in checked.stdout), checked.stdout
+    if told and loads:
+        solved = run("solve", "case.nml", cwd=tmp_path)
+        assert solved.status == 0 and f"(see 'combination'); tones {tones.replace(', ', ' and ')} rad/s" in solved.stdout
+        assert told in solved.stdout

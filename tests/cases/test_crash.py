@@ -131,7 +131,7 @@ def assert_rows_equal(a, b, rows):
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_point_that_crashes_is_noted_and_passed_by(ending, ranks, folder):
     way, number = ENDINGS[ending]
-    values = [0.1, 0.2, 0.3, way, 0.4, 0.5, 0.6, 0.7]
+    values = [0.1, 0.3, 0.2, way, 0.4, 0.5, 0.6, 0.7]  # up and down: each starts alone
     done = run("solve", write(folder, values), "--quiet", cwd=folder, ranks=ranks)
     if ranks is None:
         assert done.status == -number, done.stderr
@@ -146,7 +146,7 @@ def test_point_that_crashes_is_noted_and_passed_by(ending, ranks, folder):
         assert results.message(3).startswith(f"the process was ended by {number.name}")
         assert np.isnan(results.per_point("residual")[3])
 
-    whole = write(folder, [0.1, 0.2, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7], name="whole")
+    whole = write(folder, [0.1, 0.3, 0.2, 0.35, 0.4, 0.5, 0.6, 0.7], name="whole")
     assert run("solve", whole, "--quiet", cwd=folder, ranks=ranks).status == 0
     assert_rows_equal(folder / "case.h5", folder / "whole.h5", [0, 1, 2, 4, 5, 6, 7])
 

@@ -14,6 +14,7 @@ INPUT = """
 &harmonics order = 3 /
 &load dof = 'x1', tuple = 1, cos = 0.1 /
 &law type = 'cubic_spring', dof = 'x1', stiffness = 1.0 /
+&solver first_guess = 'linear' /
 &sweep parameter = 'tones%frequency', from = 0.5, to = 0.9, n = 20 /
 """
 

@@ -31,7 +31,8 @@ BEAM = """
 QUICK = BEAM.format(order=4, samples=20, augmentation=1.0e5)
 SLOW = BEAM.format(order=12, samples=60, augmentation=1.0e5)
 N_SWEPT = 60
-SWEPT = SLOW + f"&sweep parameter = 'law(1)%gap', from = 0.5e-3, to = 2e-3, n = {N_SWEPT} /\n"
+LINE = SLOW + f"&sweep parameter = 'law(1)%gap', from = 0.5e-3, to = 2e-3, n = {N_SWEPT} /\n"
+SWEPT = LINE + "&solver first_guess = 'linear' /\n"
 GAPS = "&sweep parameter = 'law(1)%gap', values = 1.0e-3, 1.5e-3, 2.0e-3 /\n"
 
 # What depends on who solved a point and when.
@@ -491,7 +492,7 @@ def test_disturbed_runs_are_completed_at_fifty_moments(name, undisturbed, tmp_pa
 
 
 CHAIN = 16
-CHAINED = SWEPT + f"&solver first_guess = 'neighbour', chain_length = {CHAIN} /\n"
+CHAINED = LINE + f"&solver first_guess = 'neighbour', chain_length = {CHAIN} /\n"
 
 
 def broken_chains(result):
@@ -543,7 +544,7 @@ def thousand():
     gaps = ", ".join(f"{gap!r}" for gap in [*np.linspace(2.0e-3, 0.9e-3, 39).tolist(), -1.0e-4])
     text = BEAM.format(order=4, samples=20, augmentation=1.0e3).replace(" /\n&certificate", ", two_sided = .true. /\n&certificate")
     return text + (
-        "&solver max_iterations = 7, rescue = .false. /\n"
+        "&solver first_guess = 'linear', max_iterations = 7, rescue = .false. /\n"
         "&sweep parameter = 'load(2)%cos', from = 60.0, to = 110.0, n = 25 /\n"
         f"&sweep parameter = 'law(1)%gap', values = {gaps} /\n"
     )

@@ -1,0 +1,111 @@
+!> What is doubtful about a scene that can be solved: tones that are multiples of each other, and nothing that moves it.
+module hb_scene_doubts
+   use hb_certificate, only: near_commensurate
+   use hb_kinds, only: wp
+   use hb_scene, only: scene_t
+   use hb_text, only: join, string_t, to_text
+   use hb_tones, only: tones_t
+   implicit none
+   private
+   public :: commensurate_text, has_no_load
+
+   real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
+
+contains
+
+   !> Whether nothing drives the scene: no load, and no unknown tone that it would keep up by itself.
+   pure logical function has_no_load(scene)
+      type(scene_t), intent(in) :: scene
+
+      has_no_load = .not. any(scene%tones%is_unknown) .and. all(abs(scene%loads) <= 0.0_wp)
+   end function has_no_load
+
+   !> Which combination of given tones has a frequency below `limit` times the largest, and the scene with fewer tones that is
+   !> meant where it is zero; empty where there is none.
+   function commensurate_text(tones, limit) result(text)
+      type(tones_t), intent(in) :: tones
+      real(wp), intent(in) :: limit                                   !! relative to the largest tone
+      character(:), allocatable :: text
+      integer, allocatable :: k(:)
+      real(wp) :: frequency
+
+      text = ""
+      if (tones%n_tones < 2 .or. any(tones%is_unknown)) return
+      call near_commensurate(tones, k, frequency)
+      if (frequency > max(limit, rounding)*maxval(tones%omega)) return
+      k = k/common_divisor(k)
+      frequency = abs(dot_product(k, tones%omega))
+      text = "tones "//list_of(tones%omega)//" rad/s: their combination "//tuple_text(k)//" has the frequency "
+      if (frequency > rounding*maxval(tones%omega)) then
+         text = text//to_text(frequency)//" rad/s; such tones are hard to tell from commensurate ones"
+      else
+         text = text//"0; "//scene_of_fewer(tones%omega, k)
+      end if
+   end function commensurate_text
+
+   !> The scene of fewer tones that has the same loads, where k.omega = 0.
+   function scene_of_fewer(omega, k) result(text)
+      real(wp), intent(in) :: omega(:)
+      integer, intent(in) :: k(:)
+      character(:), allocatable :: text
+      integer, allocatable :: in_it(:)
+      integer :: i, m
+
+      in_it = pack([(i, i=1, size(k))], k /= 0)
+      m = findloc(abs(k(in_it)), 1, dim=1, back=.true.)
+      if (size(in_it) == 2) then
+         associate (a => in_it(1), b => in_it(2))
+            text = "use one tone of "//to_text(rounded(omega(a)/abs(k(b))))//" rad/s instead of both, with tuple "// &
+               to_text(abs(k(b)))//" for loads of tone "//to_text(a)//" and "//to_text(abs(k(a)))//" for those of tone "//to_text(b)
+         end associate
+      else if (m > 0) then
+         m = in_it(m)
+         text = "leave out tone "//to_text(m)//", and give its loads the tuple "// &
+            tuple_text(-k(m)*pack(k, [(i /= m, i=1, size(k))]))//" of the others"
+      else
+         text = "fewer tones, of which these are integer combinations, give the same motion"
+      end if
+   end function scene_of_fewer
+
+   !> A number without the rounding of its last digits.
+   real(wp) function rounded(number)
+      real(wp), intent(in) :: number
+      character(24) :: digits
+
+      write (digits, "(es19.11)") number
+      read (digits, *) rounded
+   end function rounded
+
+   pure integer function common_divisor(k)
+      integer, intent(in) :: k(:)
+
+      do common_divisor = maxval(abs(k)), 2, -1
+         if (all(modulo(k, common_divisor) == 0)) return
+      end do
+      common_divisor = 1
+   end function common_divisor
+
+   function tuple_text(k) result(text)
+      integer, intent(in) :: k(:)
+      character(:), allocatable :: text
+      type(string_t) :: words(size(k))
+      integer :: i
+
+      do i = 1, size(k)
+         words(i)%value = to_text(k(i))
+      end do
+      text = "("//join(words, ", ")//")"
+   end function tuple_text
+
+   function list_of(omega) result(text)
+      real(wp), intent(in) :: omega(:)
+      character(:), allocatable :: text
+      type(string_t) :: words(size(omega))
+      integer :: i
+
+      do i = 1, size(omega)
+         words(i)%value = to_text(omega(i))
+      end do
+      text = join(words(:size(omega) - 1), ", ")//" and "//words(size(omega))%value
+   end function list_of
+end module hb_scene_doubts
