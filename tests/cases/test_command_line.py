@@ -45,7 +45,7 @@ def test_values_may_stand_behind_an_equals_sign(tmp_path):
         (("solve", "case.nml", "--overwrite=yes"), "--overwrite takes no value, there is 'yes'"),
         (("solve", "case.nml", "--output="), "--output needs a value"),
         (("solve", "case.nml", "--ouput=x.h5"), "unknown option '--ouput'; did you mean '--output'?"),
-        (("info", "case.h5", "--set", "a%b=1"), "info has no option --set; it has --quiet"),
+        (("info", "case.h5", "--set", "a%b=1"), "info has no option --set; it has --check, --quiet"),
         (("verify", "case.h5", "--overwrite"), "verify has no option --overwrite; it has --quiet"),
         (("march", "case.nml", "--points=1"), "march has no option --points; it has --output, -o, --overwrite"),
     ],

@@ -16,7 +16,7 @@ MODES = """
 &harmonics order = 4 /
 &load dof = 'x1', tuple = 1, 0, cos = 1.0 /
 &load dof = 'x3', tuple = 0, 1, cos = 0.7, sin = 0.3 /
-&certificate truncation = 10.0, aliasing = 10.0, penetration = 10.0 /
+&certificate truncation = 10.0, aliasing = 10.0, penetration = 10.0, impact = 10.0 /
 &solver method = 'newton' /
 &output dofs = 'x3', 'x1' /
 """  # steps from products end as soon as the tolerance is met, Newton's are exact by then
