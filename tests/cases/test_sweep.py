@@ -496,7 +496,7 @@ def test_killed_run_leaves_a_sound_file(ranks, tmp_path):
     assert np.isfinite(coefficients[done]).all()
     # Each rank may have been writing the block of rows that it held back for a moment; all others are untouched.
     touched = np.flatnonzero((status == 0) & ~np.isnan(coefficients).all(axis=(1, 2, 3)))
-    assert touched.size < n // 4
+    assert touched.size <= 32 * (ranks or 1), "a block holds 32 rows at most"
     assert np.count_nonzero(np.diff(touched) > 1) < (ranks or 1), "one block a rank"
     alone = solve(text.split("&sweep")[0], tmp_path, "--set", f"law(1)%gap={float(gap[done[-1]])!r}", name="alone")
     assert read(alone, "coefficients")[0].tobytes() == coefficients[done[-1]].tobytes()
