@@ -9,7 +9,7 @@ module curve_problems
    type :: curve_kind_t
       integer :: folded = 1                                           !! f = x**3 - 3 x: folds at x = -1 and 1, where p = 2 and -2
       integer :: kinked = 2                                           !! f = 10 |x|: a corner of less than a right angle at x = 0
-      integer :: way = 3                                              !! r1 = x1 - 3 + amount/(t**2 - 3 t + 2.35), t = 3 - x1
+      integer :: way = 3                                              !! r1 = -t + amount/(t**2 - 3 t + 2.35), t = easy - x1
    end type curve_kind_t
    type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
 
@@ -17,6 +17,7 @@ module curve_problems
       integer :: kind = 0
       real(wp) :: p = 0.0_wp
       real(wp) :: amount = 1.0_wp                                     !! of the nonlinear part
+      real(wp) :: easy = 3.0_wp                                       !! where a way begins
       real(wp) :: jacobian(2, 2) = 0.0_wp                             !! of the last `linearise`
    contains
       procedure :: residual => parametric_residual
@@ -60,7 +61,7 @@ contains
       select case (self%kind)
       case (curve_kind%folded); r(1) = self%p - (x(1)**3 - 3.0_wp*x(1))
       case (curve_kind%kinked); r(1) = self%p - 10.0_wp*abs(x(1))
-      case default; r(1) = x(1) - 3.0_wp + self%amount/denominator(x(1))
+      case default; r(1) = x(1) - self%easy + self%amount/denominator(self%easy - x(1))
       end select
       r(2) = x(2) - 0.5_wp*x(1)
    end subroutine parametric_residual
@@ -74,15 +75,16 @@ contains
       select case (self%kind)
       case (curve_kind%folded); jacobian(1, 1) = 3.0_wp - 3.0_wp*x(1)**2
       case (curve_kind%kinked); jacobian(1, 1) = -sign(10.0_wp, x(1))
-      case default; jacobian(1, 1) = 1.0_wp + self%amount*(2.0_wp*(3.0_wp - x(1)) - 3.0_wp)/denominator(x(1))**2
+      case default; jacobian(1, 1) = 1.0_wp + self%amount*(2.0_wp*(self%easy - x(1)) - 3.0_wp)/ &
+                                       denominator(self%easy - x(1))**2
       end select
       jacobian(2, :) = [-0.5_wp, 1.0_wp]
    end subroutine parametric_tangent
 
-   pure real(wp) function denominator(x)
-      real(wp), intent(in) :: x
+   pure real(wp) function denominator(t)
+      real(wp), intent(in) :: t
 
-      denominator = (3.0_wp - x)**2 - 3.0_wp*(3.0_wp - x) + 2.35_wp
+      denominator = t**2 - 3.0_wp*t + 2.35_wp
    end function denominator
 
    subroutine parametric_linearise(self, x, is_ready)
