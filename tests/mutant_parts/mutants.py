@@ -41,6 +41,30 @@ MUTANTS = [
         ),
     ),
     *of(
+        "extern/hb_checksum.c",
+        (
+            "checksum_tail",
+            "test_hb_checksum",
+            "the last bytes of a row do not count",
+            "for (; n_bytes > 0; n_bytes--, b++) crc",
+            "for (; n_bytes > 7; n_bytes--, b++) crc",
+        ),
+        (
+            "checksum_byte",
+            "test_hb_checksum",
+            "one byte of eight does not count",
+            "table[1][b[6]] ^",
+            "table[1][0] ^",
+        ),
+        (
+            "checksum_row",
+            "test_hb_checksum",
+            "rows go on with the checksum of the first",
+            "checksums[first + i] = hb_add_to_checksum(checksums[first + i], buffer",
+            "checksums[first + i] = hb_add_to_checksum(checksums[first], buffer",
+        ),
+    ),
+    *of(
         "solve/hb_gmres.f90",
         (
             "gmres_once",
