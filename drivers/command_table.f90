@@ -91,7 +91,7 @@ contains
          end if
          if (any(names == options(i)%name)) cycle
          names = [names, options(i)%name]
-         if (options(i)%short /= "") names = [names, [character(12) :: options(i)%short]]
+         if (options(i)%short /= "") names = [character(12) :: names, options(i)%short]
       end do
    end function option_names
 

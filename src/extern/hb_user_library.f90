@@ -1,6 +1,7 @@
 !> Laws in shared libraries, as nhbm_user_law.h describes them: the Fortran side of that C interface.
 module hb_user_library
-   use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_quiet_nan, ieee_set_halting_mode, ieee_value
+   use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_is_finite, ieee_quiet_nan, &
+      ieee_set_halting_mode, ieee_value
    use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_loc, c_null_funptr, c_null_ptr, c_ptr
    use hb_checksum, only: library_mark
    use hb_dynamic_library, only: dynamic_library_t, open_library
@@ -133,9 +134,17 @@ contains
       z_copy = z
       v_copy = v
       ignored = call_evaluate(self, parameters_copy, z_copy, v_copy, f)
-      has_touched = .not. (all(abs(parameters_copy - parameters) <= 0.0_wp) .and. all(abs(z_copy - z) <= 0.0_wp) .and. &
-         all(abs(v_copy - v) <= 0.0_wp))
+      has_touched = .not. (is_unchanged(parameters_copy, parameters) .and. &
+         is_unchanged(reshape(z_copy, [size(z)]), reshape(z, [size(z)])) .and. &
+         is_unchanged(reshape(v_copy, [size(v)]), reshape(v, [size(v)])))
    end function user_library_has_touched
+
+   pure logical function is_unchanged(values, before)
+      real(wp), intent(in) :: values(:), before(:)
+
+      is_unchanged = all(ieee_is_finite(values))
+      if (is_unchanged) is_unchanged = all(abs(values - before) <= 0.0_wp)
+   end function is_unchanged
 
    integer function call_evaluate(self, parameters, z, v, f, df_dz, df_dv) result(code)
       class(user_library_t), intent(in) :: self

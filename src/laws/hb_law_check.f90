@@ -110,14 +110,12 @@ contains
    pure logical function are_the_same(a, b)
       real(wp), intent(in) :: a(:), b(:)
       real(wp), parameter :: rounding = 1.0e-12_wp
-      real(wp) :: largest_of_all
       logical :: is_number(size(a))
 
-      is_number = ieee_is_finite(a) .and. ieee_is_finite(b)
-      are_the_same = all(is_number .or. .not. (ieee_is_finite(a) .or. ieee_is_finite(b)))
+      is_number = ieee_is_finite(a)
+      are_the_same = all(is_number .eqv. ieee_is_finite(b))
       if (.not. (are_the_same .and. any(is_number))) return
-      largest_of_all = maxval(abs(a), is_number)
-      are_the_same = all(abs(a - b) <= rounding*largest_of_all .or. .not. is_number)
+      are_the_same = maxval(abs(pack(a, is_number) - pack(b, is_number))) <= rounding*maxval(abs(pack(a, is_number)))
    end function are_the_same
 
    !> Whether the law is told this kind of motion: 1 displacement, 2 rate, 3 reaction.

@@ -1,5 +1,6 @@
 !> What all solvers take and give, and the choice between them.
 module hb_solver_types
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    implicit none
@@ -100,6 +101,7 @@ contains
    pure subroutine report_note(self)
       class(report_t), intent(inout) :: self
 
+      if (ieee_is_nan(self%residual)) return
       if (self%first < 0.0_wp) self%first = self%residual
       self%best = min(self%best, self%residual)
    end subroutine report_note
@@ -109,7 +111,11 @@ contains
       class(report_t), intent(in) :: self
       integer, intent(in) :: way                                      !! one of `rescue`
 
-      attempt = attempt_t(way, self%status, self%iterations, min(self%best, self%residual), self%is_out_of_work, &
-                          self%residual <= self%best .and. self%residual < 0.1_wp*self%first)
+      real(wp) :: last
+
+      last = huge(last)
+      if (.not. ieee_is_nan(self%residual)) last = self%residual
+      attempt = attempt_t(way, self%status, self%iterations, min(self%best, last), self%is_out_of_work, &
+                          last <= self%best .and. last < 0.1_wp*self%first)
    end function report_as_attempt
 end module hb_solver_types
