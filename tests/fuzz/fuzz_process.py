@@ -45,7 +45,7 @@ SCENE = """
 &load dof = 'x1', tuple = 0, 1, cos = 0.2 /
 """
 SPRING = "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n"
-SWEEP = "&sweep parameter = 'load(1)%cos', values = 0.1, 0.3, 0.5 /\n"
+SWEEP = "&sweep parameter = 'load(1)%cos', values = 0.1, 0.2, 0.3 /\n"
 TEXT_ACCIDENTS = ("number", "number", "number", "piece", "cut", "bits", "double", "tail", "long")
 NUMBERS = ("0", "-1", "1", "7", "1000", "100000", "100000000", "2147483647", "2147483648", "1e308", "-1e309", "5e-324",
            "nan", "inf", "1000000*0", "3*", "1.5.2", "'x1'", ".true.")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Random scenes for tests/judge: few degrees of freedom, one or two tones, one or two laws that matter."""
+"""Random scenes for tests/judge: few degrees of freedom, one to three tones, one or two laws that matter."""
 
 from __future__ import annotations
 
@@ -6,8 +6,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-KINDS = ("cubic_spring", "elastic_stop", "jenkins", "coulomb_tanh", "rigid_wall", "coulomb_rigid")
-RIGID = 4  # the first of the rigid ones
+KINDS = (
+    "cubic_spring", "elastic_stop", "jenkins", "coulomb_tanh", "rigid_wall", "coulomb_rigid",
+    "quadratic_damping", "cubic_damping", "polynomial", "piecewise_linear",
+    "jenkins_2d", "jenkins_2d", "annular_clearance", "annular_clearance",
+)  # fmt: skip
+RIGID = (4, 5)
+N_SOFT = 4  # kinds of a second law
+N_FIRST = 6  # kinds of scenes that are not wide
+PLANE = {"jenkins_2d": 10, "annular_clearance": 12}  # two laws in marching.c: x and y
+WIDE = ("quadratic_damping", "cubic_damping", "polynomial", "piecewise_linear", "iwan", *PLANE)
 
 
 @dataclass(frozen=True)
@@ -17,8 +25,11 @@ class Law:
     kind: int
     shape: np.ndarray
     parameters: tuple[float, float, float]
+    said: str | None = None  # the group of an input where it is not that of this law alone
 
     def text(self, labels: list[str]) -> str:
+        if self.said is not None:
+            return self.said
         first, second, sides = self.parameters
         used = np.flatnonzero(self.shape)
         place = f"dof='{labels[used[0]]}'"
@@ -32,6 +43,10 @@ class Law:
             "coulomb_tanh": f"limit={first!r}, velocity={second!r}",
             "rigid_wall": f"gap={second!r}{both}",
             "coulomb_rigid": f"limit={first!r}",
+            "quadratic_damping": f"coefficient={first!r}",
+            "cubic_damping": f"coefficient={first!r}",
+            "polynomial": f"stiffness=0,{second!r},{first!r}",
+            "piecewise_linear": f"breakpoints={-second!r},{second!r}, slopes={sides!r},0,{first!r}",
         }[KINDS[self.kind]]
         return f"&law type='{KINDS[self.kind]}', {place}, {keys} /\n"
 
@@ -69,12 +84,12 @@ class Scene:
 
     @property
     def title(self) -> str:
-        laws = " and ".join(KINDS[law.kind] for law in self.laws)
+        laws = " and ".join(law.text(self.labels).split("'")[1] for law in self.laws if law.said != "")
         return f"{len(self.mass)} dofs, {len(self.omega)} tones, order {self.order}, {laws}"
 
 
-def random_scene(seed: int, number: int) -> Scene:
-    """The scene of a number; the same on every machine."""
+def random_scene(seed: int, number: int, is_wide: bool = False) -> Scene:
+    """The scene of a number; the same on every machine. Wide ones have up to three tones and more kinds of laws."""
     draw = np.random.default_rng([seed, number])
     scene = _structure(draw, int(draw.integers(1, 4)))
     lowest = np.sort(scene.modes()[0])[0]
@@ -82,12 +97,18 @@ def random_scene(seed: int, number: int) -> Scene:
     if draw.random() < 0.4:
         ratio = draw.uniform(0.3, 2.6)
         scene.omega = np.append(scene.omega, scene.omega[0] * ratio * (1 + 1e-3 * np.sqrt(2)))
-    scene.order = int(draw.integers(5, 26) if len(scene.omega) == 1 else draw.integers(3, 8))
+    if is_wide and len(scene.omega) > 1 and draw.random() < 0.4:
+        scene.omega = np.append(scene.omega, scene.omega[0] * draw.uniform(0.3, 2.6) * (1 + 1e-3 * np.sqrt(3)))
+    scene.order = int(draw.integers(*((5, 26), (3, 8), (2, 5))[len(scene.omega) - 1]))
     _load(scene, draw)
     shape = _coordinate(scene, draw)
-    scene.laws.append(_law(scene, draw, shape, int(draw.integers(0, len(KINDS)))))
+    kind = int(draw.integers(0, N_FIRST + (len(WIDE) if is_wide else 0)))
+    if kind < N_FIRST:
+        scene.laws.append(_law(scene, draw, shape, kind))
+    else:
+        scene.laws += _wide_laws(scene, draw, shape, WIDE[kind - N_FIRST])
     if draw.random() < 0.25:
-        scene.laws.append(_law(scene, draw, _coordinate(scene, draw), int(draw.integers(0, RIGID))))
+        scene.laws.append(_law(scene, draw, _coordinate(scene, draw), int(draw.integers(0, N_SOFT))))
     return scene
 
 
@@ -145,13 +166,7 @@ def _coordinate(scene: Scene, draw) -> np.ndarray:
 
 def _law(scene: Scene, draw, shape: np.ndarray, kind: int) -> Law:
     """A law that the linear motion would feel: amplitude, speed and force of that set the scale."""
-    amplitude = speed = 0.0
-    for harmonic, cosine, sine in scene.loads:
-        w = float(np.dot(harmonic, scene.omega))
-        response = np.linalg.solve(scene.stiffness - w**2 * scene.mass + 1j * w * scene.damping, cosine - 1j * sine)
-        amplitude += abs(shape @ response) * (w != 0)
-        speed += abs(shape @ response) * w
-    static = 1.0 / (shape @ np.linalg.solve(scene.stiffness, shape))
+    amplitude, speed, static = _scale(scene, shape)
     both = float(draw.random() < 0.4)
     first, second = {
         "cubic_spring": lambda: (static * 10 ** draw.uniform(-1.0, 1.5) / amplitude**2, 0.0),
@@ -162,6 +177,64 @@ def _law(scene: Scene, draw, shape: np.ndarray, kind: int) -> Law:
         "coulomb_rigid": lambda: (static * amplitude * draw.uniform(0.03, 0.4), 0.0),
     }[KINDS[kind]]()
     return Law(kind, shape, (float(first), float(second), both if kind in (1, 4) else 0.0))
+
+
+def _scale(scene: Scene, shape: np.ndarray) -> tuple[float, float, float]:
+    """Amplitude, speed and stiffness of a coordinate in the linear motion."""
+    amplitude = speed = 0.0
+    for harmonic, cosine, sine in scene.loads:
+        w = float(np.dot(harmonic, scene.omega))
+        response = np.linalg.solve(scene.stiffness - w**2 * scene.mass + 1j * w * scene.damping, cosine - 1j * sine)
+        amplitude += abs(shape @ response) * (w != 0)
+        speed += abs(shape @ response) * w
+    return float(amplitude), float(speed), float(1.0 / (shape @ np.linalg.solve(scene.stiffness, shape)))
+
+
+def _wide_laws(scene: Scene, draw, shape: np.ndarray, name: str) -> list[Law]:
+    """A law of those that wide scenes have besides; where marching.c has several for it, the first one has the words."""
+    if name == "cubic_damping":  # has no weights
+        shape = max(np.eye(len(shape)), key=lambda axis: _scale(scene, axis)[0])
+    amplitude, speed, static = _scale(scene, shape)
+    force = static * amplitude
+    if name == "iwan":
+        stiffness, limit = static * 10 ** draw.uniform(-0.5, 0.7), force * draw.uniform(0.03, 0.3)
+        shares, limits = (1.0, 0.6), (1.0, 1.8)
+        laws = [Law(2, shape, (float(stiffness * k), float(limit * m), 0.0)) for k, m in zip(shares, limits)]
+        keys = f"stiffness={_listed([w.parameters[0] for w in laws])}, limit={_listed([w.parameters[1] for w in laws])}"
+        said = laws[0].text(scene.labels)
+        said = said[: said.index("stiffness=")].replace("'jenkins'", "'iwan'") + keys + " /\n"
+        return [Law(2, shape, laws[0].parameters, said), Law(2, shape, laws[1].parameters, "")]
+    if name in PLANE:
+        if len(scene.mass) == 1:
+            return [_law(scene, draw, shape, 2)]
+        axes = np.eye(len(scene.mass))
+        x, y = (int(i) for i in draw.choice(len(scene.mass), 2, replace=False))
+        amplitude = np.hypot(_scale(scene, axes[x])[0], _scale(scene, axes[y])[0])
+        static = min(_scale(scene, axes[x])[2], _scale(scene, axes[y])[2])
+        stiffness, share = float(static * 10 ** draw.uniform(-0.5, 1.0)), draw.uniform(0.05, 0.6)
+        second = float(amplitude * share * (stiffness if name == "jenkins_2d" else 1.0))
+        labels = f"'{scene.labels[x]}'", f"'{scene.labels[y]}'"
+        said = {
+            "jenkins_2d": f"dof={labels[0]}, second_dofs={labels[1]}, stiffness={stiffness!r}, limit={second!r}",
+            "annular_clearance": f"dofs={labels[0]},{labels[1]}, stiffness={stiffness!r}, clearance={second!r}",
+        }[name]
+        parameters = (stiffness, second, 0.0)
+        return [
+            Law(PLANE[name], axes[x], parameters, f"&law type='{name}', {said} /\n"),
+            Law(PLANE[name] + 1, axes[y], parameters, ""),
+        ]
+    sign = draw.choice([-1.0, 1.0])
+    first, second, third = {
+        "quadratic_damping": lambda: (force * draw.uniform(0.03, 0.5) / speed**2, 0.0, 0.0),
+        "cubic_damping": lambda: (force * draw.uniform(0.03, 0.5) / speed**3, 0.0, 0.0),
+        "polynomial": lambda: (static * 10 ** draw.uniform(-0.5, 1.0) / amplitude**2, 0.0, 0.0),
+        "piecewise_linear": lambda: (
+            static * 10 ** draw.uniform(-0.5, 1.5), amplitude * draw.uniform(0.05, 0.9), static * 10 ** draw.uniform(-0.5, 1.5),
+        ),
+    }[name]()  # fmt: skip
+    if name == "polynomial":
+        second = sign * first * amplitude * draw.uniform(0.0, 1.0)
+    return [Law(KINDS.index(name), shape, (float(first), float(second), float(third)))]
 
 
 def _listed(values) -> str:

@@ -73,15 +73,21 @@ def _march(library, scene: Scene, motion: Motion, q, v, bound):
     kick = shape @ inverse
     stiffest = (frequencies**2).max()
     for law, w, k in zip(scene.laws, shape, kick):
-        if law.kind in (1, 2):
+        if law.kind in (1, 2, 9, 10, 11, 12, 13):
             stiffest += law.parameters[0] * (w @ k)
         elif law.kind == 0:
             stiffest += 3 * law.parameters[0] * (w @ k) * (np.abs(motion.amplitudes @ w).sum()) ** 2
-    is_rigid = any(law.kind >= RIGID for law in scene.laws)
+        elif law.kind == 8:
+            reach = np.abs(motion.amplitudes @ w).sum()
+            stiffest += (3 * law.parameters[0] * reach + 2 * abs(law.parameters[1])) * reach * (w @ k)
+    is_rigid = any(law.kind in RIGID for law in scene.laws)
     fastest = max(np.sqrt(stiffest), scene.omega.max())
     for law, w, k in zip(scene.laws, shape, kick):
         if law.kind == 3:
             fastest = max(fastest, 0.2 * law.parameters[0] / law.parameters[1] * (w @ k))
+        elif law.kind in (6, 7):
+            speed = np.abs(motion.frequencies * (motion.amplitudes @ w)).sum()
+            fastest = max(fastest, law.parameters[0] * (law.kind - 4) * speed ** (law.kind - 5) * (w @ k))
     period = 2 * np.pi / scene.omega.min()
     looks = int(LOOKS * np.ceil(scene.omega.max() / scene.omega.min()))
     stride = int(np.ceil(fastest * period / looks / (0.015 if is_rigid else 0.08)))
@@ -121,16 +127,20 @@ def _march(library, scene: Scene, motion: Motion, q, v, bound):
 def _sliders(scene: Scene, motion: Motion, shape, period, looks) -> np.ndarray:
     """Places of the sliders at t = 0 on the motion."""
     places = np.zeros(len(scene.laws))
-    if not any(law.kind == 2 for law in scene.laws):
+    if not any(law.kind in (2, 10) for law in scene.laws):
         return places
     times = np.arange(-PERIODS_OF_SLIDERS * 4 * looks, 1) * period / (4 * looks)
     paths = motion.at(times) @ shape.T
     for k, law in enumerate(scene.laws):
-        if law.kind != 2:
+        if law.kind not in (2, 10):
             continue
         reach = law.parameters[1] / law.parameters[0]
-        for z in paths[:, k]:
-            places[k] = min(max(places[k], z - reach), z + reach)
+        pair = slice(k, k + (2 if law.kind == 10 else 1))
+        for z in paths[:, pair]:
+            leash = z - places[pair]
+            length = np.hypot(*leash) if law.kind == 10 else abs(leash[0])
+            if length > reach:
+                places[pair] = z - leash * reach / length
     return places
 
 
