@@ -15,6 +15,7 @@ RIGID = (4, 5)
 N_SOFT = 4  # kinds of a second law
 N_FIRST = 6  # kinds of scenes that are not wide
 PLANE = {"jenkins_2d": 10, "annular_clearance": 12}  # two laws in marching.c: x and y
+MARCHED_BY = {"jenkins_2d": "&march method='runge_kutta_4', steps_per_period=1000 /\n"}  # cvode cannot
 WIDE = ("quadratic_damping", "cubic_damping", "polynomial", "piecewise_linear", "iwan", *PLANE)
 
 
@@ -32,7 +33,7 @@ class Law:
             return self.said
         first, second, sides = self.parameters
         used = np.flatnonzero(self.shape)
-        place = f"dof='{labels[used[0]]}'"
+        place = f"dof{'s' * (KINDS[self.kind] == 'cubic_damping')}='{labels[used[0]]}'"
         if len(used) > 1 or self.shape[used[0]] != 1.0:
             place = "dofs=" + ",".join(f"'{labels[i]}'" for i in used) + ", weights=" + _listed(self.shape[used])
         both = ", two_sided=.true." if sides else ""
@@ -220,7 +221,7 @@ def _wide_laws(scene: Scene, draw, shape: np.ndarray, name: str) -> list[Law]:
         }[name]
         parameters = (stiffness, second, 0.0)
         return [
-            Law(PLANE[name], axes[x], parameters, f"&law type='{name}', {said} /\n"),
+            Law(PLANE[name], axes[x], parameters, f"&law type='{name}', {said} /\n" + MARCHED_BY.get(name, "")),
             Law(PLANE[name] + 1, axes[y], parameters, ""),
         ]
     sign = draw.choice([-1.0, 1.0])
