@@ -84,6 +84,7 @@ module hb_balance
       procedure :: update_regular_preconditioner => balance_update_regular_preconditioner
       procedure :: coarse_guess => balance_coarse_guess
       procedure :: linear_solution => balance_linear_solution
+      procedure :: stuck_solution => balance_stuck_solution
       procedure :: sample => balance_sample
       procedure, private :: sample_if_new => balance_sample_if_new
       procedure :: project => balance_project
@@ -115,6 +116,12 @@ module hb_balance
          class(balance_t), intent(in) :: self
          real(wp), intent(out) :: u(self%harmonics%n_coefficients, self%n_dofs)   !! [m]
       end subroutine balance_linear_solution
+
+      module subroutine balance_stuck_solution(self, u, is_better)
+         class(balance_t), intent(inout) :: self
+         real(wp), intent(inout) :: u(self%harmonics%n_coefficients, self%n_dofs) !! [m]
+         logical, intent(out) :: is_better
+      end subroutine balance_stuck_solution
 
       module subroutine balance_solve_linear(self, r, step)
          class(balance_t), intent(in) :: self

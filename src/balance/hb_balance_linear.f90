@@ -167,6 +167,35 @@ contains
       end do
    end subroutine balance_linear_solution
 
+   !> The motion of the structure with its laws as they answer at rest, sliders stuck to it, in place of `u`, the motion without any
+   !> law: where sliders slip in this one, near a resonance by far, but none does in that. Else `u` stays.
+   module subroutine balance_stuck_solution(self, u, is_better)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(inout) :: u(self%harmonics%n_coefficients, self%n_dofs)
+      logical, intent(out) :: is_better
+      real(wp), dimension(self%harmonics%n_coefficients, self%n_dofs) :: at_rest, stuck
+      real(wp) :: r(self%n_unknowns)
+      type(error_t), allocatable :: error
+      integer :: i
+
+      is_better = .false.
+      if (.not. self%law_set%has_memory .or. .not. self%has_sound_scales()) return
+      at_rest = 0.0_wp
+      call self%residual([(0.0_wp, i=1, size(r))], r)
+      call self%solve_mean_tangent(at_rest, reshape(r, shape(u)), stuck, error)
+      if (allocated(error)) return
+      if (.not. all(ieee_is_finite(stuck))) return
+      stuck = -stuck
+      call self%sample(stuck)
+      call self%law_set%evaluate()
+      is_better = self%law_set%all_stick()
+      if (.not. is_better) return
+      call self%sample(u)
+      call self%law_set%evaluate()
+      is_better = .not. self%law_set%all_stick()
+      if (is_better) u = stuck
+   end subroutine balance_stuck_solution
+
    module subroutine balance_solve_linear(self, r, step)
       class(balance_t), intent(in) :: self
       real(wp), intent(in), contiguous :: r(:)

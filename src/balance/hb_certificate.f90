@@ -4,6 +4,7 @@
 !> up to twice the order and on a finer grid: the forces there that nothing balances are what the solution neglects, and
 !> one step towards balancing them estimates its error. Source: docs/user/theory.md, section 7.
 module hb_certificate
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_balance, only: balance_t, new_balance
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
@@ -15,6 +16,7 @@ module hb_certificate
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_phase, only: phase_problem_t
+   use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: structure_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
@@ -28,6 +30,8 @@ module hb_certificate
    real(wp), parameter :: rest = 1.0e-6_wp                             ! motion relative to what the loads do to the stiffest
                                                                       ! harmonic, below which nothing moves
    real(wp), parameter :: linear = 0.1_wp                             ! largest error that one linear step tells
+   real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
+   integer, parameter :: most_iterations = 30                         ! of another solution to compare with
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
    real(wp), parameter :: largest_fine_grid = 4.0e6_wp                 ! samples
 
@@ -76,6 +80,12 @@ contains
       if (allocated(error)) return
       call make_wide_balance()
       if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, n_steps, error, phase)
+      if (.not. allocated(error) .and. any(is_unknown([self%truncation, self%aliasing]))) then
+         if (has_multipliers(balance) .and. .not. present(phase)) &
+            call solve_on_finer_grid(self, balance, wide, grid, u, effort, n_steps, error)
+         if (is_unknown(self%truncation)) self%truncation = unknown
+         if (is_unknown(self%aliasing)) self%aliasing = unknown
+      end if
       if (.not. allocated(error)) then
          call check_contact(self, structure, balance, wide, u)
          call find_structure_powers(self, structure, balance, loads, u)
@@ -160,6 +170,55 @@ contains
       end do
    end function wider_samples
 
+   !> Whether an estimate is above the motion itself; what is not a number is left as it is.
+   elemental logical function is_unknown(estimate)
+      real(wp), intent(in) :: estimate
+
+      is_unknown = .false.
+      if (.not. ieee_is_nan(estimate)) is_unknown = estimate > unknown
+   end function is_unknown
+
+   !> Estimates anew from the solution on the finer grid, where there is one near: aliasing is the difference. The few samples at
+   !> which rigid laws hold the motion, such as stops under friction, may by chance leave its tangent almost singular.
+   subroutine solve_on_finer_grid(self, balance, wide, grid, u, effort, n_steps, error)
+      type(certificate_t), intent(inout) :: self
+      type(balance_t), intent(in) :: balance
+      type(balance_t), intent(inout) :: wide
+      type(torus_t), intent(in) :: grid                               !! of `wide`
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
+      integer, intent(in) :: n_steps                                  !! of the improvement
+      type(error_t), allocatable, intent(out) :: error
+      type(balance_t) :: fine
+      type(report_t) :: report
+      type(solver_config_t) :: config
+      real(wp), allocatable :: x(:)
+      real(wp) :: difference
+
+      call new_balance(fine, balance%harmonics, grid, balance%omega, balance%stiffness, balance%law_set%laws, effort, error)
+      if (.not. allocated(error)) then
+         config%max_iterations = most_iterations
+         config%rescue = .false.
+         x = reshape(u, [size(u)])
+         call solve(fine, config, 0.0_wp*x, x, report)
+         if (report%status == outcome%converged) then
+            difference = norm2(x - reshape(u, [size(u)]))/reference_size(balance, u)
+            if (allocated(self%improved)) deallocate (self%improved)
+            call estimate_errors(self, fine, wide, reshape(x, shape(u)), n_steps, error)
+            self%aliasing = difference
+         end if
+      end if
+      call fine%destroy()
+   end subroutine solve_on_finer_grid
+
+   !> Norm of the motion that errors are relative to; not less than what the loads do to the stiffest harmonic, times `rest` [m].
+   pure real(wp) function reference_size(balance, u)
+      type(balance_t), intent(in) :: balance
+      real(wp), intent(in) :: u(:, :)
+
+      reference_size = max(norm2(u), rest*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
+   end function reference_size
+
    !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: the harmonics
    !> outside answer the forces that nothing balances, through their stiffness with the mean stiffness of the laws; what
    !> this motion then changes in the kept ones, and in unknown frequencies, comes by the exact tangent.
@@ -177,7 +236,7 @@ contains
       logical :: is_rigid, is_singular
 
       if (all(u == 0.0_wp)) return
-      size_of_motion = max(norm2(u), rest*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
+      size_of_motion = reference_size(balance, u)
       allocate (big(wide%harmonics%n_coefficients, wide%n_dofs), source=0.0_wp)
       allocate (defect, mold=big)
       allocate (answer, mold=big)
@@ -187,6 +246,7 @@ contains
       self%truncation = huge(1.0_wp)
       self%aliasing = huge(1.0_wp)
       if (present(phase)) then
+         self%frequency_error(phase%tones) = balance%omega(phase%tones)
          call new_tangent_solver(tangent, phase, phase%unknowns([u]), is_singular)
       else
          call new_tangent_solver(tangent, balance, reshape(u, [size(u)]), is_singular)
@@ -255,7 +315,7 @@ contains
       integer :: fastest, i
 
       associate (set => wide%law_set, stiffness => balance%stiffness)
-         acts_rigidly = any([(set%laws(i)%law%is_multiplier, i=1, size(set%laws))])
+         acts_rigidly = has_multipliers(balance)
          if (acts_rigidly .or. all([(set%laws(i)%law%degree > 0, i=1, size(set%laws))])) return
          fastest = maxloc(abs(balance%frequencies), dim=1)
          do i = 1, set%n_pairs
@@ -268,6 +328,14 @@ contains
       end associate
    end function acts_rigidly
 
+   !> Whether a law is rigid.
+   pure logical function has_multipliers(balance)
+      type(balance_t), intent(in) :: balance
+      integer :: i
+
+      has_multipliers = any([(balance%law_set%laws(i)%law%is_multiplier, i=1, size(balance%law_set%laws))])
+   end function has_multipliers
+
    !> Motion of its own against rigid laws, and any that one linear step cannot judge: the change from the solution of half the
    !> order raises the estimates, or takes their place where they are too large to be believed. A wall that is struck pushes with
    !> all harmonics alike, and those left out move the place where it is struck by sum 1/j**2 = 1/order: the error falls with the
@@ -279,7 +347,6 @@ contains
       type(phase_problem_t), intent(inout) :: phase
       real(wp), intent(in) :: u(:, :)
       real(wp), intent(in) :: size_of_motion                          !! [m]
-      integer, parameter :: most_iterations = 30
       real(wp), parameter :: same_motion = 0.5_wp                     ! size relative to the motion; less is on the way to the rest
       type(report_t) :: report
       type(solver_config_t) :: config

@@ -33,6 +33,7 @@ module hb_law_set
       procedure :: memory_reach => law_set_memory_reach
       procedure :: memory_trouble => law_set_memory_trouble
       procedure :: full_stick => law_set_full_stick
+      procedure :: all_stick => law_set_all_stick
       procedure :: spring_forces => law_set_spring_forces
       procedure :: correct => law_set_correct
       procedure :: defects => law_set_defects
@@ -240,6 +241,14 @@ contains
       law_set_full_stick = .false.
       if (allocated(self%slots(i)%memory)) law_set_full_stick = self%slots(i)%memory%walk%full_stick
    end function law_set_full_stick
+
+   !> Whether no slider of any law slipped anywhere, after `evaluate`.
+   pure logical function law_set_all_stick(self) result(all_stick)
+      class(law_set_t), intent(in) :: self
+      integer :: i
+
+      all_stick = all([(self%full_stick(i) .or. .not. allocated(self%slots(i)%memory), i=1, size(self%laws))])
+   end function law_set_all_stick
 
    !> Motion of the degrees of freedom as the laws allow it, from the samples q. A law moves its degrees of freedom by
    !> w (corrected - z)/w.w for each of its coordinates z, w its weights.

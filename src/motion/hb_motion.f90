@@ -186,6 +186,7 @@ contains
       complex(wp), allocatable :: c(:, :)
       real(wp), allocatable :: linear_solution(:, :), u(:, :)
       real(wp) :: begun, cpu_begun, cpu_ended
+      logical :: is_stuck
 
       balance%watch => watch
       allocate (u(scene%harmonics%n_coefficients, size(law_dofs)), source=0.0_wp)
@@ -200,7 +201,10 @@ contains
       else
          allocate (linear_solution, mold=u)
          call balance%linear_solution(linear_solution)
-         if (scene%start_from_linear) u = linear_solution
+         if (scene%start_from_linear) then
+            u = linear_solution
+            if (.not. allocated(guess)) call balance%stuck_solution(u, is_stuck)
+         end if
          call add_start(scene, law_dofs, u)
          if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
          begun = wall_clock()
