@@ -55,9 +55,8 @@ contains
       call reduce_to_odd(odd, scene, error, first_guess)
       if (allocated(error)) return
       call solve_all(scene, its_watch, result, error, first_guess, found, judge)
-      if (odd%is_used) then
-         call odd%restore(scene)
-         if (allocated(error)) return
+      call odd%restore(scene)
+      if (odd%is_used .and. .not. allocated(error)) then
          call odd%restore_unknowns(scene%tones%n_tones, found)
          if (odd%is_proven(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])) then
             call odd%restore_result(result, error)
@@ -70,8 +69,22 @@ contains
             call solve_all(scene, its_watch, result, error, first_guess, found, judge)
          end if
       end if
-      if (present(unknowns)) call move_alloc(found, unknowns)
+      if (allocated(error)) then
+         call forget_motion(result)
+      else if (present(unknowns)) then
+         call move_alloc(found, unknowns)
+      end if
    end subroutine solve_motion
+
+   !> Takes out what was found before an error: it may be of a reduced scene.
+   pure subroutine forget_motion(result)
+      type(motion_result_t), intent(inout) :: result
+
+      if (allocated(result%coefficients)) deallocate (result%coefficients)
+      if (allocated(result%force_coefficients)) deallocate (result%force_coefficients)
+      if (allocated(result%corrected_coefficients)) deallocate (result%corrected_coefficients)
+      if (allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
+   end subroutine forget_motion
 
    !> The same among the motions that the scene has.
    subroutine solve_all(scene, watch, result, error, guess, unknowns, judge)
