@@ -30,7 +30,7 @@ module hb_judge
    end type judge_t
 
    abstract interface
-      !> Gives a first guess as hb_motion takes it: coefficients at the degrees of freedom of the laws, then all base frequencies. Not
+      !> Gives a first guess as hb_motion takes it: coefficients at the laws, then all base frequencies. Not
       !> allocated where nothing is left to move, or where the motion has no tone of its own.
       subroutine first_guess(self, scene, omega, law_dofs, watch, guess, error)
          import :: error_t, judge_t, scene_t, watch_t, wp

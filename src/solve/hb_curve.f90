@@ -2,13 +2,13 @@
 !>
 !> The unknowns are x = (unknowns of the base problem, parameters); the last form is the plane across the curve, all others are the
 !> caller's. A step goes along the tangent, Newton's method corrects in the plane at its end, by factors or from products as the
-!> size asks for. Where the tangent turns little from step to step, it goes on that way. Where it turns a lot, as at the first touch of
-!> a stop, its sense is the one that keeps the sign of the determinant of the tangent bordered by the direction before; from products
+!> size asks for. Where the tangent turns little from step to step, it goes on that way. Where it turns a lot, as at the first
+!> touch of a stop, its sense keeps the sign of the determinant of the tangent bordered by the direction before; from products
 !> that is not known. A sign that changes where the tangent turns little tells of a branch point passed by. Lengths are measured in
 !> units of each unknown.
 !>
-!> Source: docs/user/theory.md, section 6.4; Allgower and Georg, Introduction to Numerical Continuation Methods, SIAM 2003, chapters 2,
-!> 3, 6 and (orientation of piecewise linear curves) 12.
+!> Source: docs/user/theory.md, section 6.4; Allgower and Georg, Introduction to Numerical Continuation Methods, SIAM 2003,
+!> chapters 2, 3, 6 and (orientation of piecewise linear curves) 12.
 module hb_curve
    use hb_bordered, only: bordered_problem_t
    use hb_kinds, only: wp
@@ -28,11 +28,11 @@ module hb_curve
       real(wp) :: first_step = 0.05_wp
       real(wp) :: longest_step = 0.5_wp
       real(wp) :: shortest_step = 1.0e-7_wp
-      real(wp) :: kink_step = 0.0_wp                                  !! how far beyond a kink its other side is looked at; 0: nowhere
+      real(wp) :: kink_step = 0.0_wp                                  !! how far beyond a kink its other side is; 0: not looked at
       real(wp) :: growth = 1.5_wp                                     !! of a step after an easy one
       real(wp) :: reduction = 0.3_wp                                  !! of a step that failed
       integer :: easy_iterations = 4                                  !! of the corrector
-      real(wp) :: little = 0.97_wp                                    !! cosine of the angle up to which a tangent turns little: 0 where
+      real(wp) :: little = 0.97_wp                                    !! cosine of the angle up to which it turns little: 0 where
                                                                       !! the curve is smooth, above 1 where it has many kinks
    end type curve_config_t
 
@@ -44,7 +44,7 @@ module hb_curve
       real(wp), allocatable :: x(:)                                   !! point on the curve, (n_unknowns)
       real(wp), allocatable :: direction(:)                           !! tangent there, of length 1
       real(wp), allocatable :: units(:)                               !! of lengths, > 0
-      real(wp), allocatable :: form(:)                                !! if given: planes are those of this linear form, as long as it
+      real(wp), allocatable :: form(:)                                !! if given: planes are those of this form, as long as it
                                                                       !! grows along the curve
       real(wp) :: step = 0.0_wp                                       !! length of the next one
       real(wp) :: orientation = 0.0_wp                                !! sign of the determinant on this piece; 0: not known
@@ -269,7 +269,7 @@ contains
       if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
    end subroutine curve_tangent_at
 
-   !> Turns the direction where the curve has a kink so sharp that no plane across the direction meets what follows. What follows has
+   !> Turns the direction at a kink so sharp that no plane across the direction meets what follows. What follows has
    !> the tangent of the next piece, in the sense that keeps the sign of the determinant.
    subroutine curve_turn_at_kink(self, is_possible)
       class(curve_t), intent(inout) :: self
