@@ -135,7 +135,7 @@ contains
       end if
       if (maxval(motion) <= 0.0_wp) then
          do i = 1, size(self%law_set%laws)
-            motion = max(motion, self%law_set%laws(i)%law%length_scale())
+            motion = max(motion, self%law_set%laws(i)%law%length_scale)
          end do
       end if
       if (maxval(motion) <= 0.0_wp) motion = 1.0_wp

@@ -25,7 +25,7 @@ contains
 
       reason = ""
       do i = 1, size(laws)
-         if (.not. laws(i)%law%is_odd()) reason = "the force of law '"//laws(i)%law%label//"' is not odd"
+         if (.not. laws(i)%law%is_odd) reason = "the force of law '"//laws(i)%law%label//"' is not odd"
       end do
       do h = 1, harmonics%n_harmonics
          if (.not. present(loads)) exit

@@ -24,12 +24,12 @@ module hb_hysteretic_law
    !> At rest all states are zero: sliders relaxed, no force.
    type, extends(law_t), abstract :: hysteretic_law_t
       integer :: n_states = 0                                         !! internal states of one sample
+      logical :: has_bounds = .false.                                 !! each is the place of a slider between two `bounds`
    contains
       procedure(advance_law), deferred :: advance
       procedure(force_of_law), deferred :: force
       procedure :: evaluate => hysteretic_law_evaluate
       procedure :: advance_line => advance_step_by_step
-      procedure :: has_bounds => hysteretic_law_has_bounds
       procedure :: bounds => hysteretic_law_bounds
    end type hysteretic_law_t
 
@@ -97,13 +97,6 @@ contains
          largest_move = max(largest_move, maxval(abs(s_new - s_old)))
       end do
    end subroutine advance_step_by_step
-
-   !> Whether each state is the place of a slider between two bounds, which `bounds` knows.
-   pure logical function hysteretic_law_has_bounds(self)
-      class(hysteretic_law_t), intent(in) :: self
-
-      hysteretic_law_has_bounds = .false.
-   end function hysteretic_law_has_bounds
 
    !> Bounds of the sliders at one moment, and their rates of change: time marching stops where a slider begins or ends to slip.
    pure subroutine hysteretic_law_bounds(self, z, v, lower, upper, lower_rate, upper_rate)

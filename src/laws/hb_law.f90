@@ -29,6 +29,10 @@ module hb_law
       logical :: needs_velocity = .false.
       logical :: is_multiplier = .false.                              !! wants the reaction p; columns of shape are orthogonal
       integer :: phase_tone = 0                                       !! tone whose phase the law wants by `set_phase`; 0: none
+      real(wp) :: length_scale = 0.0_wp                               !! a length [m] typical of the law, as its gap; 0: none
+      integer :: n_switches = 0       !! functions of the motion at whose zeros the force has a kink, as the distance to a stop
+      logical :: has_potential = .false.  !! the force at rest is a gradient; what it has beyond while it moves stores nothing
+      logical :: is_odd = .false.     !! f(-z, -v, -p) = -f(z, v, p), with memory for the mirrored past; false: not sure
    contains
       procedure(read_law), deferred :: read
       procedure(evaluate_law), deferred :: evaluate
@@ -37,12 +41,8 @@ module hb_law
       procedure :: set_phase => law_set_phase
       procedure :: correct => law_correct
       procedure :: defects => law_defects
-      procedure :: length_scale => law_length_scale
-      procedure :: has_potential => law_has_potential
       procedure :: potential => law_potential
       procedure :: explain => law_explain
-      procedure :: is_odd => law_is_odd
-      procedure :: n_switches => law_n_switches
       procedure :: switches => law_switches
       procedure :: evaluate_held => law_evaluate_held
    end type law_t
@@ -119,21 +119,6 @@ contains
       defects = defects_t()
    end function law_defects
 
-   !> A length [m] that is typical of the law, such as its gap; 0 when there is none.
-   pure real(wp) function law_length_scale(self)
-      class(law_t), intent(in) :: self
-
-      law_length_scale = 0.0_wp
-   end function law_length_scale
-
-   !> Whether the force at rest is the gradient of a potential, so that a motion has a mechanical energy. What the force has
-   !> beyond that while the law moves, such as damping, stores nothing.
-   pure logical function law_has_potential(self)
-      class(law_t), intent(in) :: self
-
-      law_has_potential = .false.
-   end function law_has_potential
-
    !> The potential of a law that has one, and its gradient, the force at rest; this one stores nothing.
    subroutine law_potential(self, z, energy, gradient)
       class(law_t), intent(in) :: self
@@ -156,22 +141,7 @@ contains
       is_fatal = .false.
    end subroutine law_explain
 
-   !> Whether the force is odd, f(-z, -v, -p) = -f(z, v, p), of a law with memory with the mirrored past; false where that is
-   !> not sure, and for a law that could not be read. Motions of the opposite sign then are motions too, see hb_odd_motion.
-   pure logical function law_is_odd(self)
-      class(law_t), intent(in) :: self
-
-      law_is_odd = .false.
-   end function law_is_odd
-
-   !> Number of functions of the motion at whose zeros the force has a kink, such as the distance to a stop; 0 for a smooth law.
-   pure integer function law_n_switches(self)
-      class(law_t), intent(in) :: self
-
-      law_n_switches = 0
-   end function law_n_switches
-
-   !> These functions; time marching stops where one of them changes its sign.
+   !> The functions whose zeros are kinks of the force; time marching stops where one of them changes its sign.
    pure subroutine law_switches(self, z, v, values)
       class(law_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)                              !! coordinates [m] and rates [m/s], (n_coordinates)

@@ -26,13 +26,9 @@ module hb_law_annular_clearance
    contains
       procedure :: read => annular_clearance_read
       procedure :: evaluate => annular_clearance_evaluate
-      procedure :: has_potential => annular_clearance_has_potential
       procedure :: potential => annular_clearance_potential
-      procedure :: length_scale => annular_clearance_length_scale
-      procedure :: n_switches => annular_clearance_n_switches
       procedure :: switches => annular_clearance_switches
       procedure :: evaluate_held => annular_clearance_evaluate_held
-      procedure :: is_odd => annular_clearance_is_odd
    end type annular_clearance_t
 
 contains
@@ -50,6 +46,10 @@ contains
       self%clearance = clearance
       self%friction = friction
       self%center = center
+      self%has_potential = .not. abs(friction) > 0.0_wp
+      self%is_odd = all(abs(center) <= 0.0_wp)
+      self%length_scale = max(clearance, maxval(abs(center)))
+      self%n_switches = merge(1, 0, clearance > 0.0_wp)
    end subroutine new_annular_clearance
 
    !> Lets friction follow the velocity at which the surface of the rotor slides along the ring.
@@ -170,18 +170,6 @@ contains
       end do
    end subroutine at_sample
 
-   pure real(wp) function annular_clearance_length_scale(self)
-      class(annular_clearance_t), intent(in) :: self
-
-      annular_clearance_length_scale = max(self%clearance, maxval(abs(self%center)))
-   end function annular_clearance_length_scale
-
-   pure integer function annular_clearance_n_switches(self)
-      class(annular_clearance_t), intent(in) :: self
-
-      annular_clearance_n_switches = merge(1, 0, self%clearance > 0.0_wp)
-   end function annular_clearance_n_switches
-
    pure subroutine annular_clearance_switches(self, z, v, values)
       class(annular_clearance_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)
@@ -202,13 +190,6 @@ contains
       call at_sample(self, z, rate, all(is_positive), f, by_z, by_v)
    end subroutine annular_clearance_evaluate_held
 
-   !> Friction is no gradient.
-   pure logical function annular_clearance_has_potential(self)
-      class(annular_clearance_t), intent(in) :: self
-
-      annular_clearance_has_potential = .not. abs(self%friction) > 0.0_wp
-   end function annular_clearance_has_potential
-
    !> k max(r - clearance, 0)**2/2, without friction.
    subroutine annular_clearance_potential(self, z, energy, gradient)
       class(annular_clearance_t), intent(in) :: self
@@ -224,11 +205,4 @@ contains
          call at_sample(self, z(i, :), [0.0_wp, 0.0_wp], is_closed(self, z(i, :)), gradient(i, :), by_z, by_v)
       end do
    end subroutine annular_clearance_potential
-
-   !> Odd where the rotor hangs in the middle of the ring at rest.
-   pure logical function annular_clearance_is_odd(self)
-      class(annular_clearance_t), intent(in) :: self
-
-      annular_clearance_is_odd = all(abs(self%center) <= 0.0_wp)
-   end function annular_clearance_is_odd
 end module hb_law_annular_clearance

@@ -71,6 +71,7 @@ contains
       frame = trim(known_frames(1))
       friction = [0.0_wp]
       shares = [1.0_wp]
+      self%has_potential = .true.                                     ! until it is known
       call read_dofs(self, group, structure)
       call group%get("n_diameters", n_diameters, required=.true., minimum=1)
       call group%get("n_blades", n_blades, required=.true., minimum=1, maximum=100000)

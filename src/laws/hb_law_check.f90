@@ -150,7 +150,7 @@ contains
       call random_number(samples%magnitude)
       samples%phase = 100.0_wp*[(real(i, wp), i=1, n_samples)]        ! all around the circle
       call random_seed(put=seed_before)
-      length = law%length_scale()
+      length = law%length_scale
       if (length <= 0.0_wp) length = 1.0_wp
       samples%magnitude = length*10.0_wp**(decades(1) + (decades(2) - decades(1))*samples%magnitude)
       samples%motion = 2.0_wp*samples%motion - 1.0_wp

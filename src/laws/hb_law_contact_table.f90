@@ -39,14 +39,11 @@ module hb_law_contact_table
       procedure :: read => contact_table_read
       procedure :: set_phase => contact_table_set_phase
       procedure :: evaluate => contact_table_evaluate
-      procedure :: has_potential => contact_table_has_potential
       procedure :: potential => contact_table_potential
       procedure :: prepare => contact_table_prepare
       procedure :: prepare_rate => contact_table_prepare_rate
       procedure :: correct => contact_table_correct
       procedure :: defects => contact_table_defects
-      procedure :: length_scale => contact_table_length_scale
-      procedure :: n_switches => contact_table_n_switches
       procedure :: switches => contact_table_switches
       procedure :: evaluate_held => contact_table_evaluate_held
    end type contact_table_t
@@ -66,6 +63,9 @@ contains
       self%gaps = gaps
       self%stiffness = stiffness
       self%pushes = shapes + spread(friction, 2, size(shapes, 2))*friction_shapes
+      self%has_potential = all(abs(self%pushes - shapes) <= 0.0_wp)
+      self%length_scale = maxval(abs(gaps))
+      self%n_switches = size(gaps)
    end subroutine new_contact_table
 
    !> Makes the contacts rigid; `trouble` says why these cannot be.
@@ -87,6 +87,7 @@ contains
 
       self%phase_tone = tone
       self%turns = turns
+      self%has_potential = .false.                                    ! contacts that run past the coordinates
    end subroutine set_turns
 
    !> Takes the phase of the tone that turns the contacts.
@@ -121,6 +122,7 @@ contains
       n = 0
       tone = 0
       friction = [0.0_wp]
+      self%has_potential = .true.                                     ! until it is known
       call read_dofs(self, group, structure)
       call group%get("n_contacts", n, required=.true., minimum=1, maximum=100000)
       call group%get("gaps", gaps, required=.true., unit="m")
@@ -359,18 +361,6 @@ contains
       if (allocated(self%rigid)) defects = self%rigid%defects(seen(self, z), seen(self, p))
    end function contact_table_defects
 
-   pure real(wp) function contact_table_length_scale(self)
-      class(contact_table_t), intent(in) :: self
-
-      contact_table_length_scale = maxval(abs(self%gaps))
-   end function contact_table_length_scale
-
-   pure integer function contact_table_n_switches(self)
-      class(contact_table_t), intent(in) :: self
-
-      contact_table_n_switches = size(self%gaps)
-   end function contact_table_n_switches
-
    pure subroutine contact_table_switches(self, z, v, values)
       class(contact_table_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)
@@ -411,15 +401,6 @@ contains
       call turn(self, turned, -1.0_wp)
       seen = turned(1, :)
    end function seen_by_contacts
-
-   !> Neither friction nor contacts that run past the coordinates are a gradient.
-   pure logical function contact_table_has_potential(self)
-      class(contact_table_t), intent(in) :: self
-
-      contact_table_has_potential = .true.
-      if (.not. allocated(self%pushes)) return                        ! not read for a problem
-      contact_table_has_potential = all(abs(self%pushes - self%shapes) <= 0.0_wp) .and. .not. allocated(self%turns)
-   end function contact_table_has_potential
 
    !> Sum of k_i min(g_i, 0)**2/2, without friction.
    subroutine contact_table_potential(self, z, energy, gradient)

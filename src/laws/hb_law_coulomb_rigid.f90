@@ -19,10 +19,8 @@ module hb_law_coulomb_rigid
    contains
       procedure :: read => coulomb_rigid_read
       procedure :: evaluate => coulomb_rigid_evaluate
-      procedure :: has_potential => coulomb_rigid_has_potential
       procedure :: prepare_rate => coulomb_rigid_prepare_rate
       procedure :: defects => coulomb_rigid_defects
-      procedure :: is_odd => coulomb_rigid_is_odd
    end type coulomb_rigid_t
 
 contains
@@ -37,6 +35,8 @@ contains
       self%augmentation = augmentation
       self%is_multiplier = .true.
       self%needs_velocity = .true.
+      self%has_potential = .true.
+      self%is_odd = .true.
    end subroutine new_coulomb_rigid
 
    !> Reads a `&law type = 'coulomb_rigid'` group.
@@ -83,18 +83,4 @@ contains
 
       defects%slip = maxval(self%limit*abs(v) - min(max(p, -self%limit), self%limit)*v)
    end function coulomb_rigid_defects
-
-   !> Without motion there is no force: nothing is stored.
-   pure logical function coulomb_rigid_has_potential(self)
-      class(coulomb_rigid_t), intent(in) :: self
-
-      coulomb_rigid_has_potential = .true.
-   end function coulomb_rigid_has_potential
-
-   !> Odd whatever its limit.
-   pure logical function coulomb_rigid_is_odd(self)
-      class(coulomb_rigid_t), intent(in) :: self
-
-      coulomb_rigid_is_odd = .true.
-   end function coulomb_rigid_is_odd
 end module hb_law_coulomb_rigid

@@ -17,8 +17,6 @@ module hb_law_coulomb_tanh
    contains
       procedure :: read => coulomb_tanh_read
       procedure :: evaluate => coulomb_tanh_evaluate
-      procedure :: has_potential => coulomb_tanh_has_potential
-      procedure :: is_odd => coulomb_tanh_is_odd
    end type coulomb_tanh_t
 
 contains
@@ -32,6 +30,8 @@ contains
       self%limit = limit
       self%velocity = velocity
       self%needs_velocity = .true.
+      self%has_potential = .true.
+      self%is_odd = .true.
    end subroutine new_coulomb_tanh
 
    !> Reads a `&law type = 'coulomb_tanh'` group.
@@ -59,18 +59,4 @@ contains
       if (present(df_dz)) df_dz = 0.0_wp
       if (present(df_dv)) df_dv(:, :, 1) = self%limit/self%velocity*(1.0_wp - tanh(v/self%velocity)**2)
    end subroutine coulomb_tanh_evaluate
-
-   !> Without motion there is no force: nothing is stored.
-   pure logical function coulomb_tanh_has_potential(self)
-      class(coulomb_tanh_t), intent(in) :: self
-
-      coulomb_tanh_has_potential = .true.
-   end function coulomb_tanh_has_potential
-
-   !> Odd whatever limit and velocity are.
-   pure logical function coulomb_tanh_is_odd(self)
-      class(coulomb_tanh_t), intent(in) :: self
-
-      coulomb_tanh_is_odd = .true.
-   end function coulomb_tanh_is_odd
 end module hb_law_coulomb_tanh

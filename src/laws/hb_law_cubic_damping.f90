@@ -18,8 +18,6 @@ module hb_law_cubic_damping
    contains
       procedure :: read => cubic_damping_read
       procedure :: evaluate => cubic_damping_evaluate
-      procedure :: has_potential => cubic_damping_has_potential
-      procedure :: is_odd => cubic_damping_is_odd
    end type cubic_damping_t
 
 contains
@@ -34,6 +32,8 @@ contains
       self%rate = rate
       self%needs_velocity = .true.
       self%degree = 3
+      self%has_potential = .not. abs(rate) > 0.0_wp
+      self%is_odd = .true.
    end subroutine new_cubic_damping
 
    !> Reads a `&law type = 'cubic_damping'` group.
@@ -88,18 +88,4 @@ contains
          end do
       end do
    end subroutine cubic_damping_evaluate
-
-   !> Nothing is stored, but in a frame that turns there is a force at rest, which is no gradient.
-   pure logical function cubic_damping_has_potential(self)
-      class(cubic_damping_t), intent(in) :: self
-
-      cubic_damping_has_potential = .not. abs(self%rate) > 0.0_wp
-   end function cubic_damping_has_potential
-
-   !> Odd, in a frame that turns as well.
-   pure logical function cubic_damping_is_odd(self)
-      class(cubic_damping_t), intent(in) :: self
-
-      cubic_damping_is_odd = .true.
-   end function cubic_damping_is_odd
 end module hb_law_cubic_damping

@@ -14,9 +14,7 @@ module hb_law_cubic_spring
    contains
       procedure :: read => cubic_spring_read
       procedure :: evaluate => cubic_spring_evaluate
-      procedure :: has_potential => cubic_spring_has_potential
       procedure :: potential => cubic_spring_potential
-      procedure :: is_odd => cubic_spring_is_odd
    end type cubic_spring_t
 
 contains
@@ -28,6 +26,8 @@ contains
 
       self%stiffness = stiffness
       self%degree = 3
+      self%has_potential = .true.
+      self%is_odd = .true.
    end subroutine new_cubic_spring
 
    !> Reads a `&law type = 'cubic_spring'` group.
@@ -53,12 +53,6 @@ contains
       if (present(df_dz)) df_dz(:, :, 1) = 3.0_wp*self%stiffness*z**2
    end subroutine cubic_spring_evaluate
 
-   pure logical function cubic_spring_has_potential(self)
-      class(cubic_spring_t), intent(in) :: self
-
-      cubic_spring_has_potential = .true.
-   end function cubic_spring_has_potential
-
    !> k3 z**4/4.
    subroutine cubic_spring_potential(self, z, energy, gradient)
       class(cubic_spring_t), intent(in) :: self
@@ -68,11 +62,4 @@ contains
       energy = 0.25_wp*self%stiffness*z(:, 1)**4
       gradient = self%stiffness*z**3
    end subroutine cubic_spring_potential
-
-   !> Odd whatever its stiffness.
-   pure logical function cubic_spring_is_odd(self)
-      class(cubic_spring_t), intent(in) :: self
-
-      cubic_spring_is_odd = .true.
-   end function cubic_spring_is_odd
 end module hb_law_cubic_spring

@@ -16,13 +16,9 @@ module hb_law_elastic_stop
    contains
       procedure :: read => elastic_stop_read
       procedure :: evaluate => elastic_stop_evaluate
-      procedure :: has_potential => elastic_stop_has_potential
       procedure :: potential => elastic_stop_potential
-      procedure :: length_scale => elastic_stop_length_scale
-      procedure :: n_switches => elastic_stop_n_switches
       procedure :: switches => elastic_stop_switches
       procedure :: evaluate_held => elastic_stop_evaluate_held
-      procedure :: is_odd => elastic_stop_is_odd
    end type elastic_stop_t
 
 contains
@@ -37,6 +33,10 @@ contains
       self%stiffness = stiffness
       self%gap = gap
       self%two_sided = two_sided
+      self%has_potential = .true.
+      self%is_odd = two_sided
+      self%length_scale = abs(gap)
+      self%n_switches = merge(2, 1, two_sided)
    end subroutine new_elastic_stop
 
    !> Reads a `&law type = 'elastic_stop'` group.
@@ -70,18 +70,6 @@ contains
       if (self%two_sided) df_dz(:, :, 1) = df_dz(:, :, 1) + merge(self%stiffness, 0.0_wp, z < -self%gap)
    end subroutine elastic_stop_evaluate
 
-   pure real(wp) function elastic_stop_length_scale(self)
-      class(elastic_stop_t), intent(in) :: self
-
-      elastic_stop_length_scale = abs(self%gap)
-   end function elastic_stop_length_scale
-
-   pure integer function elastic_stop_n_switches(self)
-      class(elastic_stop_t), intent(in) :: self
-
-      elastic_stop_n_switches = merge(2, 1, self%two_sided)
-   end function elastic_stop_n_switches
-
    pure subroutine elastic_stop_switches(self, z, v, values)
       class(elastic_stop_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)
@@ -103,12 +91,6 @@ contains
       if (is_positive(2)) f = f + self%stiffness*(z + self%gap)
    end subroutine elastic_stop_evaluate_held
 
-   pure logical function elastic_stop_has_potential(self)
-      class(elastic_stop_t), intent(in) :: self
-
-      elastic_stop_has_potential = .true.
-   end function elastic_stop_has_potential
-
    !> k max(z - g, 0)**2/2, two-sided also k min(z + g, 0)**2/2; while both press, their sum.
    subroutine elastic_stop_potential(self, z, energy, gradient)
       class(elastic_stop_t), intent(in) :: self
@@ -121,11 +103,4 @@ contains
       energy = energy + 0.5_wp*self%stiffness*min(z(:, 1) + self%gap, 0.0_wp)**2
       gradient = gradient + self%stiffness*min(z + self%gap, 0.0_wp)
    end subroutine elastic_stop_potential
-
-   !> Odd with a stop on both sides.
-   pure logical function elastic_stop_is_odd(self)
-      class(elastic_stop_t), intent(in) :: self
-
-      elastic_stop_is_odd = self%two_sided
-   end function elastic_stop_is_odd
 end module hb_law_elastic_stop

@@ -20,10 +20,7 @@ module hb_law_iwan
       procedure :: read => iwan_read
       procedure :: advance => iwan_advance
       procedure :: force => iwan_force
-      procedure :: length_scale => iwan_length_scale
-      procedure :: has_bounds => iwan_has_bounds
       procedure :: bounds => iwan_bounds
-      procedure :: is_odd => iwan_is_odd
    end type iwan_t
 
 contains
@@ -37,6 +34,9 @@ contains
       self%stiffness = stiffness
       self%limit = limit
       self%n_states = size(stiffness)
+      self%is_odd = .true.
+      self%length_scale = minval(limit/stiffness)
+      self%has_bounds = .true.
    end subroutine new_iwan
 
    !> Reads a `&law type = 'iwan'` group.
@@ -99,19 +99,6 @@ contains
       end do
    end subroutine iwan_force
 
-   !> Motion at which the first element slips.
-   pure real(wp) function iwan_length_scale(self)
-      class(iwan_t), intent(in) :: self
-
-      iwan_length_scale = minval(self%limit/self%stiffness)
-   end function iwan_length_scale
-
-   pure logical function iwan_has_bounds(self)
-      class(iwan_t), intent(in) :: self
-
-      iwan_has_bounds = .true.
-   end function iwan_has_bounds
-
    pure subroutine iwan_bounds(self, z, v, lower, upper, lower_rate, upper_rate)
       class(iwan_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)
@@ -122,11 +109,4 @@ contains
       lower_rate = v(1)
       upper_rate = v(1)
    end subroutine iwan_bounds
-
-   !> Odd: all limits are constant.
-   pure logical function iwan_is_odd(self)
-      class(iwan_t), intent(in) :: self
-
-      iwan_is_odd = .true.
-   end function iwan_is_odd
 end module hb_law_iwan

@@ -26,12 +26,8 @@ module hb_law_jenkins
       procedure :: advance => jenkins_advance
       procedure :: advance_line => jenkins_advance_line
       procedure :: force => jenkins_force
-      procedure :: length_scale => jenkins_length_scale
-      procedure :: has_bounds => jenkins_has_bounds
       procedure :: bounds => jenkins_bounds
-      procedure :: n_switches => jenkins_n_switches
       procedure :: switches => jenkins_switches
-      procedure :: is_odd => jenkins_is_odd
    end type jenkins_t
 
 contains
@@ -46,6 +42,9 @@ contains
       self%limit = limit
       self%normal_load_varies = .false.
       self%n_states = 1
+      self%is_odd = .true.
+      if (stiffness > 0.0_wp) self%length_scale = limit/stiffness     ! not so while it is read with a problem
+      self%has_bounds = .true.
    end subroutine new_jenkins
 
    !> Reads a `&law type = 'jenkins'` group; with `friction_coefficient` the normal load varies.
@@ -68,6 +67,8 @@ contains
       end if
       call new_jenkins(self, stiffness, limit)
       self%normal_load_varies = .true.
+      self%is_odd = .false.                                           ! the load pushes to one side
+      self%n_switches = 1
       if (group%given("limit")) then
          call group%problem("limit", "give either 'limit' or 'friction_coefficient', not both")
          call group%get("limit", limit, unit="N")
@@ -175,18 +176,6 @@ contains
       end if
    end subroutine jenkins_force
 
-   pure real(wp) function jenkins_length_scale(self)
-      class(jenkins_t), intent(in) :: self
-
-      jenkins_length_scale = self%limit/self%stiffness
-   end function jenkins_length_scale
-
-   pure logical function jenkins_has_bounds(self)
-      class(jenkins_t), intent(in) :: self
-
-      jenkins_has_bounds = .true.
-   end function jenkins_has_bounds
-
    pure subroutine jenkins_bounds(self, z, v, lower, upper, lower_rate, upper_rate)
       class(jenkins_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)
@@ -205,12 +194,6 @@ contains
       upper_rate = v(1) + half_width_rate
    end subroutine jenkins_bounds
 
-   pure integer function jenkins_n_switches(self)
-      class(jenkins_t), intent(in) :: self
-
-      jenkins_n_switches = merge(1, 0, self%normal_load_varies)
-   end function jenkins_n_switches
-
    pure subroutine jenkins_switches(self, z, v, values)
       class(jenkins_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)
@@ -218,11 +201,4 @@ contains
 
       if (self%normal_load_varies) values = self%preload + self%normal_stiffness*z(2)
    end subroutine jenkins_switches
-
-   !> Odd under a constant normal load; one that varies pushes to one side.
-   pure logical function jenkins_is_odd(self)
-      class(jenkins_t), intent(in) :: self
-
-      jenkins_is_odd = .not. self%normal_load_varies
-   end function jenkins_is_odd
 end module hb_law_jenkins

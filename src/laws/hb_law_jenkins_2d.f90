@@ -22,8 +22,6 @@ module hb_law_jenkins_2d
       procedure :: read => jenkins_2d_read
       procedure :: advance => jenkins_2d_advance
       procedure :: force => jenkins_2d_force
-      procedure :: length_scale => jenkins_2d_length_scale
-      procedure :: is_odd => jenkins_2d_is_odd
    end type jenkins_2d_t
 
 contains
@@ -37,6 +35,8 @@ contains
       self%stiffness = stiffness
       self%limit = limit
       self%n_states = 2
+      self%is_odd = .true.
+      if (stiffness > 0.0_wp) self%length_scale = limit/stiffness     ! not so while it is read with a problem
    end subroutine new_jenkins_2d
 
    !> Reads a `&law type = 'jenkins_2d'` group.
@@ -191,17 +191,4 @@ contains
          df_ds(:, c, c) = -self%stiffness
       end do
    end subroutine jenkins_2d_force
-
-   pure real(wp) function jenkins_2d_length_scale(self)
-      class(jenkins_2d_t), intent(in) :: self
-
-      jenkins_2d_length_scale = self%limit/self%stiffness
-   end function jenkins_2d_length_scale
-
-   !> Odd: stiffness and limit are the same in all directions.
-   pure logical function jenkins_2d_is_odd(self)
-      class(jenkins_2d_t), intent(in) :: self
-
-      jenkins_2d_is_odd = .true.
-   end function jenkins_2d_is_odd
 end module hb_law_jenkins_2d

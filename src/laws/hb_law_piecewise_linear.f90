@@ -17,13 +17,9 @@ module hb_law_piecewise_linear
    contains
       procedure :: read => piecewise_linear_read
       procedure :: evaluate => piecewise_linear_evaluate
-      procedure :: has_potential => piecewise_linear_has_potential
       procedure :: potential => piecewise_linear_potential
-      procedure :: length_scale => piecewise_linear_length_scale
-      procedure :: n_switches => piecewise_linear_n_switches
       procedure :: switches => piecewise_linear_switches
       procedure :: evaluate_held => piecewise_linear_evaluate_held
-      procedure :: is_odd => piecewise_linear_is_odd
    end type piecewise_linear_t
 
 contains
@@ -45,6 +41,15 @@ contains
       end do
       at_zero = force_at(self, interval_of(breakpoints, 0.0_wp), 0.0_wp)
       self%forces = self%forces + (force_at_zero - at_zero)
+      self%has_potential = .true.
+      self%length_scale = maxval(abs(breakpoints))
+      self%n_switches = size(breakpoints)
+      ! Odd where breakpoints and slopes mirror at zero and there is no force there.
+      associate (n => size(self%breakpoints), rounding => 8*epsilon(1.0_wp))
+         self%is_odd = all(abs(breakpoints + breakpoints(n:1:-1)) <= rounding*abs(breakpoints)) .and. &
+                       all(abs(self%slopes - self%slopes(n + 1:1:-1)) <= rounding*abs(self%slopes)) .and. &
+                       all(abs(self%forces + self%forces(n:1:-1)) <= rounding*maxval(abs(self%forces)))
+      end associate
    end subroutine new_piecewise_linear
 
    !> Reads a `&law type = 'piecewise_linear'` group.
@@ -55,6 +60,7 @@ contains
       real(wp), allocatable :: breakpoints(:), slopes(:)
       real(wp) :: force_at_zero
 
+      self%has_potential = .true.                                     ! whatever is wrong with the rest
       force_at_zero = 0.0_wp
       call group%get("breakpoints", breakpoints, required=.true., unit="m")
       call group%get("force_at_zero", force_at_zero, unit="N")
@@ -94,18 +100,6 @@ contains
       force_at = self%forces(node) + self%slopes(piece + 1)*(z - self%breakpoints(node))
    end function force_at
 
-   pure real(wp) function piecewise_linear_length_scale(self)
-      class(piecewise_linear_t), intent(in) :: self
-
-      piecewise_linear_length_scale = maxval(abs(self%breakpoints))
-   end function piecewise_linear_length_scale
-
-   pure integer function piecewise_linear_n_switches(self)
-      class(piecewise_linear_t), intent(in) :: self
-
-      piecewise_linear_n_switches = size(self%breakpoints)
-   end function piecewise_linear_n_switches
-
    pure subroutine piecewise_linear_switches(self, z, v, values)
       class(piecewise_linear_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)
@@ -122,12 +116,6 @@ contains
 
       f(1) = force_at(self, count(is_positive), z(1))
    end subroutine piecewise_linear_evaluate_held
-
-   pure logical function piecewise_linear_has_potential(self)
-      class(piecewise_linear_t), intent(in) :: self
-
-      piecewise_linear_has_potential = .true.
-   end function piecewise_linear_has_potential
 
    !> Trapezoids from the first breakpoint on.
    subroutine piecewise_linear_potential(self, z, energy, gradient)
@@ -148,17 +136,4 @@ contains
          energy(i) = at_nodes(node) + 0.5_wp*(self%forces(node) + gradient(i, 1))*(z(i, 1) - self%breakpoints(node))
       end do
    end subroutine piecewise_linear_potential
-
-   !> Odd where breakpoints and slopes mirror at zero and there is no force there.
-   pure logical function piecewise_linear_is_odd(self)
-      class(piecewise_linear_t), intent(in) :: self
-
-      piecewise_linear_is_odd = .false.
-      if (.not. allocated(self%breakpoints)) return                   ! not read
-      associate (n => size(self%breakpoints), rounding => 8*epsilon(1.0_wp))
-         piecewise_linear_is_odd = all(abs(self%breakpoints + self%breakpoints(n:1:-1)) <= rounding*abs(self%breakpoints)) .and. &
-                                   all(abs(self%slopes - self%slopes(n + 1:1:-1)) <= rounding*abs(self%slopes)) .and. &
-                                   all(abs(self%forces + self%forces(n:1:-1)) <= rounding*maxval(abs(self%forces)))
-      end associate
-   end function piecewise_linear_is_odd
 end module hb_law_piecewise_linear

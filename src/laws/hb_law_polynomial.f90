@@ -15,9 +15,7 @@ module hb_law_polynomial
    contains
       procedure :: read => polynomial_read
       procedure :: evaluate => polynomial_evaluate
-      procedure :: has_potential => polynomial_has_potential
       procedure :: potential => polynomial_potential
-      procedure :: is_odd => polynomial_is_odd
    end type polynomial_t
 
 contains
@@ -32,6 +30,8 @@ contains
       self%damping = damping
       self%degree = max(size(stiffness), size(damping), 1)
       self%needs_velocity = size(damping) > 0
+      self%has_potential = .true.
+      self%is_odd = all(abs(stiffness(2::2)) <= 0.0_wp) .and. all(abs(damping(2::2)) <= 0.0_wp)
    end subroutine new_polynomial
 
    !> Reads a `&law type = 'polynomial'` group.
@@ -101,12 +101,6 @@ contains
       end do
    end function horner_slope
 
-   pure logical function polynomial_has_potential(self)
-      class(polynomial_t), intent(in) :: self
-
-      polynomial_has_potential = .true.
-   end function polynomial_has_potential
-
    !> Sum of k_n z**(n + 1)/(n + 1); powers of the rate store nothing.
    subroutine polynomial_potential(self, z, energy, gradient)
       class(polynomial_t), intent(in) :: self
@@ -121,13 +115,4 @@ contains
          gradient(i, 1) = horner(self%stiffness, z(i, 1))
       end do
    end subroutine polynomial_potential
-
-   !> Odd where all coefficients of even powers are zero.
-   pure logical function polynomial_is_odd(self)
-      class(polynomial_t), intent(in) :: self
-
-      polynomial_is_odd = .false.
-      if (.not. allocated(self%stiffness)) return                     ! not read
-      polynomial_is_odd = all(abs(self%stiffness(2::2)) <= 0.0_wp) .and. all(abs(self%damping(2::2)) <= 0.0_wp)
-   end function polynomial_is_odd
 end module hb_law_polynomial

@@ -23,9 +23,7 @@ module hb_law_polynomial_coupled
    contains
       procedure :: read => polynomial_coupled_read
       procedure :: evaluate => polynomial_coupled_evaluate
-      procedure :: has_potential => polynomial_coupled_has_potential
       procedure :: potential => polynomial_coupled_potential
-      procedure :: is_odd => polynomial_coupled_is_odd
    end type polynomial_coupled_t
 
 contains
@@ -44,6 +42,8 @@ contains
       self%v_exponents = v_exponents
       self%degree = max(1, maxval(sum(z_exponents, dim=2) + sum(v_exponents, dim=2)))
       self%needs_velocity = any(v_exponents > 0)
+      self%has_potential = is_gradient(self)
+      self%is_odd = all(modulo(sum(z_exponents, dim=2) + sum(v_exponents, dim=2), 2) == 1 .or. abs(coefficients) <= 0.0_wp)
    end subroutine new_polynomial_coupled
 
    !> Reads a `&law type = 'polynomial_coupled'` group.
@@ -56,6 +56,7 @@ contains
       integer, allocatable :: acts_on(:), v_exponents(:, :), v_list(:), z_exponents(:, :), z_list(:)
       integer :: i
 
+      self%has_potential = .true.                                     ! until it is known
       call read_dofs(self, group, structure)
       call group%get("coefficients", coefficients, required=.true.)
       if (.not. (allocated(self%dofs) .and. allocated(coefficients))) return
@@ -183,14 +184,13 @@ contains
 
    !> Whether the terms without a rate are a gradient: each derivative of the candidate below must give back the terms that
    !> act on its coordinate.
-   pure logical function polynomial_coupled_has_potential(self)
+   pure logical function is_gradient(self)
       class(polynomial_coupled_t), intent(in) :: self
       real(wp), parameter :: digits = 1.0e-12_wp                      ! coefficients come from a file
       integer :: exponents(size(self%z_exponents, 2)), a, b, i, k
       real(wp) :: candidate, given, largest
 
-      polynomial_coupled_has_potential = .true.
-      if (.not. allocated(self%coefficients)) return                  ! not read for a problem
+      is_gradient = .true.
       do i = 1, size(self%coefficients)
          if (any(self%v_exponents(i, :) > 0)) cycle
          exponents = self%z_exponents(i, :)
@@ -208,7 +208,7 @@ contains
                candidate = candidate + exponents(b)*self%coefficients(k)/sum(exponents)
                if (a == b) given = given + self%coefficients(k)
             end do
-            if (abs(candidate - given) > digits*largest) polynomial_coupled_has_potential = .false.
+            if (abs(candidate - given) > digits*largest) is_gradient = .false.
          end do
       end do
 
@@ -221,7 +221,7 @@ contains
          unit = 0
          unit(place) = 1
       end function unit
-   end function polynomial_coupled_has_potential
+   end function is_gradient
 
    !> Sum of z_a c z**a/(degree + 1) over the terms without a rate, a the coordinate on which each acts: by Euler's theorem on
    !> homogeneous functions the potential, where there is one.
@@ -246,14 +246,4 @@ contains
          end associate
       end do
    end subroutine polynomial_coupled_potential
-
-   !> Odd where the exponents of each term sum to an odd number.
-   pure logical function polynomial_coupled_is_odd(self)
-      class(polynomial_coupled_t), intent(in) :: self
-
-      polynomial_coupled_is_odd = .false.
-      if (.not. allocated(self%coefficients)) return                  ! not read
-      polynomial_coupled_is_odd = all(modulo(sum(self%z_exponents, dim=2) + sum(self%v_exponents, dim=2), 2) == 1 .or. &
-                                      abs(self%coefficients) <= 0.0_wp)
-   end function polynomial_coupled_is_odd
 end module hb_law_polynomial_coupled

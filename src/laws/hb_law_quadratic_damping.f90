@@ -14,11 +14,8 @@ module hb_law_quadratic_damping
    contains
       procedure :: read => quadratic_damping_read
       procedure :: evaluate => quadratic_damping_evaluate
-      procedure :: has_potential => quadratic_damping_has_potential
-      procedure :: n_switches => quadratic_damping_n_switches
       procedure :: switches => quadratic_damping_switches
       procedure :: evaluate_held => quadratic_damping_evaluate_held
-      procedure :: is_odd => quadratic_damping_is_odd
    end type quadratic_damping_t
 
 contains
@@ -30,6 +27,9 @@ contains
 
       self%coefficient = coefficient
       self%needs_velocity = .true.
+      self%has_potential = .true.
+      self%is_odd = .true.
+      self%n_switches = 1
    end subroutine new_quadratic_damping
 
    !> Reads a `&law type = 'quadratic_damping'` group.
@@ -56,12 +56,6 @@ contains
       if (present(df_dv)) df_dv(:, :, 1) = 2.0_wp*self%coefficient*abs(v)
    end subroutine quadratic_damping_evaluate
 
-   pure integer function quadratic_damping_n_switches(self)
-      class(quadratic_damping_t), intent(in) :: self
-
-      quadratic_damping_n_switches = 1
-   end function quadratic_damping_n_switches
-
    pure subroutine quadratic_damping_switches(self, z, v, values)
       class(quadratic_damping_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)
@@ -78,18 +72,4 @@ contains
 
       f = merge(self%coefficient, -self%coefficient, is_positive)*v**2
    end subroutine quadratic_damping_evaluate_held
-
-   !> Without motion there is no force: nothing is stored.
-   pure logical function quadratic_damping_has_potential(self)
-      class(quadratic_damping_t), intent(in) :: self
-
-      quadratic_damping_has_potential = .true.
-   end function quadratic_damping_has_potential
-
-   !> Odd whatever its coefficient.
-   pure logical function quadratic_damping_is_odd(self)
-      class(quadratic_damping_t), intent(in) :: self
-
-      quadratic_damping_is_odd = .true.
-   end function quadratic_damping_is_odd
 end module hb_law_quadratic_damping

@@ -20,12 +20,9 @@ module hb_law_rigid_wall
    contains
       procedure :: read => rigid_wall_read
       procedure :: evaluate => rigid_wall_evaluate
-      procedure :: has_potential => rigid_wall_has_potential
       procedure :: prepare => rigid_wall_prepare
       procedure :: correct => rigid_wall_correct
       procedure :: defects => rigid_wall_defects
-      procedure :: length_scale => rigid_wall_length_scale
-      procedure :: is_odd => rigid_wall_is_odd
    end type rigid_wall_t
 
 contains
@@ -41,6 +38,9 @@ contains
       self%augmentation = augmentation
       self%two_sided = two_sided
       self%is_multiplier = .true.
+      self%has_potential = .true.
+      self%is_odd = two_sided
+      self%length_scale = abs(gap)
    end subroutine new_rigid_wall
 
    !> Reads a `&law type = 'rigid_wall'` group.
@@ -110,24 +110,4 @@ contains
          defects%tension = max(-minval(p), 0.0_wp)
       end if
    end function rigid_wall_defects
-
-   pure real(wp) function rigid_wall_length_scale(self)
-      class(rigid_wall_t), intent(in) :: self
-
-      rigid_wall_length_scale = abs(self%gap)
-   end function rigid_wall_length_scale
-
-   !> A wall that does not yield stores nothing.
-   pure logical function rigid_wall_has_potential(self)
-      class(rigid_wall_t), intent(in) :: self
-
-      rigid_wall_has_potential = .true.
-   end function rigid_wall_has_potential
-
-   !> Odd with a wall on both sides.
-   pure logical function rigid_wall_is_odd(self)
-      class(rigid_wall_t), intent(in) :: self
-
-      rigid_wall_is_odd = self%two_sided
-   end function rigid_wall_is_odd
 end module hb_law_rigid_wall

@@ -23,13 +23,9 @@ module hb_law_tabulated
    contains
       procedure :: read => tabulated_read
       procedure :: evaluate => tabulated_evaluate
-      procedure :: has_potential => tabulated_has_potential
       procedure :: potential => tabulated_potential
-      procedure :: length_scale => tabulated_length_scale
-      procedure :: n_switches => tabulated_n_switches
       procedure :: switches => tabulated_switches
       procedure :: evaluate_held => tabulated_evaluate_held
-      procedure :: is_odd => tabulated_is_odd
    end type tabulated_t
 
 contains
@@ -45,6 +41,15 @@ contains
       self%forces = forces
       self%slopes = monotone_slopes(nodes, forces)
       self%is_constant_beyond = is_constant_beyond
+      self%has_potential = .true.
+      self%length_scale = maxval(abs(nodes))
+      self%n_switches = size(nodes)
+      ! Odd where the table mirrors at zero, and so do its slopes: those that were shrunk may not.
+      associate (n => size(self%nodes), rounding => 8*epsilon(1.0_wp))
+         self%is_odd = all(abs(nodes + nodes(n:1:-1)) <= rounding*abs(nodes)) .and. &
+                       all(abs(self%forces + self%forces(n:1:-1)) <= rounding*abs(self%forces)) .and. &
+                       all(abs(self%slopes - self%slopes(n:1:-1)) <= rounding*abs(self%slopes))
+      end associate
    end subroutine new_tabulated
 
    !> Slopes at the nodes that keep each cubic between the two forces at its ends.
@@ -87,6 +92,7 @@ contains
       real(wp), allocatable :: forces(:), nodes(:)
       character(:), allocatable :: beyond
 
+      self%has_potential = .true.                                     ! whatever is wrong with the rest
       beyond = trim(beyond_names(1))
       call group%get("displacements", nodes, required=.true., unit="m")
       call group%get("beyond", beyond, choices=beyond_names)
@@ -143,18 +149,6 @@ contains
       end associate
    end subroutine on_interval
 
-   pure real(wp) function tabulated_length_scale(self)
-      class(tabulated_t), intent(in) :: self
-
-      tabulated_length_scale = maxval(abs(self%nodes))
-   end function tabulated_length_scale
-
-   pure integer function tabulated_n_switches(self)
-      class(tabulated_t), intent(in) :: self
-
-      tabulated_n_switches = size(self%nodes)
-   end function tabulated_n_switches
-
    pure subroutine tabulated_switches(self, z, v, values)
       class(tabulated_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)
@@ -172,12 +166,6 @@ contains
 
       call on_interval(self, count(is_positive), z(1), f(1), slope)
    end subroutine tabulated_evaluate_held
-
-   pure logical function tabulated_has_potential(self)
-      class(tabulated_t), intent(in) :: self
-
-      tabulated_has_potential = .true.
-   end function tabulated_has_potential
 
    !> Integral of the cubics from the first point on. Simpson's rule is exact for them.
    subroutine tabulated_potential(self, z, energy, gradient)
@@ -212,17 +200,4 @@ contains
          work = (to - from)*(at_start + 4.0_wp*at_middle + at_end)/6.0_wp
       end function work
    end subroutine tabulated_potential
-
-   !> Odd where the table mirrors at zero, and so do its slopes: those that were shrunk may not.
-   pure logical function tabulated_is_odd(self)
-      class(tabulated_t), intent(in) :: self
-
-      tabulated_is_odd = .false.
-      if (.not. allocated(self%nodes)) return                         ! not read
-      associate (n => size(self%nodes), rounding => 8*epsilon(1.0_wp))
-         tabulated_is_odd = all(abs(self%nodes + self%nodes(n:1:-1)) <= rounding*abs(self%nodes)) .and. &
-                            all(abs(self%forces + self%forces(n:1:-1)) <= rounding*abs(self%forces)) .and. &
-                            all(abs(self%slopes - self%slopes(n:1:-1)) <= rounding*abs(self%slopes))
-      end associate
-   end function tabulated_is_odd
 end module hb_law_tabulated

@@ -18,7 +18,6 @@ module hb_law_user
    type, extends(law_t) :: user_law_t
       character(:), allocatable :: name                               !! prefix of the functions
       real(wp), allocatable :: parameters(:)
-      logical :: is_declared_odd = .false.                            !! by the user: nobody can see it
       type(user_library_t), private :: library
    contains
       procedure :: read => user_law_read
@@ -26,8 +25,6 @@ module hb_law_user
       procedure :: explain => user_law_explain
       procedure :: mark => user_law_mark
       procedure :: has_touched_inputs => user_law_has_touched_inputs
-      procedure :: length_scale => user_law_length_scale
-      procedure :: is_odd => user_is_odd
    end type user_law_t
 
 contains
@@ -51,6 +48,7 @@ contains
       self%parameters = parameters
       self%needs_velocity = self%library%needs_velocity
       self%degree = self%library%degree
+      self%length_scale = self%library%length_scale
    end subroutine load_user_law
 
    !> Reads a `&law type = 'user'` group.
@@ -72,7 +70,7 @@ contains
       call group%get("library", library, required=.true.)
       call group%get("name", name, required=.true.)
       call group%get("parameters", parameters)
-      call group%get("odd", self%is_declared_odd)
+      call group%get("odd", self%is_odd)                              ! nobody else can see it
       if (.not. (allocated(library) .and. allocated(name))) return
       call load_user_law(self, beside(group%file_name, library), name, parameters, error)
       if (allocated(error)) then
@@ -157,17 +155,4 @@ contains
 
       user_law_has_touched_inputs = self%library%has_touched(self%parameters, z, v)
    end function user_law_has_touched_inputs
-
-   pure real(wp) function user_law_length_scale(self)
-      class(user_law_t), intent(in) :: self
-
-      user_law_length_scale = self%library%length_scale
-   end function user_law_length_scale
-
-   !> Odd where the user says so.
-   pure logical function user_is_odd(self)
-      class(user_law_t), intent(in) :: self
-
-      user_is_odd = self%is_declared_odd
-   end function user_is_odd
 end module hb_law_user

@@ -16,9 +16,6 @@ module hb_law_van_der_pol
    contains
       procedure :: read => van_der_pol_read
       procedure :: evaluate => van_der_pol_evaluate
-      procedure :: has_potential => van_der_pol_has_potential
-      procedure :: length_scale => van_der_pol_length_scale
-      procedure :: is_odd => van_der_pol_is_odd
    end type van_der_pol_t
 
 contains
@@ -33,6 +30,9 @@ contains
       self%threshold = threshold
       self%needs_velocity = .true.
       self%degree = 3
+      self%has_potential = .true.
+      self%is_odd = .true.
+      self%length_scale = threshold
    end subroutine new_van_der_pol
 
    !> Reads a `&law type = 'van_der_pol'` group.
@@ -62,24 +62,4 @@ contains
          if (present(df_dv)) df_dv(:, :, 1) = -mu*(1.0_wp - (z/a)**2)
       end associate
    end subroutine van_der_pol_evaluate
-
-   pure real(wp) function van_der_pol_length_scale(self)
-      class(van_der_pol_t), intent(in) :: self
-
-      van_der_pol_length_scale = self%threshold
-   end function van_der_pol_length_scale
-
-   !> Without motion there is no force: nothing is stored.
-   pure logical function van_der_pol_has_potential(self)
-      class(van_der_pol_t), intent(in) :: self
-
-      van_der_pol_has_potential = .true.
-   end function van_der_pol_has_potential
-
-   !> Odd whatever strength and threshold are.
-   pure logical function van_der_pol_is_odd(self)
-      class(van_der_pol_t), intent(in) :: self
-
-      van_der_pol_is_odd = .true.
-   end function van_der_pol_is_odd
 end module hb_law_van_der_pol

@@ -59,7 +59,7 @@ contains
       do i = 1, size(system%laws%laws)
          select type (law => system%laws%laws(i)%law)
          class is (hysteretic_law_t)
-            if (law%has_bounds()) cycle
+            if (law%has_bounds) cycle
             call fail(error, "cvode cannot follow the states of law '"//law%label//"'; the other methods of &march can")
             return
          end select

@@ -68,7 +68,7 @@ contains
             place%is_held_back = law%is_multiplier
             self%has_turning = self%has_turning .or. law%phase_tone > 0
             place%first_switch = self%n_switches + 1
-            self%n_switches = self%n_switches + law%n_switches()
+            self%n_switches = self%n_switches + law%n_switches
             place%last_switch = self%n_switches
             self%n_coordinates = place%last
             allocate (place%z(1, c), place%v(1, merge(c, 0, law%needs_velocity)), place%p(1, 0), place%f(1, c))

@@ -46,7 +46,7 @@ contains
       call new_march_laws(self%laws, laws, structure%n_dofs, omega)
       call new_march_loads(self%loads, loads, frequencies)
       do i = 1, size(laws)
-         self%length = max(self%length, laws(i)%law%length_scale())
+         self%length = max(self%length, laws(i)%law%length_scale)
       end do
       do i = 1, structure%n_dofs
          associate (k => abs(structure%stiffness(i, i)) + maxval(self%loads%frequency**2)*structure%mass(i, i))

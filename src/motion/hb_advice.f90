@@ -51,7 +51,7 @@ contains
       call balance%sample(u)
       do i = 1, size(scene%laws)
          associate (law => scene%laws(i)%law, set => balance%law_set)
-            length = law%length_scale()
+            length = law%length_scale
             if (is_hysteretic(law)) then
                if (length <= 0.0_wp) cycle
                ratio = maxval(abs(matmul(set%q%values(:, set%columns_of(i)), law%shape)))/length

@@ -120,7 +120,7 @@ contains
 
       length = 0.0_wp
       do i = 1, size(scene%laws)
-         length = max(length, scene%laws(i)%law%length_scale())
+         length = max(length, scene%laws(i)%law%length_scale)
       end do
       if (length <= 0.0_wp) length = maxval(norm2(start%rest%u, dim=1))
       if (length <= 0.0_wp) length = 1.0_wp

@@ -112,7 +112,7 @@ contains
 
       do i = 1, size(self%laws)
          if (.not. allocated(self%laws(i)%law)) cycle                  ! a problem by now
-         if (.not. self%laws(i)%law%has_potential()) call group%problem("energy", "law '"//self%laws(i)%law%label// &
+         if (.not. self%laws(i)%law%has_potential) call group%problem("energy", "law '"//self%laws(i)%law%label// &
             "' has no potential, so that there is no energy to prescribe; give 'amplitude' and 'dof'")
       end do
       do h = 1, self%harmonics%n_harmonics

@@ -124,7 +124,7 @@ contains
 
       length_of = 0.0_wp
       do i = 1, size(scene%laws)
-         length_of = max(length_of, scene%laws(i)%law%length_scale())
+         length_of = max(length_of, scene%laws(i)%law%length_scale)
       end do
       if (length_of <= 0.0_wp) length_of = 1.0_wp
    end function length_of
