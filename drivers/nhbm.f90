@@ -11,7 +11,8 @@ program nhbm
    use hb_error, only: error_t, fail
    use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, stop_mpi, world
    use hb_signals, only: catch_signals, wait_for_points
-   use hb_system, only: keep_freed_memory, survive_failed_writes
+   use hb_memory, only: keep_freed_memory
+   use hb_system, only: survive_failed_writes
    use hb_text, only: join
    use hb_version, only: git_commit, program_version
    use verb_bench, only: run_bench_verb

@@ -4,7 +4,7 @@ module verb_solve
    use arguments, only: arguments_t
    use console, only: say
    use exit_status, only: incomplete, not_all_right, success
-   use hb_available_memory, only: available_memory
+   use hb_memory, only: available_memory
    use hb_error, only: error_t
    use hb_file_place, only: check_source
    use hb_interruption, only: interruption

@@ -1,4 +1,4 @@
-#define _XOPEN_SOURCE 700 /* for sigaltstack */
+#define _GNU_SOURCE /* for sigaltstack and strnlen */
 #include "hb_crash.h"
 
 #include <fcntl.h>
@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #define MAX_TEXT 512
+#define MAX_LAST_WORDS 1024
 #define STACK_SIZE 65536 /* for the handler alone, where the stack of the process has come to its end */
 
 typedef struct {
@@ -34,7 +35,15 @@ static atomic_llong row_under_way = -1;
 static hb_crash_place_t place;
 static int descriptor = -1;
 static pid_t watched_process;
+
+static int is_guarded = 0;
+static char last_words[MAX_LAST_WORDS];
+static size_t n_last_words = 0;
+static int last_status = 1;
+
+static int is_caught = 0;
 static struct sigaction before[sizeof crashes / sizeof crashes[0]];
+static int has_stack = 0;
 static stack_t stack_before;
 static char handler_stack[STACK_SIZE];
 
@@ -96,19 +105,18 @@ static int note_crash(const char *cause)
    return write(STDERR_FILENO, line, length) < 0 ? -1 : 1;
 }
 
-int hb_note_signal(int number)
-{
-   for (size_t i = 0; i < n_crashes; i++)
-      if (crashes[i].number == number) return note_crash(crashes[i].cause) > 0;
-   return 0;
-}
-
 static void on_crash(int number, siginfo_t *information, void *context)
 {
    (void)context;
-   hb_note_signal(number);
-   for (size_t i = 0; i < n_crashes; i++)
-      if (crashes[i].number == number) sigaction(number, &before[i], NULL);
+   size_t i = 0;
+   while (i < n_crashes && crashes[i].number != number) i++;
+   if (is_guarded) {
+      const ssize_t n_written = write(STDERR_FILENO, last_words, n_last_words);
+      (void)n_written;
+   }
+   if (i < n_crashes) (void)note_crash(crashes[i].cause);
+   if (is_guarded) _exit(last_status);
+   if (i < n_crashes) sigaction(number, &before[i], NULL);
    if (information->si_code <= 0) raise(number); /* it was sent; a fault comes again by itself after the return */
 }
 
@@ -120,26 +128,58 @@ static void on_exit_of_process(void)
 
 /* From here on, the usual again. */
 
+/* Gives the first n signals, and handlers, what they had before. */
+static void put_back(size_t n)
+{
+   while (n-- > 0) (void)sigaction(crashes[n].number, &before[n], NULL);
+   if (has_stack) (void)sigaltstack(&stack_before, NULL);
+   is_caught = 0;
+}
+
+/* Catches all crashes, also where something has caught them since they were caught here. */
 static int catch_crashes(void)
 {
-   stack_t stack;
-   memset(&stack, 0, sizeof stack);
-   stack.ss_sp = handler_stack;
-   stack.ss_size = sizeof handler_stack;
-   if (sigaltstack(&stack, &stack_before) != 0) return -1;
-
+   if (!is_caught) {
+      const stack_t stack = {.ss_sp = handler_stack, .ss_size = STACK_SIZE, .ss_flags = 0};
+      has_stack = sigaltstack(&stack, &stack_before) == 0;
+   }
    struct sigaction action;
    memset(&action, 0, sizeof action);
    action.sa_sigaction = on_crash;
-   action.sa_flags = SA_SIGINFO | SA_ONSTACK;
+   action.sa_flags = SA_SIGINFO | (has_stack ? SA_ONSTACK : 0);
    sigfillset(&action.sa_mask);
    for (size_t i = 0; i < n_crashes; i++) {
-      if (sigaction(crashes[i].number, &action, &before[i]) == 0) continue;
-      while (i-- > 0) sigaction(crashes[i].number, &before[i], NULL);
-      sigaltstack(&stack_before, NULL);
+      if (sigaction(crashes[i].number, &action, is_caught ? NULL : &before[i]) == 0) continue;
+      put_back(is_caught ? n_crashes : i);
       return -1;
    }
+   is_caught = 1;
    return 0;
+}
+
+/* Ends what nobody needs any more. */
+static void let_go(void)
+{
+   if (!is_caught) return;
+   if (is_guarded || descriptor >= 0)
+      (void)catch_crashes();
+   else
+      put_back(n_crashes);
+}
+
+int hb_raise_guard(const char *text, int exit_status)
+{
+   n_last_words = strnlen(text, MAX_LAST_WORDS);
+   memcpy(last_words, text, n_last_words);
+   last_status = exit_status;
+   is_guarded = catch_crashes() == 0;
+   return is_guarded ? 0 : -1;
+}
+
+void hb_lower_guard(void)
+{
+   is_guarded = 0;
+   let_go();
 }
 
 int hb_watch_crashes(const char *path, const hb_crash_place_t *where)
@@ -173,8 +213,7 @@ void hb_end_watch(void)
 {
    hb_end_point();
    if (descriptor < 0) return;
-   for (size_t i = 0; i < n_crashes; i++) sigaction(crashes[i].number, &before[i], NULL);
-   sigaltstack(&stack_before, NULL);
    close(descriptor);
    descriptor = -1;
+   let_go();
 }

@@ -1,6 +1,8 @@
 /* Notes in the result file that the solution of a point has ended the process: by a fault, abort(), a trap, the end of its
    stack, exit(). Source: POSIX.1-2017, "Signal Concepts": what a handler may call.
 
+   The same handler guards calls of libraries that die of damaged files: hb_raise_guard before, hb_lower_guard behind.
+
    In the order of use: hb_watch_crashes when the file is open, hb_begin_point and hb_end_point around the solution of each
    point, hb_end_watch. A point costs two stores. With the address sanitizer, signals are left to that. */
 #ifndef HB_CRASH_H
@@ -26,11 +28,14 @@ void hb_begin_point(long long row);
 /* No point is being solved any more. */
 void hb_end_point(void);
 
-/* For a handler that was set since hb_watch_crashes and will end the process itself: notes that this signal has ended the point
-   under way, and says so. Returns 1, or 0 where there is no such point. */
-int hb_note_signal(int number);
-
 /* Ends what hb_watch_crashes has begun; safe to call twice. */
 void hb_end_watch(void);
+
+/* From here on, should this process receive one of these signals, it writes `text`, cut to 1024 bytes, to standard error and ends
+   at once with `exit_status`; a point under way is noted as crashed. Returns 0, or -1 where a handler cannot be set. */
+int hb_raise_guard(const char *text, int exit_status);
+
+/* Ends what hb_raise_guard has begun; handlers that were set in between are undone. */
+void hb_lower_guard(void);
 
 #endif

@@ -3,8 +3,8 @@
 !> A library stays loaded until the process ends, so that addresses stay valid in every copy of what holds them.
 !> Source of the interfaces: POSIX.1-2017, dlopen, dlsym, dlerror.
 module hb_dynamic_library
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_funptr, c_int, c_null_char, c_null_ptr, &
-      c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_funptr, c_int, c_null_char, c_null_ptr, c_ptr
+   use hb_c_text, only: c_text
    use hb_error, only: error_t, fail
    use hb_guard, only: lower_guard, raise_guard
    implicit none
@@ -35,11 +35,6 @@ module hb_dynamic_library
       type(c_ptr) function dlerror() bind(c, name="dlerror")
          import :: c_ptr
       end function dlerror
-
-      integer(c_size_t) function strlen(text) bind(c, name="strlen")
-         import :: c_ptr, c_size_t
-         type(c_ptr), value :: text
-      end function strlen
    end interface
 
 contains
@@ -72,17 +67,10 @@ contains
    function last_reason(subject) result(text)
       character(*), intent(in) :: subject                             !! told when the loader says nothing
       character(:), allocatable :: text
-      character(kind=c_char), pointer :: letters(:)
       type(c_ptr) :: message
-      integer :: i
 
       message = dlerror()
       text = subject
-      if (.not. c_associated(message)) return
-      call c_f_pointer(message, letters, [strlen(message)])
-      text = repeat(" ", size(letters))
-      do i = 1, size(letters)
-         text(i:i) = letters(i)
-      end do
+      if (c_associated(message)) text = c_text(message)
    end function last_reason
 end module hb_dynamic_library

@@ -39,26 +39,27 @@ module hb_fftw
       procedure :: destroy => complex_block_destroy
    end type complex_block_t
 
-   !> A pair of plans, spectrum -> samples and samples -> spectrum, for `n_batch` transforms of one shape.
-   type :: fft_plan_t
+   !> A pair of plans, spectrum -> samples and samples -> spectrum, that the store keeps.
+   type :: plan_pair_t
       type(c_ptr), private :: backward = c_null_ptr
       type(c_ptr), private :: forward = c_null_ptr
       integer, private :: slot = 0                                    ! in the store, 0: none
+   contains
+      procedure :: destroy => plan_pair_destroy
+   end type plan_pair_t
+
+   !> Plans for `n_batch` real transforms of one shape.
+   type, extends(plan_pair_t) :: fft_plan_t
    contains
       procedure :: to_samples => fft_plan_to_samples
       procedure :: to_spectrum => fft_plan_to_spectrum
-      procedure :: destroy => fft_plan_destroy
    end type fft_plan_t
 
-   !> A pair of plans for complex transforms along one axis, spectrum -> samples and samples -> spectrum.
-   type :: axis_plan_t
-      type(c_ptr), private :: backward = c_null_ptr
-      type(c_ptr), private :: forward = c_null_ptr
-      integer, private :: slot = 0                                    ! in the store, 0: none
+   !> Plans for complex transforms along one axis.
+   type, extends(plan_pair_t) :: axis_plan_t
    contains
       procedure :: to_samples => axis_plan_to_samples
       procedure :: to_spectrum => axis_plan_to_spectrum
-      procedure :: destroy => axis_plan_destroy
    end type axis_plan_t
 
    !> A pair of plans as it is kept from scene to scene: planning takes longer than many a solution.
@@ -150,16 +151,17 @@ contains
       complex(wp), intent(inout), contiguous :: spectrum(:, :)
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: key(:)
+      integer :: slot
       type(c_ptr) :: backward, forward
 
       call self%destroy()
       key = [is_real, effort, n_batch, n_samples]
-      self%slot = slot_of(key)
-      if (self%slot == 0) then
+      slot = slot_of(key)
+      if (slot == 0) then
          call plan_real(n_samples, n_batch, effort, samples, spectrum, backward, forward)
-         call keep(key, backward, forward, self%slot)
+         call keep(key, backward, forward, slot)
       end if
-      call borrow(self%slot, self%backward, self%forward, error)
+      call borrow(self, slot, error)
    end subroutine new_fft_plan
 
    !> Plans complex transforms of length `n` along the middle axis of arrays (leading, n, n_outer), out of place, both ways, for
@@ -174,46 +176,44 @@ contains
       integer, intent(in) :: effort                                   !! one of `planning`
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: key(:)
+      integer :: slot
       type(c_ptr) :: backward, forward
       type(complex_block_t) :: samples, spectrum
 
       call self%destroy()
       key = [is_along_axis, effort, n, n_inner, n_outer, lead_spectrum, lead_samples]
-      self%slot = slot_of(key)
-      if (self%slot == 0) then
+      slot = slot_of(key)
+      if (slot == 0) then
          call new_complex_block(spectrum, lead_spectrum*n*n_outer, 1, error)
          if (.not. allocated(error)) call new_complex_block(samples, lead_samples*n*n_outer, 1, error)
          if (.not. allocated(error)) then
             call plan_axis(n, n_inner, n_outer, lead_spectrum, lead_samples, effort, spectrum%values, samples%values, &
                            backward, forward)
-            call keep(key, backward, forward, self%slot)
+            call keep(key, backward, forward, slot)
          end if
          call spectrum%destroy()
          call samples%destroy()
          if (allocated(error)) return
       end if
-      call borrow(self%slot, self%backward, self%forward, error)
+      call borrow(self, slot, error)
    end subroutine new_axis_plan
 
    !> Hands out the plans of a place of the store; fails where there is none.
-   subroutine borrow(slot, backward, forward, error)
+   subroutine borrow(self, slot, error)
+      class(plan_pair_t), intent(inout) :: self
       integer, intent(in) :: slot
-      type(c_ptr), intent(out) :: backward, forward
       type(error_t), allocatable, intent(out) :: error
 
-      backward = c_null_ptr
-      forward = c_null_ptr
       if (slot == 0) then
          call fail(error, "FFTW could not plan the transform")
          return
       end if
-      associate (stored => store(slot))
-         backward = stored%backward
-         forward = stored%forward
-         stored%n_users = stored%n_users + 1
-         n_uses = n_uses + 1
-         stored%last_use = n_uses
-      end associate
+      n_uses = n_uses + 1
+      store(slot)%n_users = store(slot)%n_users + 1
+      store(slot)%last_use = n_uses
+      self%slot = slot
+      self%backward = store(slot)%backward
+      self%forward = store(slot)%forward
    end subroutine borrow
 
    !> Place of a pair of plans in the store, 0 where it is not there.
@@ -331,15 +331,6 @@ contains
       call fftw_execute_dft_r2c(self%forward, samples, spectrum)
    end subroutine fft_plan_to_spectrum
 
-   !> Gives the plans back to the store; safe to call twice.
-   subroutine fft_plan_destroy(self)
-      class(fft_plan_t), intent(inout) :: self
-
-      call give_back(self%slot)
-      self%backward = c_null_ptr
-      self%forward = c_null_ptr
-   end subroutine fft_plan_destroy
-
    !> Transforms spectra to samples along the axis (sum of spectrum * exp(+i j tau)), from columns that begin at the first
    !> elements of both; the spectra stay as they are.
    subroutine axis_plan_to_samples(self, spectrum, samples)
@@ -358,20 +349,14 @@ contains
    end subroutine axis_plan_to_spectrum
 
    !> Gives the plans back to the store; safe to call twice.
-   subroutine axis_plan_destroy(self)
-      class(axis_plan_t), intent(inout) :: self
+   subroutine plan_pair_destroy(self)
+      class(plan_pair_t), intent(inout) :: self
 
-      call give_back(self%slot)
+      if (self%slot > 0) store(self%slot)%n_users = store(self%slot)%n_users - 1
+      self%slot = 0
       self%backward = c_null_ptr
       self%forward = c_null_ptr
-   end subroutine axis_plan_destroy
-
-   subroutine give_back(slot)
-      integer, intent(inout) :: slot
-
-      if (slot > 0) store(slot)%n_users = store(slot)%n_users - 1
-      slot = 0
-   end subroutine give_back
+   end subroutine plan_pair_destroy
 
    !> Forgets all plans that nobody uses and what was learnt while planning, so that the next plans take as long as the
    !> first ones.

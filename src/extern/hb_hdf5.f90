@@ -1,4 +1,4 @@
-!> HDF5 files in the few forms the program needs, with errors as values: the manual, and how files are opened.
+!> HDF5 files in the few forms the program needs, with errors as values: the manual, files, and how datasets are made.
 !>
 !> In the order of use: `create_file` (one process) makes a file, `add_...` its datasets with their space on
 !> the disk, `make_scale`, `attach_scale` and `set_attribute` describe them, `close` ends.
@@ -9,60 +9,25 @@
 !> Datasets are contiguous, never compressed. Messages of the library are not printed but put into the error.
 !> Source: HDF5 1.10 Reference Manual; HDF5 Dimension Scale Specification.
 module hb_hdf5
-   use, intrinsic :: iso_fortran_env, only: int64
-   use hb_error, only: annotate, error_t
-   use hb_hdf5_library, only: check, no_id, start_library, switch_locking_off
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use, intrinsic :: iso_c_binding, only: c_char, c_loc, c_null_char, c_null_ptr, c_ptr
+   use hb_error, only: annotate, error_t, fail
+   use hb_hdf5_attributes, only: h5_object_t
+   use hb_hdf5_datasets, only: h5_dataset_t
+   use hb_hdf5_library, only: check, new_byte_type, new_space, new_text_type, no_id, start_library, switch_locking_off
    use hb_kinds, only: wp
    use hb_mpi, only: comm_handle, comm_t, no_info_handle
-   use hdf5, only: H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, &
-      H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, h5fflush_f, h5fopen_f, &
-      H5P_FILE_ACCESS_F, &
-      h5pclose_f, h5pcreate_f, h5pset_fapl_mpio_f, h5pset_fclose_degree_f, h5pset_libver_bounds_f, hid_t, hsize_t
+   use hb_text, only: to_text
+   use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, h5dcreate_f, h5dget_space_f, h5dopen_f, h5dwrite_f, &
+      H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, H5F_LIBVER_EARLIEST_F, &
+      H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, h5fflush_f, h5fopen_f, H5P_DATASET_CREATE_F, &
+      H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, h5pset_alloc_time_f, h5pset_fapl_mpio_f, h5pset_fclose_degree_f, &
+      h5pset_fill_time_f, h5pset_fill_value_f, h5pset_libver_bounds_f, h5sclose_f, h5sget_simple_extent_dims_f, &
+      h5sget_simple_extent_ndims_f, h5sget_simple_extent_type_f, H5S_NULL_F, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, &
+      H5T_NATIVE_INTEGER, H5T_STD_I32LE, h5tclose_f, hid_t, hsize_t
    implicit none
    private
    public :: create_file, h5_dataset_t, h5_file_t, open_file, open_file_parallel
-
-   !> What attributes can be given to: a file (its root group) or a dataset.
-   type :: h5_object_t
-      private
-      integer(hid_t) :: id = no_id
-      character(:), allocatable :: place               ! how messages name it
-   contains
-      generic :: get_attribute => get_integer_attribute, get_text_attribute
-      generic :: set_attribute => set_integer_attribute, set_integers_attribute, set_text_attribute
-      procedure, private :: get_integer_attribute => object_get_integer_attribute
-      procedure, private :: get_text_attribute => object_get_text_attribute
-      procedure, private :: set_integer_attribute => object_set_integer_attribute
-      procedure, private :: set_integers_attribute => object_set_integers_attribute
-      procedure, private :: set_text_attribute => object_set_text_attribute
-   end type h5_object_t
-
-   !> An open dataset; closed with its file at the latest.
-   type, extends(h5_object_t) :: h5_dataset_t
-      private
-      integer(hsize_t), allocatable :: extents(:)      ! fastest first
-   contains
-      procedure :: attach_scale => dataset_attach_scale
-      procedure :: close => dataset_close
-      procedure :: get_extents => dataset_get_extents
-      procedure :: get_offset => dataset_get_offset
-      procedure :: has_scale => dataset_has_scale
-      procedure :: make_scale => dataset_make_scale
-      generic :: read => read_integer, read_real, read_texts
-      generic :: read_rows => read_integer_rows, read_real_rows
-      generic :: write => write_integer, write_real
-      generic :: write_row => write_integer_row, write_real_row, write_text_row
-      procedure, private :: read_integer => dataset_read_integer
-      procedure, private :: read_integer_rows => dataset_read_integer_rows
-      procedure, private :: read_real => dataset_read_real
-      procedure, private :: read_real_rows => dataset_read_real_rows
-      procedure, private :: read_texts => dataset_read_texts
-      procedure, private :: write_integer => dataset_write_integer
-      procedure, private :: write_integer_row => dataset_write_integer_row
-      procedure, private :: write_real => dataset_write_real
-      procedure, private :: write_real_row => dataset_write_real_row
-      procedure, private :: write_text_row => dataset_write_text_row
-   end type h5_dataset_t
 
    !> An open file. All data stand in its root group.
    type, extends(h5_object_t) :: h5_file_t
@@ -76,238 +41,6 @@ module hb_hdf5
       procedure :: flush => file_flush
       procedure :: open_dataset => file_open_dataset
    end type h5_file_t
-
-   ! Datasets; bodies in hb_hdf5_datasets
-   interface
-      !> Adds a dataset of float64, filled with NaN, its space taken on the disk.
-      module subroutine file_add_real(self, name, extents, dataset, error)
-         class(h5_file_t), intent(in) :: self
-         character(*), intent(in) :: name
-         integer, intent(in) :: extents(:)                !! fastest first; empty for a scalar
-         type(h5_dataset_t), intent(out) :: dataset
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine file_add_real
-
-      !> Adds a dataset of int32, filled with zero, its space taken on the disk.
-      module subroutine file_add_integer(self, name, extents, dataset, error)
-         class(h5_file_t), intent(in) :: self
-         character(*), intent(in) :: name
-         integer, intent(in) :: extents(:)                !! fastest first; empty for a scalar
-         type(h5_dataset_t), intent(out) :: dataset
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine file_add_integer
-
-      !> Adds a dataset of single bytes, all null, its space taken on the disk: the first extent is the room
-      !> for a string.
-      !>
-      !> Strings of fixed length would be shorter to describe, but netCDF-C before 4.9.1 crashes on them, and
-      !> parallel HDF5 cannot write strings of any length.
-      module subroutine file_add_characters(self, name, extents, dataset, error)
-         class(h5_file_t), intent(in) :: self
-         character(*), intent(in) :: name
-         integer, intent(in) :: extents(:)                !! fastest first
-         type(h5_dataset_t), intent(out) :: dataset
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine file_add_characters
-
-      !> Adds a vector of strings of any length and writes it; blanks at the ends are dropped. For serial
-      !> files only: the library cannot write such strings in parallel.
-      module subroutine file_add_texts(self, name, values, dataset, error)
-         class(h5_file_t), intent(in) :: self
-         character(*), intent(in) :: name
-         character(*), intent(in) :: values(:)
-         type(h5_dataset_t), intent(out) :: dataset
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine file_add_texts
-
-      !> Adds one string of any length and writes it, byte by byte as given. For serial files only.
-      module subroutine file_add_text(self, name, value, dataset, error)
-         class(h5_file_t), intent(in) :: self
-         character(*), intent(in) :: name
-         character(*), intent(in) :: value
-         type(h5_dataset_t), intent(out) :: dataset
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine file_add_text
-
-      !> Opens a dataset of the file.
-      module subroutine file_open_dataset(self, name, dataset, error)
-         class(h5_file_t), intent(in) :: self
-         character(*), intent(in) :: name
-         type(h5_dataset_t), intent(out) :: dataset
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine file_open_dataset
-
-      !> Closes the dataset; safe to call twice.
-      module subroutine dataset_close(self)
-         class(h5_dataset_t), intent(inout) :: self
-      end subroutine dataset_close
-
-      !> Gives the extents, fastest first; empty for a scalar.
-      pure module function dataset_get_extents(self) result(extents)
-         class(h5_dataset_t), intent(in) :: self
-         integer, allocatable :: extents(:)
-      end function dataset_get_extents
-
-      !> Gives the byte of the file where the values begin that then follow each other, int32 or float64 with the least
-      !> significant byte first (`value_size` 4, 8) or single bytes (1); -1 where the values stand there in another way.
-      module function dataset_get_offset(self, value_size) result(offset)
-         class(h5_dataset_t), intent(in) :: self
-         integer, intent(in) :: value_size                !! [byte]
-         integer(int64) :: offset
-      end function dataset_get_offset
-
-      !> Makes the dataset, a vector, a dimension scale of the given name.
-      module subroutine dataset_make_scale(self, name, error)
-         class(h5_dataset_t), intent(in) :: self
-         character(*), intent(in) :: name
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine dataset_make_scale
-
-      !> Attaches a scale to dimension `i`, counted from 1 for the fastest; the scale also names the
-      !> dimension.
-      module subroutine dataset_attach_scale(self, i, scale, error)
-         class(h5_dataset_t), intent(in) :: self
-         integer, intent(in) :: i
-         type(h5_dataset_t), intent(in) :: scale
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine dataset_attach_scale
-
-      !> Says whether `scale` is attached to dimension `i`, counted from 1 for the fastest.
-      module function dataset_has_scale(self, i, scale) result(is_attached)
-         class(h5_dataset_t), intent(in) :: self
-         integer, intent(in) :: i
-         type(h5_dataset_t), intent(in) :: scale
-         logical :: is_attached
-      end function dataset_has_scale
-   end interface
-
-   ! Their values; bodies in hb_hdf5_values
-   interface
-      !> Writes the whole dataset.
-      module subroutine dataset_write_real(self, values, error)
-         class(h5_dataset_t), intent(in) :: self
-         real(wp), intent(in), contiguous, target :: values(..)
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine dataset_write_real
-
-      !> Writes the whole dataset.
-      module subroutine dataset_write_integer(self, values, error)
-         class(h5_dataset_t), intent(in) :: self
-         integer, intent(in), contiguous, target :: values(..)
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine dataset_write_integer
-
-      !> Writes one whole row (all indices but the slowest), counted from 1, or several that follow each other;
-      !> independent of other ranks.
-      module subroutine dataset_write_real_row(self, row, values, error, n_rows)
-         class(h5_dataset_t), intent(in) :: self
-         integer, intent(in) :: row
-         real(wp), intent(in), contiguous, target :: values(..)
-         type(error_t), allocatable, intent(out) :: error
-         integer, intent(in), optional :: n_rows       !! default 1
-      end subroutine dataset_write_real_row
-
-      !> Writes one whole row (all indices but the slowest), counted from 1, or several that follow each other;
-      !> independent of other ranks.
-      module subroutine dataset_write_integer_row(self, row, values, error, n_rows)
-         class(h5_dataset_t), intent(in) :: self
-         integer, intent(in) :: row
-         integer, intent(in), contiguous, target :: values(..)
-         type(error_t), allocatable, intent(out) :: error
-         integer, intent(in), optional :: n_rows       !! default 1
-      end subroutine dataset_write_integer_row
-
-      !> Writes a string into row `row`, counted from 1, of a matrix of bytes; what is too long is cut.
-      !> Independent of other ranks.
-      module subroutine dataset_write_text_row(self, row, text, error)
-         class(h5_dataset_t), intent(in) :: self
-         integer, intent(in) :: row
-         character(*), intent(in) :: text
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine dataset_write_text_row
-
-      !> Reads whole rows (all indices but the slowest) that follow each other, as many as there is room for; independent
-      !> of other ranks.
-      module subroutine dataset_read_real_rows(self, first, values, error)
-         class(h5_dataset_t), intent(in) :: self
-         integer, intent(in) :: first                  !! row, from 1
-         real(wp), intent(out), contiguous, target :: values(:, :)
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine dataset_read_real_rows
-
-      !> The same of integers, of a dataset of single numbers.
-      module subroutine dataset_read_integer_rows(self, first, values, error)
-         class(h5_dataset_t), intent(in) :: self
-         integer, intent(in) :: first                  !! row, from 1
-         integer, intent(out), contiguous, target :: values(:)
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine dataset_read_integer_rows
-
-      !> Reads the whole dataset.
-      module subroutine dataset_read_real(self, values, error)
-         class(h5_dataset_t), intent(in) :: self
-         real(wp), intent(out), contiguous, target :: values(..)
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine dataset_read_real
-
-      !> Reads the whole dataset.
-      module subroutine dataset_read_integer(self, values, error)
-         class(h5_dataset_t), intent(in) :: self
-         integer, intent(out), contiguous, target :: values(..)
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine dataset_read_integer
-
-      !> Reads a whole vector of strings, or a whole matrix of bytes, as a vector of strings padded with
-      !> blanks.
-      module subroutine dataset_read_texts(self, values, error)
-         class(h5_dataset_t), intent(in) :: self
-         character(:), allocatable, intent(out) :: values(:)
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine dataset_read_texts
-   end interface
-
-   ! Attributes; bodies in hb_hdf5_attributes
-   interface
-      !> Gives the object an attribute of one string, any length; for serial files only.
-      module subroutine object_set_text_attribute(self, name, value, error)
-         class(h5_object_t), intent(in) :: self
-         character(*), intent(in) :: name
-         character(*), intent(in) :: value
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine object_set_text_attribute
-
-      !> Gives the object an attribute of one integer.
-      module subroutine object_set_integer_attribute(self, name, value, error)
-         class(h5_object_t), intent(in) :: self
-         character(*), intent(in) :: name
-         integer, intent(in) :: value
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine object_set_integer_attribute
-
-      !> Gives the object an attribute of several integers.
-      module subroutine object_set_integers_attribute(self, name, values, error)
-         class(h5_object_t), intent(in) :: self
-         character(*), intent(in) :: name
-         integer, intent(in), contiguous, target :: values(:)
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine object_set_integers_attribute
-
-      !> Reads an attribute of one string.
-      module subroutine object_get_text_attribute(self, name, value, error)
-         class(h5_object_t), intent(in) :: self
-         character(*), intent(in) :: name
-         character(:), allocatable, intent(out) :: value
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine object_get_text_attribute
-
-      !> Reads an attribute of one integer.
-      module subroutine object_get_integer_attribute(self, name, value, error)
-         class(h5_object_t), intent(in) :: self
-         character(*), intent(in) :: name
-         integer, intent(out) :: value
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine object_get_integer_attribute
-   end interface
 
 contains
 
@@ -430,4 +163,181 @@ contains
       call check(status, "close", error, self%place)
       self%id = no_id
    end subroutine file_close
+
+   ! Making and opening datasets
+
+   !> Adds a dataset of float64, filled with NaN, its space taken on the disk.
+   subroutine file_add_real(self, name, extents, dataset, error)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: extents(:)                !! fastest first; empty for a scalar
+      type(h5_dataset_t), intent(out) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), target :: fill
+
+      fill = ieee_value(fill, ieee_quiet_nan)
+      call add_dataset(self, name, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, extents, c_loc(fill), dataset, error)
+   end subroutine file_add_real
+
+   !> Adds a dataset of int32, filled with zero, its space taken on the disk.
+   subroutine file_add_integer(self, name, extents, dataset, error)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: extents(:)                !! fastest first; empty for a scalar
+      type(h5_dataset_t), intent(out) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+      integer, target :: fill
+
+      fill = 0
+      call add_dataset(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, extents, c_loc(fill), dataset, error)
+   end subroutine file_add_integer
+
+   !> Adds a dataset of single bytes, all null, its space taken on the disk: the first extent is the room
+   !> for a string.
+   !>
+   !> Strings of fixed length would be shorter to describe, but netCDF-C before 4.9.1 crashes on them, and
+   !> parallel HDF5 cannot write strings of any length.
+   subroutine file_add_characters(self, name, extents, dataset, error)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: extents(:)                !! fastest first
+      type(h5_dataset_t), intent(out) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+      integer(hid_t) :: byte_type
+      integer :: status
+
+      call new_byte_type(byte_type, status)
+      call check(status, "make the text type", error)
+      if (allocated(error)) return
+      call add_dataset(self, name, byte_type, no_id, extents, c_null_ptr, dataset, error)
+      call h5tclose_f(byte_type, status)
+   end subroutine file_add_characters
+
+   !> Adds a vector of strings of any length and writes it; blanks at the ends are dropped. For serial
+   !> files only: the library cannot write such strings in parallel.
+   subroutine file_add_texts(self, name, values, dataset, error)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      character(*), intent(in) :: values(:)
+      type(h5_dataset_t), intent(out) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+      character(c_char), allocatable, target :: bytes(:)
+      type(c_ptr), allocatable, target :: addresses(:)
+      integer :: i, j, first, length
+
+      allocate (bytes(sum(len_trim(values)) + size(values)), addresses(size(values)))
+      first = 1
+      do i = 1, size(values)
+         length = len_trim(values(i))
+         do j = 1, length
+            bytes(first + j - 1) = values(i) (j:j)
+         end do
+         bytes(first + length) = c_null_char
+         addresses(i) = c_loc(bytes(first))
+         first = first + length + 1
+      end do
+      call add_varying(self, name, [size(values)], addresses, dataset, error)
+   end subroutine file_add_texts
+
+   !> Adds one string of any length and writes it, byte by byte as given. For serial files only.
+   subroutine file_add_text(self, name, value, dataset, error)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      character(*), intent(in) :: value
+      type(h5_dataset_t), intent(out) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable, target :: bytes
+      type(c_ptr), target :: addresses(1)
+
+      bytes = value//c_null_char
+      addresses(1) = c_loc(bytes)
+      call add_varying(self, name, [integer ::], addresses, dataset, error)
+   end subroutine file_add_text
+
+   subroutine add_varying(self, name, extents, addresses, dataset, error)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: extents(:)
+      type(c_ptr), intent(in), target :: addresses(:)  !! of the strings, which end with a null
+      type(h5_dataset_t), intent(out) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+      integer(hid_t) :: text_type
+      integer :: status
+
+      call new_text_type(text_type, status)
+      call check(status, "make the text type", error)
+      if (allocated(error)) return
+      call add_dataset(self, name, text_type, no_id, extents, c_null_ptr, dataset, error)
+      if (.not. allocated(error) .and. size(addresses) > 0) then
+         call h5dwrite_f(dataset%id, text_type, c_loc(addresses), status)
+         call check(status, "write", error, dataset%place)
+      end if
+      call h5tclose_f(text_type, status)
+   end subroutine add_varying
+
+   !> Adds a dataset of any type with early allocation; without an address of a fill value the fill is zero
+   !> bytes.
+   subroutine add_dataset(file, name, file_type, fill_type, extents, fill, dataset, error)
+      class(h5_file_t), intent(in) :: file
+      character(*), intent(in) :: name
+      integer(hid_t), intent(in) :: file_type, fill_type
+      integer, intent(in) :: extents(:)
+      type(c_ptr), intent(in) :: fill
+      type(h5_dataset_t), intent(out) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+      integer(hid_t) :: properties, space
+      integer :: status
+
+      dataset%place = file%place//": dataset '"//name//"'"
+      dataset%extents = int(extents, hsize_t)
+      call new_space(space, dataset%extents, status)
+      if (status >= 0) call h5pcreate_f(H5P_DATASET_CREATE_F, properties, status)
+      if (status >= 0) call h5pset_alloc_time_f(properties, H5D_ALLOC_TIME_EARLY_F, status)
+      if (status >= 0) call h5pset_fill_time_f(properties, H5D_FILL_TIME_ALLOC_F, status)
+      if (status >= 0 .and. fill_type /= no_id) call h5pset_fill_value_f(properties, fill_type, fill, status)
+      if (status >= 0) call h5dcreate_f(file%id, name, file_type, space, dataset%id, status, properties)
+      call check(status, "create", error, dataset%place)
+      if (allocated(error)) then
+         dataset%id = no_id
+         return
+      end if
+      call h5pclose_f(properties, status)
+      call h5sclose_f(space, status)
+   end subroutine add_dataset
+
+   !> Opens a dataset of the file.
+   subroutine file_open_dataset(self, name, dataset, error)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      type(h5_dataset_t), intent(out) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+      integer(hsize_t), allocatable :: max_extents(:)
+      integer(hid_t) :: space
+      integer :: class, n_dimensions, status
+
+      dataset%place = self%place//": dataset '"//name//"'"
+      call h5dopen_f(self%id, name, dataset%id, status)
+      call check(status, "open", error, dataset%place)
+      if (allocated(error)) then
+         dataset%id = no_id
+         return
+      end if
+      call h5dget_space_f(dataset%id, space, status)
+      if (status >= 0) call h5sget_simple_extent_type_f(space, class, status)
+      if (status >= 0) call h5sget_simple_extent_ndims_f(space, n_dimensions, status)
+      if (status >= 0) then
+         allocate (dataset%extents(n_dimensions), max_extents(n_dimensions))
+         if (n_dimensions > 0) call h5sget_simple_extent_dims_f(space, dataset%extents, max_extents, status)
+      end if
+      call check(status, "ask for the extents", error, dataset%place)
+      if (.not. allocated(error)) then
+         call h5sclose_f(space, status)
+         if (class == H5S_NULL_F) then
+            call fail(error, dataset%place//" holds nothing, not even a size")
+         else if (any(dataset%extents > huge(1))) then
+            call fail(error, dataset%place//" has an axis of "//to_text(maxval(dataset%extents))//" entries")
+         end if
+      end if
+      if (allocated(error)) call dataset%close()
+   end subroutine file_open_dataset
 end module hb_hdf5

@@ -1,16 +1,39 @@
 !> Attributes of files and datasets.
-submodule (hb_hdf5) hb_hdf5_attributes
+module hb_hdf5_attributes
    use, intrinsic :: iso_c_binding, only: c_loc, c_null_char, c_null_ptr, c_ptr
-   use hb_error, only: fail
-   use hb_hdf5_library, only: c_text, new_space, new_text_type
+   use hb_c_text, only: c_text
+   use hb_error, only: error_t, fail
+   use hb_hdf5_library, only: check, new_space, new_text_type, no_id
    use hb_text, only: to_text
    use hdf5, only: h5aclose_f, h5acreate_f, h5aget_space_f, h5aopen_f, h5aread_f, h5awrite_f, &
-      h5dvlen_reclaim_f, H5P_DEFAULT_F, h5sclose_f, h5sget_simple_extent_npoints_f, H5T_NATIVE_INTEGER, H5T_STD_I32LE, h5tclose_f
+      h5dvlen_reclaim_f, H5P_DEFAULT_F, h5sclose_f, h5sget_simple_extent_npoints_f, H5T_NATIVE_INTEGER, H5T_STD_I32LE, &
+      h5tclose_f, hid_t, hsize_t
    implicit none
+   private
+   public :: h5_object_t
+
+   !> What attributes can be given to: a file (its root group) or a dataset.
+   type :: h5_object_t
+      integer(hid_t) :: id = no_id
+      character(:), allocatable :: place               ! how messages name it
+   contains
+      generic :: get_attribute => get_integer_attribute, get_text_attribute
+      generic :: set_attribute => set_integer_attribute, set_integers_attribute, set_text_attribute
+      procedure, private :: get_integer_attribute => object_get_integer_attribute
+      procedure, private :: get_text_attribute => object_get_text_attribute
+      procedure, private :: set_integer_attribute => object_set_integer_attribute
+      procedure, private :: set_integers_attribute => object_set_integers_attribute
+      procedure, private :: set_text_attribute => object_set_text_attribute
+   end type h5_object_t
 
 contains
 
-   module procedure object_set_text_attribute
+   !> Gives the object an attribute of one string, any length; for serial files only.
+   subroutine object_set_text_attribute(self, name, value, error)
+      class(h5_object_t), intent(in) :: self
+      character(*), intent(in) :: name
+      character(*), intent(in) :: value
+      type(error_t), allocatable, intent(out) :: error
       character(:), allocatable, target :: bytes
       type(c_ptr), target :: address
       integer(hid_t) :: text_type
@@ -23,20 +46,30 @@ contains
       if (allocated(error)) return
       call set_attribute(self, name, text_type, text_type, [integer(hsize_t) ::], c_loc(address), error)
       call h5tclose_f(text_type, status)
-   end procedure object_set_text_attribute
+   end subroutine object_set_text_attribute
 
-   module procedure object_set_integer_attribute
+   !> Gives the object an attribute of one integer.
+   subroutine object_set_integer_attribute(self, name, value, error)
+      class(h5_object_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: value
+      type(error_t), allocatable, intent(out) :: error
       integer, target :: copy
 
       copy = value
       call set_attribute(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, [integer(hsize_t) ::], &
          c_loc(copy), error)
-   end procedure object_set_integer_attribute
+   end subroutine object_set_integer_attribute
 
-   module procedure object_set_integers_attribute
+   !> Gives the object an attribute of several integers.
+   subroutine object_set_integers_attribute(self, name, values, error)
+      class(h5_object_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, intent(in), contiguous, target :: values(:)
+      type(error_t), allocatable, intent(out) :: error
       call set_attribute(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, [size(values, kind=hsize_t)], &
          c_loc(values), error)
-   end procedure object_set_integers_attribute
+   end subroutine object_set_integers_attribute
 
    subroutine set_attribute(self, name, file_type, memory_type, extents, address, error)
       class(h5_object_t), intent(in) :: self
@@ -57,7 +90,12 @@ contains
       call h5sclose_f(space, status)
    end subroutine set_attribute
 
-   module procedure object_get_text_attribute
+   !> Reads an attribute of one string.
+   subroutine object_get_text_attribute(self, name, value, error)
+      class(h5_object_t), intent(in) :: self
+      character(*), intent(in) :: name
+      character(:), allocatable, intent(out) :: value
+      type(error_t), allocatable, intent(out) :: error
       type(c_ptr), target :: addresses(1)
       type(c_ptr) :: list
       integer(hid_t) :: attribute, space, text_type
@@ -77,9 +115,14 @@ contains
       call h5sclose_f(space, status)
       call h5tclose_f(text_type, status)
       call h5aclose_f(attribute, status)
-   end procedure object_get_text_attribute
+   end subroutine object_get_text_attribute
 
-   module procedure object_get_integer_attribute
+   !> Reads an attribute of one integer.
+   subroutine object_get_integer_attribute(self, name, value, error)
+      class(h5_object_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, intent(out) :: value
+      type(error_t), allocatable, intent(out) :: error
       integer(hid_t) :: attribute
       type(c_ptr) :: address                           ! the library wants variables for addresses
       integer, target :: found
@@ -94,7 +137,7 @@ contains
       call check(status, "read attribute '"//name//"'", error, self%place)
       value = found
       if (.not. allocated(error)) call h5aclose_f(attribute, status)
-   end procedure object_get_integer_attribute
+   end subroutine object_get_integer_attribute
 
    !> Opens an attribute of one value: several would not fit into the memory that waits for it.
    subroutine open_single(self, name, attribute, error)
@@ -116,4 +159,4 @@ contains
       call fail(error, self%place//": attribute '"//name//"' has "//to_text(n_values)//" values, expected 1")
       call h5aclose_f(attribute, status)
    end subroutine open_single
-end submodule hb_hdf5_attributes
+end module hb_hdf5_attributes

@@ -1,14 +1,14 @@
 !> The HDF5 library itself: how it is started, its errors as values, spaces and types of text.
 module hb_hdf5_library
-   use, intrinsic :: iso_c_binding, only: c_associated, c_bool, c_char, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, c_loc, &
-      c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_bool, c_char, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, c_loc, c_ptr
+   use hb_c_text, only: c_text
    use hb_error, only: annotate, error_t, fail
    use hdf5, only: h5eset_auto_f, h5open_f, H5S_SCALAR_F, h5screate_f, h5screate_simple_f, H5T_C_S1, &
       H5T_CSET_UTF8_F, H5T_STR_NULLPAD_F, H5T_STRING, H5T_STRING_F, h5tcopy_f, h5tget_class_f, h5tset_cset_f, &
       h5tset_strpad_f, hid_t, hsize_t
    implicit none
    private
-   public :: c_text, check, is_text_type, new_byte_type, new_space, new_text_type, no_id, start_library, switch_locking_off
+   public :: check, is_text_type, new_byte_type, new_space, new_text_type, no_id, start_library, switch_locking_off
 
    integer(hid_t), parameter :: no_id = -1
    integer, parameter :: max_cause = 512               ! characters kept of what the library says
@@ -44,11 +44,6 @@ module hb_hdf5_library
          integer(c_int64_t), value :: access
          logical(c_bool), value :: use_locking, ignore_when_disabled
       end function h5pset_file_locking
-
-      pure integer(c_size_t) function c_strlen(text) bind(c, name="strlen")
-         import :: c_ptr, c_size_t
-         type(c_ptr), intent(in), value :: text
-      end function c_strlen
    end interface
 
 contains
@@ -159,21 +154,4 @@ contains
       call h5tget_class_f(file_type, class, status)
       is_text_type = status >= 0 .and. class == H5T_STRING_F
    end function is_text_type
-
-   !> Gives a copy of a string that ends with a null; nothing where there is none, as files may have it.
-   function c_text(address) result(text)
-      type(c_ptr), intent(in) :: address
-      character(:), allocatable :: text
-      character(c_char), pointer :: bytes(:)
-      integer :: i
-
-      text = ""
-      if (.not. c_associated(address)) return
-      call c_f_pointer(address, bytes, [int(c_strlen(address))])
-      deallocate (text)
-      allocate (character(size(bytes)) :: text)
-      do i = 1, size(bytes)
-         text(i:i) = bytes(i)
-      end do
-   end function c_text
 end module hb_hdf5_library

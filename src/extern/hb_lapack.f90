@@ -15,7 +15,6 @@ module hb_lapack
       !> LU factors with row exchanges of a real matrix; info = i > 0: pivot i is exactly zero.
       subroutine dgetrf(m, n, a, lda, ipiv, info)
          import :: wp
-         implicit none
          integer, intent(in) :: m, n, lda
          real(wp), intent(inout) :: a(lda, *)
          integer, intent(out) :: ipiv(*)
@@ -25,7 +24,6 @@ module hb_lapack
       !> Solves A X = B (trans = "N") or its transpose with the factors of `dgetrf`.
       subroutine dgetrs(trans, n, nrhs, a, lda, ipiv, b, ldb, info)
          import :: wp
-         implicit none
          character, intent(in) :: trans
          integer, intent(in) :: n, nrhs, lda, ldb
          real(wp), intent(in) :: a(lda, *)
@@ -37,7 +35,6 @@ module hb_lapack
       !> Estimates 1/(anorm |A^-1|) from the factors of `dgetrf`; work(4n), iwork(n).
       subroutine dgecon(norm, n, a, lda, anorm, rcond, work, iwork, info)
          import :: wp
-         implicit none
          character, intent(in) :: norm
          integer, intent(in) :: n, lda
          real(wp), intent(in) :: a(lda, *)
@@ -51,7 +48,6 @@ module hb_lapack
       !> LU factors with row exchanges of a complex matrix; info = i > 0: pivot i is exactly zero.
       subroutine zgetrf(m, n, a, lda, ipiv, info)
          import :: wp
-         implicit none
          integer, intent(in) :: m, n, lda
          complex(wp), intent(inout) :: a(lda, *)
          integer, intent(out) :: ipiv(*)
@@ -61,7 +57,6 @@ module hb_lapack
       !> Solves A X = B (trans = "N") or its transpose with the factors of `zgetrf`.
       subroutine zgetrs(trans, n, nrhs, a, lda, ipiv, b, ldb, info)
          import :: wp
-         implicit none
          character, intent(in) :: trans
          integer, intent(in) :: n, nrhs, lda, ldb
          complex(wp), intent(in) :: a(lda, *)
@@ -73,7 +68,6 @@ module hb_lapack
       !> Estimates 1/(anorm |A^-1|) from the factors of `zgetrf`; work(2n), rwork(2n).
       subroutine zgecon(norm, n, a, lda, anorm, rcond, work, rwork, info)
          import :: wp
-         implicit none
          character, intent(in) :: norm
          integer, intent(in) :: n, lda
          complex(wp), intent(in) :: a(lda, *)
@@ -87,7 +81,6 @@ module hb_lapack
       !> Cholesky factors of a positive definite matrix; info = i > 0: leading minor i is not positive.
       subroutine dpotrf(uplo, n, a, lda, info)
          import :: wp
-         implicit none
          character, intent(in) :: uplo
          integer, intent(in) :: n, lda
          real(wp), intent(inout) :: a(lda, *)
@@ -97,7 +90,6 @@ module hb_lapack
       !> Solves A X = B with the factor of `dpotrf`.
       subroutine dpotrs(uplo, n, nrhs, a, lda, b, ldb, info)
          import :: wp
-         implicit none
          character, intent(in) :: uplo
          integer, intent(in) :: n, nrhs, lda, ldb
          real(wp), intent(in) :: a(lda, *)
@@ -108,7 +100,6 @@ module hb_lapack
       !> Least squares: min |b - A x| for m >= n and full rank; the first n rows of `b` return x.
       subroutine dgels(trans, m, n, nrhs, a, lda, b, ldb, work, lwork, info)
          import :: wp
-         implicit none
          character, intent(in) :: trans
          integer, intent(in) :: m, n, nrhs, lda, ldb, lwork
          real(wp), intent(inout) :: a(lda, *), b(ldb, *)
@@ -122,7 +113,6 @@ module hb_lapack
       !> LU factors of a band matrix, ldab >= 2 kl + ku + 1, entry (i, j) at ab(kl + ku + 1 + i - j, j).
       subroutine zgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
          import :: wp
-         implicit none
          integer, intent(in) :: m, n, kl, ku, ldab
          complex(wp), intent(inout) :: ab(ldab, *)
          integer, intent(out) :: ipiv(*)
@@ -132,7 +122,6 @@ module hb_lapack
       !> Estimates 1/(anorm |A^-1|) from the factors of `zgbtrf`; work(2n), rwork(n).
       subroutine zgbcon(norm, n, kl, ku, ab, ldab, ipiv, anorm, rcond, work, rwork, info)
          import :: wp
-         implicit none
          character, intent(in) :: norm
          integer, intent(in) :: n, kl, ku, ldab
          complex(wp), intent(in) :: ab(ldab, *)
@@ -147,7 +136,6 @@ module hb_lapack
       !> LU factors of a real band matrix, stored as for `zgbtrf`.
       subroutine dgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
          import :: wp
-         implicit none
          integer, intent(in) :: m, n, kl, ku, ldab
          real(wp), intent(inout) :: ab(ldab, *)
          integer, intent(out) :: ipiv(*)
@@ -157,7 +145,6 @@ module hb_lapack
       !> Solves with the factors of `dgbtrf`.
       subroutine dgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
          import :: wp
-         implicit none
          character, intent(in) :: trans
          integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb
          real(wp), intent(in) :: ab(ldab, *)
@@ -169,7 +156,6 @@ module hb_lapack
       !> Solves with the factors of `zgbtrf`.
       subroutine zgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
          import :: wp
-         implicit none
          character, intent(in) :: trans
          integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb
          complex(wp), intent(in) :: ab(ldab, *)
@@ -184,7 +170,6 @@ module hb_lapack
       !> Eigenvalues wr + i wi and, if asked for, left and right eigenvectors; `a` is overwritten.
       subroutine dgeev(jobvl, jobvr, n, a, lda, wr, wi, vl, ldvl, vr, ldvr, work, lwork, info)
          import :: wp
-         implicit none
          character, intent(in) :: jobvl, jobvr
          integer, intent(in) :: n, lda, ldvl, ldvr, lwork
          real(wp), intent(inout) :: a(lda, *)
@@ -197,7 +182,6 @@ module hb_lapack
       !> are overwritten, beta = 0 is an infinite one.
       subroutine dggev(jobvl, jobvr, n, a, lda, b, ldb, alphar, alphai, beta, vl, ldvl, vr, ldvr, work, lwork, info)
          import :: wp
-         implicit none
          character, intent(in) :: jobvl, jobvr
          integer, intent(in) :: n, lda, ldb, ldvl, ldvr, lwork
          real(wp), intent(inout) :: a(lda, *), b(ldb, *)
@@ -209,7 +193,6 @@ module hb_lapack
       !> Eigenvalues in ascending order of a symmetric matrix; `a` returns the eigenvectors if jobz = "V".
       subroutine dsyev(jobz, uplo, n, a, lda, w, work, lwork, info)
          import :: wp
-         implicit none
          character, intent(in) :: jobz, uplo
          integer, intent(in) :: n, lda, lwork
          real(wp), intent(inout) :: a(lda, *)
@@ -221,7 +204,6 @@ module hb_lapack
       !> Eigenvalues in ascending order of A x = w B x (itype = 1), A symmetric, B positive definite.
       subroutine dsygv(itype, jobz, uplo, n, a, lda, b, ldb, w, work, lwork, info)
          import :: wp
-         implicit none
          integer, intent(in) :: itype
          character, intent(in) :: jobz, uplo
          integer, intent(in) :: n, lda, ldb, lwork
@@ -237,7 +219,6 @@ module hb_lapack
       !> Scalar product.
       function ddot(n, x, incx, y, incy) result(value)
          import :: wp
-         implicit none
          integer, intent(in) :: n, incx, incy
          real(wp), intent(in) :: x(*), y(*)
          real(wp) :: value
@@ -246,7 +227,6 @@ module hb_lapack
       !> Euclidean norm, safe against overflow.
       function dnrm2(n, x, incx) result(value)
          import :: wp
-         implicit none
          integer, intent(in) :: n, incx
          real(wp), intent(in) :: x(*)
          real(wp) :: value
@@ -255,7 +235,6 @@ module hb_lapack
       !> y := alpha op(A) x + beta y.
       subroutine dgemv(trans, m, n, alpha, a, lda, x, incx, beta, y, incy)
          import :: wp
-         implicit none
          character, intent(in) :: trans
          integer, intent(in) :: m, n, lda, incx, incy
          real(wp), intent(in) :: alpha, beta
@@ -266,7 +245,6 @@ module hb_lapack
       !> y := alpha op(A) x + beta y.
       subroutine zgemv(trans, m, n, alpha, a, lda, x, incx, beta, y, incy)
          import :: wp
-         implicit none
          character, intent(in) :: trans
          integer, intent(in) :: m, n, lda, incx, incy
          complex(wp), intent(in) :: alpha, beta
@@ -277,7 +255,6 @@ module hb_lapack
       !> C := alpha op(A) op(B) + beta C.
       subroutine dgemm(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc)
          import :: wp
-         implicit none
          character, intent(in) :: transa, transb
          integer, intent(in) :: m, n, k, lda, ldb, ldc
          real(wp), intent(in) :: alpha, beta
@@ -288,7 +265,6 @@ module hb_lapack
       !> C := alpha op(A) op(B) + beta C.
       subroutine zgemm(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc)
          import :: wp
-         implicit none
          character, intent(in) :: transa, transb
          integer, intent(in) :: m, n, k, lda, ldb, ldc
          complex(wp), intent(in) :: alpha, beta

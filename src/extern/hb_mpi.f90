@@ -1,4 +1,4 @@
-!> Everything the program asks of MPI but for a flag (`hb_shared_flag`).
+!> Everything the program asks of MPI.
 !>
 !> In the order of use: `start_mpi`, `world`, the questions `rank_of` and `size_of`, the collective calls, a
 !> `work_counter_t` that hands out points, `stop_mpi`. All take the communicator as an argument, so that a
@@ -54,6 +54,7 @@ module hb_mpi
    contains
       procedure :: add_done => work_counter_add_done
       procedure :: destroy => work_counter_destroy
+      procedure :: n_done => work_counter_n_done
       procedure :: next => work_counter_next
       procedure :: read_tallies => work_counter_read_tallies
    end type work_counter_t
@@ -306,9 +307,17 @@ contains
       failed = 0
       do i = 1, size(self%owners)
          failed = failed + fetch(self, self%owners(i), failed_slot)       ! before done, so that failed <= done
-         done = done + fetch(self, self%owners(i), done_slot)
+         done = done + self%n_done(i)
       end do
    end subroutine work_counter_read_tallies
+
+   !> Reads the tally of points done of one counter; any rank, at any time.
+   integer function work_counter_n_done(self, counter)
+      class(work_counter_t), intent(in) :: self
+      integer, intent(in) :: counter                   !! from 1
+
+      work_counter_n_done = fetch(self, self%owners(counter), done_slot)
+   end function work_counter_n_done
 
    integer function fetch_and_add(self, owner, slot, increment) result(before)
       class(work_counter_t), intent(in) :: self

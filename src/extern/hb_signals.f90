@@ -3,7 +3,8 @@
 !> Before there are points, a signal ends the process at once. Afterwards the handler of the first one only takes a note, which
 !> `signal_caught` reads between two points; a second one ends the process. Source of the interface: hb_posix.h.
 module hb_signals
-   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_int, c_null_char, c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char, c_ptr
+   use hb_c_text, only: c_text
    use hb_error, only: error_t, fail
    implicit none
    private
@@ -32,11 +33,6 @@ module hb_signals
       type(c_ptr) function hb_caught_signal_name() bind(c, name="hb_caught_signal_name")
          import :: c_ptr
       end function hb_caught_signal_name
-
-      integer(c_size_t) function c_strlen(text) bind(c, name="strlen")
-         import :: c_ptr, c_size_t
-         type(c_ptr), value :: text
-      end function c_strlen
    end interface
 
 contains
@@ -67,15 +63,7 @@ contains
    !> Name of the first signal that was caught, such as SIGTERM; `no signal` before.
    function signal_name() result(name)
       character(:), allocatable :: name
-      character(c_char), pointer :: bytes(:)
-      type(c_ptr) :: text
-      integer :: i
 
-      text = hb_caught_signal_name()
-      call c_f_pointer(text, bytes, [int(c_strlen(text))])
-      allocate (character(size(bytes)) :: name)
-      do i = 1, size(bytes)
-         name(i:i) = bytes(i)
-      end do
+      name = c_text(hb_caught_signal_name())
    end function signal_name
 end module hb_signals

@@ -5,8 +5,9 @@
 !> Source: A. C. Hindmarsh et al., SUNDIALS: Suite of nonlinear and differential/algebraic equation solvers, ACM Trans. Math.
 !> Software 31 (2005) 363-396; user documentation for CVODE 6.4.
 module hb_sundials
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, &
-      c_loc, c_long, c_null_char, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, &
+      c_loc, c_long, c_null_ptr, c_ptr
+   use hb_c_text, only: c_text
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_text, only: to_text
@@ -370,18 +371,10 @@ contains
 
    subroutine keep_message(code, module_name, function_name, message, data) bind(c)
       integer(c_int), value :: code
-      type(c_ptr), value :: module_name, function_name
-      character(kind=c_char), intent(in) :: message(*)
-      type(c_ptr), value :: data
+      type(c_ptr), value :: module_name, function_name, message, data
       type(handle_t), pointer :: handle
-      integer :: i
 
       call c_f_pointer(data, handle)
-      handle%message = ""
-      i = 1
-      do while (message(i) /= c_null_char)
-         handle%message = handle%message//message(i)
-         i = i + 1
-      end do
+      handle%message = c_text(message)
    end subroutine keep_message
 end module hb_sundials

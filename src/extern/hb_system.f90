@@ -3,12 +3,11 @@
 module hb_system
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_long_long, c_null_char, c_null_ptr, c_ptr, c_size_t
    use hb_error, only: error_t, fail
-   use hb_kinds, only: wp
    implicit none
    private
    public :: check_held, empty_file, exists, file_kind, follow_links, has_space, held_file_t, hold_file, is_same_file
-   public :: is_terminal, keep_freed_memory, kind_of_file, link_file, memory_peak, memory_resident, process_id, release_file
-   public :: release_memory, remove_file, rename_file, reset_memory_peak, survive_failed_writes, sync_file, take_file, utc_now
+   public :: is_terminal, kind_of_file, link_file, process_id, release_file, remove_file, rename_file, survive_failed_writes
+   public :: sync_file, take_file, utc_now
 
    !> What a name stands for; links are followed.
    type :: file_kind_t
@@ -131,16 +130,6 @@ module hb_system
          character(c_char), intent(in) :: format(*)
          type(c_ptr), value :: moment
       end function c_strftime
-
-      integer(c_int) function c_malloc_trim(pad) bind(c, name="malloc_trim")
-         import :: c_int, c_size_t
-         integer(c_size_t), value :: pad
-      end function c_malloc_trim
-
-      integer(c_int) function c_mallopt(parameter, value) bind(c, name="mallopt")
-         import :: c_int
-         integer(c_int), value :: parameter, value
-      end function c_mallopt
    end interface
 
 contains
@@ -302,71 +291,6 @@ contains
                           c_gmtime(c_time(c_null_ptr)))
       text = bytes(:length)
    end function utc_now
-
-   ! Memory of this process. Source: Linux, proc(5); glibc, malloc_trim(3), mallopt(3).
-
-   !> Lets this process keep up to 64 MiB that is free for what it allocates next: a point allocates as much as the one before,
-   !> and pages that come fresh from the system have to be cleared by it first. Source of the numbers: glibc, malloc.h.
-   subroutine keep_freed_memory()
-      integer(c_int), parameter :: trim_threshold = -1, mmap_threshold = -3
-      integer(c_int), parameter :: mebibyte = 1048576
-      integer(c_int) :: ignored
-
-      ignored = c_mallopt(trim_threshold, 64*mebibyte)
-      ignored = c_mallopt(mmap_threshold, 32*mebibyte)
-   end subroutine keep_freed_memory
-
-   !> Gives memory that is free in this process back to the system, so that what was done before is not counted.
-   subroutine release_memory()
-      integer(c_int) :: ignored
-
-      ignored = c_malloc_trim(0_c_size_t)
-   end subroutine release_memory
-
-   !> Lets `memory_peak` begin anew; where the system has no such thing, `ok` is false.
-   subroutine reset_memory_peak(ok)
-      logical, intent(out) :: ok
-      integer :: status, unit
-
-      open (newunit=unit, file="/proc/self/clear_refs", action="write", status="old", iostat=status)
-      ok = status == 0
-      if (.not. ok) return
-      write (unit, "(a)", iostat=status) "5"
-      ok = status == 0
-      close (unit, iostat=status)
-      ok = ok .and. status == 0
-   end subroutine reset_memory_peak
-
-   !> Gives the most memory [byte] that was in use since `reset_memory_peak`; 0 where it is not known.
-   real(wp) function memory_peak()
-      memory_peak = memory_of("VmHWM:")
-   end function memory_peak
-
-   !> Gives the memory [byte] that is in use now; 0 where it is not known.
-   real(wp) function memory_resident()
-      memory_resident = memory_of("VmRSS:")
-   end function memory_resident
-
-   real(wp) function memory_of(name)
-      character(*), intent(in) :: name
-      real(wp), parameter :: unit_of_file = 1024.0_wp                 ! [byte], whatever kB says
-      character(128) :: line
-      integer :: status, unit
-
-      memory_of = 0.0_wp
-      open (newunit=unit, file="/proc/self/status", action="read", status="old", iostat=status)
-      if (status /= 0) return
-      do
-         read (unit, "(a)", iostat=status) line
-         if (status /= 0) exit
-         if (index(line, name) /= 1) cycle
-         read (line(len(name) + 1:index(line, "kB") - 1), *, iostat=status) memory_of
-         if (status /= 0) memory_of = 0.0_wp
-         exit
-      end do
-      close (unit)
-      memory_of = unit_of_file*memory_of
-   end function memory_of
 
    pure function c_path(path)
       character(*), intent(in) :: path

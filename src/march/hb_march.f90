@@ -3,7 +3,7 @@
 !> `march_from` is the whole of it for a caller; `judge` makes coefficients of a record.
 module hb_march
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_available_memory, only: available_memory
+   use hb_memory, only: available_memory
    use hb_birkhoff, only: coefficients_at
    use hb_central_differences, only: central_differences_t, new_central_differences
    use hb_error, only: error_t, fail

@@ -13,6 +13,7 @@ module hb_bench
    use hb_kernel_times, only: has_kernels, kernel_names, kernel_times_t, kernel_words, measure_kernels, median, &
       memory_bandwidth, yardstick_words
    use hb_kinds, only: wp
+   use hb_memory, only: memory_peak, memory_resident, release_memory, reset_memory_peak
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: comm_t
    use hb_neighbour, only: neighbour_t
@@ -23,7 +24,6 @@ module hb_bench
    use hb_scene, only: scene_t
    use hb_study, only: describe_layout, study_t
    use hb_swept_point, only: run_point
-   use hb_system, only: memory_peak, memory_resident, release_memory, reset_memory_peak
    use hb_text, only: to_text
    use hb_timing, only: rank_times_t
    implicit none

@@ -1,0 +1,32 @@
+!> Strings of C as texts of Fortran.
+module hb_c_text
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_ptr, c_size_t
+   implicit none
+   private
+   public :: c_text
+
+   interface
+      pure integer(c_size_t) function c_strlen(text) bind(c, name="strlen")
+         import :: c_ptr, c_size_t
+         type(c_ptr), intent(in), value :: text
+      end function c_strlen
+   end interface
+
+contains
+
+   !> Gives a copy of a string that ends with a null; nothing where there is none.
+   function c_text(address) result(text)
+      type(c_ptr), intent(in) :: address
+      character(:), allocatable :: text
+      character(c_char), pointer :: bytes(:)
+      integer :: i
+
+      text = ""
+      if (.not. c_associated(address)) return
+      call c_f_pointer(address, bytes, [int(c_strlen(address))])
+      text = repeat(" ", size(bytes))
+      do i = 1, size(bytes)
+         text(i:i) = bytes(i)
+      end do
+   end function c_text
+end module hb_c_text

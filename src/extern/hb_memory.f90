@@ -1,0 +1,122 @@
+!> Memory that the operating system would still give to this process, and what this process has.
+!>
+!> Source: proc(5) (MemAvailable), getrlimit(2) of Linux, and the control groups of its kernel (version 2, memory.max). What
+!> a system does not tell counts as no limit.
+module hb_memory
+   use, intrinsic :: iso_c_binding, only: c_int, c_long, c_size_t
+   use hb_kinds, only: int64, wp
+   implicit none
+   private
+   public :: available_memory, keep_freed_memory, memory_peak, memory_resident, release_memory, reset_memory_peak
+
+   integer(c_int), parameter :: address_space = 9                     ! RLIMIT_AS of Linux
+
+   type, bind(c) :: limits_t
+      integer(c_long) :: soft, hard                                   ! unsigned in C: negative means no limit
+   end type limits_t
+
+   interface
+      integer(c_int) function c_getrlimit(resource, limits) bind(c, name="getrlimit")
+         import :: c_int, limits_t
+         integer(c_int), value :: resource
+         type(limits_t), intent(out) :: limits
+      end function c_getrlimit
+
+      integer(c_int) function c_malloc_trim(pad) bind(c, name="malloc_trim")
+         import :: c_int, c_size_t
+         integer(c_size_t), value :: pad
+      end function c_malloc_trim
+
+      integer(c_int) function c_mallopt(parameter, value) bind(c, name="mallopt")
+         import :: c_int
+         integer(c_int), value :: parameter, value
+      end function c_mallopt
+   end interface
+
+contains
+
+   !> Gives the bytes that all processes of this computer together could still take, huge() where nothing is known.
+   real(wp) function available_memory()
+      type(limits_t) :: limits
+      real(wp) :: group, used
+
+      available_memory = huge(1.0_wp)
+      call lower_to(available_memory, 1024*number_in("/proc/meminfo", "MemAvailable:"))
+      group = number_in("/sys/fs/cgroup/memory.max", "")
+      used = number_in("/sys/fs/cgroup/memory.current", "")
+      if (group > 0.0_wp .and. used > 0.0_wp) call lower_to(available_memory, max(1.0_wp, group - used))
+      if (c_getrlimit(address_space, limits) == 0) call lower_to(available_memory, real(limits%soft, wp))
+   end function available_memory
+
+   pure subroutine lower_to(limit, other)
+      real(wp), intent(inout) :: limit
+      real(wp), intent(in) :: other                                   !! nothing unless positive
+
+      if (other > 0.0_wp) limit = min(limit, other)
+   end subroutine lower_to
+
+   !> The number behind the first word `key` of a file of the system, 0 where there is none.
+   real(wp) function number_in(path, key)
+      character(*), intent(in) :: path, key
+      character(200) :: line
+      integer(int64) :: number
+      integer :: iostat, unit
+
+      number_in = 0.0_wp
+      open (newunit=unit, file=path, action="read", status="old", iostat=iostat)
+      if (iostat /= 0) return
+      do
+         read (unit, "(a)", iostat=iostat) line
+         if (iostat /= 0) exit
+         if (index(line, key) /= 1) cycle
+         read (line(len(key) + 1:), *, iostat=iostat) number
+         if (iostat == 0) number_in = real(number, wp)
+         exit
+      end do
+      close (unit, iostat=iostat)
+   end function number_in
+
+   ! Memory of this process. Source: Linux, proc(5); glibc, malloc_trim(3), mallopt(3).
+
+   !> Lets this process keep up to 64 MiB that is free for what it allocates next: a point allocates as much as the one before,
+   !> and pages that come fresh from the system have to be cleared by it first. Source of the numbers: glibc, malloc.h.
+   subroutine keep_freed_memory()
+      integer(c_int), parameter :: trim_threshold = -1, mmap_threshold = -3
+      integer(c_int), parameter :: mebibyte = 1048576
+      integer(c_int) :: ignored
+
+      ignored = c_mallopt(trim_threshold, 64*mebibyte)
+      ignored = c_mallopt(mmap_threshold, 32*mebibyte)
+   end subroutine keep_freed_memory
+
+   !> Gives memory that is free in this process back to the system, so that what was done before is not counted.
+   subroutine release_memory()
+      integer(c_int) :: ignored
+
+      ignored = c_malloc_trim(0_c_size_t)
+   end subroutine release_memory
+
+   !> Lets `memory_peak` begin anew; where the system has no such thing, `ok` is false.
+   subroutine reset_memory_peak(ok)
+      logical, intent(out) :: ok
+      integer :: status, unit
+
+      open (newunit=unit, file="/proc/self/clear_refs", action="write", status="old", iostat=status)
+      ok = status == 0
+      if (.not. ok) return
+      write (unit, "(a)", iostat=status) "5"
+      ok = status == 0
+      close (unit, iostat=status)
+      ok = ok .and. status == 0
+   end subroutine reset_memory_peak
+
+   !> Gives the most memory [byte] that was in use since `reset_memory_peak`; 0 where it is not known.
+   real(wp) function memory_peak()
+      memory_peak = 1024*number_in("/proc/self/status", "VmHWM:")
+   end function memory_peak
+
+   !> Gives the memory [byte] that is in use now; 0 where it is not known.
+   real(wp) function memory_resident()
+      memory_resident = 1024*number_in("/proc/self/status", "VmRSS:")
+   end function memory_resident
+end module hb_memory
