@@ -1,7 +1,6 @@
 !> From how many unknowns on a step of Newton's method by products with the tangent is cheaper than by its factors, for each
 !> kind of laws. Measured: docs/develop/performance.md, section "Factors or products".
 module hb_tangent_choice
-   use hb_hysteretic_law, only: hysteretic_law_t
    use hb_law, only: law_box_t
    use hb_problem, only: default_largest_dense
    implicit none
@@ -25,10 +24,7 @@ contains
          associate (law => laws(i)%law)
             if (law%degree == 0) largest_dense_tangent = max(largest_dense_tangent, with_kinks)
             if (law%is_multiplier) largest_dense_tangent = max(largest_dense_tangent, default_largest_dense)
-            select type (law)
-            class is (hysteretic_law_t)
-               largest_dense_tangent = max(largest_dense_tangent, with_memory)
-            end select
+            if (law%n_states > 0) largest_dense_tangent = max(largest_dense_tangent, with_memory)
          end associate
       end do
    end function largest_dense_tangent

@@ -23,7 +23,6 @@ module hb_hysteretic_law
 
    !> At rest all states are zero: sliders relaxed, no force.
    type, extends(law_t), abstract :: hysteretic_law_t
-      integer :: n_states = 0                                         !! internal states of one sample
       logical :: has_bounds = .false.                                 !! each is the place of a slider between two `bounds`
    contains
       procedure(advance_law), deferred :: advance
@@ -65,13 +64,7 @@ contains
       type(law_box_t), intent(in) :: laws(:)
       integer :: i
 
-      has_memory = .false.
-      do i = 1, size(laws)
-         select type (law => laws(i)%law)
-         class is (hysteretic_law_t)
-            has_memory = .true.
-         end select
-      end do
+      has_memory = any([(laws(i)%law%n_states > 0, i=1, size(laws))])
    end function has_memory
 
    !> Goes once round a closed line of samples, from the states of the first to those of the second and on, back to the first,

@@ -11,7 +11,7 @@ module hb_law
    use hb_text, only: string_t
    implicit none
    private
-   public :: defects_t, law_box_t, law_t, place_coordinate, place_on_dof, place_on_dofs, read_dofs, read_place
+   public :: defects_t, hold_t, law_box_t, law_t, place_coordinate, place_on_dof, place_on_dofs, read_dofs, read_place
 
    !> Largest defects over the samples.
    type :: defects_t
@@ -21,6 +21,16 @@ module hb_law
       real(wp) :: slip = 0.0_wp                                       !! what exact friction would take beyond the reaction [W]
    end type defects_t
 
+   !> How time marching holds the coordinate of a rigid law: at a wall, or where friction sticks.
+   type :: hold_t
+      integer :: coordinate = 0                                       !! of all laws, for the method
+      logical :: is_wall = .false.                                    !! else friction
+      real(wp) :: gap = 0.0_wp                                        !! of the wall [m]
+      logical :: two_sided = .false.
+      real(wp) :: limit = 0.0_wp                                      !! of friction [N]
+      character(:), allocatable :: trouble                            !! why no method can, and what to do; not allocated: it can
+   end type hold_t
+
    type, abstract :: law_t
       character(:), allocatable :: label                              !! name given by the user, else kind and number
       integer, allocatable :: dofs(:)                                 !! degrees of freedom of the structure
@@ -28,6 +38,8 @@ module hb_law
       integer :: degree = 0                                           !! of a polynomial law; 0: not smooth
       logical :: needs_velocity = .false.
       logical :: is_multiplier = .false.                              !! wants the reaction p; columns of shape are orthogonal
+      integer :: n_states = 0                                         !! internal states of one sample, of a law with memory
+      logical :: is_users_own = .false.                               !! nobody knows it far from where a motion leads
       integer :: phase_tone = 0                                       !! tone whose phase the law wants by `set_phase`; 0: none
       real(wp) :: length_scale = 0.0_wp                               !! a length [m] typical of the law, as its gap; 0: none
       integer :: n_switches = 0       !! functions of the motion at whose zeros the force has a kink, as the distance to a stop
@@ -43,6 +55,9 @@ module hb_law
       procedure :: defects => law_defects
       procedure :: potential => law_potential
       procedure :: explain => law_explain
+      procedure :: mark => law_mark
+      procedure :: has_touched_inputs => law_has_touched_inputs
+      procedure :: hold => law_hold
       procedure :: switches => law_switches
       procedure :: evaluate_held => law_evaluate_held
    end type law_t
@@ -140,6 +155,30 @@ contains
       text = ""
       is_fatal = .false.
    end subroutine law_explain
+
+   !> What tells code from outside of nhbm from other code: its name and a checksum; empty for laws of its own.
+   function law_mark(self) result(text)
+      class(law_t), intent(in) :: self
+      character(:), allocatable :: text
+
+      text = ""
+   end function law_mark
+
+   !> Whether `evaluate` writes to what it is only to read, as code from outside may.
+   logical function law_has_touched_inputs(self, z, v) result(has_touched)
+      class(law_t), intent(in) :: self
+      real(wp), intent(in) :: z(:, :), v(:, :)                        !! as `evaluate` has them
+
+      has_touched = .false.
+   end function law_has_touched_inputs
+
+   !> How time marching holds a law that needs the reaction; not at all unless the law says how.
+   function law_hold(self) result(hold)
+      class(law_t), intent(in) :: self
+      type(hold_t) :: hold
+
+      hold%trouble = "no method of &march knows how to hold law '"//self%label//"', which is rigid"
+   end function law_hold
 
    !> The functions whose zeros are kinks of the force; time marching stops where one of them changes its sign.
    pure subroutine law_switches(self, z, v, values)

@@ -7,7 +7,6 @@ module hb_law_check
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_law_user, only: user_law_t
    use hb_text, only: join, string_t, to_text
    implicit none
    private
@@ -67,11 +66,8 @@ contains
       call evaluate(law, samples, f_again, slopes_again)
       check%is_repeatable = are_the_same(reshape(f, [size(f)]), reshape(f_again, [size(f)])) .and. &
          are_the_same(reshape(slopes, [size(slopes)]), reshape(slopes_again, [size(slopes)]))
-      select type (law)
-      class is (user_law_t)
-         check%has_touched_inputs = law%has_touched_inputs(samples%motion(:, :, 1), &
-            samples%motion(:, :merge(n, 0, law%needs_velocity), 2))
-      end select
+      check%has_touched_inputs = law%has_touched_inputs(samples%motion(:, :, 1), &
+         samples%motion(:, :merge(n, 0, law%needs_velocity), 2))
       do kind_of_motion = 1, 3
          if (.not. depends_on(law, kind_of_motion)) cycle
          do b = 1, n

@@ -14,7 +14,7 @@
 module hb_law_contact_table
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
-   use hb_law, only: defects_t, law_t, read_dofs
+   use hb_law, only: defects_t, hold_t, law_t, read_dofs
    use hb_properties, only: properties_t
    use hb_rigid_contacts, only: new_rigid_contacts, rigid_contacts_t
    use hb_structure, only: structure_t
@@ -44,6 +44,7 @@ module hb_law_contact_table
       procedure :: prepare_rate => contact_table_prepare_rate
       procedure :: correct => contact_table_correct
       procedure :: defects => contact_table_defects
+      procedure :: hold => contact_table_hold
       procedure :: switches => contact_table_switches
       procedure :: evaluate_held => contact_table_evaluate_held
    end type contact_table_t
@@ -401,6 +402,15 @@ contains
       call turn(self, turned, -1.0_wp)
       seen = turned(1, :)
    end function seen_by_contacts
+
+   !> Rigid contacts are several constraints on the same coordinates.
+   function contact_table_hold(self) result(hold)
+      class(contact_table_t), intent(in) :: self
+      type(hold_t) :: hold
+
+      hold%trouble = "no method of &march holds rigid contacts of a table or of blades: for marching give law '"// &
+                     self%label//"' contact = 'elastic' and a large stiffness"
+   end function contact_table_hold
 
    !> Sum of k_i min(g_i, 0)**2/2, without friction.
    subroutine contact_table_potential(self, z, energy, gradient)

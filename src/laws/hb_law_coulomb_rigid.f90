@@ -6,7 +6,7 @@
 !> Appl. Mech. Engrg. 92 (1991) 353-375. Sign: f stands beside K q on the left-hand side.
 module hb_law_coulomb_rigid
    use hb_kinds, only: wp
-   use hb_law, only: defects_t, law_t, read_place
+   use hb_law, only: defects_t, hold_t, law_t, read_place
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -21,6 +21,7 @@ module hb_law_coulomb_rigid
       procedure :: evaluate => coulomb_rigid_evaluate
       procedure :: prepare_rate => coulomb_rigid_prepare_rate
       procedure :: defects => coulomb_rigid_defects
+      procedure :: hold => coulomb_rigid_hold
    end type coulomb_rigid_t
 
 contains
@@ -83,4 +84,11 @@ contains
 
       defects%slip = maxval(self%limit*abs(v) - min(max(p, -self%limit), self%limit)*v)
    end function coulomb_rigid_defects
+
+   function coulomb_rigid_hold(self) result(hold)
+      class(coulomb_rigid_t), intent(in) :: self
+      type(hold_t) :: hold
+
+      hold = hold_t(limit=self%limit)
+   end function coulomb_rigid_hold
 end module hb_law_coulomb_rigid

@@ -6,7 +6,7 @@
 !> unilateral contact, Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375.
 module hb_law_rigid_wall
    use hb_kinds, only: wp
-   use hb_law, only: defects_t, law_t, read_place
+   use hb_law, only: defects_t, hold_t, law_t, read_place
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -23,6 +23,7 @@ module hb_law_rigid_wall
       procedure :: prepare => rigid_wall_prepare
       procedure :: correct => rigid_wall_correct
       procedure :: defects => rigid_wall_defects
+      procedure :: hold => rigid_wall_hold
    end type rigid_wall_t
 
 contains
@@ -110,4 +111,11 @@ contains
          defects%tension = max(-minval(p), 0.0_wp)
       end if
    end function rigid_wall_defects
+
+   function rigid_wall_hold(self) result(hold)
+      class(rigid_wall_t), intent(in) :: self
+      type(hold_t) :: hold
+
+      hold = hold_t(is_wall=.true., gap=self%gap, two_sided=self%two_sided)
+   end function rigid_wall_hold
 end module hb_law_rigid_wall

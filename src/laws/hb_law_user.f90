@@ -48,6 +48,7 @@ contains
       self%parameters = parameters
       self%needs_velocity = self%library%needs_velocity
       self%degree = self%library%degree
+      self%is_users_own = .true.
       self%length_scale = self%library%length_scale
    end subroutine load_user_law
 
@@ -140,19 +141,19 @@ contains
       end if
    end subroutine user_law_explain
 
-   !> What tells the library from another one.
+   !> Its name, and what tells the library from another one.
    function user_law_mark(self) result(text)
       class(user_law_t), intent(in) :: self
       character(:), allocatable :: text
 
-      text = self%library%mark()
+      text = self%name//", "//self%library%mark()
    end function user_law_mark
 
    !> Asks the library once more: whether it writes to what it is only to read.
-   logical function user_law_has_touched_inputs(self, z, v)
+   logical function user_law_has_touched_inputs(self, z, v) result(has_touched)
       class(user_law_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :), v(:, :)                        !! as `evaluate` has them
 
-      user_law_has_touched_inputs = self%library%has_touched(self%parameters, z, v)
+      has_touched = self%library%has_touched(self%parameters, z, v)
    end function user_law_has_touched_inputs
 end module hb_law_user

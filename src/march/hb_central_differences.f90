@@ -12,9 +12,10 @@ module hb_central_differences
    use hb_integrator, only: integrator_t, law_forces
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrf, dgetrs
+   use hb_law, only: hold_t
    use hb_march_state, only: march_state_t
    use hb_march_system, only: march_system_t
-   use hb_rigid_laws, only: collect_rigid, put_before_walls, rigid_t
+   use hb_rigid_laws, only: collect_rigid, put_before_walls
    use hb_text, only: to_text
    implicit none
    private
@@ -27,7 +28,7 @@ module hb_central_differences
       real(wp) :: restitution = 0.0_wp                                !! e, 0 to 1
       real(wp) :: origin = 0.0_wp                                     !! [s]
       integer(int64) :: n_steps = 0_int64
-      type(rigid_t), allocatable :: rigid(:)
+      type(hold_t), allocatable :: rigid(:)
       real(wp), allocatable :: kick(:, :)                             !! M^-1 S of the rigid laws, (n_dofs, n_rigid) [1/kg]
       real(wp), allocatable :: yield(:, :)                            !! S^T M^-1 S of them [1/kg]
       real(wp), allocatable :: impulse(:)                             !! of the last step [N s], (n_rigid)
@@ -57,7 +58,8 @@ contains
       self%system => system
       self%step = step
       self%restitution = restitution
-      call collect_rigid(system%laws, self%rigid)
+      call collect_rigid(system%laws, self%rigid, error)
+      if (allocated(error)) return
       n = system%n_dofs
       allocate (self%kick(n, size(self%rigid)), self%yield(size(self%rigid), size(self%rigid)))
       allocate (self%impulse(size(self%rigid)), source=0.0_wp)
@@ -178,7 +180,7 @@ contains
 
    !> Change of velocity, against the coordinate, that the law wants of a coordinate with the given free velocity.
    pure real(wp) function impulse_of(rigid, step, restitution, z, before, free) result(change)
-      type(rigid_t), intent(in) :: rigid
+      type(hold_t), intent(in) :: rigid
       real(wp), intent(in) :: step, restitution
       real(wp), intent(in) :: z, before, free                         !! place, velocity a step before, velocity without impulse
       real(wp) :: high, low

@@ -11,11 +11,12 @@ module hb_march
    use hb_generalized_alpha, only: generalized_alpha_t, new_generalized_alpha
    use hb_integrator, only: integrator_t
    use hb_kinds, only: wp
-   use hb_law_contact_table, only: contact_table_t
+   use hb_law, only: hold_t
    use hb_march_config, only: march_config_t, march_method
    use hb_march_cvode, only: march_cvode_t, new_march_cvode
    use hb_march_state, only: march_state_t
    use hb_march_system, only: march_system_t
+   use hb_rigid_laws, only: collect_rigid
    use hb_runge_kutta_4, only: new_runge_kutta_4, runge_kutta_4_t
    use hb_text, only: to_text
    use hb_watch, only: watch_t
@@ -96,17 +97,10 @@ contains
       type(central_differences_t), allocatable :: central_differences
       type(generalized_alpha_t), allocatable :: generalized_alpha
       type(march_cvode_t), allocatable :: cvode
-      integer :: i
+      type(hold_t), allocatable :: rigid(:)
 
-      do i = 1, size(system%laws%laws)
-         select type (law => system%laws%laws(i)%law)
-         class is (contact_table_t)
-            if (.not. allocated(law%rigid)) cycle
-            call fail(error, "no method of &march holds rigid contacts of a table or of blades: for marching give law '"// &
-                      law%label//"' contact = 'elastic' and a large stiffness")
-            return
-         end select
-      end do
+      call collect_rigid(system%laws, rigid, error)
+      if (allocated(error)) return
       select case (config%method)
       case (march_method%runge_kutta_4)
          allocate (runge_kutta_4)

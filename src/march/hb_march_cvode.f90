@@ -71,7 +71,8 @@ contains
       self%restitution = restitution
       self%tolerance = tolerance
       allocate (self%equations)
-      call new_march_equations(self%equations, system, tolerance)
+      call new_march_equations(self%equations, system, tolerance, error)
+      if (allocated(error)) return
       allocate (directions(self%equations%n_events()), source=-1)
       directions(:size(self%equations%is_positive)) = 0
       call new_cvode(self%cvode, self%equations, 2*system%n_dofs, directions, is_stiff, error)

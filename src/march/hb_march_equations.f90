@@ -7,11 +7,13 @@
 !> Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd edition, Springer 1993, section
 !> II.6 (discontinuous equations); F. Pfeiffer and C. Glocker, Multibody Dynamics with Unilateral Contacts, Wiley 1996.
 module hb_march_equations
+   use hb_error, only: error_t
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
+   use hb_law, only: hold_t
    use hb_march_system, only: march_system_t
-   use hb_rigid_laws, only: collect_rigid, rigid_t
+   use hb_rigid_laws, only: collect_rigid
    use hb_sundials, only: ode_t
    implicit none
    private
@@ -29,7 +31,7 @@ module hb_march_equations
       integer, allocatable :: slip(:)                                 !! 1 pushed by its lower bound, -1 by its upper, 0 sticks
       real(wp), allocatable :: held(:)                                !! place of those that stick [m]
       ! Rigid laws
-      type(rigid_t), allocatable :: rigid(:)
+      type(hold_t), allocatable :: rigid(:)
       integer, allocatable :: mode(:)                                 !! wall: 0 open, else the side; friction: slip, 0 stop
       integer, allocatable :: active(:)                               !! those whose coordinate is held
       real(wp), allocatable :: kick(:, :)                             !! M^-1 S of all rigid laws
@@ -49,11 +51,12 @@ module hb_march_equations
 
 contains
 
-   !> `system` must be divided by its mass.
-   subroutine new_march_equations(self, system, tolerance)
+   !> `system` must be divided by its mass. Fails for rigid laws that cannot be held.
+   subroutine new_march_equations(self, system, tolerance, error)
       type(march_equations_t), intent(out) :: self
       type(march_system_t), intent(in), target :: system
       real(wp), intent(in) :: tolerance                               !! relative
+      type(error_t), allocatable, intent(out) :: error
       integer :: i
 
       self%system => system
@@ -62,8 +65,9 @@ contains
          allocate (self%is_positive(laws%n_switches), source=.false.)
          allocate (self%slip(m), source=0)
          allocate (self%held(m), self%lower(m), self%upper(m), self%lower_rate(m), self%upper_rate(m), source=0.0_wp)
-         call collect_rigid(laws, self%rigid)
+         call collect_rigid(laws, self%rigid, error)
       end associate
+      if (allocated(error)) return
       allocate (self%mode(size(self%rigid)), source=0)
       allocate (self%reaction(size(self%rigid)), self%a(system%n_dofs), self%scale(2*system%n_dofs), source=0.0_wp)
       allocate (self%kick(system%n_dofs, size(self%rigid)), self%active(0))

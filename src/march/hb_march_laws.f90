@@ -73,15 +73,13 @@ contains
             self%n_coordinates = place%last
             allocate (place%z(1, c), place%v(1, merge(c, 0, law%needs_velocity)), place%p(1, 0), place%f(1, c))
             allocate (place%df_dz(1, c, c), place%df_dv(1, c, size(place%v, 2)), place%df_dp(1, c, 0))
-            select type (law)
-            class is (hysteretic_law_t)
-               m = law%n_states
-               place%first_state = self%n_states + 1
-               place%last_state = self%n_states + m
-               self%n_states = place%last_state
-               allocate (place%path(1, c, n_path_parts), place%s_old(1, m), place%s_new(1, m))
-               allocate (place%df_ds(1, c, m), place%ds_ds_old(1, m, m), place%ds_dpath(1, m, c, n_path_parts))
-            end select
+            m = law%n_states
+            place%first_state = self%n_states + 1
+            place%last_state = self%n_states + m
+            self%n_states = place%last_state
+            if (m == 0) cycle
+            allocate (place%path(1, c, n_path_parts), place%s_old(1, m), place%s_new(1, m))
+            allocate (place%df_ds(1, c, m), place%ds_ds_old(1, m, m), place%ds_dpath(1, m, c, n_path_parts))
          end associate
       end do
       allocate (self%shape(n_dofs, self%n_coordinates), source=0.0_wp)

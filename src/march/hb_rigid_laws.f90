@@ -2,44 +2,40 @@
 !>
 !> A method without a stiffness for them needs the constraint itself, coordinate by coordinate.
 module hb_rigid_laws
+   use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_law_coulomb_rigid, only: coulomb_rigid_t
-   use hb_law_rigid_wall, only: rigid_wall_t
+   use hb_law, only: hold_t
    use hb_march_laws, only: march_laws_t
    implicit none
    private
-   public :: collect_rigid, put_before_walls, rigid_t
-
-   type :: rigid_t
-      integer :: coordinate = 0                                       !! of all laws
-      logical :: is_wall = .false.                                    !! else friction
-      real(wp) :: gap = 0.0_wp                                        !! of the wall [m]
-      logical :: two_sided = .false.
-      real(wp) :: limit = 0.0_wp                                      !! of friction [N]
-   end type rigid_t
+   public :: collect_rigid, put_before_walls
 
 contains
 
-   !> The rigid ones among the laws, in their order.
-   subroutine collect_rigid(laws, rigid)
+   !> How the rigid ones among the laws are held, in their order; fails for one that cannot be.
+   subroutine collect_rigid(laws, rigid, error)
       type(march_laws_t), intent(in) :: laws
-      type(rigid_t), allocatable, intent(out) :: rigid(:)
+      type(hold_t), allocatable, intent(out) :: rigid(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(hold_t) :: hold
       integer :: i
 
       allocate (rigid(0))
       do i = 1, size(laws%laws)
-         select type (law => laws%laws(i)%law)
-         type is (rigid_wall_t)
-            rigid = [rigid, rigid_t(coordinate=laws%places(i)%first, is_wall=.true., gap=law%gap, two_sided=law%two_sided)]
-         type is (coulomb_rigid_t)
-            rigid = [rigid, rigid_t(coordinate=laws%places(i)%first, limit=law%limit)]
-         end select
+         if (.not. laws%laws(i)%law%is_multiplier) cycle
+         hold = laws%laws(i)%law%hold()
+         if (allocated(hold%trouble)) then
+            call fail(error, hold%trouble)
+            return
+         end if
+         hold%coordinate = laws%places(i)%first
+         rigid = [rigid, hold]
       end do
    end subroutine collect_rigid
 
    !> Moves what is behind a wall onto it, by the shortest way in the metric of the mass.
    pure subroutine put_before_walls(rigid, shape, kick, q)
-      type(rigid_t), intent(in) :: rigid(:)
+      type(hold_t), intent(in) :: rigid(:)
       real(wp), intent(in) :: shape(:, :)                             !! of the coordinates of all laws, (n_dofs, any)
       real(wp), intent(in) :: kick(:, :)                              !! mass^-1 shape of the rigid ones, (n_dofs, n_rigid)
       real(wp), intent(inout) :: q(:)                                 !! [m], (n_dofs)

@@ -6,10 +6,8 @@ module hb_advice
    use hb_balance, only: balance_t
    use hb_certificate, only: near_commensurate
    use hb_harmonics, only: tuple_text
-   use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_law_user, only: user_law_t
    use hb_outcome, only: outcome, outcome_name
    use hb_scene, only: scene_t
    use hb_solver_types, only: report_t, rescue, rescue_names
@@ -52,7 +50,7 @@ contains
       do i = 1, size(scene%laws)
          associate (law => scene%laws(i)%law, set => balance%law_set)
             length = law%length_scale
-            if (is_hysteretic(law)) then
+            if (law%n_states > 0) then
                if (length <= 0.0_wp) cycle
                ratio = maxval(abs(matmul(set%q%values(:, set%columns_of(i)), law%shape)))/length
                if (ratio >= found%slip_ratio) cycle
@@ -73,16 +71,6 @@ contains
       found%combination_frequency = frequency
    end subroutine find_circumstances
 
-   pure logical function is_hysteretic(law)
-      class(law_t), intent(in) :: law
-
-      is_hysteretic = .false.
-      select type (law)
-      class is (hysteretic_law_t)
-         is_hysteretic = .true.
-      end select
-   end function is_hysteretic
-
    !> Largest slope of a law that is not smooth, far on either side of each of its coordinates; 0 of others, which have none of
    !> their own or are not to be asked far from where they will be.
    real(wp) function stiffness_of(law, length) result(stiffness)
@@ -93,11 +81,7 @@ contains
       integer :: i, n
 
       stiffness = 0.0_wp
-      if (law%degree > 0 .or. law%is_multiplier .or. law%phase_tone > 0) return
-      select type (law)
-      type is (user_law_t)
-         return
-      end select
+      if (law%degree > 0 .or. law%is_multiplier .or. law%phase_tone > 0 .or. law%is_users_own) return
       n = size(law%shape, 2)
       allocate (z(2*n, n), f(2*n, n), df_dz(2*n, n, n), source=0.0_wp)
       allocate (v(2*n, merge(n, 0, law%needs_velocity)), df_dv(2*n, n, merge(n, 0, law%needs_velocity)), source=0.0_wp)

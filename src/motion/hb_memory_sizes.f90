@@ -3,7 +3,7 @@ module hb_memory_sizes
    use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_dynamic_stiffness, only: condensed_reach
    use hb_harmonics, only: harmonics_t
-   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts
+   use hb_hysteretic_law, only: n_path_parts
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_memory_tangent, only: width
@@ -151,8 +151,7 @@ contains
          writes_in_place = reads_in_place .and. all(n_laws_on(law%dofs) == 1)
          if (.not. reads_in_place) self%laws_per_sample = self%laws_per_sample + c + v
          if (.not. writes_in_place) self%laws_per_sample = self%laws_per_sample + c + p
-         select type (law)
-         class is (hysteretic_law_t)
+         if (law%n_states > 0) then
             associate (n => real(law%n_states, wp))
                self%has_memory = .true.
                self%laws_per_sample = self%laws_per_sample + n_path_parts*c + n
@@ -160,14 +159,14 @@ contains
                self%answers_per_sample = self%answers_per_sample + c*c + c*n + 2*width*c
                self%states = self%states + c*n
             end associate
-         class default
+         else
             self%derivatives_per_sample = self%derivatives_per_sample + c*(c + v + p)
             self%n_pairs = self%n_pairs + d*d
             if (.not. law%is_multiplier) return
             do k = 1, size(laws)                                       ! it answers to the forces of its neighbours
                if (k /= i .and. any_shared(law%dofs, laws(k)%law%dofs)) self%n_pairs = self%n_pairs + d*size(laws(k)%law%dofs)
             end do
-         end select
+         end if
       end associate
    end subroutine add_law
 

@@ -10,10 +10,9 @@ module hb_odd_motion
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
    use hb_odd_symmetry, only: even_part
-   use hb_scene, only: scene_t
+   use hb_scene, only: scene_t, symmetry
    use hb_scene_symmetry, only: half_of_odd, is_solved_odd
    use hb_torus, only: torus_t
-   use hb_truncation, only: symmetry
    use hb_two_level, only: exchange
    implicit none
    private

@@ -13,10 +13,18 @@ module hb_scene
    use hb_structure, only: structure_t
    use hb_tones, only: tones_t
    use hb_torus, only: torus_t
-   use hb_truncation, only: symmetry
    implicit none
    private
-   public :: certificate_config_t, scene_t
+   public :: certificate_config_t, scene_t, symmetry, symmetry_names
+
+   !> Among which motions a scene is solved.
+   type :: symmetry_t
+      integer :: auto = 1                                             !! odd ones where equations and first guess are odd
+      integer :: none = 2                                             !! all
+      integer :: odd = 3                                              !! odd ones; refused where equations are not
+   end type symmetry_t
+   type(symmetry_t), parameter :: symmetry = symmetry_t()
+   character(4), parameter :: symmetry_names(3) = [character(4) :: "auto", "none", "odd"]
 
    !> What is kept of a result.
    type :: output_config_t

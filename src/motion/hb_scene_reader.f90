@@ -7,7 +7,7 @@ module hb_scene_reader
    use hb_march_config, only: read_march
    use hb_memory_estimate, only: check_memory
    use hb_properties, only: properties_t
-   use hb_scene, only: scene_t
+   use hb_scene, only: scene_t, symmetry
    use hb_scene_laws, only: read_laws, update_laws
    use hb_scene_loads, only: read_loads, read_starts
    use hb_scene_settings, only: read_certificate, read_output, read_sampling, read_solver
@@ -18,7 +18,7 @@ module hb_scene_reader
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
    use hb_tones, only: tones_t
-   use hb_truncation, only: read_harmonics, symmetry
+   use hb_truncation, only: read_harmonics
    implicit none
    private
    public :: group_names, read_scene, update_scene

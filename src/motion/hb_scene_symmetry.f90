@@ -6,9 +6,8 @@ module hb_scene_symmetry
    use hb_kinds, only: wp
    use hb_odd_symmetry, only: why_not_odd
    use hb_properties, only: properties_t
-   use hb_scene, only: scene_t
+   use hb_scene, only: scene_t, symmetry
    use hb_torus, only: torus_t
-   use hb_truncation, only: symmetry
    implicit none
    private
    public :: check_symmetry, half_of_odd, is_solved_odd

@@ -4,19 +4,11 @@ module hb_truncation
    use hb_error, only: annotate, error_t
    use hb_harmonics, only: exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics
    use hb_properties, only: properties_t
+   use hb_scene, only: symmetry, symmetry_names
    use hb_text, only: to_text
    implicit none
    private
-   public :: box_truncation, read_harmonics, read_truncation, symmetry, truncation_t
-
-   !> Among which motions a scene is solved.
-   type :: symmetry_t
-      integer :: auto = 1                                             !! odd ones where equations and first guess are odd
-      integer :: none = 2                                             !! all
-      integer :: odd = 3                                              !! odd ones; refused where equations are not
-   end type symmetry_t
-   type(symmetry_t), parameter :: symmetry = symmetry_t()
-   character(4), parameter :: symmetry_names(3) = [character(4) :: "auto", "none", "odd"]
+   public :: box_truncation, read_harmonics, read_truncation, truncation_t
 
    type :: truncation_t
       character(7) :: set = "box"                                     !! box, diamond or list

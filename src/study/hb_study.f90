@@ -4,7 +4,6 @@ module hb_study
    use hb_document, only: document_t, parameter_t
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_law_user, only: user_law_t
    use hb_law_forces, only: law_dofs_of
    use hb_namelist, only: complete_text, read_namelist, set_text
    use hb_results_layout, only: results_layout_t
@@ -249,16 +248,15 @@ contains
    !> Libraries of the laws of the user's own and what marks them, a line each.
    function libraries_of(scene) result(text)
       type(scene_t), intent(in) :: scene
-      character(:), allocatable :: text
+      character(:), allocatable :: mark, text
       integer :: i
 
       text = ""
       do i = 1, size(scene%laws)
-         select type (law => scene%laws(i)%law)
-         class is (user_law_t)
-            if (len(text) > 0) text = text//new_line("a")
-            text = text//law%label//": "//law%name//", "//law%mark()
-         end select
+         mark = scene%laws(i)%law%mark()
+         if (len(mark) == 0) cycle
+         if (len(text) > 0) text = text//new_line("a")
+         text = text//scene%laws(i)%law%label//": "//mark
       end do
    end function libraries_of
 
