@@ -41,6 +41,8 @@ contains
       end if
       call place_result(options, comm, how%path, error)
       if (.not. allocated(error)) call load_study(options, comm, study, error)
+      if (.not. allocated(error) .and. allocated(study%plan%curve)) &
+         call fail(error, "bench measures points, not curves; leave out &curve, or time nhbm solve")
       if (allocated(error)) return
       call check_place(how%path, how%overwrite, error)                ! before the work
       call annotate(error, "result file '"//how%path//"'")

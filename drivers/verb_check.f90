@@ -38,12 +38,14 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
       type(doubts_t) :: doubts
-      integer :: point
+      integer :: point, stride
 
       all_right = .true.
       call load_study(options, comm, study, error)
       if (allocated(error)) return
-      do point = 1, study%plan%n_points
+      stride = 1
+      if (allocated(study%plan%curve)) stride = study%plan%n_fastest()
+      do point = 1, study%plan%n_points, stride                       ! of curves, their starts
          call check_point(study, point, doubts, error)
          if (allocated(error)) return
       end do
@@ -108,6 +110,7 @@ contains
          do i = 1, size(study%plan%parameters)
             call say("swept       "//study%plan%parameters(i)%describe())
          end do
+         if (allocated(study%plan%curve)) call say("curve       "//study%plan%curve%describe())
          call say("structure   "//to_text(scene%structure%n_dofs)//" degrees of freedom")
          tones = tone_text(scene, 1)
          samples = to_text(scene%torus%n_samples(1))

@@ -5,6 +5,7 @@ module verb_info
    use console, only: say
    use exit_status, only: incomplete, success
    use hb_branches, only: jumps_between
+   use hb_curve_table, only: curve_lines, note_curve_values
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -44,14 +45,16 @@ contains
          if (.not. allocated(error)) call read_tones(tones, document, error)
          if (.not. allocated(error)) then
             call read_units(options%input, plan)
+            call note_curve_values(options%input, plan, error)
             call write_origin(record, options%input)
             call write_parameters(plan)
             call write_statuses(record)
             call write_found(record, tones%is_unknown)
             call write_jumps(record, plan)
+            if (allocated(plan%curve) .and. .not. allocated(error)) call write_curves(options%input, plan, error)
             call write_worst(record, plan)
             call write_times(record, plan)
-            if (options%wants_check) call record%check_rows(options%input, error)
+            if (options%wants_check .and. .not. allocated(error)) call record%check_rows(options%input, error)
             call write_rest(record, options%input)
             if (allocated(record%is_damaged) .and. .not. allocated(error)) call tell_damage(record, options%input, error)
             if (size(open_points(record, .false.)) > 0) status = incomplete
@@ -84,6 +87,7 @@ contains
       do i = 1, size(plan%parameters)
          call write_fact("swept", plan%parameters(i)%describe())
       end do
+      if (allocated(plan%curve)) call write_fact("curve", plan%curve%describe())
       if (size(plan%parameters) == 0) call write_fact("swept", "nothing")
    end subroutine write_parameters
 
@@ -119,6 +123,21 @@ contains
       end do
       if (size(points) > most) call write_fact("", "and "//to_text(size(points) - most)//" more (see 'branch')")
    end subroutine write_jumps
+
+   !> Folds, peaks and ends of curves.
+   subroutine write_curves(path, plan, error)
+      character(*), intent(in) :: path
+      type(sweep_plan_t), intent(in) :: plan
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: lines(:)
+      integer :: i
+
+      call curve_lines(path, plan, lines, error)
+      if (allocated(error)) return
+      do i = 1, size(lines)
+         call write_fact(merge("found", "     ", i == 1), trim(lines(i)))
+      end do
+   end subroutine write_curves
 
    !> The frequencies of unknown tones.
    subroutine write_found(record, is_unknown)

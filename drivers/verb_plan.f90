@@ -59,6 +59,7 @@ contains
       n_points = study%plan%n_points
       line = study%plan%n_fastest()
       chain = merge(study%scene%chain%length, 1, study%scene%chain%is_on)
+      if (allocated(study%plan%curve)) chain = line                   ! rooms of points are drawn as a whole
       call read_points(options, line, n_points, error)
       if (.not. allocated(error)) call read_costs(options, n_points, tasks, error)
       if (.not. allocated(error)) call read_machine(options%machine, machine, group_size, error)

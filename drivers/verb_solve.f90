@@ -4,11 +4,12 @@ module verb_solve
    use arguments, only: arguments_t
    use console, only: say
    use exit_status, only: incomplete, not_all_right, success
-   use hb_memory, only: available_memory
+   use hb_curve_table, only: curve_lines, note_curve_values
    use hb_error, only: error_t
    use hb_file_place, only: check_source
    use hb_interruption, only: interruption
    use hb_kinds, only: wp
+   use hb_memory, only: available_memory
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use hb_outcome, only: outcome, outcome_text
    use hb_progress, only: log_level
@@ -19,6 +20,7 @@ module verb_solve
    use hb_signals, only: signal_caught, signal_name
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
+   use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
    use hb_timing, only: timing_lines
@@ -82,20 +84,50 @@ contains
       status = success
       is_told = rank_of(comm) == 0 .and. options%level >= log_level%normal
       if (is_told) call say("nhbm "//options%verb//" "//options%input//": "// &
-         number_of(study%plan%n_points, "point")//" on "//number_of(size_of(comm), "rank")//", "// &
+         room_text(study)//" on "//number_of(size_of(comm), "rank")//", "// &
          number_of(study%scene%tones%n_tones, "tone")//", "//number_of(size(study%tuples, 2), "harmonic"))
       if (is_told .and. study%n_chains() > 0 .and. study%n_chains() < size_of(comm)) call say("note: "// &
          number_of(study%n_chains(), "chain")//" of points for "//number_of(size_of(comm), "rank")// &
          "; a smaller &solver chain_length makes more of them")
       call run_study(study, how, comm, summary, error)
       if (allocated(error)) return
-      if (summary%counts(outcome%converged) < summary%n_points) status = not_all_right
+      if (summary%counts(outcome%converged) + summary%counts(outcome%unused) < summary%n_points) status = not_all_right
       if (summary%n_left > 0) status = incomplete
       if (is_told) call write_summary(summary, study, path)
       if (is_told .and. options%level >= log_level%verbose) call write_times(summary)
       if (rank_of(comm) == 0 .and. status == incomplete) write (error_unit, "(a)") "nhbm: "//reason(summary)//": "// &
          to_text(summary%n_left)//" points are left; nhbm resume "//path//" solves them"
    end subroutine run
+
+   !> How many points there are, or how many there is room for.
+   function room_text(study) result(text)
+      type(study_t), intent(in) :: study
+      character(:), allocatable :: text
+
+      associate (plan => study%plan)
+         text = number_of(plan%n_points, "point")
+         if (allocated(plan%curve)) text = number_of(plan%n_points/plan%n_fastest(), "curve")//" of up to "// &
+            number_of(plan%n_fastest(), "point")
+      end associate
+   end function room_text
+
+   !> What was found along curves.
+   subroutine write_curves(study, path)
+      type(study_t), intent(in) :: study
+      character(*), intent(in) :: path
+      type(sweep_plan_t) :: plan
+      type(error_t), allocatable :: error
+      character(:), allocatable :: lines(:)
+      integer :: i
+
+      plan = study%plan
+      call note_curve_values(path, plan, error)
+      if (.not. allocated(error)) call curve_lines(path, plan, lines, error)
+      if (allocated(error)) return                                    ! of a file that was just written: `info` tells it
+      do i = 1, size(lines)
+         call say(trim(lines(i)))
+      end do
+   end subroutine write_curves
 
    !> Why a run has ended before its points did.
    function reason(summary)
@@ -137,12 +169,13 @@ contains
       if (summary%n_damaged > 0) call say("note: the results of "//number_of(summary%n_damaged, "point")// &
          " were damaged in the file; solved again")
       if (summary%has_other_libraries) call say("note: a law comes from another library than in the run that made the file")
-      call say(to_text(summary%counts(outcome%converged))//" of "//to_text(summary%n_points)// &
+      call say(to_text(summary%counts(outcome%converged))//" of "//to_text(summary%n_points - summary%counts(outcome%unused))// &
          " points converged; results in "//path)
       do status = outcome%converged + 1, ubound(summary%counts, 1)
-         if (summary%counts(status) == 0) cycle
+         if (summary%counts(status) == 0 .or. status == outcome%unused) cycle
          call say(to_text(summary%counts(status))//" "//outcome_text(status))
       end do
+      if (allocated(study%plan%curve)) call write_curves(study, path)
       if (summary%n_rescued > 0) call say(to_text(summary%n_rescued)// &
          " needed more than the direct attempt (see 'rescue' in the results)")
       do i = 1, study%scene%tones%n_tones

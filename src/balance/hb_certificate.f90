@@ -6,6 +6,7 @@
 module hb_certificate
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_balance, only: balance_t, new_balance
+   use hb_bordered, only: bordered_problem_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box, new_of_parity
@@ -55,7 +56,7 @@ module hb_certificate
 contains
 
    !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance, and with it the motion improved by some steps.
-   subroutine certify(self, structure, laws, loads, torus, balance, u, effort, n_steps, error, phase)
+   subroutine certify(self, structure, laws, loads, torus, balance, u, effort, n_steps, error, phase, curve)
       type(certificate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
@@ -67,6 +68,8 @@ contains
       integer, intent(in) :: n_steps                                  !! of the improvement; 0: none
       type(error_t), allocatable, intent(out) :: error
       type(phase_problem_t), intent(inout), optional :: phase         !! on this balance, where it has unknown tones
+      class(bordered_problem_t), intent(inout), optional :: curve     !! on this balance, of which the motion is a point: errors
+                                                                      !! along its last form count for nothing
       type(balance_t) :: wide
       type(harmonics_t) :: set
       type(tones_t) :: tones
@@ -79,9 +82,9 @@ contains
       call choose_wider(balance%harmonics, torus, set, grid, error)
       if (allocated(error)) return
       call make_wide_balance()
-      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, n_steps, error, phase)
+      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, n_steps, error, phase, curve)
       if (.not. allocated(error) .and. any(is_unknown([self%truncation, self%aliasing]))) then
-         if (has_multipliers(balance) .and. .not. present(phase)) &
+         if (has_multipliers(balance) .and. .not. (present(phase) .or. present(curve))) &
             call solve_on_finer_grid(self, balance, wide, grid, u, effort, n_steps, error)
          if (is_unknown(self%truncation)) self%truncation = unknown
          if (is_unknown(self%aliasing)) self%aliasing = unknown
@@ -222,7 +225,7 @@ contains
    !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: the harmonics
    !> outside answer the forces that nothing balances, through their stiffness with the mean stiffness of the laws; what
    !> this motion then changes in the kept ones, and in unknown frequencies, comes by the exact tangent.
-   subroutine estimate_errors(self, balance, wide, u, n_steps, error, phase)
+   subroutine estimate_errors(self, balance, wide, u, n_steps, error, phase, curve)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(inout), target :: balance
       type(balance_t), intent(inout) :: wide
@@ -230,6 +233,7 @@ contains
       integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
       type(phase_problem_t), intent(inout), optional :: phase
+      class(bordered_problem_t), intent(inout), optional :: curve
       type(tangent_solver_t) :: tangent
       real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), size_of_motion
       integer :: n
@@ -242,12 +246,15 @@ contains
       allocate (answer, mold=big)
       n = balance%n_unknowns
       if (present(phase)) n = phase%n_unknowns
+      if (present(curve)) n = curve%n_unknowns
       allocate (change(n), alias(n))
       self%truncation = huge(1.0_wp)
       self%aliasing = huge(1.0_wp)
       if (present(phase)) then
          self%frequency_error(phase%tones) = balance%omega(phase%tones)
          call new_tangent_solver(tangent, phase, phase%unknowns([u]), is_singular)
+      else if (present(curve)) then
+         call new_tangent_solver(tangent, curve, curve%unknowns([u]), is_singular)
       else
          call new_tangent_solver(tangent, balance, reshape(u, [size(u)]), is_singular)
       end if
@@ -277,7 +284,7 @@ contains
          if (is_rigid .or. self%truncation > linear) call compare_with_half(self, balance%harmonics, phase, u, size_of_motion)
          return                                                       ! the improvement holds the frequencies
       end if
-      if (n_steps == 0) return
+      if (n_steps == 0 .or. present(curve)) return
       self%wider = wide%harmonics
       allocate (self%improved, mold=big)
       call improve(balance, wide, tangent, u, n_steps, self%improved, error)
@@ -291,6 +298,7 @@ contains
          real(wp) :: pairs(size(u, 1), size(u, 2))
 
          call exchange(wide%harmonics, balance%harmonics, wide_coefficients, pairs)
+         kept = 0.0_wp
          kept(:size(u)) = reshape(pairs, [size(u)])
          if (present(phase)) kept(size(u) + 1:) = phase%added_residual(wide, motion)
       end function restricted
@@ -300,6 +308,8 @@ contains
 
          if (present(phase)) then
             call tangent%solve(phase, r, is_singular)
+         else if (present(curve)) then
+            call tangent%solve(curve, r, is_singular)
          else
             call tangent%solve(balance, r, is_singular)
          end if

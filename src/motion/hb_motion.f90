@@ -4,6 +4,7 @@ module hb_motion
    use hb_advice, only: advice_on, circumstances_t, find_circumstances
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
+   use hb_bordered, only: bordered_problem_t
    use hb_certificate, only: certificate_t, certify
    use hb_clock, only: wall_clock
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
@@ -26,7 +27,7 @@ module hb_motion
    use hb_watch, only: verdict, watch_t
    implicit none
    private
-   public :: solve_motion
+   public :: describe_motion, solve_motion
 
 contains
 
@@ -196,9 +197,8 @@ contains
       type(circumstances_t) :: circumstances
       type(report_t) :: report
       type(search_t) :: search
-      complex(wp), allocatable :: c(:, :)
       real(wp), allocatable :: linear_solution(:, :), u(:, :)
-      real(wp) :: begun, cpu_begun, cpu_ended
+      real(wp) :: begun
       logical :: is_stuck
 
       balance%watch => watch
@@ -247,6 +247,25 @@ contains
          result%message = "loads, or the motion under them, are out of the range of numbers; scale the units"
       end if
 
+      call describe_motion(scene, balance, u, result, error, search)
+      if (allocated(error)) return
+      if (present(judge) .and. any(scene%tones%is_unknown) .and. scene%tones%n_tones > 1) &
+         call look_for_locking(judge, scene, start, law_dofs, watch, result)
+   end subroutine solve_balance
+
+   !> Adds to a result what follows from a solution: motion, forces, certificate, surfaces. A status that says `converged` is
+   !> settled by the certificate.
+   subroutine describe_motion(scene, balance, u, result, error, search, curve)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(inout), target :: balance
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+      type(motion_result_t), intent(inout) :: result                  !! with its status
+      type(error_t), allocatable, intent(out) :: error
+      type(search_t), intent(inout), optional :: search               !! of a scene with unknown tones
+      class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
+      complex(wp), allocatable :: c(:, :)
+      real(wp) :: begun, cpu_begun, cpu_ended
+
       allocate (c(scene%structure%n_dofs, scene%harmonics%n_harmonics))
       call balance%all_dofs(u, c)
       call keep_motion(scene, c, result)
@@ -255,16 +274,14 @@ contains
       if (scene%certificate%is_on .and. result%status == outcome%converged) then
          begun = wall_clock()
          call cpu_time(cpu_begun)
-         call keep_certificate(scene, balance, search, u, result, error)
+         call keep_certificate(scene, balance, u, result, error, search, curve)
          result%certificate_seconds = wall_clock() - begun
          call cpu_time(cpu_ended)
          result%certificate_cpu_seconds = cpu_ended - cpu_begun
          if (allocated(error)) return
       end if
-      if (present(judge) .and. any(scene%tones%is_unknown) .and. scene%tones%n_tones > 1) &
-         call look_for_locking(judge, scene, start, law_dofs, watch, result)
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)
-   end subroutine solve_balance
+   end subroutine describe_motion
 
    !> Where the search for a torus was lost, or its motion is no better than a guess and its tones are nearly commensurate, the
    !> tones may have locked: there is no torus then.
@@ -398,20 +415,21 @@ contains
    end subroutine keep_forces
 
    !> Makes the certificate of a solved point; one that misses a threshold gets the status that says so.
-   subroutine keep_certificate(scene, balance, search, u, result, error)
+   subroutine keep_certificate(scene, balance, u, result, error, search, curve)
       type(scene_t), intent(in) :: scene
       type(balance_t), intent(inout), target :: balance               !! the search points to it
-      type(search_t), intent(inout) :: search                         !! of a scene with unknown tones
       real(wp), intent(in) :: u(:, :)
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
+      type(search_t), intent(inout), optional :: search               !! of a scene with unknown tones
+      class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
 
-      if (any(scene%tones%is_unknown)) then
+      if (any(scene%tones%is_unknown) .and. present(search)) then
          call certify(result%certificate, scene%structure, scene%laws, scene%loads, scene%torus, balance, u, scene%planning, &
                       0, error, search%phase)
       else
          call certify(result%certificate, scene%structure, scene%laws, scene%loads, scene%torus, balance, u, scene%planning, &
-                      scene%certificate%improvement_steps, error)
+                      scene%certificate%improvement_steps, error, curve=curve)
       end if
       if (allocated(error)) return
       if (allocated(result%certificate%improved)) result%improved_coefficients = &

@@ -5,7 +5,15 @@ module hb_motion_result
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: motion_result_t
+   public :: curve_place_t, motion_result_t
+
+   !> Where on a curve a motion is, hb_motion_curve.
+   type :: curve_place_t
+      integer :: kind = 0                               !! hb_motion_curve%curve_kind
+      real(wp) :: parameter = 0.0_wp                    !! in the unit of the input
+      real(wp) :: length = 0.0_wp                       !! of the arc from the start, negative on the way back from there
+      real(wp), allocatable :: state(:)                 !! what the curve goes on from, hb_motion_curve
+   end type curve_place_t
 
    !> The result of one scene. What is not allocated is not known, and stays NaN in a file.
    type :: motion_result_t
@@ -34,6 +42,7 @@ module hb_motion_result
       integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
       type(certificate_t) :: certificate                !! zero and without combination where none was made
       logical :: is_near_commensurate = .false.
+      type(curve_place_t), allocatable :: curve         !! of a motion on a curve
       real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
       real(wp), allocatable :: corrected_samples(:, :)  !! same
       real(wp), allocatable :: force_samples(:, :)      !! [N], same

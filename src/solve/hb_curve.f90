@@ -34,6 +34,7 @@ module hb_curve
       integer :: easy_iterations = 4                                  !! of the corrector
       real(wp) :: little = 0.97_wp                                    !! cosine of the angle up to which it turns little: 0 where
                                                                       !! the curve is smooth, above 1 where it has many kinks
+      real(wp) :: angle = 0.0_wp                                      !! [rad] by which it should turn on a step; 0: any
    end type curve_config_t
 
    !> Where a curve is. To go on from a stored point, set `x`, `direction`, `step` and `orientation`.
@@ -48,6 +49,7 @@ module hb_curve
                                                                       !! grows along the curve
       real(wp) :: step = 0.0_wp                                       !! length of the next one
       real(wp) :: orientation = 0.0_wp                                !! sign of the determinant on this piece; 0: not known
+      real(wp) :: angle = 0.0_wp                                      !! [rad] by which the last `turn` has turned the direction
       integer :: n_branch_points = 0                                  !! passed by so far
       real(wp), allocatable :: last_x(:), last_direction(:)           !! the point before
       real(wp) :: last_step = 0.0_wp                                  !! that led from there to x
@@ -56,14 +58,17 @@ module hb_curve
       integer, private :: last_iterations = 0                         ! of the corrector
       logical, private :: is_turned = .false.                         ! at a kink, since the point before
       logical, private :: is_along_form = .false.                     ! the last plane was one of `form`
+      real(wp), private :: last_orientation = 0.0_wp                  ! at the point before
+      integer, private :: last_branch_points = 0                      ! up to there
    contains
       procedure :: advance => curve_advance
       procedure :: retreat => curve_retreat
       procedure :: turn => curve_turn
       procedure :: point_at => curve_point_at
       procedure :: locate => curve_locate
-      procedure, private :: put_plane => curve_put_plane
-      procedure, private :: tangent_at => curve_tangent_at
+      procedure :: find_zero => curve_find_zero
+      procedure :: tangent_at => curve_tangent_at
+      procedure :: put_plane => curve_put_plane
       procedure, private :: turn_at_kink => curve_turn_at_kink
    end type curve_t
 
@@ -113,6 +118,8 @@ contains
          self%last_x = self%x
          self%last_direction = self%direction
          self%last_step = self%step
+         self%last_orientation = self%orientation
+         self%last_branch_points = self%n_branch_points
          call self%point_at(self%step, self%x, is_on_curve)
          if (is_on_curve .or. self%status /= outcome%pending) return
          call self%retreat()
@@ -126,7 +133,9 @@ contains
 
       self%x = self%last_x
       self%direction = self%last_direction
-      self%step = self%config%reduction*self%step
+      self%orientation = self%last_orientation
+      self%n_branch_points = self%last_branch_points
+      self%step = self%config%reduction*min(self%step, self%last_step)
       if (self%step >= self%config%shortest_step) return
       is_possible = .false.
       if (self%config%kink_step > 0.0_wp .and. .not. self%is_turned) call self%turn_at_kink(is_possible)
@@ -137,9 +146,10 @@ contains
    !> Turns the direction into the tangent at x, and chooses the next step. The caller may have changed forms, scales and units.
    subroutine curve_turn(self)
       class(curve_t), intent(inout) :: self
-      real(wp) :: direction(size(self%x)), sign_now
+      real(wp) :: direction(size(self%x)), factor, sign_now
       logical :: is_singular
 
+      self%angle = 0.0_wp
       call self%tangent_at(self%x, direction, sign_now, is_singular)
       if (is_singular) then
          if (.not. allocated(self%last_x)) self%status = outcome%singular   ! else the old direction must do
@@ -154,12 +164,24 @@ contains
          else if (abs(sign_now) > 0.0_wp) then
             self%orientation = sign_now
          end if
+         self%angle = angle_between(direction/self%units, self%direction/self%units)
          self%direction = direction
       end if
       self%is_turned = .false.
-      if (allocated(self%last_x) .and. self%last_iterations <= self%config%easy_iterations) &
-         self%step = min(self%config%longest_step, self%config%growth*self%step)
+      if (.not. allocated(self%last_x)) return
+      factor = 1.0_wp
+      if (self%last_iterations <= self%config%easy_iterations) factor = self%config%growth
+      if (self%config%angle > 0.0_wp .and. self%angle*factor > self%config%angle) &
+         factor = max(self%config%reduction, self%config%angle/self%angle)
+      if (abs(factor - 1.0_wp) > 0.0_wp) self%step = min(self%config%longest_step, factor*self%step)
    end subroutine curve_turn
+
+   !> Angle between two vectors [rad], exact for small ones as well.
+   pure real(wp) function angle_between(a, b) result(angle)
+      real(wp), intent(in) :: a(:), b(:)
+
+      angle = 2.0_wp*atan2(norm2(a/norm2(a) - b/norm2(b)), norm2(a/norm2(a) + b/norm2(b)))
+   end function angle_between
 
    !> The point of the curve in the plane at a distance from the last one, along the direction there.
    subroutine curve_point_at(self, step, x, is_on_curve)
@@ -189,43 +211,67 @@ contains
       if (self%report%is_out_of_work) self%status = outcome%out_of_budget
    end subroutine curve_point_at
 
-   !> Finds a zero of a function that has changed its sign on the step from the last point to x, by bisection and secants. x becomes
-   !> the zero; the next step begins there, once `turn` was called.
+   !> Finds a zero of a function that has changed its sign on the step from the last point to x. x becomes the zero; the next
+   !> step begins there, once `turn` was called.
    subroutine curve_locate(self, event, tolerance, is_found)
       class(curve_t), intent(inout) :: self
       class(event_t), intent(inout) :: event
       real(wp), intent(in) :: tolerance                               !! of the function
       logical, intent(out) :: is_found
-      integer, parameter :: most_steps = 60
-      real(wp) :: high, low, middle, value, value_high, value_low, x(size(self%x))
-      integer :: i
+      real(wp) :: step, x(size(self%x))
+
+      call self%find_zero(event, [0.0_wp, self%last_step], [event%value(self%last_x), event%value(self%x)], tolerance, x, step, &
+                          is_found)
+      if (.not. is_found) return
+      self%x = x
+      self%last_step = step
+   end subroutine curve_locate
+
+   !> As `locate`, but leaves the curve where it is: by false position, whose older end counts for less from step to step, and by
+   !> bisection where that is slow. A function that jumps across zero has one there.
+   subroutine curve_find_zero(self, event, places, values, tolerance, x, step, is_found)
+      class(curve_t), intent(inout) :: self
+      class(event_t), intent(inout) :: event
+      real(wp), intent(in) :: places(2)                               !! between which it is, from the last point on
+      real(wp), intent(in) :: values(2)                               !! of the function there, of different signs
+      real(wp), intent(in) :: tolerance                               !! of the function
+      real(wp), intent(out) :: x(:)                                   !! the zero
+      real(wp), intent(out) :: step                                   !! its place on the step, from the last point on
+      logical, intent(out) :: is_found
+      integer, parameter :: most_steps = 80, fast_steps = 24
+      real(wp), parameter :: smallest_bracket = 4.0_wp*epsilon(1.0_wp)
+      real(wp) :: high, low, value, value_high, value_low
+      integer :: i, side
       logical :: is_on_curve
 
-      is_found = .false.
-      low = 0.0_wp
-      high = self%last_step
-      value_low = event%value(self%last_x)
-      value_high = event%value(self%x)
+      low = places(1)
+      high = places(2)
+      value_low = values(1)
+      value_high = values(2)
+      side = 0
       do i = 1, most_steps
-         middle = 0.5_wp*(low + high)
-         if (modulo(i, 3) > 0 .and. abs(value_high - value_low) > 0.0_wp) &
-            middle = low + (high - low)*min(0.95_wp, max(0.05_wp, -value_low/(value_high - value_low)))
-         call self%point_at(middle, x, is_on_curve)
-         if (.not. is_on_curve) return
+         step = 0.5_wp*(low + high)
+         if (modulo(i, 4) > 0 .and. i <= fast_steps .and. abs(value_high - value_low) > 0.0_wp) &
+            step = low + (high - low)*min(0.999_wp, max(0.001_wp, -value_low/(value_high - value_low)))
+         call self%point_at(step, x, is_on_curve)
+         is_found = is_on_curve
+         if (.not. is_found) return
          value = event%value(x)
-         is_found = abs(value) <= tolerance
-         if (is_found .or. high - low <= epsilon(1.0_wp)*self%last_step) exit
-         if (value*value_low > 0.0_wp) then
-            low = middle
+         if (abs(value) <= tolerance .or. high - low <= smallest_bracket*self%last_step) return
+         is_found = .false.
+         if (value*values(1) > 0.0_wp) then
+            low = step
             value_low = value
+            if (side == 1) value_high = 0.5_wp*value_high
+            side = 1
          else
-            high = middle
+            high = step
             value_high = value
+            if (side == 2) value_low = 0.5_wp*value_low
+            side = 2
          end if
       end do
-      self%x = x
-      self%last_step = middle
-   end subroutine curve_locate
+   end subroutine curve_find_zero
 
    !> Makes the last equation the plane at a distance from a point.
    subroutine curve_put_plane(self, x, direction, distance)

@@ -26,18 +26,19 @@ module hb_outcome
       integer :: locked = 14                           !! the tones are multiples of one: the motion has one tone
       integer :: timed_out = 15                        !! the point has had its processor time
       integer :: impact = 16                           !! solved, but a rigid wall is struck: a law of impact is missing
+      integer :: unused = 17                           !! room for a point of a curve that has ended before
       integer :: interrupted = -1                      !! the run ends: never in a file, where the point stays pending
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:16) = [character(13) :: &
+   character(*), parameter :: outcome_names(0:17) = [character(13) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
       "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed", "diverged", "locked", &
-      "timed_out", "impact"]
+      "timed_out", "impact", "unused"]
 
-   character(*), parameter :: texts(0:16) = [character(64) :: &
+   character(*), parameter :: texts(0:17) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
@@ -54,7 +55,8 @@ module hb_outcome
       "diverged: the steps run away from the size of the problem", &
       "locked: the tones are multiples of one, the motion has one tone", &
       "timed out: the point has had its processor time", &
-      "impact: solved, but a wall is struck: a law of impact is missing"]
+      "impact: solved, but a wall is struck: a law of impact is missing", &
+      "unused: room for a point of a curve that has ended before"]
 
 contains
 

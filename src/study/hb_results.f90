@@ -5,6 +5,7 @@
 !> after that only raw data are written in place, the status of a point last, so that a killed run leaves a sound
 !> file in which a status other than 0 means complete.
 module hb_results
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_certificate, only: certificate_t
    use hb_clock, only: wall_clock
    use hb_crash_watch, only: crash_place_t
@@ -13,12 +14,12 @@ module hb_results
    use hb_hdf5, only: h5_file_t, open_file_parallel
    use hb_held_rows, only: held_rows_t, hold_seconds, new_held_rows, room_for
    use hb_kinds, only: wp
-   use hb_motion_result, only: motion_result_t
+   use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: outcome
    use hb_results_file, only: make_file
    use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
-   use hb_results_plan, only: is_checked, is_integer, measure_row, message_length, new_plan, plan_t
+   use hb_results_plan, only: identifier, is_checked, is_integer, measure_row, message_length, new_plan, plan_t
    use hb_system, only: check_held, held_file_t, hold_file, release_file
    use hb_text, only: to_text
    use hb_timing, only: n_times, rank_times_t
@@ -32,6 +33,7 @@ module hb_results
       type(h5_file_t) :: file
       character(:), allocatable :: path
       type(plan_t) :: plan
+      character(:), allocatable :: curve_variable       ! name of the value that moves along curves
       integer :: n_points = 0
       logical :: is_resumed = .false.                   !! rows may hold what a run before has left
       type(held_rows_t), allocatable :: held(:)         ! for each variable of the plan
@@ -41,6 +43,7 @@ module hb_results
       type(held_file_t) :: place                        ! of rank 0: whether the file is still what it was
    contains
       procedure :: close => results_close
+      procedure :: read_curve => results_read_curve
       procedure :: crash_place => results_crash_place
       procedure :: flush => results_flush
       procedure :: hold_seconds => results_hold_seconds
@@ -78,6 +81,7 @@ contains
       if (.not. allocated(error)) then
          self%n_points = layout%n_points
          call new_plan(self%plan, layout)
+         if (allocated(layout%curve_parameter)) self%curve_variable = identifier(layout%curve_parameter)
          if (rank_of(comm) == 0) call make_file(path, layout, self%plan, overwrite, error)
       end if
       call share_error(comm, error)
@@ -100,6 +104,7 @@ contains
       if (.not. allocated(error)) then
          self%n_points = layout%n_points
          call new_plan(self%plan, layout)
+         if (allocated(layout%curve_parameter)) self%curve_variable = identifier(layout%curve_parameter)
       end if
       call share_error(comm, error)
       if (.not. allocated(error)) call open_datasets(self, layout, comm, error)
@@ -218,6 +223,7 @@ contains
       if (allocated(point%corrected_coefficients)) call put(self, "corrected_coefficients", point%corrected_coefficients, error)
       if (allocated(point%improved_coefficients)) call put(self, "improved_coefficients", point%improved_coefficients, error)
       if (allocated(point%certificate%combination)) call put_certificate(self, point, error)
+      if (allocated(point%curve)) call put_curve(self, point%curve, error)
       if (allocated(point%displacement_samples)) call put(self, "displacement_samples", point%displacement_samples, error)
       if (allocated(point%corrected_samples)) call put(self, "corrected_samples", point%corrected_samples, error)
       if (allocated(point%force_samples)) call put(self, "force_samples", point%force_samples, error)
@@ -357,6 +363,50 @@ contains
       call self%plan%variables(index_of(self, "branch"))%dataset%write_row(first, branch, error, size(branch))
       call annotate(error, "result file '"//self%path//"': 'branch'")
    end subroutine results_write_branches
+
+   !> Where on a curve the point is; what its state lacks of the row stays NaN.
+   subroutine put_curve(self, place, error)
+      class(results_t), intent(inout) :: self
+      type(curve_place_t), intent(in) :: place
+      type(error_t), allocatable, intent(inout) :: error
+      real(wp) :: state(self%plan%axes(size(self%plan%axes))%length)
+
+      if (.not. allocated(self%curve_variable)) return
+      state = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (allocated(place%state)) state(:size(place%state)) = place%state
+      call put(self, "curve_kind", [place%kind], error)
+      call put(self, "curve_length", [place%length], error)
+      call put(self, "curve_state", state, error)
+      call put(self, self%curve_variable, [place%parameter], error)
+   end subroutine put_curve
+
+   !> Reads the statuses of points that follow each other, and where on a curve they are; independent of other ranks, after
+   !> `share`.
+   subroutine results_read_curve(self, first, status, places, error)
+      class(results_t), intent(in) :: self
+      integer, intent(in) :: first                      !! point, from 1
+      integer, intent(out) :: status(:)                 !! (points)
+      type(curve_place_t), intent(out) :: places(:)     !! (points)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: state(:, :)
+      real(wp), dimension(1, size(status)) :: length, parameter
+      integer :: i
+
+      allocate (state(self%plan%axes(size(self%plan%axes))%length, size(status)))
+      associate (variables => self%plan%variables)
+         call variables(index_of(self, "status"))%dataset%read_rows(first, status, error)
+         if (.not. allocated(error)) call variables(index_of(self, "curve_kind"))%dataset%read_rows(first, places%kind, error)
+         if (.not. allocated(error)) call variables(index_of(self, "curve_length"))%dataset%read_rows(first, length, error)
+         if (.not. allocated(error)) call variables(index_of(self, "curve_state"))%dataset%read_rows(first, state, error)
+         if (.not. allocated(error)) call variables(index_of(self, self%curve_variable))%dataset%read_rows(first, parameter, error)
+      end associate
+      if (allocated(error)) return
+      do i = 1, size(status)
+         places(i)%length = length(1, i)
+         places(i)%parameter = parameter(1, i)
+         places(i)%state = state(:, i)
+      end do
+   end subroutine results_read_curve
 
    subroutine put_certificate(self, point, error)
       class(results_t), intent(inout) :: self

@@ -5,9 +5,11 @@ module hb_results_file
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t
    use hb_kinds, only: int64, two_pi
    use hb_march_verdict, only: verdict_names
+   use hb_motion_curve, only: curve_kind_names
    use hb_outcome, only: outcome_names
    use hb_results_layout, only: results_layout_t, swept_parameter_t
-   use hb_results_plan, only: axis_t, component_axis, dof_axis, harmonic_axis, is_characters, is_checked, is_integer, &
+   use hb_results_plan, only: axis_t, component_axis, curve_entries, dof_axis, harmonic_axis, identifier, is_characters, &
+      is_checked, is_integer, &
       is_real, law_axis, law_dof_axis, message_axis, n_bytes_of, parameter_name_length, parameter_names, plan_t, point_axis, &
       size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
    use hb_signals, only: note_unfinished
@@ -131,9 +133,13 @@ contains
             case (component_axis)
                call file%add_texts(axis%name, ["cos", "sin"], axis%scale, error)
             case default
-               call file%add_real(axis%name, [axis%length], axis%scale, error)
-               if (.not. allocated(error)) &
-                  call axis%scale%write([(two_pi*k/axis%length, k=0, axis%length - 1)], error)
+               if (axis%name == curve_entries) then
+                  call add_numbers(file, axis, [(k, k=0, axis%length - 1)], error)
+               else
+                  call file%add_real(axis%name, [axis%length], axis%scale, error)
+                  if (.not. allocated(error)) &
+                     call axis%scale%write([(two_pi*k/axis%length, k=0, axis%length - 1)], error)
+               end if
             end select
             if (.not. allocated(error)) call axis%scale%make_scale(scale_name(axis, i), error)
             if (.not. allocated(error)) call describe(axis%scale, axis%units, axis%long_name, error)
@@ -191,7 +197,12 @@ contains
          call add_tuple_entry(file, i, layout%tuples, plan, error)
          if (allocated(error)) return
       end do
-      call file%set_attribute("coordinates", coordinate_names(size(layout%tuples, 1), names), error)
+      if (allocated(layout%curve_parameter)) then
+         call file%set_attribute("coordinates", coordinate_names(size(layout%tuples, 1), [character(parameter_name_length) :: &
+            names, identifier(layout%curve_parameter)]), error)
+      else
+         call file%set_attribute("coordinates", coordinate_names(size(layout%tuples, 1), names), error)
+      end if
       if (allocated(error)) return
 
       call file%add_text("input_text", or_empty(layout%input_text), dataset, error)
@@ -291,6 +302,11 @@ contains
             if (variable%name == "checksum") call variable%dataset%set_attribute("of", names_of_checked(variables), error)
             if (variable%name == "status") call set_flags(variable%dataset, outcome_names, error)
             if (variable%name == "rescue") call set_flags(variable%dataset, rescue_names, error)
+            if (variable%name == "curve_kind") call set_flags(variable%dataset, curve_kind_names, error)
+            if (allocated(variable%parameter) .and. .not. allocated(error)) &
+               call variable%dataset%set_attribute("parameter", variable%parameter, error)
+            if (allocated(variable%parameter) .and. .not. allocated(error)) &
+               call variable%dataset%set_attribute("moves_along", "curve", error)
             if (variable%name == "march_verdict") call set_flags(variable%dataset, verdict_names, error)
          end associate
          if (allocated(error)) return

@@ -19,6 +19,9 @@ module hb_results_layout
    !> All that is known before the first point is solved; the same on all ranks.
    type :: results_layout_t
       integer :: n_points = 0
+      character(:), allocatable :: curve_parameter      !! path of the value that moves along curves; none: there are no curves
+      character(:), allocatable :: curve_units          !! of the value
+      integer :: n_curve_state = 0                      !! numbers from which a curve goes on, of a point
       integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics), the union over all points
       character(16), allocatable :: dof_labels(:), dof_units(:) !! stored degrees of freedom; `m`, `rad`
       character(16), allocatable :: law_dof_labels(:), law_dof_units(:) !! those on which laws act

@@ -12,8 +12,10 @@ module hb_results_plan
    public :: message_length
    public :: is_characters, is_integer, is_real
    public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, point_axis, tone_axis, worker_axis
+   public :: curve_entries
 
    integer, parameter :: message_length = 400          ! bytes
+   character(*), parameter :: curve_entries = "curve_entry" ! name of the axis of what a curve goes on from, the last one
    integer, parameter :: parameter_name_length = 256   ! more than any path of an input has
    ! Kinds of variables.
    integer, parameter :: is_integer = 1, is_real = 2, is_characters = 3
@@ -35,6 +37,7 @@ module hb_results_plan
       integer :: kind = 0                               ! one of the three above
       integer, allocatable :: axes(:)                   ! indices of axes, fastest first
       character(:), allocatable :: dof_units            ! of each degree of freedom, where they are an axis
+      character(:), allocatable :: parameter            ! path in the input, of the value that moves along curves
       type(h5_dataset_t) :: dataset
    end type variable_t
 
@@ -171,6 +174,7 @@ contains
          call add("march_duration", is_real, [point_axis], "s", "how long was marched")
          call add("march_drift", is_real, [tone_axis, point_axis], "rad/s", &
             "difference of the marched frequency to that of the motion, 0 where given")
+         if (allocated(layout%curve_parameter)) call add_curve()
          if (size(taus) == 0) return
          taus = [(n_plain_axes + i, i=1, size(taus))]
          call add("displacement_samples", is_real, [taus, law_dof_axis, point_axis], "", &
@@ -180,6 +184,17 @@ contains
          call add("force_samples", is_real, [taus, law_dof_axis, point_axis], "", &
             "hypertime surface of the force", force_units(layout%law_dof_units))
       end subroutine add_all
+
+      subroutine add_curve()
+         call add("curve_kind", is_integer, [point_axis], "1", "what the point of a curve is")
+         call add("curve_length", is_real, [point_axis], "1", &
+            "length of the curve from its start, in units of the range and of the largest motion; negative on the other way")
+         call add("curve_state", is_real, [n_plain_axes + size(taus) + 1, point_axis], "1", &
+            "unknowns and value, direction, step, orientation and largest motion, from which the curve goes on")
+         call add(identifier(layout%curve_parameter), is_real, [point_axis], layout%curve_units, &
+            "value of "//layout%curve_parameter//" along the curve")
+         if (n_listed <= size(list)) list(n_listed)%parameter = layout%curve_parameter
+      end subroutine add_curve
 
       subroutine add(name, kind, axes, units, long_name, units_by_dof)
          character(*), intent(in) :: name
@@ -207,9 +222,11 @@ contains
    subroutine list_axes(layout, axes)
       type(results_layout_t), intent(in) :: layout
       type(axis_t), allocatable, intent(out) :: axes(:)
-      integer :: i
+      integer :: i, n_axes
 
-      allocate (axes(n_plain_axes + size(layout%n_samples)))
+      n_axes = n_plain_axes + size(layout%n_samples)
+      if (allocated(layout%curve_parameter)) n_axes = n_axes + 1
+      allocate (axes(n_axes))
       call set(point_axis, "point", layout%n_points, "1", "number of the sweep point, from 0")
       call set(tone_axis, "tone", size(layout%tuples, 1), "1", "number of the tone, from 1")
       call set(harmonic_axis, "harmonic", size(layout%tuples, 2), "1", "number of the harmonic, from 0")
@@ -224,6 +241,8 @@ contains
          call set(n_plain_axes + i, "tau_"//to_text(i), layout%n_samples(i), "rad", &
             "hypertime of tone "//to_text(i))
       end do
+      if (allocated(layout%curve_parameter)) call set(n_axes, curve_entries, layout%n_curve_state, "1", &
+         "number from which a curve goes on, from 0")
    contains
       subroutine set(i_axis, name, length, units, long_name)
          integer, intent(in) :: i_axis, length

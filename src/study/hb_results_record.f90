@@ -250,7 +250,7 @@ contains
       logical :: is_open(self%n_points)
       integer :: i
 
-      is_open = self%status == outcome%pending .or. (retries .and. .not. is_solved(self%status))
+      is_open = self%status == outcome%pending .or. (retries .and. .not. is_solved(self%status) .and. self%status /= outcome%unused)
       if (allocated(self%is_damaged)) is_open = is_open .or. self%is_damaged
       points = pack([(i, i=1, self%n_points)], is_open)
    end function open_points

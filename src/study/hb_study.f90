@@ -6,13 +6,16 @@ module hb_study
    use hb_kinds, only: wp
    use hb_law_forces, only: law_dofs_of
    use hb_namelist, only: complete_text, read_namelist, set_text
+   use hb_motion_curve, only: curve_request_t, state_size
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row, new_plan, plan_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: group_names, read_scene
+   use hb_scene_tones, only: read_tones
    use hb_sweep_harmonics, only: tuples_of_sweep
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: join, string_t, to_text
+   use hb_tones, only: tones_t
    use hb_version, only: git_commit, program_version
    implicit none
    private
@@ -47,6 +50,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available_memory              !! bytes for this process, the same on all ranks
       type(document_t), target :: first
+      type(curve_request_t) :: request
+      type(tones_t) :: tones
 
       if (present(available_memory)) self%available_memory = available_memory
       self%input_text = text
@@ -56,12 +61,23 @@ contains
       call read_sweep_plan(self%plan, self%document, error)
       if (allocated(error)) return
       first = self%document
+      if (allocated(self%plan%curve)) then
+         call read_tones(tones, first, error)
+         if (allocated(error)) return
+         call self%plan%curve%tie_tones(self%document, tones%omega, error)
+         if (allocated(error)) return
+         first = self%document
+      end if
       call refuse_hidden(self%plan, self%document, overrides, error)
       if (allocated(error)) return
       call self%plan%apply(1, first)
       call read_scene(self%scene, first, error, self%available_memory)
       if (allocated(error)) return
       call self%plan%note_units(first)
+      if (allocated(self%plan%curve)) then
+         call self%plan%curve%make_request(self%scene, first, request, error)
+         if (allocated(error)) return
+      end if
       if (is_chained(self)) then
          call set_text(self%document, "solver%first_guess", "'neighbour'", error)
          first = self%document
@@ -117,7 +133,7 @@ contains
 
       call read_namelist(document, file_name, text, error)
       if (allocated(error)) return
-      call document%expect_groups([group_names, "sweep      "], error)
+      call document%expect_groups([group_names, "sweep      ", "curve      "], error)
       if (.not. allocated(error)) call apply_overrides(document, overrides, error)
    end subroutine read_input
 
@@ -236,6 +252,11 @@ contains
          layout%n_ranks = n_ranks
          layout%program_version = program_version
          layout%git_commit = git_commit
+         if (allocated(plan%curve)) then
+            layout%curve_parameter = plan%curve%path
+            layout%curve_units = plan%curve%units
+            layout%n_curve_state = state_size(2*size(self%tuples, 2)*size(law_dofs))
+         end if
          allocate (layout%parameters(size(plan%parameters)))
          do i = 1, size(plan%parameters)
             layout%parameters(i)%path = plan%parameters(i)%path

@@ -28,6 +28,7 @@ module hb_sweep
    use hb_schedule, only: new_schedule, schedule_t, way_t
    use hb_signals, only: wait_for_points
    use hb_study, only: describe_layout, study_t
+   use hb_swept_curve, only: new_swept_curve, swept_curve_t
    use hb_swept_point, only: run_point
    use hb_system, only: file_kind, kind_of_file
    use hb_text, only: to_text
@@ -60,6 +61,7 @@ module hb_sweep
       type(scene_t) :: scene                                          !! of that point
       integer, allocatable :: crashed(:)                              !! points to pass by: they have ended a run before
       integer :: rank = 0
+      logical :: is_resumed = .false.                                 !! the file may hold results of a run before
    end type run_t
 
 contains
@@ -86,7 +88,7 @@ contains
       if (allocated(error)) return
       call describe_layout(self, size_of(comm), run%layout)
       call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
-         merge(self%scene%chain%length, 1, self%scene%chain%is_on), size_of(comm), block_seconds=0.0_wp)
+         length_of_units(self), size_of(comm), block_seconds=0.0_wp)
       is_there = .false.
       allocate (run%crashed(0))
       if (options%resumes) then
@@ -96,6 +98,7 @@ contains
          call choose_units(options%path, input, options%retries, comm, run%schedule, run%crashed, is_there, summary, error)
          if (allocated(error)) return
       end if
+      run%is_resumed = is_there
       if (is_there) then
          call open_results(run%results, options%path, run%layout, comm, error)
       else
@@ -123,6 +126,18 @@ contains
       call run%ending%destroy()
       summary%seconds = wall_clock() - started
    end subroutine run_study
+
+   !> Points that are solved one after the other: a curve, a chain, or a point.
+   pure integer function length_of_units(self) result(length)
+      type(study_t), intent(in) :: self
+
+      length = 1
+      if (allocated(self%plan%curve)) then
+         length = self%plan%n_fastest()
+      else if (self%scene%chain%is_on) then
+         length = self%scene%chain%length
+      end if
+   end function length_of_units
 
    !> Fails where results that were written are not in the file.
    subroutine check_written(path, n_left, error)
@@ -236,11 +251,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(neighbour_t) :: neighbour
       type(motion_result_t) :: result
-      real(wp) :: started
       integer :: first, last, point
-      logical :: is_report_due
 
       call run%schedule%points_of(unit, first, last)
+      if (allocated(self%plan%curve)) then
+         call run_curve(self, run, first, last, group, summary, error)
+         return
+      end if
       do point = first, last
          if (run%ending%is_due()) return
          if (any(run%crashed == point)) then                          ! of a chain that is solved again
@@ -252,20 +269,90 @@ contains
             run%times, result, run%ending)
          call end_point()
          if (result%status == outcome%interrupted) return             ! pending in the file, for another run
-         call run%ending%note_point(result%solve_seconds)
-         started = wall_clock()
-         call run%results%write_point(point, result, error)
+         call keep_point(self, run, point, result, group, summary, error)
          if (allocated(error)) return
-         call count_point(summary, point, result)
-         run%times%n_points = run%times%n_points + 1
-         run%times%writing = run%times%writing + wall_clock() - started
-         if (run%progress%is_debug) call run%progress%tell_point("point "//to_text(point - 1)//" on rank "// &
-            to_text(run%rank)//": "//outcome_name(result%status)//", "//to_text(result%iterations)//" iterations, "// &
-            self%plan%describe(point))
-         call run%progress%note(result%status /= outcome%converged, is_report_due)
-         if (is_report_due) call report(run%counter, group, run%progress, run%times)
       end do
    end subroutine run_unit
+
+   !> Follows a curve, from its start or from where a run before has left it, and writes its points; leaves it where the run has to
+   !> end. Room that it does not need is marked as such.
+   subroutine run_curve(self, run, first, last, group, summary, error)
+      type(study_t), intent(in) :: self
+      type(run_t), intent(inout), target :: run
+      integer, intent(in) :: first, last                              !! points
+      integer, intent(in) :: group                                    !! of the counter, for the tallies
+      type(run_summary_t), intent(inout) :: summary
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: failure
+      type(swept_curve_t), target :: curve
+      type(motion_result_t) :: result
+      integer :: point
+      logical :: is_report_due
+
+      if (run%ending%is_due()) return
+      call new_swept_curve(curve, run%document, self%available_memory, self%plan, run%layout, run%results, first, &
+         run%is_resumed, failure, error, run%ending)
+      if (allocated(error)) return
+      do point = first, first + size(curve%stored) - 1
+         summary%counts(curve%stored(point - first + 1)) = summary%counts(curve%stored(point - first + 1)) + 1
+         call run%progress%note(curve%stored(point - first + 1) /= outcome%converged, is_report_due)
+      end do
+      do while (point <= last .and. .not. curve%is_done)
+         if (run%ending%is_due()) exit
+         if (any(run%crashed == point)) then
+            curve%is_done = .true.                                    ! the rest of the curve cannot be known
+         else
+            call begin_point(point)
+            call curve%next(run%layout, run%rank, result, run%ending)
+            call end_point()
+            if (result%status == outcome%interrupted) exit            ! pending in the file, for another run
+            call keep_point(self, run, point, result, group, summary, error)
+            if (allocated(error)) exit
+         end if
+         point = point + 1
+      end do
+      if (allocated(failure)) then
+         result%status = outcome%failed
+         result%message = failure%message
+         call keep_point(self, run, point, result, group, summary, error)
+         point = point + 1
+      end if
+      result = motion_result_t()
+      result%status = outcome%unused
+      if (curve%is_done) then
+         do point = point, last
+            if (allocated(error)) exit
+            call keep_point(self, run, point, result, group, summary, error)
+         end do
+      end if
+      call curve%destroy()
+   end subroutine run_curve
+
+   !> Writes the result of a point, and counts it.
+   subroutine keep_point(self, run, point, result, group, summary, error)
+      type(study_t), intent(in) :: self
+      type(run_t), intent(inout) :: run
+      integer, intent(in) :: point
+      type(motion_result_t), intent(in) :: result
+      integer, intent(in) :: group                                    !! of the counter, for the tallies
+      type(run_summary_t), intent(inout) :: summary
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: started
+      logical :: is_report_due
+
+      call run%ending%note_point(result%solve_seconds)
+      started = wall_clock()
+      call run%results%write_point(point, result, error)
+      if (allocated(error)) return
+      call count_point(summary, point, result)
+      run%times%n_points = run%times%n_points + 1
+      run%times%writing = run%times%writing + wall_clock() - started
+      if (run%progress%is_debug) call run%progress%tell_point("point "//to_text(point - 1)//" on rank "// &
+         to_text(run%rank)//": "//outcome_name(result%status)//", "//to_text(result%iterations)//" iterations, "// &
+         self%plan%describe(point))
+      call run%progress%note(.not. any(result%status == [outcome%converged, outcome%unused]), is_report_due)
+      if (is_report_due) call report(run%counter, group, run%progress, run%times)
+   end subroutine keep_point
 
    !> Counts a point that has ended a run before and is left as it stands in the file; the next has no neighbour.
    subroutine pass_by(run, point, neighbour, summary)

@@ -1,8 +1,11 @@
 !> The points of a sweep: which parameters of the input take which values.
 !>
 !> Each `&sweep` group varies one parameter. Groups with the same `axis` number go side by side (zipped); different axes
-!> form a grid, the last axis running fastest. Without any group there is one point, the input as it is.
+!> form a grid, the last axis running fastest. Without any group there is one point, the input as it is. With a group `&curve`
+!> there is a curve in place of each point: its room for points is one more axis, the fastest.
 module hb_sweep_plan
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_curve_plan, only: curve_plan_t, read_curve_plan
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
@@ -40,6 +43,8 @@ module hb_sweep_plan
    type :: sweep_plan_t
       integer :: n_points = 1
       type(swept_t), allocatable :: parameters(:)
+      type(curve_plan_t), allocatable :: curve
+      real(wp), allocatable :: curve_values(:)                        !! at the points of curves; none before they are known
       integer, allocatable, private :: length(:)                      ! of each axis
    contains
       procedure :: index_on => sweep_plan_index_on
@@ -94,6 +99,12 @@ contains
             self%parameters(i)%axis = size(self%length)
          end if
       end do
+      if (document%count("curve") > 0) then
+         allocate (self%curve)
+         call read_curve_plan(self%curve, document, error)
+         if (allocated(error)) return
+         self%length = [self%length, self%curve%n_points]
+      end if
       if (product(real(self%length, wp)) > real(most_points, wp)) then
          call fail(error, "the sweep would have more than "//to_text(most_points)//" points")
          return
@@ -107,7 +118,10 @@ contains
             call document%resolve(swept%path, swept%parameter, error)
             group => document%group("sweep", i)
             swept%parameter%line = -group%line
-            if (.not. allocated(error)) cycle
+            if (.not. allocated(error)) then
+               if (allocated(self%curve)) call refuse_curve(self%curve, swept, error)
+               if (.not. allocated(error)) cycle
+            end if
             error%message = swept%place//": parameter '"//shown(swept%path)//"': "//error%message
             return
          end associate
@@ -129,6 +143,19 @@ contains
          return
       end do
    end subroutine refuse_twice
+
+   !> Refuses to sweep what moves along a curve, or the curve itself.
+   subroutine refuse_curve(curve, swept, error)
+      type(curve_plan_t), intent(in) :: curve
+      type(swept_t), intent(in) :: swept
+      type(error_t), allocatable, intent(out) :: error
+
+      if (swept%parameter%hides(curve%parameter) .or. curve%parameter%hides(swept%parameter)) then
+         call fail(error, "moves along the curve; sweep another value, or leave out &curve")
+      else if (swept%group == "curve") then
+         call fail(error, "a sweep cannot vary a curve; give the path of another group")
+      end if
+   end subroutine refuse_curve
 
    !> Reads the numbers of the axes. A group that gives none gets the lowest number that is free, an axis of its own.
    subroutine read_axes(document, axis_of)
@@ -402,6 +429,12 @@ contains
             end if
          end associate
       end do
+      if (.not. allocated(self%curve)) return
+      if (.not. allocated(self%curve_values)) then
+         call self%curve%set(document, self%curve%start)
+      else if (ieee_is_finite(self%curve_values(point))) then
+         call self%curve%set(document, self%curve_values(point))
+      end if
    end subroutine sweep_plan_apply
 
    !> Notes units and kinds of the parameters, which a document knows from which a scene has been read.
@@ -414,6 +447,7 @@ contains
          self%parameters(i)%units = document%unit_of(self%parameters(i)%parameter)
          self%parameters(i)%is_real = document%is_real(self%parameters(i)%parameter)
       end do
+      if (allocated(self%curve)) self%curve%units = document%unit_of(self%curve%parameter)
    end subroutine sweep_plan_note_units
 
    !> Text such as `law(1)%gap = 0.0015, solver%method = 'newton'`; empty without parameters.
@@ -429,6 +463,10 @@ contains
          text = text//self%parameters(i)%path//" = "//value_text(self%parameters(i), self%index_on(i, point))
          if (.not. self%parameters(i)%is_text) text = with_unit(text, self%parameters(i)%units)
       end do
+      if (.not. allocated(self%curve_values)) return
+      if (.not. ieee_is_finite(self%curve_values(point))) return
+      if (len(text) > 0) text = text//", "
+      text = text//with_unit(self%curve%path//" = "//to_text(self%curve_values(point)), self%curve%units)
    end function sweep_plan_describe
 
    pure integer function n_values(self)

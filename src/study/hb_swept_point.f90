@@ -21,7 +21,7 @@ module hb_swept_point
    use hb_watch, only: watch_t
    implicit none
    private
-   public :: run_point
+   public :: check_layout, run_point, spread_result
 
 contains
 
@@ -56,11 +56,7 @@ contains
          result%status = outcome%failed
          result%message = error%message
       else
-         call spread_harmonics(scene%harmonics, layout%tuples, result%coefficients)
-         call spread_harmonics(scene%harmonics, layout%tuples, result%force_coefficients)
-         call spread_harmonics(scene%harmonics, layout%tuples, result%corrected_coefficients)
-         if (.not. layout%has_improved .and. allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
-         call spread_harmonics(result%certificate%wider, layout%tuples, result%improved_coefficients)
+         call spread_result(scene%harmonics, layout, result)
       end if
       if (.not. allocated(error) .and. allocated(unknowns)) then
          call neighbour%keep(plan%fastest_value(point), scene%harmonics%tuples, unknowns)
@@ -93,6 +89,19 @@ contains
       if (.not. is_same) call fail(error, "this point has other degrees of freedom or surfaces than the first point; "// &
                                    "list the common ones in &output dofs, or run it by itself")
    end subroutine check_layout
+
+   !> Puts all coefficients of a point onto the harmonics of the file.
+   subroutine spread_result(harmonics, layout, result)
+      type(harmonics_t), intent(in) :: harmonics                      !! of the point
+      type(results_layout_t), intent(in) :: layout
+      type(motion_result_t), intent(inout) :: result
+
+      call spread_harmonics(harmonics, layout%tuples, result%coefficients)
+      call spread_harmonics(harmonics, layout%tuples, result%force_coefficients)
+      call spread_harmonics(harmonics, layout%tuples, result%corrected_coefficients)
+      if (.not. layout%has_improved .and. allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
+      call spread_harmonics(result%certificate%wider, layout%tuples, result%improved_coefficients)
+   end subroutine spread_result
 
    !> Puts coefficients of a point's own set onto the harmonics of the file; those that the point lacks become NaN.
    subroutine spread_harmonics(harmonics, tuples, coefficients)

@@ -8,6 +8,7 @@
 !> bound of work.
 module hb_verify
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_curve_table, only: note_curve_values
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file, open_file_parallel
@@ -184,6 +185,7 @@ contains
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
       if (.not. allocated(error)) call new_study(stored%study, path//": input_complete", texts(1), [string_t ::], error)
+      if (.not. allocated(error)) call note_curve_values(path, stored%study%plan, error)
    end subroutine read_stored
 
    !> Marches from one point.

@@ -8,7 +8,7 @@
 SUBJECT is a coefficient, `DOF (j1,j2,...) cos|sin|amplitude`, the frequency of a tone, `tone M frequency`, or one of
 penetration, residual, iterations, n_harmonics.
 TOLERANCE is relative; `<` compares the magnitude. Parameters are named as in the result file (law_1_gap) and select
-points; without any, the line is about every point. It must hold at each selected point, and there must be one. `solved`
+points, as does curve_kind (fold, peak, ...) where there are curves; without any, the line is about every point. It must hold at each selected point, and there must be one. `solved`
 counts the points whose equations are solved, well enough for the certificate or not, and lets the others end as they do.
 """
 
@@ -40,6 +40,7 @@ STATUSES = (
     "locked",
     "timed_out",
     "impact",
+    "unused",
 )
 
 _FORMS = (
@@ -79,8 +80,9 @@ class Expectation:
     tolerance: float | None = None
 
     def points(self, results: Results) -> list[int]:
-        """Points that the line is about; ReaderError where there are none."""
-        return results.select(self.parameters)
+        """Points that the line is about; ReaderError where there are none. What a curve did not need is no point."""
+        used = set(results.used.tolist())
+        return [point for point in results.select(self.parameters) if point in used]
 
     def value(self, results: Results, point: int) -> float:
         """What the file holds in place of `number`."""
@@ -114,7 +116,7 @@ def read_expectations(text: str) -> list[Expectation]:
 def failures(expectations: list[Expectation], results: Results) -> list[str]:
     """What does not hold, a sentence each. Points that no line gives a status must have converged."""
     problems = []
-    expected_status = {point: "converged" for point in range(results.n_points)}
+    expected_status = {point: "converged" for point in results.used.tolist()}
     for expectation in expectations:
         try:
             points = expectation.points(results)

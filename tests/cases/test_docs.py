@@ -23,6 +23,7 @@ SECTIONS_BY_FILE = {
     "hb_proportional_damping.f90": [("structure", "")],
     "hb_structure_catalogue.f90": [("structure", "")],
     "hb_sweep_plan.f90": [("sweep", "")],
+    "hb_curve_plan.f90": [("curve", "")],
 }
 SECTIONS_BY_PROCEDURE = {
     "read_amplitude": [("load", ""), ("start", "")],
@@ -61,7 +62,7 @@ def names_in(path: Path, constant: str) -> list[str]:
 
 
 def groups_of_program() -> list[str]:
-    return names_in(SRC / "motion" / "hb_scene_reader.f90", "group_names") + ["sweep"]
+    return names_in(SRC / "motion" / "hb_scene_reader.f90", "group_names") + ["sweep", "curve"]
 
 
 def kinds_of_program() -> set[tuple[str, str]]:
@@ -177,7 +178,7 @@ def test_units_of_parameters_are_those_of_the_page():
     wrong = {key: (told[key], page[key]) for key in told.keys() & page.keys() if not told[key] <= page[key]}
     assert told["gap"] == {"m"} and told["energy"] == {"J"} and not wrong, wrong
     silent = {key for key, units in page.items() if len(units) == 1 and not units & {"1"} and key not in told}
-    assert silent <= {"cos", "sin", "values", "from", "to", "damping", "coefficients", "rescue_work"}, silent
+    assert silent <= {"cos", "sin", "values", "from", "to", "start", "damping", "coefficients", "rescue_work"}, silent
 
 
 def test_choices_are_documented():

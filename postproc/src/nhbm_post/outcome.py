@@ -5,9 +5,9 @@ The program has them in src/solve/hb_outcome.f90; a file brings its own numbers 
 
 from __future__ import annotations
 
-PENDING, CONVERGED, FAILED, CRASHED = 0, 1, 6, 12
+PENDING, CONVERGED, FAILED, CRASHED, UNUSED = 0, 1, 6, 12, 17
 # No motion was reached that could be looked at.
-EMPTY = (PENDING, FAILED, CRASHED)
+EMPTY = (PENDING, FAILED, CRASHED, UNUSED)
 # The balance is solved; all but the first miss a threshold of the certificate and do not count as converged.
 SOLVED = (CONVERGED, 7, 8, 9, 16)
 
@@ -29,6 +29,7 @@ TEXTS = {
     "locked": "locked: the tones are multiples of one, the motion has one tone",
     "timed_out": "timed out: the point has had its processor time",
     "impact": "impact: solved, but a wall is struck: a law of impact is missing",
+    "unused": "unused: room for a point of a curve that has ended before",
 }
 NAMES = dict(enumerate(TEXTS))
 

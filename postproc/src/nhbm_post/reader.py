@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from .errors import ReaderError
-from .outcome import CONVERGED, EMPTY, NAMES, SOLVED, sentence, words
+from .outcome import CONVERGED, EMPTY, NAMES, SOLVED, UNUSED, sentence, words
 from .series import Series
 from .text import list_text, number_text, range_text, tuple_text
 
@@ -94,7 +94,7 @@ class Parameter:
         """`law(1)%gap: 3 values, 1.0e-3 to 2.0e-3 m`, in the words of `nhbm info`."""
         different = list(dict.fromkeys(self.values.tolist()))
         if self.is_number:
-            different = sorted(different)
+            different = sorted(value for value in different if value == value) or [np.nan]
             ends = [number_text(different[0]), self.value_text(different[-1])]
         else:
             ends = [self.value_text(value) for value in (different[0], different[-1])]
@@ -239,9 +239,26 @@ class Results:
         """Numbers of the points whose balance is solved: converged, truncated, aliased, penetrating, impact."""
         return np.flatnonzero(np.isin(self.status, SOLVED))
 
+    @property
+    def used(self) -> np.ndarray:
+        """Numbers of all points but those that curves had room for and did not need."""
+        return np.flatnonzero(self.status != UNUSED)
+
+    @property
+    def curve(self) -> Parameter | None:
+        """The value that moves along the curves of the file, None where there are none."""
+        return next((p for p in self.parameters.values() if "moves_along" in self._file[p.name].attrs), None)
+
+    def curve_kind(self) -> np.ndarray:
+        """What each point of a curve is, in words: `regular`, `fold`, `peak`, ..."""
+        dataset = self._dataset("curve_kind")
+        names = np.array(_text(dataset.attrs["flag_meanings"]).split())
+        return names[np.clip(dataset[()], 0, names.size - 1)]
+
     def outcome_text(self, points: Sequence[int] | None = None) -> str:
         """`123 of 205 points converged, 50 truncated, 32 stalled`: counted as `nhbm solve` does."""
-        status = self.status if points is None else self.status[np.asarray(points, dtype=int)]
+        points = self.used if points is None else np.asarray(points, dtype=int)
+        status = self.status[points]
         counts = self.status_counts(points)
         others = [f"{n} {words(name)}" for name, n in counts.items() if name != self._names.get(CONVERGED)]
         n_converged = int((status == CONVERGED).sum())
@@ -324,6 +341,8 @@ class Results:
         for parameter in self.parameters.values():
             if key in (parameter.name, parameter.path):
                 return parameter
+        if key == "curve_kind" and self.curve:
+            return Parameter(key, key, "", self.curve_kind())
         raise ReaderError(
             f"{self.path}: no swept parameter '{key}'; swept: {list_text(self.swept)}"
         )

@@ -1,0 +1,637 @@
+!> A curve of motions along one value of the input, by its arc length: round folds, exactly onto given values, with its folds and
+!> the maxima of responses located.
+!>
+!> Lengths are counted in the range of the value, and in the largest motion met so far. Steps are as long as the tangent turns
+!> little on them, and shorter where the corrector has to work. A curve that starts between the ends of the range is followed both
+!> ways. Each point has all that a motion has. Source: docs/user/curves.md; docs/user/theory.md, section 6.7.
+module hb_motion_curve
+   use hb_bordered, only: bordered_problem_t, new_bordered_problem
+   use hb_clock, only: wall_clock
+   use hb_curve, only: curve_config_t, curve_t, event_t, new_curve
+   use hb_document, only: document_t
+   use hb_error, only: error_t
+   use hb_judge, only: judge_t
+   use hb_kinds, only: wp
+   use hb_law_forces, only: law_dofs_of
+   use hb_motion, only: describe_motion, solve_motion
+   use hb_motion_result, only: curve_place_t, motion_result_t
+   use hb_newton, only: solve_newton
+   use hb_outcome, only: outcome
+   use hb_response, only: response_t
+   use hb_scene, only: scene_t
+   use hb_scene_problem, only: moving_value_t, new_scene_problem, scene_problem_t
+   use hb_solver_types, only: report_t, solver_config_t
+   use hb_text, only: to_text
+   use hb_watch, only: verdict, watch_t
+   implicit none
+   private
+   public :: curve_kind, curve_kind_names, curve_request_t, motion_curve_t, state_size
+
+   !> What a point of a curve is; numbers as in the result file.
+   type :: curve_kind_t
+      integer :: none = 0
+      integer :: regular = 1                                          !! a step of the curve
+      integer :: start = 2                                            !! from where it is followed
+      integer :: fold = 3                                             !! the value turns back
+      integer :: peak = 4                                             !! maximum of a response
+      integer :: value = 5                                            !! a value that was asked for
+      integer :: end = 6                                              !! an end of the range, or where the curve closes
+   end type curve_kind_t
+   type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
+   character(*), parameter :: curve_kind_names(0:6) = [character(7) :: "none", "regular", "start", "fold", "peak", "value", "end"]
+
+   real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
+   real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
+   real(wp), parameter :: located = 1.0e-11_wp                        ! of a function that is zero at a fold or a peak
+   real(wp), parameter :: least_motion = 1.0e-3_wp                    ! relative to the linear one: smaller is no unit of length
+   real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
+   integer, parameter :: most_corrections = 10
+
+   !> What is asked for.
+   type :: curve_request_t
+      type(moving_value_t) :: moving
+      real(wp) :: from = 0.0_wp, to = 0.0_wp                          !! range of the value
+      real(wp) :: start = 0.0_wp                                      !! value of the first motion, in the range
+      real(wp), allocatable :: values(:)                              !! to be met exactly
+      real(wp) :: longest_step = 0.04_wp                              !! in units of the range and of the largest motion
+      integer :: n_points = 0                                         !! at most
+      type(response_t), allocatable :: peaks(:)                       !! whose maxima are looked for
+   end type curve_request_t
+
+   !> A point that waits to be told.
+   type :: waiting_t
+      integer :: kind = curve_kind%none
+      real(wp) :: place = 0.0_wp                                      ! on the step
+      real(wp), allocatable :: x(:)
+   end type waiting_t
+
+   !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
+   type :: motion_curve_t
+      logical :: is_done = .false.                                    !! there is no further point
+      type(curve_request_t), private :: request
+      type(scene_problem_t), private :: problem
+      type(curve_t), private :: curve
+      real(wp), allocatable, private :: weights(:)                    ! typical motion, (unknowns of the balance)
+      real(wp), private :: largest = least_motion                     ! motion so far, in these
+      real(wp), private :: sense = 1.0_wp                             ! of the value at the start of this way
+      real(wp), private :: length = 0.0_wp                            ! of this way so far
+      real(wp), allocatable, private :: x_start(:), direction_start(:)
+      integer, private :: n_told = 0
+      integer, private :: first_waiting = 1
+      type(waiting_t), allocatable, private :: waiting(:)
+      real(wp), allocatable, private :: slopes(:)                     ! of the responses along the curve, at its point
+      class(watch_t), pointer, private :: watch => null()
+   contains
+      procedure :: begin => motion_curve_begin
+      procedure :: go_on_from => motion_curve_go_on_from
+      procedure :: next => motion_curve_next
+      procedure :: destroy => motion_curve_destroy
+      procedure, private :: renew => motion_curve_renew
+      procedure, private :: step => motion_curve_step
+      procedure, private :: look_back => motion_curve_look_back
+      procedure, private :: tell => motion_curve_tell
+   end type motion_curve_t
+
+   !> Where the value turns back: its part of the tangent.
+   type, extends(event_t) :: fold_event_t
+      type(curve_t) :: curve                                          ! a copy, for tangents
+   contains
+      procedure :: value => fold_event_value
+   end type fold_event_t
+
+   !> Where a response does not change along the curve.
+   type, extends(event_t) :: peak_event_t
+      type(curve_t) :: curve
+      type(scene_problem_t), pointer :: problem => null()
+      type(response_t) :: response
+      real(wp) :: unit = 1.0_wp                                       ! of its square
+   contains
+      procedure :: value => peak_event_value
+   end type peak_event_t
+
+   !> Where the value is a given one.
+   type, extends(event_t) :: value_event_t
+      real(wp) :: wanted = 0.0_wp, unit = 1.0_wp
+   contains
+      procedure :: value => value_event_value
+   end type value_event_t
+
+contains
+
+   !> Numbers that the state of a curve takes, of so many unknowns of the balance.
+   pure integer function state_size(n_unknowns)
+      integer, intent(in) :: n_unknowns
+
+      state_size = 2*(n_unknowns + 1) + 3
+   end function state_size
+
+   !> Solves the first motion, by all the ways that a point has; the curve is done with it where that does not lead to one.
+   subroutine motion_curve_begin(self, scene, document, request, available_memory, result, error, watch, judge)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(inout) :: scene                           !! at the start
+      type(document_t), intent(in) :: document                        !! from which it was read
+      type(curve_request_t), intent(in) :: request
+      real(wp), intent(in) :: available_memory                        !! bytes
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      class(watch_t), intent(inout), target :: watch
+      class(judge_t), intent(in), optional :: judge
+      real(wp), allocatable :: unknowns(:)
+
+      self%request = request
+      self%watch => watch
+      call solve_motion(scene, result, error, unknowns=unknowns, watch=watch, judge=judge)
+      self%is_done = allocated(error) .or. .not. allocated(unknowns)
+      if (self%is_done) return
+      call prepare(self, scene, document, available_memory, error)
+      self%is_done = allocated(error)
+      if (self%is_done) return
+      self%x_start = [unknowns(:self%problem%n_unknowns), request%start]
+      self%sense = sign(1.0_wp, request%to - request%start)
+      if (.not. abs(request%to - request%start) > 0.0_wp) self%sense = sign(1.0_wp, request%from - request%start)
+      call set_out(self)
+      self%n_told = 1
+      result%curve = curve_place_t(curve_kind%start, request%start, 0.0_wp, state_of(self))
+      self%is_done = self%n_told >= request%n_points
+   end subroutine motion_curve_begin
+
+   !> The problem of the curve, at its start.
+   subroutine prepare(self, scene, document, available_memory, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene
+      type(document_t), intent(in) :: document
+      real(wp), intent(in) :: available_memory
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      self%problem%watch => self%watch
+      call new_scene_problem(self%problem, scene, document, self%request%moving, self%request%start, available_memory, error)
+      if (allocated(error)) return
+      self%weights = self%problem%x_scale
+      if (.not. allocated(self%request%values)) allocate (self%request%values(0))
+      if (.not. allocated(self%request%peaks)) allocate (self%request%peaks(0))
+      do i = 1, size(self%request%peaks)
+         associate (peak => self%request%peaks(i))
+            peak%column = findloc(law_dofs_of(scene%laws), peak%dof, dim=1)
+         end associate
+      end do
+      allocate (self%waiting(0))
+   end subroutine prepare
+
+   !> The curve at its start, towards the sense of this way.
+   subroutine set_out(self)
+      class(motion_curve_t), intent(inout), target :: self
+      type(bordered_problem_t) :: bordered
+      type(curve_config_t) :: config
+      type(solver_config_t) :: corrector
+      real(wp), dimension(size(self%x_start)) :: direction, units
+      logical :: is_possible
+
+      config%longest_step = self%request%longest_step
+      config%first_step = 0.1_wp*config%longest_step
+      config%shortest_step = 1.0e-6_wp*config%longest_step
+      config%kink_step = 1.0e-4_wp*config%longest_step
+      config%angle = 0.12_wp
+      config%growth = 2.0_wp
+      corrector = self%problem%scene%solver
+      corrector%max_iterations = most_corrections
+      corrector%line_search = .false.
+      direction = 0.0_wp
+      direction(size(direction)) = self%sense
+      self%length = 0.0_wp
+      self%largest = least_motion
+      call self%problem%set_parameters([self%problem%own], self%x_start(size(direction):), is_possible)
+      call new_bordered_problem(bordered, self%problem, [self%problem%own], reshape(direction, [size(direction), 1]), [0.0_wp])
+      self%curve%x = self%x_start
+      call self%renew()
+      units = self%curve%units
+      call new_curve(self%curve, bordered, self%x_start, direction, units, config, corrector)
+      self%direction_start = self%curve%direction
+      call self%renew()
+      self%slopes = slopes_of(self)
+   end subroutine set_out
+
+   !> All that the curve needs to go on from its point, as one row of numbers.
+   function state_of(self) result(state)
+      class(motion_curve_t), intent(in) :: self
+      real(wp), allocatable :: state(:)
+
+      associate (curve => self%curve)
+         state = [curve%x, curve%direction, curve%step, curve%orientation, self%largest]
+      end associate
+   end function state_of
+
+   !> Takes the place of `begin`: the curve stands where a stored one has been at a step, or at its start.
+   subroutine motion_curve_go_on_from(self, scene, document, request, available_memory, start, last, n_told, error, watch)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene                              !! at the start
+      type(document_t), intent(in) :: document                        !! from which it was read
+      type(curve_request_t), intent(in) :: request
+      real(wp), intent(in) :: available_memory                        !! bytes
+      type(curve_place_t), intent(in) :: start, last                  !! the first point of the curve, and that to go on from
+      integer, intent(in) :: n_told                                   !! points up to the last
+      type(error_t), allocatable, intent(out) :: error
+      class(watch_t), intent(inout), target :: watch
+      integer :: n
+
+      self%request = request
+      self%watch => watch
+      call prepare(self, scene, document, available_memory, error)
+      self%is_done = allocated(error)
+      if (self%is_done) return
+      n = self%problem%n_unknowns + 1
+      self%x_start = start%state(:n)
+      self%sense = sign(1.0_wp, start%state(2*n))
+      if (last%length < 0.0_wp) self%sense = -self%sense
+      call set_out(self)
+      self%n_told = n_told
+      self%length = abs(last%length)
+      self%curve%x = last%state(:n)
+      self%curve%direction = last%state(n + 1:2*n)
+      self%curve%step = last%state(2*n + 1)
+      self%curve%orientation = last%state(2*n + 2)
+      self%largest = last%state(2*n + 3)
+      call self%renew()
+      self%slopes = slopes_of(self)
+      self%is_done = n_told >= request%n_points
+   end subroutine motion_curve_go_on_from
+
+   !> Brings the units of length and the tolerance to the point reached.
+   subroutine motion_curve_renew(self)
+      class(motion_curve_t), intent(inout) :: self
+
+      associate (n => self%problem%n_unknowns, curve => self%curve)
+         self%largest = max(self%largest, norm2(curve%x(:n)/self%weights))
+         curve%units = [self%weights*self%largest, self%problem%parameter_scales([self%problem%own])]
+         curve%corrector%tolerance = max(self%problem%scene%solver%tolerance, 2.0_wp*self%problem%rounding_level(curve%x(:n)))
+      end associate
+   end subroutine motion_curve_renew
+
+   !> The next point. Its status tells where there is no way on; `interrupted`: nothing was found out, and the curve is done.
+   subroutine motion_curve_next(self, result, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(report_t) :: before
+      real(wp) :: started
+
+      started = wall_clock()
+      call self%watch%begin(self%problem%scene%solver%time_limit)
+      before = self%curve%report
+      if (self%first_waiting > size(self%waiting)) call self%step()
+      if (self%curve%status /= outcome%pending) then
+         result%status = self%curve%status
+         if (self%watch%verdict == verdict%interrupted) result%status = outcome%interrupted
+         result%message = lost_text(self)
+         call count_work(self%curve%report, before, result)
+         call leave(self)
+         if (result%status == outcome%interrupted) self%is_done = .true.
+      else
+         associate (point => self%waiting(self%first_waiting))
+            call self%tell(point, result, error)
+            self%first_waiting = self%first_waiting + 1
+            call count_work(self%curve%report, before, result)
+            if (point%kind == curve_kind%end) call leave(self)
+         end associate
+      end if
+      result%solver_seconds = wall_clock() - started - result%certificate_seconds
+      self%n_told = self%n_told + 1
+      self%is_done = self%is_done .or. self%n_told >= self%request%n_points
+   end subroutine motion_curve_next
+
+   !> Notes what a point has taken.
+   pure subroutine count_work(report, before, result)
+      type(report_t), intent(in) :: report, before                    !! of the curve
+      type(motion_result_t), intent(inout) :: result
+
+      result%iterations = report%iterations - before%iterations
+      result%evaluations = report%evaluations - before%evaluations
+   end subroutine count_work
+
+   !> Where and why the curve cannot be followed.
+   function lost_text(self) result(text)
+      class(motion_curve_t), intent(in) :: self
+      character(:), allocatable :: text
+
+      text = "no way on along the curve from the value "//to_text(self%curve%x(size(self%curve%x)))//" after the length "// &
+             to_text(self%length)
+      if (allocated(self%problem%complaint)) text = text//": "//self%problem%complaint
+   end function lost_text
+
+   !> This way has come to its end: the other one follows where there is one.
+   subroutine leave(self)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp) :: first_sense
+
+      first_sense = sign(1.0_wp, self%request%to - self%request%start)
+      if (.not. abs(self%request%to - self%request%start) > 0.0_wp) first_sense = -sign(1.0_wp, first_sense)
+      self%is_done = .not. (is_inside(self%request, self%request%start) .and. self%sense*first_sense > 0.0_wp)
+      if (self%is_done) return
+      self%sense = -self%sense
+      call set_out(self)
+   end subroutine leave
+
+   !> Whether a value is in the range, and at none of its ends.
+   pure logical function is_inside(request, value)
+      type(curve_request_t), intent(in) :: request
+      real(wp), intent(in) :: value
+
+      is_inside = (value - request%from)*(value - request%to) < 0.0_wp
+   end function is_inside
+
+   !> Goes one step, and puts what was found on it and its end into the list of those that wait.
+   subroutine motion_curve_step(self)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), allocatable :: slopes(:)
+      real(wp) :: largest, units(size(self%curve%x))
+
+      if (allocated(self%problem%complaint)) deallocate (self%problem%complaint)
+      associate (curve => self%curve)
+         do
+            largest = self%largest
+            units = curve%units
+            call curve%advance()
+            if (curve%status /= outcome%pending) return
+            call self%renew()
+            call curve%turn()
+            if (curve%angle <= largest_turn .or. curve%last_step <= short*curve%config%longest_step) exit
+            call curve%retreat()
+            if (curve%status /= outcome%pending) return
+            self%largest = largest
+            curve%units = units
+         end do
+         slopes = slopes_of(self)
+         deallocate (self%waiting)
+         allocate (self%waiting(0))
+         self%first_waiting = 1
+         call self%look_back(self%slopes, slopes)
+         self%slopes = slopes
+      end associate
+   end subroutine motion_curve_step
+
+   !> Finds folds, peaks, wanted values and ends on the step behind the curve, in their order.
+   subroutine motion_curve_look_back(self, slopes_before, slopes)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: slopes_before(:), slopes(:)             !! of the responses
+      type(fold_event_t) :: fold
+      type(peak_event_t) :: peak
+      type(value_event_t) :: event
+      real(wp), allocatable :: ends(:), wanted(:), x(:)
+      real(wp) :: places(3), values(3)
+      integer :: i, k, n, n_pieces
+      logical :: is_found
+
+      n = size(self%curve%x)
+      allocate (x(n))
+      associate (curve => self%curve, request => self%request)
+         n_pieces = 1
+         places = [0.0_wp, curve%last_step, curve%last_step]
+         values = [curve%last_x(n), curve%x(n), curve%x(n)]
+         if (curve%last_direction(n)*curve%direction(n) < 0.0_wp) then
+            fold%curve = curve
+            call find(fold, [curve%last_direction(n), curve%direction(n)]/curve%units(n), located, curve_kind%fold)
+            if (is_found) then
+               n_pieces = 2
+               places(2) = self%waiting(size(self%waiting))%place
+               values(2) = x(n)
+            end if
+         end if
+         do i = 1, size(request%peaks)
+            if (.not. (slopes_before(i) > 0.0_wp .and. slopes(i) <= 0.0_wp)) cycle
+            peak%curve = curve
+            peak%problem => self%problem
+            peak%response = request%peaks(i)
+            peak%unit = square_at(self%problem, request%peaks(i), curve%x)
+            if (.not. peak%unit > 0.0_wp) cycle
+            call find(peak, [slopes_before(i), slopes(i)]/peak%unit, located, curve_kind%peak)
+         end do
+         ends = [request%from, request%to]
+         wanted = [ends, request%values]
+         event%unit = abs(request%to - request%from)
+         do i = 1, size(wanted)
+            if (i > 2 .and. any(abs(wanted(i) - ends) <= 0.0_wp)) cycle
+            event%wanted = wanted(i)
+            do k = 1, n_pieces
+               if (.not. (values(k) - wanted(i))*(values(k + 1) - wanted(i)) < 0.0_wp) then
+                  if (.not. abs(values(k + 1) - wanted(i)) <= 0.0_wp) cycle
+               end if
+               call curve%find_zero(event, places(k:k + 1), (values(k:k + 1) - wanted(i))/event%unit, 1.0e-13_wp, x, places(3), &
+                                    is_found)
+               if (.not. is_found) cycle
+               x(n) = wanted(i)
+               call land(self, x)
+               call add(merge(curve_kind%end, curve_kind%value, i <= 2), places(3), x)
+            end do
+         end do
+         if (is_back(self)) call add(curve_kind%end, curve%last_step, self%x_start)
+         call add(curve_kind%regular, curve%last_step, curve%x)
+      end associate
+      call put_in_order(self%waiting)
+
+   contains
+
+      subroutine find(an_event, at_ends, tolerance, kind)
+         class(event_t), intent(inout) :: an_event
+         real(wp), intent(in) :: at_ends(2), tolerance
+         integer, intent(in) :: kind
+         real(wp) :: place
+
+         call self%curve%find_zero(an_event, [0.0_wp, self%curve%last_step], at_ends, tolerance, x, place, is_found)
+         if (is_found) call add(kind, place, x)
+      end subroutine find
+
+      subroutine add(kind, place, x_there)
+         integer, intent(in) :: kind
+         real(wp), intent(in) :: place, x_there(:)
+         type(waiting_t), allocatable :: longer(:)
+
+         associate (n_before => size(self%waiting))
+            allocate (longer(n_before + 1))
+            longer(:n_before) = self%waiting
+            longer(n_before + 1)%kind = kind
+            longer(n_before + 1)%place = place
+            longer(n_before + 1)%x = x_there
+         end associate
+         call move_alloc(longer, self%waiting)
+      end subroutine add
+   end subroutine motion_curve_look_back
+
+   !> Solves for the motion at the value of x, next to where it is.
+   subroutine land(self, x)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), intent(inout) :: x(:)
+      real(wp) :: u(size(x) - 1)
+      type(report_t) :: report
+      logical :: is_possible
+
+      call self%problem%set_parameters([self%problem%own], x(size(x):), is_possible)
+      if (.not. is_possible) return
+      u = x(:size(u))
+      call solve_newton(self%problem, self%curve%corrector, u, report)
+      call self%curve%report%add(report)
+      if (report%status /= outcome%converged) return
+      if (maxval(abs(u - x(:size(u)))/self%curve%units(:size(u))) < 1.0e-6_wp) x(:size(u)) = u   ! at a fold it may run away
+   end subroutine land
+
+   !> Whether the curve has come back to its start, after steps that led away from it.
+   logical function is_back(self)
+      class(motion_curve_t), intent(in) :: self
+      real(wp) :: along
+
+      is_back = .false.
+      associate (curve => self%curve, units => self%curve%units)
+         if (self%length < 3.0_wp*curve%last_step) return
+         associate (way => (self%x_start - curve%last_x)/units, direction => curve%last_direction/units)
+            along = dot_product(way, direction)/norm2(direction)
+            if (along <= 0.0_wp .or. along > curve%last_step) return
+            if (norm2(way - along*direction/norm2(direction)) > closed*curve%last_step) return
+            is_back = dot_product(self%direction_start/units, direction) > 0.0_wp
+         end associate
+      end associate
+   end function is_back
+
+   !> Puts points into their order on the step, and drops those behind an end.
+   subroutine put_in_order(points)
+      type(waiting_t), allocatable, intent(inout) :: points(:)
+      type(waiting_t), allocatable :: up_to_end(:)
+      type(waiting_t) :: point
+      integer :: i, k
+
+      do i = 2, size(points)
+         point = points(i)
+         k = i - 1
+         do while (k >= 1)
+            if (points(k)%place <= point%place) exit
+            points(k + 1) = points(k)
+            k = k - 1
+         end do
+         points(k + 1) = point
+      end do
+      i = findloc(points%kind, curve_kind%end, dim=1)
+      if (i == 0) return
+      allocate (up_to_end(i))
+      up_to_end = points(:i)
+      call move_alloc(up_to_end, points)
+   end subroutine put_in_order
+
+   !> Makes the result of a point.
+   subroutine motion_curve_tell(self, point, result, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(waiting_t), intent(in) :: point
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: length, r(self%problem%n_unknowns), sign_of_way
+      integer :: n
+      logical :: is_possible
+
+      n = self%problem%n_unknowns
+      call self%problem%set_parameters([self%problem%own], point%x(n + 1:), is_possible)
+      associate (balance => self%problem%balance, scene => self%problem%scene)
+         call self%problem%residual(point%x(:n), r)
+         result%residual = self%problem%norm(r)
+         result%status = outcome%converged
+         result%frequency = balance%omega
+         result%n_harmonics = scene%harmonics%n_harmonics
+         result%n_unknowns = n
+         nullify (balance%watch)                                      ! what a solution is worth is always found to its end
+         call self%curve%put_plane(point%x, self%curve%direction, 0.0_wp)
+         call describe_motion(scene, balance, reshape(point%x(:n), [scene%harmonics%n_coefficients, balance%n_dofs]), result, &
+                              error, curve=self%curve%problem)
+         balance%watch => self%watch
+      end associate
+      if (allocated(error)) return
+      length = self%length + point%place
+      sign_of_way = 1.0_wp
+      if (is_inside(self%request, self%request%start)) sign_of_way = self%sense*sign(1.0_wp, self%request%to - self%request%start)
+      result%curve = curve_place_t(point%kind, point%x(n + 1), sign_of_way*length, point%x)
+      if (point%kind /= curve_kind%regular) return
+      self%length = length
+      result%curve%state = state_of(self)
+   end subroutine motion_curve_tell
+
+   !> Slopes of the squares of all responses along the curve, at its point.
+   function slopes_of(self) result(slopes)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp) :: slopes(size(self%request%peaks))
+      integer :: i
+
+      do i = 1, size(slopes)
+         slopes(i) = slope_at(self%problem, self%request%peaks(i), self%curve%x, self%curve%direction)
+      end do
+   end function slopes_of
+
+   !> Slope of the square of a response along a direction, by a difference of fourth order.
+   real(wp) function slope_at(problem, response, x, direction) result(slope)
+      type(scene_problem_t), intent(inout), target :: problem
+      type(response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:), direction(:)
+      real(wp), parameter :: apart = 1.0e-3_wp
+      real(wp) :: near, far
+
+      near = square_at(problem, response, x + apart*direction) - square_at(problem, response, x - apart*direction)
+      far = square_at(problem, response, x + 2.0_wp*apart*direction) - square_at(problem, response, x - 2.0_wp*apart*direction)
+      slope = (8.0_wp*near - far)/(12.0_wp*apart)
+   end function slope_at
+
+   !> Square of a response.
+   real(wp) function square_at(problem, response, x) result(square)
+      type(scene_problem_t), intent(inout), target :: problem
+      type(response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:)
+      complex(wp), allocatable :: c(:, :)
+      real(wp) :: u(problem%scene%harmonics%n_coefficients, problem%balance%n_dofs)
+      logical :: is_possible
+      integer :: h, i
+
+      u = reshape(x(:size(u)), shape(u))
+      associate (set => problem%scene%harmonics)
+         i = response%column
+         if (i > 0) then
+            square = response%of(set, [(set%amplitude(u(:, i), h), h=1, set%n_harmonics)])
+         else
+            call problem%set_parameters([problem%own], x(size(x):), is_possible)
+            square = 0.0_wp
+            if (.not. is_possible) return
+            allocate (c(problem%scene%structure%n_dofs, set%n_harmonics))
+            call problem%balance%all_dofs(u, c)
+            square = response%of(set, c(response%dof, :))
+         end if
+      end associate
+   end function square_at
+
+   real(wp) function fold_event_value(self, x) result(value)
+      class(fold_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp) :: tangent(size(x)), determinant_sign
+      logical :: is_singular
+
+      call self%curve%tangent_at(x, tangent, determinant_sign, is_singular)
+      value = tangent(size(x))/self%curve%units(size(x))
+      if (is_singular) value = 0.0_wp
+   end function fold_event_value
+
+   real(wp) function peak_event_value(self, x) result(value)
+      class(peak_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp) :: tangent(size(x)), determinant_sign
+      logical :: is_singular
+
+      call self%curve%tangent_at(x, tangent, determinant_sign, is_singular)
+      value = 0.0_wp
+      if (.not. is_singular) value = slope_at(self%problem, self%response, x, tangent)/self%unit
+   end function peak_event_value
+
+   real(wp) function value_event_value(self, x) result(value)
+      class(value_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+
+      value = (x(size(x)) - self%wanted)/self%unit
+   end function value_event_value
+
+   !> Frees the balance; safe to call twice.
+   subroutine motion_curve_destroy(self)
+      class(motion_curve_t), intent(inout) :: self
+
+      call self%problem%destroy()
+   end subroutine motion_curve_destroy
+end module hb_motion_curve

@@ -1,0 +1,179 @@
+!> What an input asks for with `&curve`: which value moves, where, how far, and what is to be found on the way.
+module hb_curve_plan
+   use hb_document, only: document_t, parameter_t
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   use hb_motion_curve, only: curve_request_t
+   use hb_properties, only: properties_t
+   use hb_response, only: new_response
+   use hb_scene, only: scene_t
+   use hb_text, only: lower, shown, string_t, to_text
+   implicit none
+   private
+   public :: curve_plan_t, read_curve_plan
+
+   !> Groups whose numbers can move.
+   character(*), parameter :: groups(4) = [character(9) :: "structure", "tones", "load", "law"]
+   character(*), parameter :: ties(2) = [character(5) :: "none", "ratio"]
+
+   type :: curve_plan_t
+      character(:), allocatable :: path                               !! in the input, such as tones%frequency
+      character(:), allocatable :: units                              !! of the value; empty before it is known
+      character(:), allocatable :: place                              !! of the group, for messages
+      type(parameter_t) :: parameter                                  !! what the path names in the document of the plan
+      real(wp) :: from = 0.0_wp, to = 0.0_wp, start = 0.0_wp
+      integer :: n_points = 500                                       !! at most
+      real(wp), allocatable :: values(:)                              !! to be met exactly
+      type(string_t), allocatable :: peak_of(:)
+      real(wp) :: longest_step = 0.04_wp
+      character(:), allocatable :: tie
+      real(wp), allocatable :: ratios(:)                              !! of all tones to the one that moves, if these are tied
+   contains
+      procedure :: set => curve_plan_set
+      procedure :: tie_tones => curve_plan_tie_tones
+      procedure :: describe => curve_plan_describe
+      procedure :: make_request => curve_plan_make_request
+   end type curve_plan_t
+
+contains
+
+   !> Reads `&curve` and looks its path up in the document; fails with all problems of the group.
+   subroutine read_curve_plan(self, document, error)
+      type(curve_plan_t), intent(out) :: self
+      type(document_t), intent(inout), target :: document
+      type(error_t), allocatable, intent(out) :: error
+      type(properties_t), pointer :: group
+      integer :: i
+
+      call document%required_group("curve", group, error)
+      if (allocated(error)) return
+      self%place = group%place()
+      self%units = ""
+      self%tie = trim(ties(1))
+      allocate (self%values(0), self%peak_of(0))
+      call group%get("parameter", self%path, required=.true.)
+      call group%get("from", self%from, required=.true.)
+      call group%get("to", self%to, required=.true.)
+      self%start = self%from
+      call group%get("start", self%start)
+      call group%get("values", self%values)
+      call group%get("points", self%n_points, minimum=2, maximum=1000000)
+      call group%get("max_step", self%longest_step, above=0.0_wp, maximum=1.0_wp)
+      call group%get("peak_of", self%peak_of)
+      call group%get("tie", self%tie, choices=ties)
+      if (group%given("from") .and. group%given("to")) then
+         if (.not. abs(self%to - self%from) > 0.0_wp) call group%problem("to", "is the same as 'from': there is no way to go")
+         if ((self%start - self%from)*(self%start - self%to) > 0.0_wp) &
+            call group%problem("start", "must lie between 'from' and 'to'")
+         do i = 1, size(self%values)
+            if ((self%values(i) - self%from)*(self%values(i) - self%to) <= 0.0_wp) cycle
+            call group%problem("values", "must lie between 'from' and 'to'; "//to_text(self%values(i))//" does not")
+            exit
+         end do
+      end if
+      call group%finish(error)
+      if (allocated(error)) return
+      call document%resolve(self%path, self%parameter, error)
+      if (allocated(error)) then
+         error%message = self%place//": parameter '"//shown(self%path)//"': "//error%message
+         return
+      end if
+      associate (name => document%groups%holders(self%parameter%i_group)%group%name)
+         if (.not. any(groups == name)) call fail(error, self%place//": parameter '"//shown(self%path)// &
+            "': a curve follows a number of &structure, &tones, &load or &law; give others to &sweep")
+         if (name /= "tones" .and. self%tie == ties(2)) &
+            call fail(error, self%place//": tie: 'ratio' is for the frequency of a tone")
+      end associate
+      group => document%group("curve", 1)
+      self%parameter%line = group%line
+   end subroutine read_curve_plan
+
+   !> What the follower is asked for, for the scene at the start. Fails where the path names no real number, or not one of them,
+   !> or where a response is not known.
+   subroutine curve_plan_make_request(self, scene, document, request, error)
+      class(curve_plan_t), intent(in) :: self
+      type(scene_t), intent(in) :: scene
+      type(document_t), intent(in) :: document                        !! from which it was read
+      type(curve_request_t), intent(out) :: request
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: complaint
+      logical :: is_tones
+      integer :: i
+
+      complaint = ""
+      is_tones = document%groups%holders(self%parameter%i_group)%group%name == "tones"
+      if (.not. document%is_real(self%parameter)) then
+         complaint = "is no real number; only such can move by and by"
+      else if (any(scene%tones%is_unknown)) then
+         complaint = "curves need tones that are all given; leave out &tones unknown"
+      else if (is_tones .and. scene%tones%n_tones > 1 .and. self%parameter%element(1) == 0) then
+         complaint = "there are "//to_text(scene%tones%n_tones)//" tones; say which of them moves, such as '"// &
+                     trim(lower(self%path))//"(1)', and tie = 'ratio' if the others move along"
+      else if (size(scene%laws) == 0) then
+         complaint = "a curve needs at least one &law; without any, a &sweep shows all there is"
+      end if
+      if (len(complaint) > 0) then
+         call fail(error, self%place//": parameter '"//shown(self%path)//"': "//complaint)
+         return
+      end if
+      request%moving%parameter = self%parameter
+      request%moving%typical = abs(self%to - self%from)
+      request%moving%is_tied = self%tie == ties(2)
+      request%from = self%from
+      request%to = self%to
+      request%start = self%start
+      request%values = self%values
+      request%longest_step = self%longest_step
+      request%n_points = self%n_points
+      allocate (request%peaks(size(self%peak_of)))
+      do i = 1, size(self%peak_of)
+         call new_response(request%peaks(i), self%peak_of(i)%value, scene, error)
+         if (.not. allocated(error)) cycle
+         error%message = self%place//": peak_of: "//error%message
+         return
+      end do
+   end subroutine curve_plan_make_request
+
+   !> Notes the ratios of tied tones, as the input gives them. Fails for a tone that there is not.
+   subroutine curve_plan_tie_tones(self, document, omega, error)
+      class(curve_plan_t), intent(inout) :: self
+      type(document_t), intent(in) :: document
+      real(wp), intent(in) :: omega(:)                                !! base frequencies, (n_tones)
+      type(error_t), allocatable, intent(out) :: error
+
+      if (document%groups%holders(self%parameter%i_group)%group%name /= "tones") return
+      if (self%parameter%element(1) > size(omega)) then
+         call fail(error, self%place//": parameter '"//shown(self%path)//"': the highest number of a tone is "// &
+            to_text(size(omega)))
+      else if (self%tie == ties(2)) then
+         self%ratios = omega/omega(max(1, self%parameter%element(1)))
+      end if
+   end subroutine curve_plan_tie_tones
+
+   !> Sets the value that moves, and what is tied to it.
+   pure subroutine curve_plan_set(self, document, value)
+      class(curve_plan_t), intent(in) :: self
+      type(document_t), intent(inout) :: document
+      real(wp), intent(in) :: value
+      type(parameter_t) :: tone
+      integer :: i
+
+      call document%set(self%parameter, value)
+      if (.not. allocated(self%ratios)) return
+      tone = self%parameter
+      do i = 1, size(self%ratios)
+         tone%element(1) = i
+         if (i /= self%parameter%element(1)) call document%set(tone, self%ratios(i)*value)
+      end do
+   end subroutine curve_plan_set
+
+   !> Path and range with the unit, for people.
+   function curve_plan_describe(self) result(text)
+      class(curve_plan_t), intent(in) :: self
+      character(:), allocatable :: text
+
+      text = self%path//": from "//to_text(self%from)//" to "//to_text(self%to)
+      if (len(self%units) > 0 .and. self%units /= "1") text = text//" "//self%units
+      text = text//", up to "//to_text(self%n_points)//" points"
+   end function curve_plan_describe
+end module hb_curve_plan

@@ -1,0 +1,82 @@
+!> What was found along the curves of a result file: folds, peaks, values and ends, as lines for people.
+module hb_curve_table
+   use hb_error, only: error_t
+   use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
+   use hb_kinds, only: wp
+   use hb_motion_curve, only: curve_kind, curve_kind_names
+   use hb_outcome, only: is_solved, outcome_text
+   use hb_results_plan, only: identifier
+   use hb_sweep_plan, only: sweep_plan_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: curve_lines, note_curve_values
+
+   integer, parameter :: most_lines = 60
+
+contains
+
+   !> Notes in a plan the values that the points of curves have in a file.
+   subroutine note_curve_values(path, plan, error)
+      character(*), intent(in) :: path
+      type(sweep_plan_t), intent(inout) :: plan
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
+      type(h5_file_t) :: file
+      type(h5_dataset_t) :: dataset
+
+      if (.not. allocated(plan%curve)) return
+      allocate (plan%curve_values(plan%n_points))
+      call open_file(file, path, error)
+      if (allocated(error)) return
+      call file%open_dataset(identifier(plan%curve%path), dataset, error)
+      if (.not. allocated(error)) call dataset%get_attribute("units", plan%curve%units, error)
+      if (.not. allocated(error)) call dataset%read(plan%curve_values, error)
+      call file%close(error_in_close)
+   end subroutine note_curve_values
+
+   !> A line for each special point: what it is, its values, its number. `plan` has the values of the curve.
+   subroutine curve_lines(path, plan, lines, error)
+      character(*), intent(in) :: path
+      type(sweep_plan_t), intent(in) :: plan
+      character(:), allocatable, intent(out) :: lines(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
+      type(h5_file_t) :: file
+      type(h5_dataset_t) :: dataset
+      type(sweep_plan_t) :: rounded                                   ! to ten digits
+      character(16) :: digits
+      integer, dimension(plan%n_points) :: kind, status
+      integer :: i, n
+
+      allocate (character(160) :: lines(0))
+      call open_file(file, path, error)
+      if (allocated(error)) return
+      call file%open_dataset("curve_kind", dataset, error)
+      if (.not. allocated(error)) call dataset%read(kind, error)
+      if (.not. allocated(error)) call file%open_dataset("status", dataset, error)
+      if (.not. allocated(error)) call dataset%read(status, error)
+      call file%close(error_in_close)
+      if (allocated(error)) return
+      rounded = plan
+      n = 0
+      do i = 1, plan%n_points
+         write (digits, "(es16.9)") plan%curve_values(i)
+         read (digits, *) rounded%curve_values(i)
+         if (any(kind(i) == [curve_kind%none, curve_kind%regular])) cycle
+         n = n + 1
+         if (n <= most_lines) lines = [character(160) :: lines, line_of(i)]
+      end do
+      if (n > most_lines) lines = [character(160) :: lines, "and "//to_text(n - most_lines)//" more (see 'curve_kind')"]
+
+   contains
+
+      function line_of(point) result(line)
+         integer, intent(in) :: point
+         character(:), allocatable :: line
+
+         line = curve_kind_names(kind(point))//" at "//rounded%describe(point)//", point "//to_text(point - 1)
+         if (.not. is_solved(status(point))) line = line//", "//outcome_text(status(point))
+      end function line_of
+   end subroutine curve_lines
+end module hb_curve_table

@@ -1,0 +1,135 @@
+!> One curve of a run: its first scene read and its start solved, or where a run before has left it found in the file; then its
+!> points in the form of the file, one after the other.
+module hb_swept_curve
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_clock, only: wall_clock
+   use hb_document, only: document_t
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_marching_judge, only: marching_judge_t
+   use hb_motion_curve, only: curve_kind, curve_request_t, motion_curve_t
+   use hb_motion_result, only: curve_place_t, motion_result_t
+   use hb_outcome, only: is_solved, outcome
+   use hb_results, only: results_layout_t, results_t
+   use hb_scene, only: scene_t
+   use hb_scene_reader, only: update_scene
+   use hb_sweep_plan, only: sweep_plan_t
+   use hb_swept_point, only: check_layout, spread_result
+   use hb_watch, only: watch_t
+   implicit none
+   private
+   public :: new_swept_curve, swept_curve_t
+
+   !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
+   type :: swept_curve_t
+      integer, allocatable :: stored(:)                               !! statuses of the points of the file behind which it goes on
+      logical :: is_done = .false.                                    !! there is no further point
+      type(motion_curve_t), private :: curve
+      type(curve_request_t), private :: request
+      type(scene_t), private :: scene
+      type(document_t), private :: document
+      real(wp), private :: available_memory = huge(1.0_wp)            ! bytes
+      real(wp), private :: last_parameter = 0.0_wp
+      logical, private :: has_begun = .false.
+   contains
+      procedure :: next => swept_curve_next
+      procedure :: destroy => swept_curve_destroy
+   end type swept_curve_t
+
+contains
+
+   !> Reads the scene at the start of the curve whose first point is given. An `error` is one of the file; what is wrong with the
+   !> curve becomes the status of its first point.
+   subroutine new_swept_curve(self, document, available_memory, plan, layout, results, first, is_resumed, failure, error, watch)
+      type(swept_curve_t), intent(inout), target :: self
+      type(document_t), intent(in) :: document
+      real(wp), intent(in) :: available_memory
+      type(sweep_plan_t), intent(in) :: plan
+      type(results_layout_t), intent(in) :: layout
+      type(results_t), intent(inout) :: results
+      integer, intent(in) :: first                                    !! point, from 1
+      logical, intent(in) :: is_resumed                               !! the file may hold points of the curve
+      type(error_t), allocatable, intent(out) :: failure              !! of the curve
+      type(error_t), allocatable, intent(out) :: error
+      class(watch_t), intent(inout), target :: watch
+      type(curve_place_t), allocatable :: places(:)
+      integer, allocatable :: status(:)
+      integer :: last
+      logical :: is_new
+
+      self%document = document
+      self%available_memory = available_memory
+      call plan%apply(first, self%document)
+      call update_scene(self%scene, self%document, is_new, failure, available_memory)
+      if (.not. allocated(failure)) call check_layout(self%scene, layout, failure)
+      if (.not. allocated(failure)) call plan%curve%make_request(self%scene, self%document, self%request, failure)
+      allocate (self%stored(0))
+      self%is_done = allocated(failure)
+      self%last_parameter = plan%curve%start
+      if (self%is_done .or. .not. is_resumed) return
+      allocate (places(plan%curve%n_points), status(plan%curve%n_points))
+      call results%read_curve(first, status, places, error)
+      if (allocated(error)) return
+      last = last_step(status, places%kind)
+      if (last == 0) return
+      call self%curve%go_on_from(self%scene, self%document, self%request, available_memory, places(1), places(last), last, &
+                                 failure, watch)
+      self%is_done = self%curve%is_done .or. allocated(failure)
+      self%has_begun = .true.
+      self%stored = status(:last)
+      self%last_parameter = places(last)%parameter
+   end subroutine new_swept_curve
+
+   !> The last of the stored points from which a curve can go on, with nothing missing before it; 0 where there is none.
+   pure integer function last_step(status, kind) result(last)
+      integer, intent(in) :: status(:), kind(:)                       !! of all points of the curve
+      integer :: i
+
+      last = 0
+      do i = 1, size(status)
+         if (kind(i) == curve_kind%none .or. status(i) == outcome%pending .or. .not. (is_solved(status(i)) .or. i == 1)) exit
+         if (any(kind(i) == [curve_kind%regular, curve_kind%start])) last = i
+      end do
+      if (all(status /= outcome%pending) .and. all(is_solved(status) .or. status == outcome%unused)) last = 0   ! rows are damaged
+   end function last_step
+
+   !> The next point; `interrupted` where the run ends first.
+   subroutine swept_curve_next(self, layout, rank, result, watch)
+      class(swept_curve_t), intent(inout), target :: self
+      type(results_layout_t), intent(in) :: layout
+      integer, intent(in) :: rank
+      type(motion_result_t), intent(out) :: result
+      class(watch_t), intent(inout), target :: watch
+      type(error_t), allocatable :: error
+      real(wp) :: started
+
+      started = wall_clock()
+      if (self%has_begun) then
+         call self%curve%next(result, error)
+      else
+         call self%curve%begin(self%scene, self%document, self%request, self%available_memory, result, error, watch, &
+                               marching_judge_t())
+         self%has_begun = .true.
+      end if
+      self%is_done = self%curve%is_done
+      if (allocated(error)) then
+         result%status = outcome%failed
+         result%message = error%message
+         self%is_done = .true.
+      else
+         call spread_result(self%scene%harmonics, layout, result)
+      end if
+      if (.not. allocated(result%curve)) result%curve = curve_place_t(curve_kind%none, self%last_parameter, &
+                                                                      ieee_value(1.0_wp, ieee_quiet_nan))
+      self%last_parameter = result%curve%parameter
+      result%rank = rank
+      result%solve_seconds = wall_clock() - started
+   end subroutine swept_curve_next
+
+   !> Frees the curve; safe to call twice.
+   subroutine swept_curve_destroy(self)
+      class(swept_curve_t), intent(inout) :: self
+
+      call self%curve%destroy()
+   end subroutine swept_curve_destroy
+end module hb_swept_curve

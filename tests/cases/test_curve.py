@@ -1,0 +1,143 @@
+"""Curves: what a run of `&curve` prints and stores, that nobody can tell who followed it or how often it was ended."""
+
+import re
+import shutil
+
+import h5py
+import pytest
+from nhbm_post.reader import Results
+
+from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, read, run, solve
+
+DUFFING = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,
+   damping_mass = 0.05 /
+&tones frequency = 0.5 /
+&harmonics order = 5 /
+&load dof = 'x1', tuple = 1, cos = 0.18 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /
+"""
+CURVE = DUFFING + "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, start = 1.2, values = 1.0, points = 300 /\n"
+FAMILY = CURVE + "&sweep parameter = 'load(1)%cos', values = 0.05, 0.12, 0.18, 0.3 /\n"
+SOLUTION = (
+    "status", "coefficients", "force_coefficients", "residual", "iterations", "curve_kind", "curve_length", "curve_state",
+    "tones_frequency", "checksum",
+)  # fmt: skip
+UNUSED, PENDING = 17, 0
+
+
+def assert_same_bits(a, b):
+    for name, one, other in zip(SOLUTION, read(a, *SOLUTION), read(b, *SOLUTION)):
+        assert one.tobytes() == other.tobytes(), name
+
+
+@pytest.fixture(scope="module")
+def family(tmp_path_factory):
+    return solve(FAMILY, tmp_path_factory.mktemp("family"))
+
+
+def test_a_curve_tells_what_it_found(tmp_path):
+    (tmp_path / "curve.nml").write_text(CURVE)
+    done = run("solve", "curve.nml", cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stderr
+    lines = [line.split() for line in done.stdout.splitlines()]
+    kinds = [line[0] for line in lines if len(line) > 2 and line[1] == "at"]
+    assert kinds == ["start", "end", "fold", "fold", "value", "end"]
+    assert "fold    at tones%frequency = 1.1157" in done.stdout and "fold    at tones%frequency = 1.2696" in done.stdout
+    told = run("info", "curve.h5", cwd=tmp_path)
+    assert told.status == ALL_CONVERGED
+    for line in done.stdout.splitlines():
+        if " at tones%frequency" in line:
+            assert line in told.stdout
+    with Results(tmp_path / "curve.h5") as results:
+        assert results.curve.path == "tones%frequency"
+        assert results.used.size < 300 and (results.status[results.used] == 1).all()
+        assert results.select({"curve_kind": "value"}) and results.select({"curve_kind": "fold", "tones%frequency": "1.2:1.3"})
+        assert results.outcome_text() == f"{results.used.size} of {results.used.size} points converged"
+
+
+def test_curves_of_a_family_are_those_of_single_runs(family, tmp_path):
+    alone = solve(CURVE, tmp_path, "--set", "load(1)%cos=0.12")
+    for name, one, other in zip(SOLUTION, read(family, *SOLUTION), read(alone, *SOLUTION)):
+        assert one[300:600].tobytes() == other.tobytes(), name
+
+
+def test_a_family_has_the_same_bits_on_two_ranks(family, tmp_path):
+    assert_same_bits(family, solve(FAMILY, tmp_path, ranks=2))
+
+
+@pytest.mark.parametrize("share", [0.05, 0.4, 0.9])
+def test_an_ended_curve_goes_on_bit_by_bit(family, tmp_path, share):
+    """Rows behind a point, which may be any, are as a killed run leaves them."""
+    path = tmp_path / "family.h5"
+    shutil.copy(family, path)
+    with h5py.File(path, "r+") as file:
+        for first in range(0, 1200, 300):
+            n_used = int((file["status"][first : first + 300] != UNUSED).sum())
+            file["status"][first + int(share * n_used) : first + 300] = PENDING
+    assert run("info", path, cwd=tmp_path).status == INCOMPLETE
+    done = run("resume", path, cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stderr
+    assert_same_bits(family, path)
+    assert done.stdout.splitlines()[1] == run("resume", path, cwd=tmp_path).stdout.splitlines()[1], "all points are counted"
+
+
+def test_points_of_a_curve_are_those_of_a_sweep(tmp_path):
+    """At the values of a curve a sweep that starts from its neighbours finds the same motions, where there is one alone."""
+    curve = solve(CURVE.replace("values = 1.0", "values = 0.7, 0.9, 1.0, 2.0"), tmp_path, name="curve")
+    points = solve(DUFFING + "&sweep parameter = 'tones%frequency', values = 0.7, 0.9, 1.0, 2.0 /\n", tmp_path, name="points")
+    with Results(curve) as found, Results(points) as known:
+        for point, value in enumerate((0.7, 0.9, 1.0, 2.0)):
+            [there] = found.select({"curve_kind": "value", "tones%frequency": value})
+            assert found.amplitude(there, "x1", (1,)) == pytest.approx(known.amplitude(point, "x1", (1,)), rel=1e-11)
+            assert found.per_point("tones_frequency")[there] == value
+            assert found.per_point("truncation_estimate")[there] < 1e-6
+
+
+def test_tied_tones_and_unbalance_move_along(tmp_path):
+    text = (
+        DUFFING.replace("frequency = 0.5", "frequency = 0.5, 0.8")
+        .replace("order = 5", "order = 3")
+        .replace("tuple = 1, cos = 0.18", "tuple = 1, 0, cos = 0.05, frequency_power = 2")
+        + "&load dof = 'x1', tuple = 0, 1, cos = 0.05 /\n"
+    )
+    curve = "&curve parameter = 'tones%frequency(1)', from = 0.5, to = 0.7, values = 0.6, tie = 'ratio' /\n"
+    followed = solve(text + curve, tmp_path, name="curve")
+    alone = solve(text, tmp_path, "--set", "tones%frequency=0.6,0.96", name="alone")
+    with Results(followed) as found, Results(alone) as known:
+        [there] = found.select({"curve_kind": "value"})
+        assert found.frequency(there) == pytest.approx([0.6, 0.96], rel=1e-15)
+        for j in ((1, 0), (0, 1), (2, 1)):
+            assert found.amplitude(there, "x1", j) == pytest.approx(known.amplitude(0, "x1", j), rel=1e-10)
+
+
+def test_budget_of_points_is_kept(tmp_path):
+    path = solve(CURVE.replace("points = 300", "points = 7"), tmp_path)
+    assert (read(path, "status") == 1).all() and "end" not in Results(path).curve_kind()
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ("parameter = 'tones%frequency', from = 0.5", "'to'"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 0.5", "there is no way to go"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 1.5, start = 2.0", "must lie between 'from' and 'to'"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 1.5, values = 1.0, 1.6", "1.6 does not"),
+        ("parameter = 'tones%frequenzy', from = 0.5, to = 1.5", "frequenzy"),
+        ("parameter = 'harmonics%order', from = 1, to = 5", "a curve follows a number of &structure"),
+        ("parameter = 'structure%n_masses', from = 1, to = 5", "is no real number"),
+        ("parameter = 'tones%frequency(2)', from = 0.5, to = 1.5", "the highest number of a tone is 1"),
+        ("parameter = 'load(1)%cos', from = 0.5, to = 1.5, tie = 'ratio'", "is for the frequency of a tone"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x2'", "unknown degree of freedom 'x2'"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x1 (1,0)'", "is no response"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x1 (9)'", "does not have this tuple"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 1.5 /\n&sweep parameter = 'tones%frequency', values = 1, 2", "moves along the curve"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 1.5 /\n&sweep parameter = 'curve%to', values = 1, 2", "cannot vary a curve"),
+    ],
+)
+def test_what_is_wrong_with_a_curve_is_said(tmp_path, keys, says):
+    (tmp_path / "bad.nml").write_text(DUFFING + f"&curve {keys} /\n")
+    done = run("solve", "bad.nml", cwd=tmp_path)
+    assert done.status == BAD_INPUT and says in done.stderr, done.stderr
+    assert re.search(r"bad.nml:[89]: ", done.stderr), done.stderr
+    assert not (tmp_path / "bad.h5").exists()
