@@ -3,16 +3,17 @@
 module verb_check
    use arguments, only: arguments_t
    use console, only: say
+   use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t
    use hb_guard, only: lower_guard, raise_guard
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_check, only: check_derivatives, derivative_check_t
-   use hb_law_forces, only: law_dofs_of
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text
    use hb_mpi, only: comm_t, rank_of
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_scene, only: scene_t
+   use hb_scene_coordinates, only: coordinates_of
    use hb_scene_doubts, only: commensurate_text, has_no_load
    use hb_scene_sizes, only: sizes_of
    use hb_study, only: study_t
@@ -101,11 +102,11 @@ contains
    subroutine describe(study)
       type(study_t), intent(in) :: study
       character(:), allocatable :: samples, tones
-      integer, allocatable :: law_dofs(:)
+      type(coordinates_t) :: coordinates
       integer :: i
 
       associate (scene => study%scene)
-         law_dofs = law_dofs_of(scene%laws)
+         coordinates = coordinates_of(scene)
          call say("points      "//to_text(study%plan%n_points))
          do i = 1, size(study%plan%parameters)
             call say("swept       "//study%plan%parameters(i)%describe())
@@ -121,8 +122,8 @@ contains
          call say("tones       "//tones)
          call say("harmonics   "//to_text(scene%harmonics%n_harmonics))
          call say("samples     "//samples)
-         call say("unknowns    "//to_text(scene%harmonics%n_coefficients*size(law_dofs)))
-         call describe_symmetry(scene, size(law_dofs))
+         call say("unknowns    "//to_text(scene%harmonics%n_coefficients*coordinates%n))
+         call describe_symmetry(scene, coordinates%n)
          call describe_memory(scene)
          do i = 1, size(scene%laws)
             call say("law         "//scene%laws(i)%law%label)
@@ -131,9 +132,9 @@ contains
    end subroutine describe
 
    !> Says how many unknowns are left where the motion is sought among odd ones.
-   subroutine describe_symmetry(scene, n_law_dofs)
+   subroutine describe_symmetry(scene, n_coordinates)
       type(scene_t), intent(in) :: scene
-      integer, intent(in) :: n_law_dofs
+      integer, intent(in) :: n_coordinates
       type(scene_t) :: reduced
       type(odd_motion_t) :: odd
       type(error_t), allocatable :: error
@@ -141,7 +142,7 @@ contains
       reduced = scene
       call reduce_to_odd(odd, reduced, error)
       if (odd%is_used) call say("symmetry    odd motions, "// &
-         to_text(reduced%harmonics%n_coefficients*n_law_dofs)//" unknowns")
+         to_text(reduced%harmonics%n_coefficients*n_coordinates)//" unknowns")
    end subroutine describe_symmetry
 
    !> Says what the memory of a point is estimated at, and what takes most of it.

@@ -1,4 +1,4 @@
-!> The harmonic balance of a scene: R(u) = S u + F_nl(u) - F_ext at the degrees of freedom on which laws act.
+!> The harmonic balance of a scene: R(u) = S u + F_nl(u) - F_ext at the coordinates on which laws act.
 !>
 !> Forces are evaluated on the torus and projected back (alternating frequency/time); the tangent is the exact derivative
 !> of this discrete residual. Unknowns u(n_coefficients, n_dofs) are cosines and sines, degree of freedom by degree of
@@ -38,7 +38,7 @@ module hb_balance
       real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
       real(wp), allocatable :: xi(:)                                  !! artificial damping, negative, per tone [1/s], (n_tones)
-      integer :: n_dofs = 0                                           !! degrees of freedom on which laws act
+      integer :: n_dofs = 0                                           !! coordinates on which laws act
       type(law_set_t) :: law_set
       type(transform_t), private :: transform
       type(product_table_t), private :: table
@@ -90,6 +90,7 @@ module hb_balance
       procedure :: project => balance_project
       procedure :: project_one => balance_project_one
       procedure :: all_dofs => balance_all_dofs
+      procedure :: at_law_dofs => balance_at_law_dofs
       procedure :: destroy => balance_destroy
    end type balance_t
 
@@ -267,14 +268,14 @@ module hb_balance
 
 contains
 
-   !> Balance of the laws on a structure whose dynamic stiffness is condensed to `law_dofs_of(laws)`.
+   !> Balance of laws on the coordinates to which the dynamic stiffness of the structure is condensed.
    subroutine new_balance(self, harmonics, torus, omega, stiffness, laws, effort, error)
       type(balance_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
       type(dynamic_stiffness_t), intent(in) :: stiffness              !! at the frequencies j.omega of all harmonics
-      type(law_box_t), intent(in) :: laws(:)                          !! at least one
+      type(law_box_t), intent(in) :: laws(:)                          !! at least one; on numbers of coordinates
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
       integer :: i
@@ -296,7 +297,7 @@ contains
       self%has_moved = .false.
       call new_transform(self%transform, harmonics, torus, self%n_dofs, effort, error)
       if (allocated(error)) return
-      call new_law_set(self%law_set, laws, torus, omega, error)
+      call new_law_set(self%law_set, laws, self%n_dofs, torus, omega, error)
       if (allocated(error)) return
       call choose_tangent_pattern(self)
       call factorise_linear_part(self)
@@ -584,6 +585,29 @@ contains
       end do
       call self%stiffness%recover(at_laws, c)
    end subroutine balance_all_dofs
+
+   !> Motion of the degrees of freedom that the coordinates touch, in their order.
+   function balance_at_law_dofs(self, u) result(motion)
+      class(balance_t), intent(in) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      real(wp) :: motion(self%harmonics%n_coefficients, size(self%stiffness%coordinates%dofs))
+      complex(wp), allocatable :: c(:, :)
+      integer :: h, i
+
+      associate (coordinates => self%stiffness%coordinates)
+         if (coordinates%are_dofs) then
+            motion = u
+            return
+         end if
+         allocate (c(self%stiffness%n_dofs, self%harmonics%n_harmonics))
+         call self%all_dofs(u, c)
+         do h = 1, size(c, 2)
+            do i = 1, size(motion, 2)
+               call self%harmonics%set_amplitude(motion(:, i), h, c(coordinates%dofs(i), h))
+            end do
+         end do
+      end associate
+   end function balance_at_law_dofs
 
    !> Frees transforms and samples; safe to call twice.
    subroutine balance_destroy(self)

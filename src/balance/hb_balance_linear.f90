@@ -93,18 +93,15 @@ contains
       compliance_of = abs(dot_product(spread_weights(self, i), response))
    end function compliance_of
 
-   !> Weights of the first coordinate of law i over all degrees of freedom of the laws.
+   !> Weights of the first coordinate of law i over all coordinates.
    function spread_weights(self, i) result(weights)
       type(balance_t), intent(in) :: self
       integer, intent(in) :: i
       complex(wp) :: weights(self%n_dofs)
-      integer :: k
 
       weights = (0.0_wp, 0.0_wp)
-      associate (columns => self%law_set%columns_of(i))
-         do k = 1, size(columns)
-            weights(columns(k)) = self%law_set%laws(i)%law%shape(k, 1)
-         end do
+      associate (law => self%law_set%laws(i)%law)
+         weights(law%dofs) = cmplx(law%shape(:, 1), kind=wp)
       end associate
    end function spread_weights
 

@@ -92,7 +92,7 @@ contains
          end if
          call self%law_set%prepare_answers(law, self%harmonics, self%transform%torus, self%frequencies, has_answers)
          if (.not. has_answers) cycle
-         associate (moved => self%law_set%columns_of(law), answering => self%law_set%answering_dofs(law), &
+         associate (moved => self%law_set%laws(law)%law%dofs, answering => self%law_set%answering_dofs(law), &
                     shape => self%law_set%laws(law)%law%shape)
             do b = 1, size(shape, 2)
                h = 0
@@ -130,7 +130,7 @@ contains
       real(wp), dimension(self%harmonics%n_coefficients) :: column, row
       integer :: a, b, i, k, run
 
-      associate (columns => self%law_set%columns_of(law), shape => self%law_set%laws(law)%law%shape)
+      associate (columns => self%law_set%laws(law)%law%dofs, shape => self%law_set%laws(law)%law%shape)
          do b = 1, size(shape, 2)
             do a = 1, size(shape, 2)
                call self%law_set%find_line(law, a, b, self%answer%values(:, 1), stuck, pushed)

@@ -12,8 +12,7 @@ module hb_certificate
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box, new_of_parity
    use hb_impact, only: impact_energy
    use hb_kinds, only: wp
-   use hb_law, only: defects_t, law_box_t
-   use hb_law_forces, only: law_dofs_of
+   use hb_law, only: defects_t
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_phase, only: phase_problem_t
@@ -49,17 +48,16 @@ module hb_certificate
       real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
       integer, allocatable :: combination(:)                          !! its k, (n_tones)
       type(harmonics_t) :: wider                                      !! the set of the improved motion
-      real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_dofs);
+      real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_law_dofs);
                                                                       !! not allocated where it was not asked for
    end type certificate_t
 
 contains
 
    !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance, and with it the motion improved by some steps.
-   subroutine certify(self, structure, laws, loads, torus, balance, u, effort, n_steps, error, phase, curve)
+   subroutine certify(self, structure, loads, torus, balance, u, effort, n_steps, error, phase, curve)
       type(certificate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
-      type(law_box_t), intent(in) :: laws(:)
       complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
       type(torus_t), intent(in) :: torus                              !! grid of the solution
       type(balance_t), intent(inout), target :: balance
@@ -106,8 +104,8 @@ contains
          do h = 1, balance%harmonics%n_harmonics
             wide_loads(:, set%index_of(balance%harmonics%tuples(:, h))) = loads(:, h)
          end do
-         call new_dynamic_stiffness(stiffness, structure, law_dofs_of(laws), set%frequencies(balance%omega), wide_loads, error, &
-                                    drives=set%frequencies(balance%xi*balance%omega))
+         call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &
+                                    wide_loads, error, drives=set%frequencies(balance%xi*balance%omega))
          if (allocated(error)) return
          call new_balance(wide, set, grid, balance%omega, stiffness, balance%law_set%laws, effort, error)
       end subroutine make_wide_balance
@@ -288,6 +286,7 @@ contains
       self%wider = wide%harmonics
       allocate (self%improved, mold=big)
       call improve(balance, wide, tangent, u, n_steps, self%improved, error)
+      if (.not. allocated(error)) self%improved = wide%at_law_dofs(self%improved)
 
    contains
 
@@ -393,7 +392,7 @@ contains
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)
-      real(wp), allocatable :: big(:, :), force(:), motion(:)
+      real(wp), allocatable :: big(:, :), force(:), motion(:, :)
       real(wp), pointer, contiguous :: samples(:, :)
       integer :: c, i
 
@@ -405,10 +404,10 @@ contains
       allocate (self%power_laws(size(wide%law_set%laws)), source=0.0_wp)
       do i = 1, size(self%power_laws)
          samples => wide%law_set%force_of(i)
+         motion = wide%law_set%coordinates_of(i, big)
          do c = 1, size(samples, 2)
             call wide%project_one(samples(:, c:c), force)
-            motion = matmul(big(:, wide%law_set%columns_of(i)), wide%law_set%laws(i)%law%shape(:, c))
-            self%power_laws(i) = self%power_laws(i) + mean_power(wide%harmonics, wide%frequencies, force, motion)
+            self%power_laws(i) = self%power_laws(i) + mean_power(wide%harmonics, wide%frequencies, force, motion(:, c))
          end do
       end do
       self%impact = impact_energy(structure, wide, big)

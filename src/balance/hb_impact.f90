@@ -34,16 +34,16 @@ contains
       rate = rate_of(balance, u)
       call balance%sample(rate)
       do i = 1, size(balance%law_set%laws)
-         associate (law => balance%law_set%laws(i)%law, columns => balance%law_set%columns_of(i))
+         associate (set => balance%law_set, law => balance%law_set%laws(i)%law, coordinates => balance%stiffness%coordinates)
             if (.not. is_wall(law)) cycle
-            force => balance%law_set%force_of(i)
-            v = matmul(balance%law_set%q%values(:, columns), law%shape(:, 1))
+            force => set%force_of(i)
+            v = reshape(set%coordinates_of(i, set%q%values), [size(force, 1)])
             speed = max(0.0_wp, merge(v, -v, force(:, 1) > 0.0_wp))
             where (abs(force(:, 1)) <= 0.0_wp) speed = 0.0_wp
             if (all(speed <= 0.0_wp)) cycle
-            call find_mass(structure, law, mass, stiffness)
-            z = matmul(u(:, columns), law%shape(:, 1))
-            v = matmul(rate(:, columns), law%shape(:, 1))
+            call find_mass(structure, coordinates%dofs, coordinates%weights_of(law%dofs, law%shape(:, 1)), mass, stiffness)
+            z = reshape(set%coordinates_of(i, u), [size(u, 1)])
+            v = reshape(set%coordinates_of(i, rate), [size(u, 1)])
             moving = mass*mean_square(balance, v) + stiffness*mean_square(balance, z)
             if (moving > 0.0_wp) impact_energy = max(impact_energy, mass*maxval(speed)**2/moving)
          end associate
@@ -88,16 +88,21 @@ contains
       end associate
    end function mean_square
 
-   !> Mass and static stiffness of the structure against the coordinate of a law: 1/(w^T M**-1 w), as the inertia far above all
+   !> Mass and static stiffness of the structure against a coordinate w: 1/(w^T M**-1 w), as the inertia far above all
    !> resonances, where coordinates without mass follow the others, and 1/(w^T K**-1 w); 0 where there is none.
-   subroutine find_mass(structure, law, mass, stiffness)
+   subroutine find_mass(structure, all_dofs, all_weights, mass, stiffness)
       type(structure_t), intent(in) :: structure
-      class(law_t), intent(in) :: law
+      integer, intent(in) :: all_dofs(:)
+      real(wp), intent(in) :: all_weights(:)                          !! (size(all_dofs)), some may be zero
       real(wp), intent(out) :: mass, stiffness
       real(wp), parameter :: far = 1.0e4_wp                           ! times a bound of the resonances
       real(wp) :: largest_mass, highest
+      real(wp), allocatable :: weights(:)
+      integer, allocatable :: dofs(:)
       integer :: i
 
+      dofs = pack(all_dofs, abs(all_weights) > 0.0_wp)
+      weights = pack(all_weights, abs(all_weights) > 0.0_wp)
       mass = 0.0_wp
       stiffness = max(0.0_wp, seen_at(0.0_wp))
       largest_mass = maxval([(structure%mass(i, i), i=1, structure%n_dofs)])
@@ -118,27 +123,27 @@ contains
          real(wp), intent(in) :: frequency
          type(dynamic_stiffness_t) :: dynamic
          type(error_t), allocatable :: error
-         complex(wp) :: block(size(law%dofs), size(law%dofs)), response(size(law%dofs), 1), load(structure%n_dofs, 1)
-         integer :: pivots(size(law%dofs))
+         complex(wp) :: block(size(dofs), size(dofs)), response(size(dofs), 1), load(structure%n_dofs, 1)
+         integer :: pivots(size(dofs))
          logical :: is_singular
          integer :: k
 
          seen_at = 0.0_wp
          load = (0.0_wp, 0.0_wp)
-         call new_dynamic_stiffness(dynamic, structure, law%dofs, [frequency], load, error)
+         call new_dynamic_stiffness(dynamic, structure, dofs, [frequency], load, error)
          if (allocated(error)) return
          block = (0.0_wp, 0.0_wp)
          associate (pattern => dynamic%pattern)
-            do k = 1, size(law%dofs)
+            do k = 1, size(dofs)
                block(pattern%first(k):pattern%last(k), k) = &
                   dynamic%condensed(pattern%shift(k) + pattern%first(k):pattern%shift(k) + pattern%last(k), k, 1)
             end do
          end associate
          call factorise_small(block, pivots, is_singular)
          if (is_singular) return
-         response(:, 1) = law%shape(:, 1)
+         response(:, 1) = cmplx(weights, kind=wp)
          call solve_small(block, pivots, response)
-         associate (compliance => sum(law%shape(:, 1)*response(:, 1)))
+         associate (compliance => sum(weights*response(:, 1)))
             if (abs(compliance) > 0.0_wp) seen_at = real(1.0_wp/compliance)
          end associate
       end function seen_at

@@ -16,11 +16,11 @@ module hb_law_forces
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: law_dofs_of, law_forces_t, new_law_forces
+   public :: law_forces_t, new_law_forces
 
    !> Owner of outside resources: call `destroy`.
    type :: law_forces_t
-      integer :: n_dofs = 0                                           !! degrees of freedom on which laws act
+      integer :: n_dofs = 0                                           !! coordinates on which laws act
       integer :: n_pairs = 0                                          !! pairs (i, k) with d force_i/d motion_k not zero
       logical :: needs_velocity = .false.
       logical :: needs_reaction = .false.
@@ -40,7 +40,7 @@ module hb_law_forces
       logical, private :: has_derivatives = .false.
    contains
       procedure :: move => law_forces_move
-      procedure :: columns_of => law_forces_columns_of
+      procedure :: coordinates_of => law_forces_coordinates_of
       procedure :: evaluate => law_forces_evaluate
       procedure :: listen => law_forces_listen
       procedure :: differentiate => law_forces_differentiate
@@ -50,32 +50,14 @@ module hb_law_forces
 
 contains
 
-   !> Degrees of freedom of the structure on which any law acts, ascending and once each.
-   pure function law_dofs_of(laws) result(dofs)
-      type(law_box_t), intent(in) :: laws(:)
-      integer, allocatable :: dofs(:)
-      logical, allocatable :: is_used(:)
-      integer :: i, last
-
-      last = 0
-      do i = 1, size(laws)
-         last = max(last, maxval(laws(i)%law%dofs))
-      end do
-      allocate (is_used(last), source=.false.)
-      do i = 1, size(laws)
-         is_used(laws(i)%law%dofs) = .true.
-      end do
-      dofs = pack([(i, i=1, last)], is_used)
-   end function law_dofs_of
-
    !> Prepares the samples of all laws on a grid. Derivatives get their memory at their first use.
-   subroutine new_law_forces(self, laws, torus, omega, error)
+   subroutine new_law_forces(self, laws, n_coordinates, torus, omega, error)
       type(law_forces_t), intent(inout) :: self
-      type(law_box_t), intent(in) :: laws(:)                          !! no two multipliers on one degree of freedom
+      type(law_box_t), intent(in) :: laws(:)                          !! on coordinates; no two multipliers on one
+      integer, intent(in) :: n_coordinates
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
       type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: dofs(:)
       integer :: i, n_samples
 
       call self%destroy()
@@ -89,8 +71,7 @@ contains
       if (allocated(self%complaint)) deallocate (self%complaint)
       self%laws = laws
       call set_phases(self%laws, torus)
-      dofs = law_dofs_of(laws)
-      self%n_dofs = size(dofs)
+      self%n_dofs = n_coordinates
       do i = 1, size(laws)
          self%needs_velocity = self%needs_velocity .or. laws(i)%law%needs_velocity
          self%needs_reaction = self%needs_reaction .or. laws(i)%law%is_multiplier
@@ -103,7 +84,7 @@ contains
       if (allocated(error)) return
       if (self%needs_reaction) call new_real_block(self%s, n_samples, self%n_dofs, error)
       if (allocated(error)) return
-      call make_slots(self, dofs, error)
+      call make_slots(self, error)
       if (allocated(error)) return
       if (allocated(self%pair_at)) deallocate (self%pair_at)
       allocate (self%pair_at(self%n_dofs, self%n_dofs))
@@ -118,27 +99,26 @@ contains
    end subroutine new_law_forces
 
    !> Gives each law its place, and finds the degrees of freedom whose force has to be summed.
-   subroutine make_slots(self, dofs, error)
+   subroutine make_slots(self, error)
       type(law_forces_t), intent(inout) :: self
-      integer, intent(in) :: dofs(:)                                  !! of the structure, (n_dofs)
       type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: columns(:)
-      integer :: i, k, n_laws(self%n_dofs), place(maxval(dofs))
+      integer :: i, k, n_laws(self%n_dofs)
 
-      place(dofs) = [(k, k=1, self%n_dofs)]
       n_laws = 0
       do i = 1, size(self%laws)
-         columns = place(self%laws(i)%law%dofs)
-         n_laws(columns) = n_laws(columns) + 1
+         associate (columns => self%laws(i)%law%dofs)
+            n_laws(columns) = n_laws(columns) + 1
+         end associate
       end do
       allocate (self%slots(size(self%laws)))
       self%is_summed = [(.true., k=1, self%n_dofs)]
       do i = 1, size(self%laws)
-         columns = place(self%laws(i)%law%dofs)
-         call new_slot(self%slots(i), self%laws(i)%law, columns, all(n_laws(columns) == 1), self%q, self%v, self%s, self%f, &
-                       self%characteristic, error)
-         if (allocated(error)) return
-         if (self%slots(i)%writes_in_place) self%is_summed(columns) = .false.
+         associate (columns => self%laws(i)%law%dofs)
+            call new_slot(self%slots(i), self%laws(i)%law, columns, all(n_laws(columns) == 1), self%q, self%v, self%s, self%f, &
+                          self%characteristic, error)
+            if (allocated(error)) return
+            if (self%slots(i)%writes_in_place) self%is_summed(columns) = .false.
+         end associate
       end do
    end subroutine make_slots
 
@@ -171,14 +151,15 @@ contains
       end do
    end subroutine law_forces_move
 
-   !> Where the degrees of freedom of law i stand among those of all laws.
-   pure function law_forces_columns_of(self, i) result(columns)
+   !> Coordinates of law i from values of all coordinates.
+   pure function law_forces_coordinates_of(self, i, values) result(z)
       class(law_forces_t), intent(in) :: self
       integer, intent(in) :: i
-      integer :: columns(size(self%slots(i)%columns))
+      real(wp), intent(in) :: values(:, :)                            !! (any, n_dofs)
+      real(wp) :: z(size(values, 1), size(self%laws(i)%law%shape, 2))
 
-      columns = self%slots(i)%columns
-   end function law_forces_columns_of
+      z = matmul(values(:, self%laws(i)%law%dofs), self%laws(i)%law%shape)
+   end function law_forces_coordinates_of
 
    !> Forces f from the samples q, v and s. Where they are not finite, `listen` tells why.
    subroutine law_forces_evaluate(self)

@@ -3,6 +3,7 @@
 !>
 !> Source: docs/user/theory.md, sections 5.3 to 5.5.
 module hb_law_set
+   use hb_coordinates, only: coordinates_t
    use hb_direction_samples, only: direction_samples_t, new_direction_samples
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
@@ -46,15 +47,16 @@ module hb_law_set
 contains
 
    !> Prepares the samples of all laws on a grid. Derivatives get their memory at their first use.
-   subroutine new_law_set(self, laws, torus, omega, error)
+   subroutine new_law_set(self, laws, n_coordinates, torus, omega, error)
       type(law_set_t), intent(inout) :: self
-      type(law_box_t), intent(in) :: laws(:)                          !! no two multipliers on one degree of freedom
+      type(law_box_t), intent(in) :: laws(:)                          !! on coordinates; no two multipliers on one
+      integer, intent(in) :: n_coordinates
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
       type(error_t), allocatable, intent(out) :: error
 
       call self%destroy()
-      call new_law_forces(self%law_forces_t, laws, torus, omega, error)
+      call new_law_forces(self%law_forces_t, laws, n_coordinates, torus, omega, error)
    end subroutine new_law_set
 
    !> Makes room for the samples `along` a direction, at their first use.
@@ -250,26 +252,26 @@ contains
       all_stick = all([(self%full_stick(i) .or. .not. allocated(self%slots(i)%memory), i=1, size(self%laws))])
    end function law_set_all_stick
 
-   !> Motion of the degrees of freedom as the laws allow it, from the samples q. A law moves its degrees of freedom by
-   !> w (corrected - z)/w.w for each of its coordinates z, w its weights.
-   subroutine law_set_correct(self, corrected)
+   !> Adds to the motion of degrees of freedom what makes it as the laws allow it, from the samples q. A law moves its degrees of
+   !> freedom by w (corrected - z)/w.w for each of its coordinates z, w its weights.
+   subroutine law_set_correct(self, coordinates, motion)
       class(law_set_t), intent(inout) :: self
-      real(wp), intent(out) :: corrected(:, :)                        !! [m], (n_samples, n_dofs)
-      real(wp), allocatable :: z(:, :)
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp), intent(inout) :: motion(:, :)                         !! [m], (n_samples, size(coordinates%dofs))
+      real(wp), allocatable :: weights(:), z(:, :)
       integer :: c, i, k
 
-      corrected = self%q%values
       do i = 1, size(self%laws)
          if (.not. self%laws(i)%law%is_multiplier) cycle
-         associate (shape => self%laws(i)%law%shape, slot => self%slots(i))
-            call slot%gather(self%laws(i)%law, self%q, self%v, self%s, self%f)
+         associate (law => self%laws(i)%law, slot => self%slots(i))
+            call slot%gather(law, self%q, self%v, self%s, self%f)
             z = slot%z
-            call self%laws(i)%law%correct(slot%z, z)
-            do c = 1, size(shape, 2)
-               do k = 1, size(shape, 1)
-                  if (shape(k, c) == 0.0_wp) cycle
-                  corrected(:, slot%columns(k)) = corrected(:, slot%columns(k)) + &
-                     shape(k, c)/sum(shape(:, c)**2)*(z(:, c) - slot%z(:, c))
+            call law%correct(slot%z, z)
+            do c = 1, size(law%shape, 2)
+               weights = coordinates%weights_of(law%dofs, law%shape(:, c))
+               weights = weights/sum(weights**2)
+               do k = 1, size(weights)
+                  if (abs(weights(k)) > 0.0_wp) motion(:, k) = motion(:, k) + weights(k)*(z(:, c) - slot%z(:, c))
                end do
             end do
          end associate

@@ -19,7 +19,7 @@ module hb_law_slot
 
    !> The law itself is passed to each procedure; it is always the one of `new_slot`. Owner of outside resources: call `destroy`.
    type :: slot_t
-      integer, allocatable :: columns(:)                              !! of its degrees of freedom among those of all laws
+      integer, allocatable :: columns(:)                              !! coordinates on which it acts, as law%dofs
       logical :: reads_in_place = .false.                             !! z and v are samples of its degree of freedom
       logical :: writes_in_place = .false.                            !! f as well, and p
       real(wp), pointer, contiguous :: z(:, :) => null()              !! coordinates [m], (n_samples, n_coordinates)

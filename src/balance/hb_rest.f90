@@ -5,12 +5,13 @@
 !> Source: docs/user/theory.md, section 6.5.
 module hb_rest
    use hb_balance, only: balance_t, new_balance
+   use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
-   use hb_law_forces, only: law_dofs_of
+   use hb_law_coordinates, only: laws_at
    use hb_modes, only: modes_t, new_modes
    use hb_outcome, only: outcome
    use hb_solver, only: solve
@@ -26,7 +27,7 @@ module hb_rest
    type :: rest_t
       real(wp), allocatable :: u(:, :)                                !! [m], (n_coefficients, n_dofs) in the whole set
       logical :: is_forced = .false.                                  !! it moves, other than by its mean
-      type(modes_t) :: modes                                          !! shapes at the degrees of freedom of the laws, with
+      type(modes_t) :: modes                                          !! shapes at the coordinates of the laws, with
                                                                       !! travelling waves after the modes themselves
       logical, allocatable :: is_at_laws(:)                           !! whether a mode moves where laws act, (n_modes)
       integer :: n_linear = 0                                         !! modes themselves
@@ -36,9 +37,10 @@ module hb_rest
 contains
 
    !> Finds the motion and its modes. An error is a singular interior or a structure too large for all its modes.
-   subroutine find_rest(self, structure, laws, loads, harmonics, torus, omega, is_unknown, config, effort, error)
+   subroutine find_rest(self, structure, coordinates, laws, loads, harmonics, torus, omega, is_unknown, config, effort, error)
       type(rest_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
+      type(coordinates_t), intent(in) :: coordinates                  !! of the laws
       type(law_box_t), intent(in) :: laws(:)
       complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
       type(harmonics_t), intent(in) :: harmonics                      !! the whole set
@@ -50,9 +52,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(balance_t) :: balance
       type(harmonics_t) :: set
-      integer, allocatable :: law_dofs(:)
 
-      law_dofs = law_dofs_of(laws)
       call make_balance()
       if (.not. allocated(error)) call solve_balance()
       call balance%destroy()
@@ -79,12 +79,13 @@ contains
          if (allocated(error)) return
          allocate (kept_loads(structure%n_dofs, set%n_harmonics), source=(0.0_wp, 0.0_wp))
          kept_loads(:, set%n_harmonics - size(kept) + 1:) = loads(:, kept)
-         call new_dynamic_stiffness(stiffness, structure, law_dofs, set%frequencies(omega), kept_loads, error)
-         if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, laws, effort, error)
+         call new_dynamic_stiffness(stiffness, structure, coordinates, set%frequencies(omega), kept_loads, error)
+         if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, &
+                                                     laws_at(coordinates, laws), effort, error)
       end subroutine make_balance
 
       subroutine solve_balance()
-         real(wp) :: u(set%n_coefficients, size(law_dofs)), x(set%n_coefficients*size(law_dofs)), linear(size(x))
+         real(wp) :: u(set%n_coefficients, coordinates%n), x(set%n_coefficients*coordinates%n), linear(size(x))
          integer :: h, k
 
          call balance%linear_solution(u)
@@ -92,7 +93,7 @@ contains
          x = linear
          call solve(balance, config, linear, x, self%report)
          if (self%report%status == outcome%converged) u = reshape(x, shape(u))
-         allocate (self%u(harmonics%n_coefficients, size(law_dofs)), source=0.0_wp)
+         allocate (self%u(harmonics%n_coefficients, coordinates%n), source=0.0_wp)
          do h = 1, set%n_harmonics
             k = harmonics%index_of(set%tuples(:, h))
             if (k == 0) cycle
@@ -106,23 +107,35 @@ contains
 
       subroutine find_modes(u)
          real(wp), intent(in) :: u(:, :)
-         real(wp) :: df_dq(size(law_dofs), size(law_dofs)), df_dv(size(law_dofs), size(law_dofs))
+         real(wp) :: df_dq(coordinates%n, coordinates%n), df_dv(coordinates%n, coordinates%n)
          real(wp), allocatable :: damping(:, :), stiffness(:, :)
+         complex(wp), allocatable :: at_laws(:, :)
 
          call balance%mean_slopes(u, df_dq, df_dv, error)
          if (allocated(error)) return
          allocate (damping, source=structure%damping)
          allocate (stiffness, source=structure%stiffness)
-         damping(law_dofs, law_dofs) = damping(law_dofs, law_dofs) + df_dv
-         stiffness(law_dofs, law_dofs) = stiffness(law_dofs, law_dofs) + df_dq
+         associate (dofs => coordinates%dofs)
+            damping(dofs, dofs) = damping(dofs, dofs) + spread_both(df_dv)
+            stiffness(dofs, dofs) = stiffness(dofs, dofs) + spread_both(df_dq)
+         end associate
          call new_modes(self%modes, structure%mass, damping, stiffness, error)
          if (.not. allocated(error)) call replace_creeping_modes(self%modes, structure%mass, damping, stiffness, error)
          if (allocated(error)) return
          self%n_linear = self%modes%n_modes
          call add_travelling_waves(self%modes, structure%mass)
-         self%is_at_laws = maxval(abs(self%modes%shapes(law_dofs, :)), dim=1) > unmoved*maxval(abs(self%modes%shapes), dim=1)
-         self%modes%shapes = self%modes%shapes(law_dofs, :)
+         at_laws = coordinates%amplitudes_of(self%modes%shapes)
+         self%is_at_laws = maxval(abs(at_laws), dim=1) > unmoved*maxval(abs(self%modes%shapes), dim=1)
+         call move_alloc(at_laws, self%modes%shapes)
       end subroutine find_modes
+
+      !> Slopes at the degrees of freedom from those at the coordinates.
+      pure function spread_both(slopes) result(spread)
+         real(wp), intent(in) :: slopes(:, :)
+         real(wp) :: spread(size(coordinates%dofs), size(coordinates%dofs))
+
+         spread = transpose(coordinates%spread_forces(transpose(coordinates%spread_forces(slopes))))
+      end function spread_both
    end subroutine find_rest
 
    !> Damping or driving beyond the critical leaves a mode no frequency. Where that happens all modes are those without the

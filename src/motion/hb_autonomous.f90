@@ -4,6 +4,7 @@
 !> guesses `scene%tones%omega`; it is tried before any mode.
 module hb_autonomous
    use hb_balance, only: balance_t
+   use hb_coordinates, only: coordinates_t
    use hb_energy, only: energy_t, new_energy
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -31,9 +32,10 @@ module hb_autonomous
 contains
 
    !> Finds the motion at rest, its modes, and the frequencies from which to start.
-   subroutine find_start(self, scene, error)
+   subroutine find_start(self, scene, coordinates, error)
       type(autonomous_start_t), intent(out) :: self
       type(scene_t), intent(in) :: scene
+      type(coordinates_t), intent(in) :: coordinates                  !! of its laws
       type(error_t), allocatable, intent(out) :: error
       integer :: h, m
 
@@ -43,8 +45,8 @@ contains
                                  h=1, scene%harmonics%n_harmonics)])
          self%omega = tones%omega
          where (self%omega <= 0.0_wp) self%omega = 1.0_wp             ! any: the rest does not know these tones
-         call find_rest(self%rest, scene%structure, scene%laws, scene%loads, scene%harmonics, scene%torus, self%omega, &
-                        tones%is_unknown, scene%solver, scene%planning, error)
+         call find_rest(self%rest, scene%structure, coordinates, scene%laws, scene%loads, scene%harmonics, scene%torus, &
+                        self%omega, tones%is_unknown, scene%solver, scene%planning, error)
          if (allocated(error)) then
             if (.not. (allocated(self%rest%u) .and. self%has_motion)) return
             deallocate (error)                                         ! without modes the start must do
@@ -106,10 +108,9 @@ contains
 
    !> Looks for the motion on a balance with slopes at the frequencies of the start. Afterwards u is what the status of the
    !> report in `search` says, and the balance stands at its frequencies.
-   subroutine find_motion(scene, start, law_dofs, balance, u, search)
+   subroutine find_motion(scene, start, balance, u, search)
       type(scene_t), intent(in) :: scene
       type(autonomous_start_t), intent(in) :: start
-      integer, intent(in) :: law_dofs(:)
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs): the start given
       type(search_t), intent(out) :: search
@@ -125,7 +126,8 @@ contains
       if (length <= 0.0_wp) length = maxval(norm2(start%rest%u, dim=1))
       if (length <= 0.0_wp) length = 1.0_wp
       call new_search(search, balance, start%rest, start%tones, start%modes, &
-                      [(findloc(law_dofs, scene%phase_dofs(i), dim=1), i=1, size(scene%phase_dofs))], length, scene%solver)
+                      [(balance%stiffness%coordinates%number_of(scene%phase_dofs(i)), i=1, size(scene%phase_dofs))], length, &
+                      scene%solver)
       u = u + start%rest%u
       if (scene%normal_mode%has_energy) then
          call new_energy(energy, scene%structure, constant_load(scene), balance, start%rest%u)
@@ -133,7 +135,7 @@ contains
          return
       else if (scene%normal_mode%is_asked) then
          call find_normal_mode(search, scene%normal_mode%amplitude, scene%normal_mode%is_peak, &
-                               findloc(law_dofs, scene%normal_mode%dof, dim=1), start%has_motion, u)
+                               balance%stiffness%coordinates%number_of(scene%normal_mode%dof), start%has_motion, u)
          return
       end if
       is_found = .false.

@@ -53,8 +53,8 @@ contains
       if (size(s%stored_samples) > 0) bytes%results = bytes%results + linear_bytes(s, s%n_harmonics) &
          + sample_bytes(s, s%n_harmonics, s%stored_samples, .false., .false.) &
          + 4*real_bytes*s%n_law_dofs*volume(s%stored_samples)
-      if (s%n_law_dofs <= 0) bytes%samples = 0
-      if (s%n_law_dofs <= 0) return
+      if (s%n_coordinates <= 0) bytes%samples = 0
+      if (s%n_coordinates <= 0) return
 
       tangent = real_bytes*(n*n + 12*n + table_size(s%highest)*6.5_wp)
       certificate = real_bytes*n*n
@@ -66,7 +66,7 @@ contains
          strongest = gmres_bytes(s) + preconditioner_bytes(s, .true.)
          if (any(s%solver%method == [method%auto, method%krylov])) then
             tangent = certificate
-            if (n - s%n_law_dofs > largest_affordable) bytes%rescue = 0  ! dense ones are not tried
+            if (n - s%n_coordinates > largest_affordable) bytes%rescue = 0  ! dense ones are not tried
             bytes%rescue = max(strongest, bytes%rescue + preconditioner_bytes(s, .false.))
          else if (s%has_certificate) then
             bytes%rescue = max(strongest, bytes%rescue)
@@ -219,7 +219,7 @@ contains
       type(sizes_t), intent(in) :: s
       real(wp), intent(in) :: n_harmonics
 
-      unknowns = 2*n_harmonics*s%n_law_dofs
+      unknowns = 2*n_harmonics*s%n_coordinates
    end function unknowns
 
    !> Whether steps come from products with the tangent; the search for unknown tones also needs the tangent itself.
@@ -261,9 +261,9 @@ contains
          samples = min(s%samples, cheap_size(4*s%highest + 1, size(samples)))
       kinds = 1 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction)
       preconditioner_bytes = real_bytes*(min(most_memory, factors) + table_size(s%highest)*6.5_wp + &
-                                         volume(samples)*((kinds + 1)*s%n_law_dofs + kinds*s%n_pairs) + 5*s%n_law_dofs**2)
-      if (s%has_memory) preconditioner_bytes = preconditioner_bytes + real_bytes*3*volume(samples)*s%n_law_dofs
-      preconditioner_bytes = preconditioner_bytes + complex_bytes*s%n_harmonics*s%n_law_dofs*s%n_tangent_rows
+                                         volume(samples)*((kinds + 1)*s%n_coordinates + kinds*s%n_pairs) + 5*s%n_coordinates**2)
+      if (s%has_memory) preconditioner_bytes = preconditioner_bytes + real_bytes*3*volume(samples)*s%n_coordinates
+      preconditioner_bytes = preconditioner_bytes + complex_bytes*s%n_harmonics*s%n_coordinates*s%n_tangent_rows
    end function preconditioner_bytes
 
    !> Factors of the interior at one frequency, see hb_block_solver.
@@ -273,7 +273,7 @@ contains
 
       n_rows = 3*s%bandwidth + 1
       if (2*n_rows > s%n_dofs) n_rows = s%n_dofs
-      interior_bytes = complex_bytes*s%n_dofs*(n_rows + s%n_law_dofs + 2) + 88*s%n_entries
+      interior_bytes = complex_bytes*s%n_dofs*(n_rows + s%n_coordinates + 2) + 88*s%n_entries
    end function interior_bytes
 
    !> Condensed stiffness, twice (the balance keeps a copy), and its factors; see hb_dynamic_stiffness.
@@ -281,7 +281,7 @@ contains
       type(sizes_t), intent(in) :: s
       real(wp), intent(in) :: n_harmonics
 
-      associate (l => s%n_law_dofs)
+      associate (l => s%n_coordinates)
          linear_bytes = complex_bytes*n_harmonics*(2*((s%n_dofs - l)*(l + 1) + l*(s%n_rows + 1) + 1.5_wp*l) + &
                                                    l*s%n_factor_rows + 4*l) &
                         + integer_bytes*n_harmonics*(size(s%highest) + 4)
@@ -298,7 +298,7 @@ contains
       real(wp) :: blocks, kinds, n_slice, n_steps, per_sample
 
       blocks = 2 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction) + merge(3, 0, s%has_memory)
-      per_sample = s%n_law_dofs*blocks + s%laws_per_sample + spectra(s%highest, samples)
+      per_sample = s%n_coordinates*blocks + s%laws_per_sample + spectra(s%highest, samples)
       if (s%has_memory) per_sample = per_sample + 1.5_wp              ! order of the walk, one answer
       if (with_derivatives) then
          kinds = 1 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction)

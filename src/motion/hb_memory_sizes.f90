@@ -1,6 +1,7 @@
 !> The sizes of a scene on which the memory of a point depends.
 module hb_memory_sizes
    use hb_block_pattern, only: block_pattern_t, new_block_pattern
+   use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: condensed_reach
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: n_path_parts
@@ -17,7 +18,7 @@ module hb_memory_sizes
 
    !> What the estimate depends on; real numbers, because hostile ones are beyond any integer.
    type :: sizes_t
-      real(wp) :: n_dofs = 0, n_law_dofs = 0                          !! of the structure; on which laws act
+      real(wp) :: n_dofs = 0, n_law_dofs = 0, n_coordinates = 0       !! of the structure; on which laws act; what they feel
       real(wp) :: n_entries = 0, bandwidth = 0                        !! of its matrices
       real(wp) :: n_rows = 0, n_factor_rows = 0                       !! of condensed stiffness and its factors, in memory
       real(wp) :: reach = 0, n_tangent_rows = 0                       !! of the tangent of one harmonic; rows of its factors
@@ -39,22 +40,24 @@ module hb_memory_sizes
 contains
 
    !> Takes the sizes from the parts of a scene; scans the matrices of the structure once.
-   subroutine new_sizes(self, structure, harmonics, torus, laws, law_dofs, n_stored_dofs, stored_samples, solver, has_certificate, &
-                        has_unknown_tones)
+   subroutine new_sizes(self, structure, harmonics, torus, laws, coordinates, n_stored_dofs, stored_samples, solver, &
+                        has_certificate, has_unknown_tones)
       type(sizes_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus
-      type(law_box_t), intent(in) :: laws(:)
-      integer, intent(in) :: law_dofs(:), n_stored_dofs
+      type(law_box_t), intent(in) :: laws(:)                          !! on numbers of coordinates
+      type(coordinates_t), intent(in) :: coordinates
+      integer, intent(in) :: n_stored_dofs
       integer, intent(in) :: stored_samples(:)                        !! of surfaces, size 0: none
       type(solver_config_t), intent(in) :: solver
       logical, intent(in) :: has_certificate, has_unknown_tones
-      integer, allocatable :: n_laws_on(:)                            ! each degree of freedom of the structure
+      integer, allocatable :: n_laws_on(:)                            ! each coordinate
       integer :: i
 
       self%n_dofs = structure%n_dofs
-      self%n_law_dofs = size(law_dofs)
+      self%n_law_dofs = size(coordinates%dofs)
+      self%n_coordinates = coordinates%n
       self%n_harmonics = harmonics%n_harmonics
       self%highest = harmonics%highest
       self%samples = torus%n_samples
@@ -65,42 +68,38 @@ contains
       self%has_unknown_tones = has_unknown_tones
       self%largest_dense = largest_dense_tangent(laws)
       call scan_structure(self, structure)
-      allocate (n_laws_on(structure%n_dofs), source=0)
+      allocate (n_laws_on(coordinates%n), source=0)
       do i = 1, size(laws)
          n_laws_on(laws(i)%law%dofs) = n_laws_on(laws(i)%law%dofs) + 1
       end do
       do i = 1, size(laws)
          call add_law(self, laws, i, n_laws_on)
       end do
-      self%n_pairs = min(self%n_pairs, self%n_law_dofs**2)
-      call find_bands(self, structure, laws, law_dofs)
+      self%n_pairs = min(self%n_pairs, self%n_coordinates**2)
+      call find_bands(self, structure, laws, coordinates)
    end subroutine new_sizes
 
-   !> How far degrees of freedom of laws are coupled, see hb_block_pattern and hb_balance.
-   subroutine find_bands(self, structure, laws, law_dofs)
+   !> How far coordinates are coupled, see hb_block_pattern and hb_balance.
+   subroutine find_bands(self, structure, laws, coordinates)
       type(sizes_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
-      integer, intent(in) :: law_dofs(:)
+      type(coordinates_t), intent(in) :: coordinates
       type(block_pattern_t) :: pattern
-      integer :: i, k, linear, n, places(structure%n_dofs), span
+      integer :: i, linear, n, span
 
-      n = size(law_dofs)
+      n = coordinates%n
       if (n == 0) return
       self%n_rows = n
       self%n_factor_rows = n
       self%reach = n - 1
       self%n_tangent_rows = n
-      if (any(law_dofs < 1 .or. law_dofs > structure%n_dofs)) return  ! of a scene that is refused anyway
-      places = 0
-      places(law_dofs) = [(i, i=1, n)]
+      if (any(coordinates%dofs < 1 .or. coordinates%dofs > structure%n_dofs)) return  ! of a scene that is refused anyway
       span = 0
       do i = 1, size(laws)
-         associate (own => [(places(laws(i)%law%dofs(k)), k=1, size(laws(i)%law%dofs))])
-            span = max(span, maxval(own) - minval(own))
-         end associate
+         span = max(span, maxval(laws(i)%law%dofs) - minval(laws(i)%law%dofs))
       end do
-      linear = condensed_reach(structure, law_dofs)
+      linear = condensed_reach(structure, coordinates)
       call new_block_pattern(pattern, n, linear)
       self%n_rows = pattern%n_rows
       self%n_factor_rows = merge(3*pattern%reach + 1, n, pattern%is_banded)
@@ -134,7 +133,7 @@ contains
       type(sizes_t), intent(inout) :: self
       type(law_box_t), intent(in) :: laws(:)
       integer, intent(in) :: i
-      integer, intent(in) :: n_laws_on(:)                             !! each degree of freedom of the structure
+      integer, intent(in) :: n_laws_on(:)                             !! each coordinate
       real(wp) :: c, d, p, v
       integer :: k
       logical :: reads_in_place, writes_in_place

@@ -7,23 +7,25 @@ module hb_motion
    use hb_bordered, only: bordered_problem_t
    use hb_certificate, only: certificate_t, certify
    use hb_clock, only: wall_clock
+   use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_law_forces, only: law_dofs_of
-   use hb_law_span, only: law_span_t, reduce_to_span
+   use hb_law_coordinates, only: laws_at
    use hb_judge, only: judge_t, locking_t, may_be_locked
    use hb_motion_result, only: motion_result_t
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_odd_symmetry, only: asymmetry
    use hb_outcome, only: outcome
    use hb_scene, only: scene_t
+   use hb_scene_coordinates, only: coordinates_of
    use hb_search, only: search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
    use hb_torus, only: new_torus, torus_t
+   use hb_transform, only: new_transform, transform_t
    use hb_watch, only: verdict, watch_t
    implicit none
    private
@@ -55,7 +57,7 @@ contains
       end if
       call reduce_to_odd(odd, scene, error, first_guess)
       if (allocated(error)) return
-      call solve_all(scene, its_watch, result, error, first_guess, found, judge)
+      call solve_scene(scene, its_watch, result, error, first_guess, found, judge)
       call odd%restore(scene)
       if (odd%is_used .and. .not. allocated(error)) then
          call odd%restore_unknowns(scene%tones%n_tones, found)
@@ -67,7 +69,7 @@ contains
             else if (present(guess)) then
                if (allocated(guess)) first_guess = guess
             end if
-            call solve_all(scene, its_watch, result, error, first_guess, found, judge)
+            call solve_scene(scene, its_watch, result, error, first_guess, found, judge)
          end if
       end if
       if (allocated(error)) then
@@ -87,28 +89,7 @@ contains
       if (allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
    end subroutine forget_motion
 
-   !> The same among the motions that the scene has.
-   subroutine solve_all(scene, watch, result, error, guess, unknowns, judge)
-      type(scene_t), intent(in) :: scene
-      class(watch_t), intent(inout), target :: watch
-      type(motion_result_t), intent(out) :: result
-      type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(in) :: guess(:)
-      real(wp), allocatable, intent(out) :: unknowns(:)
-      class(judge_t), intent(in), optional :: judge
-      type(law_span_t) :: span
-      type(scene_t), allocatable :: smaller
-
-      call reduce_to_span(span, scene, smaller)
-      if (span%is_smaller) then
-         call solve_scene(smaller, watch, result, error, guess, unknowns, judge)
-         if (.not. allocated(error)) call span%restore(smaller, result)
-      else
-         call solve_scene(scene, watch, result, error, guess, unknowns, judge)
-      end if
-   end subroutine solve_all
-
-   !> The same for a scene as it stands.
+   !> Solves the scene with the harmonics and the grid that it has.
    subroutine solve_scene(scene, watch, result, error, guess, unknowns, judge)
       type(scene_t), intent(in) :: scene
       class(watch_t), intent(inout), target :: watch
@@ -120,29 +101,33 @@ contains
       type(dynamic_stiffness_t) :: stiffness
       type(balance_t), target :: balance
       type(autonomous_start_t) :: start
-      integer, allocatable :: law_dofs(:)
+      type(coordinates_t) :: coordinates
       real(wp), allocatable :: first_guess(:)
       logical :: is_autonomous
       real(wp) :: started
 
       started = wall_clock()
-      law_dofs = law_dofs_of(scene%laws)
+      coordinates = coordinates_of(scene)
       is_autonomous = any(scene%tones%is_unknown)
       start%omega = scene%tones%omega
-      if (is_autonomous) call find_start(start, scene, error)
+      if (is_autonomous) call find_start(start, scene, coordinates, error)
       if (allocated(error)) return
       if (present(guess)) then
          if (allocated(guess)) first_guess = guess
       end if
-      if (scene%start_from_march .and. .not. allocated(first_guess) .and. size(law_dofs) > 0) then
+      if (scene%start_from_march .and. .not. allocated(first_guess) .and. coordinates%n > 0) then
          if (.not. present(judge)) then
             call fail(error, "first_guess = 'march' needs a judge that marches")
             return
          end if
-         call judge%first_guess(scene, start%omega, law_dofs, watch, first_guess, error)
+         call judge%first_guess(scene, start%omega, coordinates%dofs, watch, first_guess, error)
          if (allocated(error) .and. watch%verdict /= verdict%go_on) deallocate (error)   ! nothing that follows takes long
          call annotate(error, "first guess from marching")
          if (allocated(error)) return
+         call choose_coordinates(scene, coordinates, first_guess)
+      end if
+      if (allocated(first_guess)) then                                ! of a scene whose laws feel something else?
+         if (size(first_guess) /= scene%harmonics%n_coefficients*coordinates%n + size(start%omega)) deallocate (first_guess)
       end if
       if (is_autonomous .and. allocated(first_guess)) then
          start%omega = first_guess(size(first_guess) - size(start%omega) + 1:)
@@ -150,20 +135,33 @@ contains
       end if
       result%frequency = start%omega
       result%n_harmonics = scene%harmonics%n_harmonics
-      call new_dynamic_stiffness(stiffness, scene%structure, law_dofs, scene%harmonics%frequencies(start%omega), scene%loads, &
-                                 error, with_slopes=is_autonomous, load_slopes=scene%load_slopes, &
+      call new_dynamic_stiffness(stiffness, scene%structure, coordinates, scene%harmonics%frequencies(start%omega), &
+                                 scene%loads, error, with_slopes=is_autonomous, load_slopes=scene%load_slopes, &
                                  with_motion_slopes=scene%normal_mode%has_energy)
       if (allocated(error)) return
-      if (size(law_dofs) == 0) then
+      if (coordinates%n == 0) then
          result%setup_seconds = wall_clock() - started
          call solve_linear_scene(scene, stiffness, result)
          return
       end if
-      call new_balance(balance, scene%harmonics, scene%torus, start%omega, stiffness, scene%laws, scene%planning, error)
-      if (.not. allocated(error)) call solve_balance(scene, start, law_dofs, watch, balance, started, result, error, &
-                                                     first_guess, unknowns, judge)
+      call new_balance(balance, scene%harmonics, scene%torus, start%omega, stiffness, laws_at(coordinates, scene%laws), &
+                       scene%planning, error)
+      if (.not. allocated(error)) call solve_balance(scene, start, watch, balance, started, result, error, first_guess, &
+                                                     unknowns, judge)
       call balance%destroy()
    end subroutine solve_scene
+
+   !> Turns a first guess at the degrees of freedom of the laws into one at their coordinates.
+   subroutine choose_coordinates(scene, coordinates, guess)
+      type(scene_t), intent(in) :: scene
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp), allocatable, intent(inout) :: guess(:)
+
+      if (.not. allocated(guess)) return
+      associate (n => scene%harmonics%n_coefficients, n_dofs => size(coordinates%dofs))
+         guess = [coordinates%values_of(reshape(guess(:n*n_dofs), [n, n_dofs])), guess(n*n_dofs + 1:)]
+      end associate
+   end subroutine choose_coordinates
 
    !> A scene without laws: the condensed problem has no unknowns, all that is left is the linear motion.
    subroutine solve_linear_scene(scene, stiffness, result)
@@ -182,10 +180,9 @@ contains
       if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
    end subroutine solve_linear_scene
 
-   subroutine solve_balance(scene, start, law_dofs, watch, balance, started, result, error, guess, unknowns, judge)
+   subroutine solve_balance(scene, start, watch, balance, started, result, error, guess, unknowns, judge)
       type(scene_t), intent(in) :: scene
       type(autonomous_start_t), intent(in) :: start
-      integer, intent(in) :: law_dofs(:)
       class(watch_t), intent(inout), target :: watch
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: started                                 !! the set-up, on the wall clock [s]
@@ -202,12 +199,12 @@ contains
       logical :: is_stuck
 
       balance%watch => watch
-      allocate (u(scene%harmonics%n_coefficients, size(law_dofs)), source=0.0_wp)
+      allocate (u(scene%harmonics%n_coefficients, balance%n_dofs), source=0.0_wp)
       if (any(scene%tones%is_unknown)) then
-         call add_start(scene, law_dofs, u)
+         call add_start(scene, balance%stiffness%coordinates, u)
          if (allocated(guess)) u = reshape(guess(:size(u)), shape(u)) - start%rest%u
          begun = wall_clock()
-         call find_motion(scene, start, law_dofs, balance, u, search)
+         call find_motion(scene, start, balance, u, search)
          report = search%report
          call keep_tones(scene, balance, report, result)
          if (allocated(search%message)) result%message = search%message
@@ -218,7 +215,7 @@ contains
             u = linear_solution
             if (.not. allocated(guess)) call balance%stuck_solution(u, is_stuck)
          end if
-         call add_start(scene, law_dofs, u)
+         call add_start(scene, balance%stiffness%coordinates, u)
          if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
          begun = wall_clock()
          call solve_unknowns(scene, balance, linear_solution, u, report)
@@ -250,7 +247,7 @@ contains
       call describe_motion(scene, balance, u, result, error, search)
       if (allocated(error)) return
       if (present(judge) .and. any(scene%tones%is_unknown) .and. scene%tones%n_tones > 1) &
-         call look_for_locking(judge, scene, start, law_dofs, watch, result)
+         call look_for_locking(judge, scene, start, balance%stiffness%coordinates%dofs, watch, result)
    end subroutine solve_balance
 
    !> Adds to a result what follows from a solution: motion, forces, certificate, surfaces. A status that says `converged` is
@@ -350,19 +347,19 @@ contains
       call solve(balance, scene%solver, reshape(linear_solution, [size(u)]), x, report)
    end subroutine solve_unknowns
 
-   !> Adds the user's first guess at the degrees of freedom of the laws; elsewhere the motion follows from there.
-   subroutine add_start(scene, law_dofs, u)
+   !> Adds the user's first guess at the coordinates of the laws; elsewhere the motion follows from there.
+   subroutine add_start(scene, coordinates, u)
       type(scene_t), intent(in) :: scene
-      integer, intent(in) :: law_dofs(:)
+      type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(inout) :: u(:, :)
-      integer :: h, i
+      complex(wp) :: z(coordinates%n, scene%harmonics%n_harmonics)
+      integer :: h
 
+      z = coordinates%amplitudes_of(scene%start)
       associate (set => scene%harmonics)
-         do i = 1, size(law_dofs)
-            do h = 1, set%n_harmonics
-               u(set%cos_at(h), i) = u(set%cos_at(h), i) + real(scene%start(law_dofs(i), h))
-               if (set%sin_at(h) > 0) u(set%sin_at(h), i) = u(set%sin_at(h), i) - aimag(scene%start(law_dofs(i), h))
-            end do
+         do h = 1, set%n_harmonics
+            u(set%cos_at(h), :) = u(set%cos_at(h), :) + real(z(:, h))
+            if (set%sin_at(h) > 0) u(set%sin_at(h), :) = u(set%sin_at(h), :) - aimag(z(:, h))
          end do
       end associate
    end subroutine add_start
@@ -388,8 +385,9 @@ contains
       real(wp), intent(in) :: u(:, :)
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
-      type(real_block_t) :: corrected
-      real(wp), allocatable :: coefficients(:, :)
+      type(real_block_t) :: correction
+      real(wp), allocatable :: coefficients(:, :), moved(:, :)
+      real(wp) :: column(harmonics%n_coefficients)
       integer :: i
       character(:), allocatable :: trouble
 
@@ -405,13 +403,20 @@ contains
           .and. all(modulo(torus%n_samples, 2) == 0)) result%asymmetry = asymmetry(torus, balance%law_set%f%values)
       result%n_full_stick = count([(balance%law_set%full_stick(i), i=1, size(balance%law_set%laws))])
       call balance%project(balance%law_set%f%values, coefficients)
-      result%force_coefficients = as_pairs(harmonics, coefficients)
-      call new_real_block(corrected, size(balance%law_set%q%values, 1), size(u, 2), error)
-      if (allocated(error)) return
-      call balance%law_set%correct(corrected%values)
-      call balance%project(corrected%values, coefficients)
-      result%corrected_coefficients = as_pairs(harmonics, coefficients)
-      call corrected%destroy()
+      result%force_coefficients = as_pairs(harmonics, balance%stiffness%coordinates%spread_forces(coefficients))
+      moved = balance%at_law_dofs(u)
+      if (balance%law_set%needs_reaction) then
+         call new_real_block(correction, size(balance%law_set%q%values, 1), size(moved, 2), error)
+         if (allocated(error)) return
+         correction%values = 0.0_wp
+         call balance%law_set%correct(balance%stiffness%coordinates, correction%values)
+         do i = 1, size(moved, 2)
+            call balance%project_one(correction%values(:, i:i), column)
+            moved(:, i) = moved(:, i) + column
+         end do
+         call correction%destroy()
+      end if
+      result%corrected_coefficients = as_pairs(harmonics, moved)
    end subroutine keep_forces
 
    !> Makes the certificate of a solved point; one that misses a threshold gets the status that says so.
@@ -425,10 +430,10 @@ contains
       class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
 
       if (any(scene%tones%is_unknown) .and. present(search)) then
-         call certify(result%certificate, scene%structure, scene%laws, scene%loads, scene%torus, balance, u, scene%planning, &
+         call certify(result%certificate, scene%structure, scene%loads, scene%torus, balance, u, scene%planning, &
                       0, error, search%phase)
       else
-         call certify(result%certificate, scene%structure, scene%laws, scene%loads, scene%torus, balance, u, scene%planning, &
+         call certify(result%certificate, scene%structure, scene%loads, scene%torus, balance, u, scene%planning, &
                       scene%certificate%improvement_steps, error, curve=curve)
       end if
       if (allocated(error)) return
@@ -464,19 +469,30 @@ contains
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       type(balance_t) :: shown
+      type(real_block_t) :: samples
       type(torus_t) :: torus
+      type(transform_t) :: transform
 
       call new_torus(torus, scene%output%samples, scene%harmonics, error)
       if (allocated(error)) return
-      call new_balance(shown, scene%harmonics, torus, balance%omega, balance%stiffness, scene%laws, scene%planning, error)
-      if (.not. allocated(error)) then
-         call shown%sample(u)
-         call shown%law_set%evaluate()
-         result%displacement_samples = shown%law_set%q%values
-         result%force_samples = shown%law_set%f%values
-         allocate (result%corrected_samples, mold=result%force_samples)
-         call shown%law_set%correct(result%corrected_samples)
-      end if
+      associate (coordinates => balance%stiffness%coordinates)
+         call new_balance(shown, scene%harmonics, torus, balance%omega, balance%stiffness, laws_at(coordinates, scene%laws), &
+                          scene%planning, error)
+         if (.not. allocated(error)) call new_real_block(samples, torus%n_total, size(coordinates%dofs), error)
+         if (.not. allocated(error)) &
+            call new_transform(transform, scene%harmonics, torus, size(coordinates%dofs), scene%planning, error)
+         if (.not. allocated(error)) then
+            call shown%sample(u)
+            call shown%law_set%evaluate()
+            call transform%to_samples(balance%at_law_dofs(u), samples%values)
+            result%displacement_samples = samples%values
+            result%force_samples = coordinates%spread_forces(shown%law_set%f%values)
+            result%corrected_samples = result%displacement_samples
+            call shown%law_set%correct(coordinates, result%corrected_samples)
+         end if
+      end associate
+      call transform%destroy()
+      call samples%destroy()
       call shown%destroy()
    end subroutine keep_surfaces
 

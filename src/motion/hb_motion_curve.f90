@@ -12,7 +12,6 @@ module hb_motion_curve
    use hb_error, only: error_t
    use hb_judge, only: judge_t
    use hb_kinds, only: wp
-   use hb_law_forces, only: law_dofs_of
    use hb_motion, only: describe_motion, solve_motion
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_newton, only: solve_newton
@@ -172,7 +171,7 @@ contains
       if (.not. allocated(self%request%peaks)) allocate (self%request%peaks(0))
       do i = 1, size(self%request%peaks)
          associate (peak => self%request%peaks(i))
-            peak%column = findloc(law_dofs_of(scene%laws), peak%dof, dim=1)
+            peak%column = self%problem%balance%stiffness%coordinates%number_of(peak%dof)
          end associate
       end do
       allocate (self%waiting(0))

@@ -6,13 +6,15 @@
 !> and for loads, which the residual is linear in; else a central difference. Source: docs/user/theory.md, section 6.7.
 module hb_scene_problem
    use hb_balance, only: balance_t, new_balance
+   use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t, parameter_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
-   use hb_law_forces, only: law_dofs_of
+   use hb_law_coordinates, only: laws_at
    use hb_problem, only: problem_t
    use hb_scene, only: scene_t
+   use hb_scene_coordinates, only: coordinates_of
    use hb_scene_loads, only: read_loads
    use hb_scene_reader, only: update_scene
    implicit none
@@ -100,7 +102,9 @@ contains
    subroutine rebuild(self, error)
       type(scene_problem_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
+      type(coordinates_t) :: coordinates
       type(dynamic_stiffness_t) :: stiffness
+      logical :: keeps_stiffness
 
       self%is_sound = .false.
       associate (scene => self%scene)
@@ -108,17 +112,20 @@ contains
             call fail(error, "a curve needs at least one &law; without any, a &sweep shows all there is")
             return
          end if
-         if (self%group == "law" .and. self%has_stiffness) then
+         coordinates = coordinates_of(scene)
+         keeps_stiffness = self%group == "law" .and. self%has_stiffness
+         if (keeps_stiffness) keeps_stiffness = coordinates%equal(self%balance%stiffness%coordinates)
+         if (keeps_stiffness) then
             stiffness = self%balance%stiffness
          else
-            call new_dynamic_stiffness(stiffness, scene%structure, law_dofs_of(scene%laws), &
+            call new_dynamic_stiffness(stiffness, scene%structure, coordinates, &
                scene%harmonics%frequencies(scene%tones%omega), scene%loads, error, with_slopes=self%group == "tones", &
                load_slopes=scene%load_slopes)
             if (allocated(error)) return
          end if
          self%has_stiffness = .true.
-         call new_balance(self%balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, scene%laws, scene%planning, &
-                          error)
+         call new_balance(self%balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, &
+                          laws_at(coordinates, scene%laws), scene%planning, error)
       end associate
       if (allocated(error)) return
       if (self%n_unknowns > 0 .and. self%n_unknowns /= self%balance%n_unknowns) then

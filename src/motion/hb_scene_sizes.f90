@@ -1,10 +1,12 @@
 !> What the memory that a scene takes depends on.
 module hb_scene_sizes
+   use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_of_parity
-   use hb_law_forces, only: law_dofs_of
+   use hb_law_coordinates, only: laws_at
    use hb_memory_sizes, only: new_sizes, sizes_t
    use hb_scene, only: scene_t
+   use hb_scene_coordinates, only: coordinates_of
    use hb_scene_symmetry, only: half_of_odd, is_solved_odd
    use hb_torus, only: default_samples, torus_t
    implicit none
@@ -19,6 +21,7 @@ contains
       type(scene_t), intent(in) :: self
       type(harmonics_t) :: set
       type(torus_t) :: torus
+      type(coordinates_t) :: coordinates
       type(error_t), allocatable :: error
       integer :: n
 
@@ -38,7 +41,8 @@ contains
             end associate
          end if
       end if
-      call new_sizes(sizes, self%structure, set, torus, self%laws(:n), law_dofs_of(self%laws(:n)), &
+      coordinates = coordinates_of(self, n)
+      call new_sizes(sizes, self%structure, set, torus, laws_at(coordinates, self%laws(:n)), coordinates, &
                      size(self%output%dofs), self%output%samples, self%solver, self%certificate%is_on, any(self%tones%is_unknown))
    end function sizes_of
 end module hb_scene_sizes

@@ -4,7 +4,7 @@ module hb_scene_unknown_tones
    use hb_error, only: error_t
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
-   use hb_law_forces, only: law_dofs_of
+   use hb_law_coordinates, only: law_dofs_of
    use hb_normal_mode, only: measure_names
    use hb_properties, only: properties_t
    use hb_scene, only: scene_t

@@ -1,7 +1,7 @@
-!> Dynamic stiffness S(w) = K - (w**2 + i drive) M + i w D of each harmonic, condensed exactly to where the laws act.
+!> Dynamic stiffness S(w) = K - (w**2 + i drive) M + i w D of each harmonic, condensed exactly to the coordinates of the laws.
 !>
 !> Convention: x(t) = Re(c exp(i w t)), c = a - i b for x = a cos(w t) + b sin(w t), forces likewise. With the
-!> degrees of freedom of the laws (l) and the interior, that is all others (r), S x = P becomes
+!> coordinates of the laws (l) and the interior, that is all other degrees of freedom (r), S x = P becomes
 !>
 !>     S_c x_l = P_c,   S_c = S_ll - S_lr T,   P_c = P_l - S_lr y,   T = S_rr^-1 S_rl,   y = S_rr^-1 P_r,
 !>     x_r = y - T x_l.
@@ -13,6 +13,7 @@ module hb_dynamic_stiffness
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_block_solver, only: block_solver_t, new_block_solver
+   use hb_coordinates, only: coordinates_t, dofs_as_coordinates
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_lapack, only: zgbcon, zgbtrf, zgbtrs, zgecon, zgetrf, zgetrs
@@ -37,6 +38,7 @@ module hb_dynamic_stiffness
 
    type :: dynamic_stiffness_t
       integer :: n_dofs = 0, n_law = 0, n_harmonics = 0
+      type(coordinates_t) :: coordinates                     !! of the laws
       type(block_pattern_t) :: pattern                       !! of S_c: where its entries stand
       complex(wp), allocatable :: condensed(:, :, :)         !! S_c [N/m], (pattern%n_rows, n_law, n_harmonics)
       complex(wp), allocatable :: load(:, :)                 !! P_c [N], (n_law, n_harmonics)
@@ -46,9 +48,9 @@ module hb_dynamic_stiffness
       complex(wp), allocatable :: load_slope(:, :)           !! dP_c/dw [N s], as `load`, or not allocated
       complex(wp), allocatable :: condensed_drive_slope(:, :, :) !! dS_c/ddrive [kg], or not allocated
       complex(wp), allocatable :: load_drive_slope(:, :)     !! dP_c/ddrive [N s**2], or not allocated
-      integer, allocatable, private :: law_dofs(:), interior(:)
+      integer, allocatable, private :: interior(:)           ! degrees of freedom beside the coordinates' places
       complex(wp), allocatable, private :: transfer(:, :, :) !! T, (n_interior, n_law, n_harmonics)
-      complex(wp), allocatable, private :: held_motion(:, :) !! y, motion with the law dofs held still
+      complex(wp), allocatable, private :: held_motion(:, :) !! y, motion with the coordinates held still
       complex(wp), allocatable, private :: motion_slope(:, :, :, :)   ! dT, dy by frequency and by drive,
                                                              ! (n_interior, n_law + 1, 2, n_harmonics), or not allocated
       type(parts_t), allocatable, private :: parts           !! kept with slopes
@@ -61,18 +63,39 @@ module hb_dynamic_stiffness
       procedure :: hand_to_laws => dynamic_stiffness_hand_to_laws
    end type dynamic_stiffness_t
 
+   interface new_dynamic_stiffness
+      procedure :: condensed_to_dofs, condensed_to_coordinates
+   end interface new_dynamic_stiffness
+
 contains
 
-   !> Condenses `structure` to `law_dofs` (any order, none at all for a linear problem) at each frequency.
-   !>
-   !> Fails for law dofs that do not exist or occur twice, for sizes that disagree, and where the interior is
-   !> singular to working precision: at w = 0 a rigid-body motion, else an undamped resonance, that the law
-   !> dofs do not hold.
-   subroutine new_dynamic_stiffness(self, structure, law_dofs, frequencies, loads, error, with_slopes, drives, load_slopes, &
-                                    with_motion_slopes)
+   !> Condenses to degrees of freedom (any order, none at all for a linear problem); arguments as below.
+   subroutine condensed_to_dofs(self, structure, law_dofs, frequencies, loads, error, with_slopes, drives, load_slopes, &
+                                with_motion_slopes)
       type(dynamic_stiffness_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: law_dofs(:)                              !! (n_law)
+      real(wp), intent(in) :: frequencies(:)
+      complex(wp), intent(in) :: loads(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: with_slopes, with_motion_slopes
+      real(wp), intent(in), optional :: drives(:)
+      complex(wp), intent(in), optional :: load_slopes(:, :)
+
+      call condensed_to_coordinates(self, structure, dofs_as_coordinates(law_dofs), frequencies, loads, error, with_slopes, &
+                                    drives, load_slopes, with_motion_slopes)
+   end subroutine condensed_to_dofs
+
+   !> Condenses `structure` to coordinates at each frequency.
+   !>
+   !> Fails for degrees of freedom that do not exist or occur twice, for sizes that disagree, and where the interior is
+   !> singular to working precision: at w = 0 a rigid-body motion, else an undamped resonance, that the coordinates
+   !> do not hold.
+   subroutine condensed_to_coordinates(self, structure, coordinates, frequencies, loads, error, with_slopes, drives, load_slopes, &
+                                       with_motion_slopes)
+      type(dynamic_stiffness_t), intent(out) :: self
+      type(structure_t), intent(in) :: structure
+      type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), of any sign
       complex(wp), intent(in) :: loads(:, :)                          !! [N], (n_dofs, n_harmonics)
       type(error_t), allocatable, intent(out) :: error
@@ -84,23 +107,20 @@ contains
       type(parts_t), allocatable :: parts
       integer :: n_interior, n_law
 
-      call check_input(structure, law_dofs, frequencies, loads, error)
+      call check_input(structure, coordinates%dofs, frequencies, loads, error)
       if (allocated(error)) return
-      n_law = size(law_dofs)
+      n_law = coordinates%n
       n_interior = structure%n_dofs - n_law
       self%n_dofs = structure%n_dofs
       self%n_law = n_law
       self%n_harmonics = size(frequencies)
-      self%law_dofs = law_dofs
-      self%interior = all_but(law_dofs, structure%n_dofs)
+      self%coordinates = coordinates
+      self%interior = all_but(coordinates%places, structure%n_dofs)
       allocate (parts)
-      parts%loads = loads
+      parts%loads = coordinates%forces_in(loads)
       parts%load_slopes = (0.0_wp, 0.0_wp)*loads
-      if (present(load_slopes)) parts%load_slopes = load_slopes
-      call new_structure_block(parts%ll, structure, law_dofs, law_dofs)
-      call new_structure_block(parts%lr, structure, law_dofs, self%interior)
-      call new_structure_block(parts%rl, structure, self%interior, law_dofs)
-      call new_structure_block(parts%rr, structure, self%interior, self%interior)
+      if (present(load_slopes)) parts%load_slopes = coordinates%forces_in(load_slopes)
+      call find_blocks(parts, structure, coordinates, self%interior)
       call new_block_pattern(self%pattern, n_law, reach_of(parts%ll, parts%lr, parts%rl, parts%rr, n_interior))
       allocate (self%condensed(self%pattern%n_rows, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
       allocate (self%transfer(n_interior, n_law, self%n_harmonics), self%magnitude(n_law, self%n_harmonics))
@@ -121,7 +141,34 @@ contains
          call condense(self, parts, frequencies, 0.0_wp*frequencies, error)
       end if
       if (allocated(self%condensed_slope)) call move_alloc(parts, self%parts)
-   end subroutine new_dynamic_stiffness
+   end subroutine condensed_to_coordinates
+
+   !> Entries of the structure between coordinates and interior.
+   subroutine find_blocks(parts, structure, coordinates, interior)
+      type(parts_t), intent(inout) :: parts
+      type(structure_t), intent(in) :: structure
+      type(coordinates_t), intent(in) :: coordinates
+      integer, intent(in) :: interior(:)
+
+      if (coordinates%are_dofs) then
+         call find_in(structure)
+      else
+         call find_in(coordinates%structure_in(structure))
+      end if
+
+   contains
+
+      subroutine find_in(turned)
+         type(structure_t), intent(in) :: turned
+
+         associate (places => coordinates%places)
+            call new_structure_block(parts%ll, turned, places, places)
+            call new_structure_block(parts%lr, turned, places, interior)
+            call new_structure_block(parts%rl, turned, interior, places)
+            call new_structure_block(parts%rr, turned, interior, interior)
+         end associate
+      end subroutine find_in
+   end subroutine find_blocks
 
    !> Condenses anew at other frequencies, with what was found once for all; only for a stiffness with slopes. Fails as
    !> `new_dynamic_stiffness` does.
@@ -151,7 +198,7 @@ contains
       part%n_law = self%n_law
       part%n_harmonics = size(kept)
       part%pattern = self%pattern
-      part%law_dofs = self%law_dofs
+      part%coordinates = self%coordinates
       part%condensed = self%condensed(:, :, kept)
       part%load = self%load(:, kept)
       part%magnitude = self%magnitude(:, kept)
@@ -198,7 +245,7 @@ contains
                   condensed(self%pattern%shift(ll%column(e)) + ll%row(e), ll%column(e)) = s_ll(e)
                   if (ll%row(e) == ll%column(e)) self%magnitude(ll%row(e), h) = magnitude(e)
                end do
-               load = parts%loads(self%law_dofs, h)
+               load = parts%loads(self%coordinates%places, h)
                call lr%evaluate(frequencies(h), drives(h), s_lr)
                do e = 1, lr%n_entries
                   call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), transfer(lr%column(e), :))
@@ -252,7 +299,7 @@ contains
          ! dS_c = dS_ll - dS_lr T - S_lr dT, dP_c = dP_l - dS_lr y - S_lr dy
          condensed = (0.0_wp, 0.0_wp)
          load = (0.0_wp, 0.0_wp)
-         if (.not. by_drive) load = parts%load_slopes(self%law_dofs, h)
+         if (.not. by_drive) load = parts%load_slopes(self%coordinates%places, h)
          associate (ll => parts%ll, slope => slope_of(parts%ll))
             do e = 1, ll%n_entries
                condensed(self%pattern%shift(ll%column(e)) + ll%row(e), ll%column(e)) = slope(e)
@@ -296,19 +343,16 @@ contains
       end do
    end subroutine subtract_row
 
-   !> Largest distance, as places in `law_dofs`, between two law dofs that the condensed stiffness couples.
-   pure integer function condensed_reach(structure, law_dofs) result(reach)
+   !> Largest distance between two coordinates, by their numbers, that the condensed stiffness couples.
+   integer function condensed_reach(structure, coordinates) result(reach)
       type(structure_t), intent(in) :: structure
-      integer, intent(in) :: law_dofs(:)                              !! all different, 1 to n_dofs
-      type(structure_block_t) :: ll, lr, rl, rr
+      type(coordinates_t), intent(in) :: coordinates
+      type(parts_t) :: parts
       integer, allocatable :: interior(:)
 
-      interior = all_but(law_dofs, structure%n_dofs)
-      call new_structure_block(ll, structure, law_dofs, law_dofs)
-      call new_structure_block(lr, structure, law_dofs, interior)
-      call new_structure_block(rl, structure, interior, law_dofs)
-      call new_structure_block(rr, structure, interior, interior)
-      reach = reach_of(ll, lr, rl, rr, size(interior))
+      interior = all_but(coordinates%places, structure%n_dofs)
+      call find_blocks(parts, structure, coordinates, interior)
+      reach = reach_of(parts%ll, parts%lr, parts%rl, parts%rr, size(interior))
    end function condensed_reach
 
    !> Largest distance between two law dofs that S_c couples: directly, or through interior dofs that hang together.
@@ -351,7 +395,7 @@ contains
       end do
    end function first_of
 
-   !> Gives all degrees of freedom from those of the laws, x_r = y - T x_l.
+   !> Gives all degrees of freedom from the coordinates, x_r = y - T x_l.
    pure subroutine dynamic_stiffness_recover(self, law_coefficients, coefficients)
       class(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(in) :: law_coefficients(:, :)               !! [m], (n_law, n_harmonics)
@@ -359,10 +403,11 @@ contains
       integer :: h
 
       do h = 1, self%n_harmonics
-         coefficients(self%law_dofs, h) = law_coefficients(:, h)
+         coefficients(self%coordinates%places, h) = law_coefficients(:, h)
          coefficients(self%interior, h) = self%held_motion(:, h) &
                                           - matmul(self%transfer(:, :, h), law_coefficients(:, h))
       end do
+      call self%coordinates%motion_from(coefficients)
    end subroutine dynamic_stiffness_recover
 
    !> How the motion of all degrees of freedom changes with the frequency of each harmonic, and with its drive, while that of the
@@ -374,12 +419,13 @@ contains
       complex(wp), intent(out) :: slope(:, :)                         !! [m s] or [m s**2], (n_dofs, n_harmonics)
       integer :: h
 
-      slope(self%law_dofs, :) = (0.0_wp, 0.0_wp)
+      slope(self%coordinates%places, :) = (0.0_wp, 0.0_wp)
       do h = 1, self%n_harmonics
          associate (change => self%motion_slope(:, :, merge(2, 1, by_drive), h))
             slope(self%interior, h) = change(:, self%n_law + 1) - matmul(change(:, :self%n_law), law_coefficients(:, h))
          end associate
       end do
+      call self%coordinates%motion_from(slope)
    end subroutine dynamic_stiffness_recover_slope
 
    !> Turns a gradient by the motion of all degrees of freedom into one by that of the laws, which the others follow:
@@ -388,11 +434,13 @@ contains
       class(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(in) :: gradient(:, :)                       !! (n_dofs, n_harmonics)
       complex(wp), intent(out) :: law_gradient(:, :)                  !! (n_law, n_harmonics)
+      complex(wp) :: g(self%n_dofs, self%n_harmonics)
       integer :: h
 
+      g = self%coordinates%forces_in(gradient)
       do h = 1, self%n_harmonics
-         law_gradient(:, h) = gradient(self%law_dofs, h) &
-                              - matmul(transpose(conjg(self%transfer(:, :, h))), gradient(self%interior, h))
+         law_gradient(:, h) = g(self%coordinates%places, h) &
+                              - matmul(transpose(conjg(self%transfer(:, :, h))), g(self%interior, h))
       end do
    end subroutine dynamic_stiffness_hand_to_laws
 

@@ -7,19 +7,20 @@
 module hb_kernel_times
    use hb_balance, only: balance_t, new_balance
    use hb_clock, only: wall_clock
+   use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
    use hb_fftw, only: complex_block_t, fft_plan_t, forget_plans, new_complex_block, new_fft_plan, new_real_block, real_block_t
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrf
-   use hb_law_forces, only: law_dofs_of
-   use hb_law_span, only: law_span_t, reduce_to_span
+   use hb_law_coordinates, only: laws_at
    use hb_marching_judge, only: marching_judge_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_scene, only: scene_t
+   use hb_scene_coordinates, only: coordinates_of
    use hb_scene_reader, only: read_scene
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
@@ -181,31 +182,18 @@ contains
       type(balance_t), intent(inout) :: balance
       type(error_t), allocatable, intent(out) :: error
       type(odd_motion_t) :: odd
-      type(law_span_t) :: span
-      type(scene_t), allocatable :: smaller
+      type(coordinates_t) :: coordinates
+      type(dynamic_stiffness_t) :: stiffness
 
       call reduce_to_odd(odd, scene, error)
       if (allocated(error)) return
-      call reduce_to_span(span, scene, smaller)
-      if (span%is_smaller) then
-         call make_balance_of(smaller, balance, error)
-      else
-         call make_balance_of(scene, balance, error)
-      end if
+      coordinates = coordinates_of(scene)
+      call new_dynamic_stiffness(stiffness, scene%structure, coordinates, scene%harmonics%frequencies(scene%tones%omega), &
+         scene%loads, error)
+      if (.not. allocated(error)) call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, &
+         laws_at(coordinates, scene%laws), scene%planning, error)
       call odd%restore(scene)
    end subroutine make_balance
-
-   subroutine make_balance_of(scene, balance, error)
-      type(scene_t), intent(in) :: scene
-      type(balance_t), intent(inout) :: balance
-      type(error_t), allocatable, intent(out) :: error
-      type(dynamic_stiffness_t) :: stiffness
-
-      call new_dynamic_stiffness(stiffness, scene%structure, law_dofs_of(scene%laws), &
-         scene%harmonics%frequencies(scene%tones%omega), scene%loads, error)
-      if (allocated(error)) return
-      call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, scene%laws, scene%planning, error)
-   end subroutine make_balance_of
 
    !> Solves from the first guess of the scene.
    subroutine solve_balance(scene, balance, x, report)

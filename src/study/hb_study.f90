@@ -4,7 +4,7 @@ module hb_study
    use hb_document, only: document_t, parameter_t
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_law_forces, only: law_dofs_of
+   use hb_law_coordinates, only: law_dofs_of
    use hb_namelist, only: complete_text, read_namelist, set_text
    use hb_motion_curve, only: curve_request_t, state_size
    use hb_results_layout, only: results_layout_t

@@ -7,7 +7,7 @@ module hb_swept_point
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_law_forces, only: law_dofs_of
+   use hb_law_coordinates, only: law_dofs_of
    use hb_marching_judge, only: marching_judge_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t

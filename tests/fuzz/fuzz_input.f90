@@ -10,7 +10,7 @@ program fuzz_input
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law_check, only: check_derivatives, derivative_check_t
-   use hb_law_forces, only: law_dofs_of
+   use hb_law_coordinates, only: law_dofs_of
    use hb_marching_judge, only: marching_judge_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t

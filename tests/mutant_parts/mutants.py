@@ -784,6 +784,61 @@ MUTANTS = [
         ),
     ),
     *of(
+        "structure/hb_coordinates.f90",
+        (
+            "coordinates_pivots",
+            "test_hb_coordinates",
+            "the stiffest degrees of freedom make room",
+            "call find_pivots(shape, sqrt(softness(structure, dofs)), column_at)",
+            "call find_pivots(shape, 1.0_wp/softness(structure, dofs), column_at)",
+        ),
+        (
+            "coordinates_forces",
+            "test_hb_coordinates",
+            "loads on pivots are lost for the interior",
+            "turned(r, :) = forces(r, :) + matmul(transpose(self%of_others), forces(p, :))",
+            "turned(r, :) = forces(r, :)",
+        ),
+        (
+            "coordinates_recovery",
+            "test_hb_coordinates test_hb_scene_coordinates",
+            "the motion of pivots forgets that of the interior",
+            "y(p, :) = matmul(self%of_z, y(p, :)) + matmul(self%of_others, y(r, :))",
+            "y(p, :) = matmul(self%of_z, y(p, :))",
+        ),
+    ),
+    *of(
+        "balance/hb_law_coordinates.f90",
+        (
+            "law_coordinates_rigid",
+            "test_hb_law_coordinates",
+            "rigid laws come last and share coordinates with others",
+            "(law%is_multiplier .neqv. pass == 1)) cycle",
+            "(law%is_multiplier .neqv. pass == 2)) cycle",
+        ),
+        (
+            "law_coordinates_near",
+            "test_hb_law_coordinates",
+            "two coordinates may be almost the same",
+            "nearly_dependent = 0.1_wp",
+            "nearly_dependent = 1.0e-9_wp",
+        ),
+        (
+            "law_coordinates_bands",
+            "test_hb_law_coordinates",
+            "narrow bands are given up for one coordinate less",
+            "is_worth_it = size(self%dofs) < narrowest",
+            "is_worth_it = size(self%dofs) > 0",
+        ),
+        (
+            "law_coordinates_wanted",
+            "test_hb_law_coordinates test_hb_scene_coordinates",
+            "a phase is told at a degree of freedom that is no coordinate",
+            "do i = 1, merge(size(wanted), 0, pass == 1)",
+            "do i = 1, merge(size(wanted), 0, pass == 3)",
+        ),
+    ),
+    *of(
         "study/hb_schedule.f90",
         (
             "schedule_stride",

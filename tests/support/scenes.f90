@@ -5,12 +5,13 @@ module scenes
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_law_forces, only: law_dofs_of
+   use hb_law_coordinates, only: laws_at
    use hb_marching_judge, only: marching_judge_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_namelist, only: read_namelist
    use hb_scene, only: scene_t
+   use hb_scene_coordinates, only: coordinates_of
    use hb_scene_reader, only: read_scene
    use random_numbers, only: fill_random
    use user_law_paths, only: user_law_samples
@@ -111,9 +112,10 @@ contains
       type(dynamic_stiffness_t) :: stiffness
 
       associate (frequencies => scene%harmonics%frequencies(scene%tones%omega))
-         call new_dynamic_stiffness(stiffness, scene%structure, law_dofs_of(scene%laws), frequencies, scene%loads, error)
+         call new_dynamic_stiffness(stiffness, scene%structure, coordinates_of(scene), frequencies, scene%loads, error)
          if (allocated(error)) return
-         call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, scene%laws, scene%planning, error)
+         call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, &
+                          laws_at(stiffness%coordinates, scene%laws), scene%planning, error)
       end associate
    end subroutine balance_of
 
@@ -127,10 +129,11 @@ contains
       type(dynamic_stiffness_t) :: stiffness
 
       associate (frequencies => scene%harmonics%frequencies(omega))
-         call new_dynamic_stiffness(stiffness, scene%structure, law_dofs_of(scene%laws), frequencies, scene%loads, error, &
+         call new_dynamic_stiffness(stiffness, scene%structure, coordinates_of(scene), frequencies, scene%loads, error, &
                                     with_slopes=.true., load_slopes=scene%load_slopes)
          if (allocated(error)) return
-         call new_balance(balance, scene%harmonics, scene%torus, omega, stiffness, scene%laws, scene%planning, error)
+         call new_balance(balance, scene%harmonics, scene%torus, omega, stiffness, &
+                          laws_at(stiffness%coordinates, scene%laws), scene%planning, error)
       end associate
    end subroutine balance_at
 

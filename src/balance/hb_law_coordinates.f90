@@ -1,0 +1,215 @@
+!> The coordinates on which the unknowns of a scene stand: what its laws feel, not all degrees of freedom that these touch.
+!>
+!> Three stops on a beam by its modes are three coordinates. Laws that hang together by degrees of freedom form a part; in each part
+!> the coordinates of rigid laws come first and as they are, so that each has its reaction, then degrees of freedom that are
+!> asked for, then the coordinates of other laws as far as they are independent, where that is fewer than degrees of freedom.
+!> Source: docs/user/theory.md, section 4.
+module hb_law_coordinates
+   use hb_coordinates, only: coordinates_t, dofs_as_coordinates, new_coordinates, softness
+   use hb_dynamic_stiffness, only: condensed_reach
+   use hb_kinds, only: wp
+   use hb_law, only: law_box_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: law_dofs_of, laws_at, new_law_coordinates
+
+   real(wp), parameter :: dependent = 1.0e-10_wp                      ! part of a shape beside others that counts as none
+   real(wp), parameter :: nearly_dependent = 0.1_wp                   ! below, that part alone is the coordinate
+
+   !> Columns found so far.
+   type :: span_t
+      integer :: n = 0
+      integer :: n_before = 0                                         ! of parts that are complete: orthogonal to all that follows
+      real(wp), allocatable :: weight(:)                              ! of each degree of freedom in products
+      real(wp), allocatable :: shape(:, :), orthonormal(:, :)         ! (n_dofs, n_dofs), the latter of weight*shape
+   contains
+      procedure :: add => span_add
+   end type span_t
+
+contains
+
+   !> Degrees of freedom of the structure on which any law acts, ascending and once each.
+   pure function law_dofs_of(laws) result(dofs)
+      type(law_box_t), intent(in) :: laws(:)
+      integer, allocatable :: dofs(:)
+      logical, allocatable :: is_used(:)
+      integer :: i, last
+
+      last = 0
+      do i = 1, size(laws)
+         last = max(last, maxval(laws(i)%law%dofs))
+      end do
+      allocate (is_used(last), source=.false.)
+      do i = 1, size(laws)
+         is_used(laws(i)%law%dofs) = .true.
+      end do
+      dofs = pack([(i, i=1, last)], is_used)
+   end function law_dofs_of
+
+   !> The laws as they act on coordinates: their degrees of freedom are numbers of these.
+   pure function laws_at(coordinates, laws) result(placed)
+      type(coordinates_t), intent(in) :: coordinates
+      type(law_box_t), intent(in) :: laws(:)                          !! on degrees of freedom of the structure
+      type(law_box_t), allocatable :: placed(:)
+      integer :: i
+
+      placed = laws
+      do i = 1, size(placed)
+         call coordinates%place(placed(i)%law%dofs, placed(i)%law%shape)
+      end do
+   end function laws_at
+
+   !> Finds the coordinates of the laws of a scene.
+   subroutine new_law_coordinates(self, structure, laws, wanted)
+      type(coordinates_t), intent(out) :: self
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)
+      integer, intent(in) :: wanted(:)                                !! degrees of freedom of laws that are to be coordinates
+      type(span_t) :: span
+      integer, allocatable :: dofs(:)
+      integer :: i
+
+      dofs = law_dofs_of(laws)
+      if (any([(size(laws(i)%law%shape, 1) > size(laws(i)%law%shape, 2), i=1, size(laws))])) then
+         call find_span(span, structure, laws, dofs, wanted)
+         if (span%n < size(dofs)) then
+            call new_coordinates(self, structure, dofs, span%shape(:, :span%n))
+            if (is_worth_it(self, structure)) return
+         end if
+      end if
+      self = dofs_as_coordinates(dofs)
+   end subroutine new_law_coordinates
+
+   !> Columns of all parts, one part after the other.
+   subroutine find_span(span, structure, laws, dofs, wanted)
+      type(span_t), intent(out) :: span
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)
+      integer, intent(in) :: dofs(:), wanted(:)
+      integer :: i, k, part, part_of(size(dofs)), part_of_law(size(laws)), pass
+      logical :: is_kept, is_literal
+
+      allocate (span%shape(size(dofs), size(dofs)), span%orthonormal(size(dofs), size(dofs)))
+      span%weight = sqrt(softness(structure, dofs))
+      part_of = parts_of(laws, dofs)
+      part_of_law = [(part_of(findloc(dofs, laws(i)%law%dofs(1), dim=1)), i=1, size(laws))]
+      do part = 1, size(dofs)
+         if (all(part_of /= part)) cycle
+         span%n_before = span%n
+         is_kept = .true.
+         do pass = 1, 2                                                ! rigid laws, then others
+            do i = 1, size(laws)
+               associate (law => laws(i)%law)
+                  if (part_of_law(i) /= part .or. (law%is_multiplier .neqv. pass == 1)) cycle
+                  do k = 1, size(law%shape, 2)
+                     call span%add(spread_over(dofs, law%dofs, law%shape(:, k)), is_literal)
+                     if (pass == 1) is_kept = is_kept .and. is_literal
+                  end do
+               end associate
+            end do
+            do i = 1, merge(size(wanted), 0, pass == 1)
+               associate (at => findloc(dofs, wanted(i), dim=1))
+                  if (at == 0) cycle
+                  if (part_of(at) /= part) cycle
+                  if (is_column(span, at)) cycle
+                  call span%add(spread_over(dofs, wanted(i:i), [1.0_wp]), is_literal)
+                  is_kept = is_kept .and. is_literal
+               end associate
+            end do
+         end do
+         if (is_kept .and. span%n - span%n_before < count(part_of == part)) cycle
+         span%n = span%n_before                                            ! nothing gained: the degrees of freedom themselves
+         do k = 1, size(dofs)
+            if (part_of(k) == part) call span%add(spread_over(dofs, dofs(k:k), [1.0_wp]), is_literal)
+         end do
+      end do
+   end subroutine find_span
+
+   !> Whether a coordinate is the degree of freedom at this place.
+   pure logical function is_column(span, at)
+      type(span_t), intent(in) :: span
+      integer, intent(in) :: at
+      integer :: k
+
+      is_column = any([(span%shape(at, k) == 1.0_wp .and. count(span%shape(:, k) /= 0.0_wp) == 1, k=1, span%n)])
+   end function is_column
+
+   !> Numbers of the parts that degrees of freedom belong to: those of one law to one part.
+   pure function parts_of(laws, dofs) result(part_of)
+      type(law_box_t), intent(in) :: laws(:)
+      integer, intent(in) :: dofs(:)
+      integer :: part_of(size(dofs))
+      integer :: first, i, k, other
+
+      part_of = [(k, k=1, size(dofs))]
+      do i = 1, size(laws)
+         first = part_of(findloc(dofs, laws(i)%law%dofs(1), dim=1))
+         do k = 2, size(laws(i)%law%dofs)
+            other = part_of(findloc(dofs, laws(i)%law%dofs(k), dim=1))
+            where (part_of == other) part_of = first
+         end do
+      end do
+   end function parts_of
+
+   !> Adds a column where it is independent of those before: as it is, or what is left of it beside them where that is little.
+   pure subroutine span_add(self, column, is_literal)
+      class(span_t), intent(inout) :: self
+      real(wp), intent(in) :: column(:)
+      logical, intent(out) :: is_literal                              !! it is a column now
+      real(wp) :: rest(size(column)), share
+      integer :: pass
+
+      is_literal = .false.
+      if (self%n == size(column)) return
+      rest = self%weight*column
+      associate (part => self%orthonormal(:, self%n_before + 1:self%n))
+         do pass = 1, 2
+            rest = rest - matmul(part, matmul(rest, part))
+         end do
+      end associate
+      associate (whole => norm2(self%weight*column))
+         if (norm2(rest) <= dependent*whole) return
+         share = norm2(rest)/whole
+      end associate
+      self%n = self%n + 1
+      self%orthonormal(:, self%n) = rest/norm2(rest)
+      is_literal = share > nearly_dependent
+      self%shape(:, self%n) = merge(column, rest/(share*self%weight), is_literal)
+   end subroutine span_add
+
+   !> Weights of a linear form over all degrees of freedom of laws.
+   pure function spread_over(dofs, own, weights) result(wide)
+      integer, intent(in) :: dofs(:), own(:)
+      real(wp), intent(in) :: weights(:)                              !! (size(own))
+      real(wp) :: wide(size(dofs))
+      integer :: k
+
+      wide = 0.0_wp
+      do k = 1, size(own)
+         wide(findloc(dofs, own(k), dim=1)) = weights(k)
+      end do
+   end function spread_over
+
+   !> Whether the blocks of fewer coordinates are less work than those of all degrees of freedom, which may be a narrow band.
+   logical function is_worth_it(self, structure)
+      type(coordinates_t), intent(in) :: self
+      type(structure_t), intent(in) :: structure
+      integer, parameter :: narrowest = 8                             ! blocks below are never bands
+
+      is_worth_it = size(self%dofs) < narrowest
+      if (is_worth_it) return
+      is_worth_it = work(self%n, condensed_reach(structure, self)) <= &
+                    work(size(self%dofs), condensed_reach(structure, dofs_as_coordinates(self%dofs)))
+
+   contains
+
+      !> Of a harmonic: transforms and laws for each coordinate, factors of a block.
+      pure real(wp) function work(n, reach)
+         integer, intent(in) :: n, reach
+         real(wp), parameter :: of_transforms = 1.0e3_wp
+
+         work = n*(of_transforms + real(min(n, 3*reach + 1), wp)**2)
+      end function work
+   end function is_worth_it
+end module hb_law_coordinates
