@@ -11,7 +11,7 @@ module hb_response
 
    type :: response_t
       integer :: dof = 0                                              !! of the structure
-      integer :: column = 0                                           !! number of the coordinate of the laws that is dof; 0: none is
+      integer :: column = 0                                           !! number of the coordinate that is dof; 0: none is
       integer :: harmonic = 0                                         !! 0: all but the mean, by their root mean square
    contains
       procedure :: of => response_of
