@@ -198,7 +198,9 @@ def _parser() -> argparse.ArgumentParser:
         "Draws a measure of a degree of freedom over a swept parameter; further swept parameters, and further files, make "
         "several curves, seven at most unless told otherwise. Points are counted as nhbm solve counts them. A solved point "
         "that has not converged stands on its curve with the mark of its status, any other in a row below, one a curve; "
-        "curves are broken there, and where the motion jumps to another branch.",
+        "curves are broken there, and where the motion jumps to another branch. What a &curve has followed is drawn along its arc, with "
+        "folds and peaks marked and, where stability is known, unstable parts dashed; files of normal modes after it are drawn over the "
+        "frequency found, as backbones.",
         several=True,
     )
     _add_dof(sub)
@@ -215,6 +217,18 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_log(sub, "xy")
     _add_output(sub)
+
+    sub = command(
+        "peaks",
+        _peaks,
+        "table of folds and peaks",
+        "Prints what was located on the curves of files of &curve: start, folds, peaks, wanted values and ends, with the measure "
+        "of a degree of freedom there.",
+        several=True,
+    )
+    _add_dof(sub)
+    _add_quantity(sub)
+    _add_measure(sub)
 
     sub = command(
         "backbone",
@@ -562,6 +576,12 @@ def _spectrum(arguments):
 
 def _response(arguments):
     _draw_response(arguments, lambda results: _measure(arguments, results), arguments.over)
+
+
+def _peaks(arguments):
+    with ExitStack() as stack:
+        files = [(label or path.stem, stack.enter_context(Results(path))) for label, path in arguments.files]
+        print(report.peaks(files, _measure(arguments, files[0][1]), arguments.dof))
 
 
 def _backbone(arguments):

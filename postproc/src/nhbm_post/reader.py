@@ -255,6 +255,10 @@ class Results:
         names = np.array(_text(dataset.attrs["flag_meanings"]).split())
         return names[np.clip(dataset[()], 0, names.size - 1)]
 
+    def stability(self) -> np.ndarray:
+        """1 where the motion of a point is stable, -1 where it is not, 0 where that is not known."""
+        return self.per_point("is_stable") if "is_stable" in self._file else np.zeros(self.n_points, dtype=int)
+
     def outcome_text(self, points: Sequence[int] | None = None) -> str:
         """`123 of 205 points converged, 50 truncated, 32 stalled`: counted as `nhbm solve` does."""
         points = self.used if points is None else np.asarray(points, dtype=int)

@@ -18,7 +18,7 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
     if dof not in results.dofs:
         raise ReaderError(f"{results.path}: no degree of freedom '{dof}'; stored: {list_text(results.dofs)}")
     sweeps = [p.range_text() for p in results.parameters.values()] or ["nothing"]
-    counts = ", ".join(f"{n} {name}" for name, n in results.status_counts().items())
+    counts = ", ".join(f"{n} {name}" for name, n in results.status_counts(results.used).items())
     facts = [
         ("file", str(results.path)),
         ("title", results.title or "-"),
@@ -29,7 +29,7 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
         ("dofs", list_text(results.dofs)),
         ("with laws", list_text(results.law_dofs)),
         *(("swept", text) for text in sweeps),
-        ("points", f"{results.n_points}: {counts}"),
+        ("points", f"{results.used.size}: {counts}"),
         ("complete", _completeness(results)),
     ]
     lines = [f"{name:<11}{value}" for name, value in facts]
@@ -56,6 +56,31 @@ def value(
     """`cos sin amplitude` of one harmonic with 17 digits, enough to get the stored numbers back."""
     cos, sin = results.coefficients(point, dof, j, quantity, allow_unconverged)
     return " ".join(f"{number:.16e}" for number in (cos, sin, np.hypot(cos, sin)))
+
+
+def peaks(files: list[tuple[str, Results]], measure, dof: str | None = None) -> str:
+    """Table of what was located on curves: folds, peaks, ends, and the measure there."""
+    rows = []
+    for name, results in files:
+        curve = results.curve
+        if curve is None:
+            raise ReaderError(f"{results.path}: no curve was followed (&curve); nhbm-post response shows sweeps")
+        shown = results.default_dof(measure.quantity) if dof is None else dof
+        others = [p for p in results.parameters.values() if p is not curve]
+        units = measure.units(results, shown)
+        heading = ["point", *(p.heading for p in others), "kind", curve.heading, "stable", "status"]
+        heading = [*(["file"] if len(files) > 1 else []), *heading]
+        if not rows or rows[0][:-1] != heading:
+            rows.append([*heading, measure.words(results, shown)[0].lower() + (f" [{units}]" if units not in ("", "1") else "")])
+        values, kinds, stability = measure.values(results, shown), results.curve_kind(), results.stability()
+        for point in results.used:
+            if kinds[point] == "regular":
+                continue
+            row = [str(point), *(number_text(p.values[point]) if p.is_number else p.values[point] for p in others)]
+            row += [kinds[point], f"{curve.values[point]:.10g}", {1: "yes", -1: "no"}.get(int(stability[point]), "-")]
+            row += [results.status_name(point), f"{values[point]:.10g}"]
+            rows.append([*([name] if len(files) > 1 else []), *row])
+    return "\n".join(_table(rows))
 
 
 def _point_rows(results: Results, dof: str, shown: int) -> list[list[str]]:

@@ -1,8 +1,8 @@
-"""Response curves of a sweep: one measure of the motion, or the frequency of a tone, over a swept parameter."""
+"""Response curves: one measure of the motion, or the frequency of a tone, over a swept parameter or along a followed curve."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -31,6 +31,7 @@ class Curve:
     x: np.ndarray
     y: np.ndarray
     branch: np.ndarray
+    kind: np.ndarray = field(default_factory=lambda: np.array([], dtype=str))  # of the points of a curve that was followed
 
     @property
     def is_solved(self) -> np.ndarray:
@@ -46,6 +47,15 @@ class Curve:
         is_jump = (np.diff(self.branch) != 0) & (self.branch[1:] > 0) & (self.branch[:-1] > 0)
         jumps = np.flatnonzero(is_jump) + 1
         return np.insert(self.x, jumps, np.nan), np.insert(y, jumps, np.nan), np.insert(self.is_converged, jumps, False)
+
+    @property
+    def stability(self) -> np.ndarray:
+        """1 stable, -1 unstable, 0 not known, of each point."""
+        return self.results.stability()[self.points]
+
+    def is_special(self, kind: str) -> np.ndarray:
+        """Which points are folds, or peaks."""
+        return self.kind == kind if self.kind.size else np.zeros(self.points.size, dtype=bool)
 
 
 def draw_response(
@@ -65,14 +75,16 @@ def draw_response(
     Further swept parameters make several curves, `n_curves` at most, spread evenly; `where` keeps only points with given
     values. A curve is broken where a point is not solved and where the motion jumps; solved points that have not converged
     are marked on the curve, others in a row below, one a curve. `others`: (label, results) of more files to draw.
-    `logarithmic`: `x`, `y`, `xy` or `none`; without it, x where the sweep runs so.
+    `logarithmic`: `x`, `y`, `xy` or `none`; without it, x where the sweep runs so. Curves that were followed (`&curve`) are drawn
+    in the order of their arc, with marks at folds and peaks; where the stability of motions is known, what is unstable is dashed.
+    A file of normal modes among curves over a frequency is drawn over the frequency found: its backbone.
     """
     measure = measure or Measure()
     files = [(label, results), *others]
     curves, notes, axis = [], [], None
     for name, file in files:
         wanted = max(1, n_curves // len(files))
-        found, its_axis, note = _curves(file, name if len(files) > 1 else "", dof, measure, over, where, wanted)
+        found, its_axis, note = _curves(file, name if len(files) > 1 else "", dof, measure, over, where, wanted, axis)
         axis = axis or its_axis
         if _axis_key(its_axis) != _axis_key(axis):
             raise UsageError(f"{file.path}: over {its_axis.heading}, but {results.path} over {axis.heading}: say --over")
@@ -95,7 +107,7 @@ def draw_response(
     with style.look():
         heights = [3.2] + ([_ROW * len(rows)] if rows else [])
         fig = style.figure(7.0, 0.9 + sum(heights))
-        keys = [_curve_keys(curves, axis.is_number), _status_keys(curves)]
+        keys = [_curve_keys(curves, axis.is_number), [*_special_keys(curves), *_status_keys(curves)]]
         ax, *strips = style.below_legends(fig, keys, *heights, hspace=0.0)
         ax.set_xscale(scales[0])
         ax.set_yscale(scales[1])
@@ -132,11 +144,15 @@ def draw_response(
     return fig
 
 
-def _curves(results, name, dof, measure, over, where, n_curves) -> tuple[list[Curve], Parameter, list[str]]:
+def _curves(results, name, dof, measure, over, where, n_curves, axis=None) -> tuple[list[Curve], Parameter, list[str]]:
     """Curves of one file, what their x axis is, and what the picture leaves out."""
     dof = results.default_dof(measure.quantity) if dof is None else dof
-    points = np.array(results.select(where) if where else range(results.n_points), dtype=int)
-    along = swept = _swept_parameter(results, None if over == "amplitude" else over, points)
+    points = np.array(results.select(where) if where else results.used, dtype=int)
+    points = points[np.isin(points, results.used)]
+    if axis is not None and axis.path.startswith("tones%frequency") and axis.path not in results.swept:
+        return _backbone(results, name, dof, measure, points, axis)
+    moving = results.curve if over in (None, "amplitude", *([results.curve.path, results.curve.name] if results.curve else [])) else None
+    along = swept = moving or _swept_parameter(results, None if over == "amplitude" else over, points)
     if over == "amplitude":
         peaks = Measure("peak").values(results, dof)
         along = Parameter("amplitude", f"peak of {dof}", results.units("motion", dof), peaks)
@@ -145,7 +161,7 @@ def _curves(results, name, dof, measure, over, where, n_curves) -> tuple[list[Cu
     others = [
         p
         for p in results.parameters.values()
-        if p is not swept and len({str(v) for v in p.values[points]}) > 1 and not _goes_along(p, swept, points)
+        if p is not swept and len({str(v) for v in p.values[points]}) > 1 and (moving or not _goes_along(p, swept, points))
     ]
     groups = _groups(others, points)
     notes = []
@@ -156,17 +172,40 @@ def _curves(results, name, dof, measure, over, where, n_curves) -> tuple[list[Cu
     if len(groups) > n_curves:
         which = np.unique(np.linspace(0, len(groups) - 1, n_curves).round().astype(int))
         what = " and ".join(p.label for p in others)
-        notes.append(f"{len(which)} of {len(groups)} curves over {what}: --where chooses, nhbm-post map draws all")
+        all_of_them = "" if moving else ", nhbm-post map draws all"
+        notes.append(f"{len(which)} of {len(groups)} curves over {what}: --where chooses{all_of_them}")
         groups = [groups[k] for k in which]
     # Branches are numbered along the fastest parameter of a sweep: along another one they say nothing of neighbours.
     is_fastest = swept.values[0] != swept.values[min(1, results.n_points - 1)]
-    branch = results.branch() if is_fastest else np.zeros(results.n_points, dtype=int)
+    branch = results.branch() if is_fastest and not moving else np.zeros(results.n_points, dtype=int)
+    order = _along_the_arc(results) if moving else _positions(swept)
+    kind = results.curve_kind() if moving else np.full(results.n_points, "")
     curves = []
     for members in groups:
-        members = members[np.argsort(_positions(swept)[members], kind="stable")]
+        members = members[np.argsort(order[members], kind="stable")]
         label = ", ".join([name] * bool(name) + [p.text(int(members[0])) for p in others])
-        curves.append(Curve(label, results, members, x[members], values[members], branch[members]))
+        curves.append(Curve(label, results, members, x[members], values[members], branch[members], kind[members]))
     return curves, along, notes
+
+
+def _along_the_arc(results: Results) -> np.ndarray:
+    """Where each point of a curve stands in its order: by the length of the arc; where the curve was lost, behind its last point."""
+    length = results.per_point("curve_length").copy()
+    for point in np.flatnonzero(np.isnan(length) & np.isin(np.arange(results.n_points), results.used)):
+        length[point] = length[point - 1] if point else 0.0
+    return length
+
+
+def _backbone(results, name, dof, measure, points, axis) -> tuple[list[Curve], Parameter, list[str]]:
+    """Motions whose frequency was found, over that, in the order of what was swept."""
+    tones = results.unknown_tones()
+    if tones.size == 0:
+        return [], Parameter("", "", "", np.full(results.n_points, np.nan)), []
+    x = np.array([results.frequency(point)[tones[0]] for point in range(results.n_points)])
+    swept = _swept_parameter(results, None, points)
+    members = points[np.argsort(_positions(swept)[points], kind="stable")]
+    curve = Curve(name, results, members, x[members], measure.values(results, dof)[members], results.branch()[members])
+    return [curve], Parameter(axis.name, axis.path, axis.units, x), []
 
 
 def _refuse(files, curves, measure) -> None:
@@ -177,22 +216,50 @@ def _refuse(files, curves, measure) -> None:
     raise UsageError(f"{path}: none of the chosen points is solved; in the file: {told}")
 
 
-def _curve_look(i: int, is_joined: bool) -> dict:
-    """Colour and dashes of a curve; dots alone along words, which have no order to join them in."""
-    dashes = style.DASHES[i % len(style.DASHES)] if is_joined else "none"
+def _curve_look(i: int, is_joined: bool, is_followed: bool = False) -> dict:
+    """Colour and dashes of a curve; dots alone along words, which have no order to join them in. Dashes of a curve that was followed
+    tell of its stability."""
+    dashes = "-" if is_followed else style.DASHES[i % len(style.DASHES)] if is_joined else "none"
     return {"color": style.COLOURS[i % len(style.COLOURS)], "linestyle": dashes, "linewidth": 1.4}
 
 
 def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined) -> None:
     """The line, its converged points (where there are few, or alone between gaps), and marks of the others."""
-    look = _curve_look(i, is_joined)
+    look = _curve_look(i, is_joined, (curve.kind != "").any())
     x, y, is_converged = curve.line(np.isfinite if scales[1] == "linear" else lambda values: values > 0.0)
-    ax.plot(x_factor * x, factor * y, **look, gid="curve")
+    if curve.stability.any():
+        _draw_by_stability(ax, curve, x_factor, factor, look)
+    else:
+        ax.plot(x_factor * x, factor * y, **look, gid="curve")
+    for kind, shape in _SPECIAL.items():
+        at = curve.is_special(kind)
+        ax.plot(x_factor * curve.x[at], factor * curve.y[at], **shape, color=look["color"], gid=kind, zorder=5)
     known = np.isfinite(y) & np.isfinite(x)
     alone = known & ~np.append(known[1:], False) & ~np.insert(known[:-1], 0, False)
     dots = is_converged & (known if curve.points.size <= _MANY_POINTS or not is_joined else alone)
     ax.plot(x_factor * x[dots], factor * y[dots], "o", color=look["color"], markersize=3.4 if is_joined else 5.0)
     _mark(ax, curve, x_factor * curve.x, factor * curve.y, are_solved=True)
+
+
+# Shapes of what was located on a curve.
+_SPECIAL = {
+    "fold": {"linestyle": "none", "marker": "o", "markersize": 5.5, "markerfacecolor": "white", "markeredgewidth": 1.3},
+    "peak": {"linestyle": "none", "marker": "^", "markersize": 6.0, "markerfacecolor": "white", "markeredgewidth": 1.3},
+}
+
+
+def _draw_by_stability(ax, curve: Curve, x_factor, factor, look) -> None:
+    """The line, solid between stable points, dashed where one end is unstable, dotted where it is not known."""
+    stable, i = curve.stability, 0
+    y = np.where(np.isfinite(curve.y), factor * curve.y, np.nan)
+    between = np.where((stable[1:] < 0) | (stable[:-1] < 0), -1, np.minimum(stable[1:], stable[:-1]))
+    while i < between.size:  # runs of one kind, each a line of its own
+        end = i
+        while end < between.size and between[end] == between[i]:
+            end += 1
+        dashes = {1: "-", -1: (0, (4, 2)), 0: ":"}[int(between[i])]
+        ax.plot(x_factor * curve.x[i : end + 1], y[i : end + 1], **(look | {"linestyle": dashes}), gid="curve")
+        i = end
 
 
 def _mark(ax, curve: Curve, x, y, are_solved: bool, **place) -> None:
@@ -235,7 +302,21 @@ def _curve_keys(curves: list[Curve], is_joined: bool) -> list[Line2D]:
     for i, curve in enumerate(curves):
         label = curve.label.removeprefix(first) if is_common else curve.label
         dot = {} if is_joined else {"marker": "o"}
-        entries.append(Line2D([], [], **_curve_look(i, is_joined), **dot, label=label))
+        entries.append(Line2D([], [], **_curve_look(i, is_joined, (curve.kind != "").any()), **dot, label=label))
+    return entries
+
+
+def _special_keys(curves: list[Curve]) -> list[Line2D]:
+    """Legend of folds, peaks and dashes, as far as there are any."""
+    entries = []
+    for kind, shape in _SPECIAL.items():
+        n = sum(int(curve.is_special(kind).sum()) for curve in curves)
+        if n:
+            entries.append(Line2D([], [], **shape, color=style.INK, label=f"{n} {kind}{'s' * (n > 1)}"))
+    stability = np.concatenate([curve.stability for curve in curves])
+    for verdict, dashes, word in ((1, "-", "stable"), (-1, (0, (4, 2)), "unstable")):
+        if (stability == verdict).any():
+            entries.append(Line2D([], [], color=style.INK, linestyle=dashes, linewidth=1.4, label=word))
     return entries
 
 

@@ -1,0 +1,109 @@
+"""Curves that were followed: drawn along their arc, with folds, peaks and stability, beside backbones; their table."""
+
+import h5py
+import numpy as np
+import pytest
+from synthetic import box, write_results
+
+from nhbm_post import ReaderError, Results
+from nhbm_post.cli import main
+from nhbm_post.draw import draw_response
+from nhbm_post.measure import Measure
+
+KINDS = "none regular start fold peak value end"
+START, REGULAR, FOLD, PEAK, END = 2, 1, 3, 4, 6
+CONVERGED, UNUSED = 1, 17
+# An S: up to the fold at 3, back to that at 2, up again. Two rows are not used.
+VALUE = [1.0, 2.0, 3.0, 2.5, 2.0, 3.0, 4.0, np.nan, np.nan]
+HEIGHT = [1.0, 2.0, 3.0, 4.0, 3.0, 2.0, 1.0, 0.0, 0.0]
+KIND = [START, REGULAR, FOLD, PEAK, FOLD, REGULAR, END, 0, 0]
+STABLE = [1, 1, 0, -1, 0, 1, 1, 0, 0]
+
+
+def curve_file(path, n_curves=1, stability=STABLE, value=VALUE, length=None):
+    """One tone; curves of one shape, the k-th k + 1 times as high, its load k + 1."""
+    n = len(value)
+    coefficients = np.zeros((n * n_curves, 1, 2, 2))
+    coefficients[:, 0, 1, 0] = np.outer(1.0 + np.arange(n_curves), HEIGHT).ravel()
+    frequency = np.tile(value, n_curves)
+    status = np.tile(np.where(np.isnan(value), UNUSED, CONVERGED), n_curves)
+    parameters = {"tones_frequency": ("tones%frequency", "rad/s", frequency)}
+    if n_curves > 1:
+        parameters["load_1_cos"] = ("load(1)%cos", "N", np.repeat(1.0 + np.arange(n_curves), n))
+    write_results(path, box(1, 1), frequency[:, None], coefficients, status=status, parameters=parameters)
+    with h5py.File(path, "r+") as file:
+        file["tones_frequency"].attrs["moves_along"] = "curve"
+        file["curve_kind"] = np.tile(np.asarray(KIND, np.int32), n_curves)
+        file["curve_kind"].attrs["flag_meanings"] = KINDS
+        file["curve_length"] = np.tile(np.arange(n) * 1.0 if length is None else length, n_curves)
+        if stability is not None:
+            file["is_stable"] = np.tile(np.asarray(stability, np.int32), n_curves)
+    return path
+
+
+def lines(fig, gid):
+    return [line for ax in fig.axes for line in ax.lines if line.get_gid() == gid]
+
+
+def legend_of(fig):
+    legends = [c for ax in fig.axes for c in ax.get_children() if type(c).__name__ == "Legend"]
+    return [text.get_text() for legend in legends for text in legend.get_texts()]
+
+
+def test_a_curve_is_drawn_along_its_arc(tmp_path):
+    with Results(curve_file(tmp_path / "c.h5", stability=None)) as results:
+        assert results.outcome_text() == "7 of 7 points converged"
+        fig = draw_response(results, measure=Measure("harmonic", (1,)))
+    [line] = lines(fig, "curve")
+    assert line.get_xdata().tolist() == VALUE[:7] and line.get_ydata().tolist() == HEIGHT[:7]
+    assert [x for fold in lines(fig, "fold") for x in fold.get_xdata()] == [3.0, 2.0]
+    assert [x for peak in lines(fig, "peak") for x in peak.get_xdata()] == [2.5]
+    assert "2 folds" in legend_of(fig) and "1 peak" in legend_of(fig) and "unstable" not in legend_of(fig)
+
+
+def test_a_curve_followed_both_ways_is_one_line(tmp_path):
+    length = [0.0, 1.0, 2.0, 3.0, -1.0, -2.0, -3.0, np.nan, np.nan]
+    with Results(curve_file(tmp_path / "c.h5", stability=None, length=length)) as results:
+        [line] = lines(draw_response(results, measure=Measure("harmonic", (1,))), "curve")
+    assert line.get_xdata().tolist() == [4.0, 3.0, 2.0, 1.0, 2.0, 3.0, 2.5]
+
+
+def test_unstable_parts_are_dashed(tmp_path):
+    with Results(curve_file(tmp_path / "c.h5")) as results:
+        fig = draw_response(results, measure=Measure("harmonic", (1,)))
+    pieces = {line.get_linestyle(): line.get_xdata().tolist() for line in lines(fig, "curve")}
+    assert pieces["--"] == [3.0, 2.5, 2.0], "to and from what is unstable"
+    assert sorted(pieces) == ["-", "--", ":"]
+    assert {"stable", "unstable"} <= set(legend_of(fig))
+
+
+def test_families_and_backbones_share_a_picture(tmp_path):
+    mode = tmp_path / "mode.h5"
+    coefficients = np.zeros((3, 1, 2, 2))
+    coefficients[:, 0, 1, 0] = [1.0, 2.0, 3.0]
+    amplitude = {"normal_mode_amplitude": ("normal_mode%amplitude", "m", np.array([1.0, 2.0, 3.0]))}
+    write_results(mode, box(1, 1), [[1.1], [1.2], [1.5]], coefficients, parameters=amplitude)
+    with h5py.File(mode, "r+") as file:
+        file["frequency_estimate"] = np.full((3, 1), 1e-9)
+    with Results(curve_file(tmp_path / "c.h5", 2, stability=None)) as results, Results(mode) as modes:
+        fig = draw_response(results, measure=Measure("harmonic", (1,)), others=[("mode", modes)], label="forced")
+    drawn = lines(fig, "curve")
+    assert [line.get_xdata().tolist() for line in drawn] == [VALUE[:7], VALUE[:7], [1.1, 1.2, 1.5]]
+    assert drawn[1].get_ydata().tolist() == [2.0 * y for y in HEIGHT[:7]]
+    assert any("load(1)%cos" in text for text in legend_of(fig))
+
+
+def test_peaks_are_a_table(tmp_path, capsys):
+    curve_file(tmp_path / "c.h5", 2)
+    assert main(["peaks", str(tmp_path / "c.h5"), "--tuple", "1"]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [row[2] for row in rows[1:]] == 2 * ["start", "fold", "peak", "fold", "end"]
+    assert rows[3] == ["3", "1", "peak", "2.5", "no", "converged", "4"]
+    assert rows[8] == ["12", "2", "peak", "2.5", "no", "converged", "8"]
+
+
+def test_peaks_need_a_curve(sweep):
+    from nhbm_post.report import peaks
+
+    with Results(sweep) as results, pytest.raises(ReaderError, match="no curve was followed"):
+        peaks([("", results)], Measure("rms"))
