@@ -10,9 +10,9 @@ module verb_info
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, max_over, rank_of, share_error
-   use hb_outcome, only: outcome, outcome_name, outcome_text
+   use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text
    use hb_results_record, only: open_points, read_record, read_units, record_t
-   use hb_run_summary, only: count_kept, found_frequency, run_summary_t
+   use hb_run_summary, only: count_kept, found_frequency, run_summary_t, stability_text
    use hb_scene_tones, only: read_tones
    use hb_study, only: read_input
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
@@ -50,6 +50,7 @@ contains
             call write_parameters(plan)
             call write_statuses(record)
             call write_found(record, tones%is_unknown)
+            call write_stability(record)
             call write_jumps(record, plan)
             if (allocated(plan%curve) .and. .not. allocated(error)) call write_curves(options%input, plan, error)
             call write_worst(record, plan)
@@ -107,6 +108,27 @@ contains
       n = count(record%is_near_commensurate > 0)
       if (n > 0) call write_fact("", to_text(n)//" where a low-order combination of the tones nearly vanishes")
    end subroutine write_statuses
+
+   !> How many motions would be seen.
+   subroutine write_stability(record)
+      type(record_t), intent(in) :: record
+      integer :: n_stable, n_unstable
+
+      n_stable = count(record%is_stable > 0)
+      n_unstable = count(record%is_stable < 0)
+      if (n_stable + n_unstable == 0) return
+      call write_fact("stability", stability_text(n_stable, n_unstable, count(is_solved(record%status)))// &
+         first_unstable())
+
+   contains
+
+      function first_unstable() result(text)
+         character(:), allocatable :: text
+
+         text = ""
+         if (n_unstable > 0) text = " (first unstable: point "//to_text(findloc(record%is_stable < 0, .true., dim=1) - 1)//")"
+      end function first_unstable
+   end subroutine write_stability
 
    !> Where the motion jumps to another branch.
    subroutine write_jumps(record, plan)

@@ -14,7 +14,7 @@ module verb_solve
    use hb_outcome, only: outcome, outcome_text
    use hb_progress, only: log_level
    use hb_results_record, only: read_record, record_t
-   use hb_run_summary, only: found_frequency, run_summary_t
+   use hb_run_summary, only: found_frequency, number_solved, run_summary_t, stability_text
    use hb_scene, only: scene_t
    use hb_scene_doubts, only: commensurate_text
    use hb_signals, only: signal_caught, signal_name
@@ -186,6 +186,8 @@ contains
             " by truncation, ", summary%aliasing, " by aliasing"
          call say(trim(estimates))
       end if
+      if (summary%n_stable + summary%n_unstable > 0) &
+         call say(stability_text(summary%n_stable, summary%n_unstable, number_solved(summary))//" (see 'is_stable')")
       if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
          " between neighbours to another branch of motions (see 'branch'), the first to "//study%plan%describe(summary%first_jump))
       if (summary%n_near_commensurate > 0) call say("warning: in "// &

@@ -18,12 +18,13 @@ module hb_motion
    use hb_motion_result, only: motion_result_t
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_odd_symmetry, only: asymmetry
-   use hb_outcome, only: outcome
+   use hb_outcome, only: is_solved, outcome
    use hb_scene, only: scene_t
    use hb_scene_coordinates, only: coordinates_of
    use hb_search, only: search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
+   use hb_stability, only: find_stability
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
    use hb_watch, only: verdict, watch_t
@@ -277,8 +278,20 @@ contains
          result%certificate_cpu_seconds = cpu_ended - cpu_begun
          if (allocated(error)) return
       end if
+      if (is_solved(result%status)) &
+         call find_stability(result%stability, scene%stability, scene%structure, scene%laws, scene%harmonics%tuples, &
+                             balance%omega, scene%tones%is_unknown, c, usual_work(balance))
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)
    end subroutine describe_motion
+
+   !> About how many nanoseconds a point takes that needs nothing unusual, from counts alone: the same for all points of a sweep.
+   pure real(wp) function usual_work(balance) result(work)
+      type(balance_t), intent(in) :: balance
+      real(wp), parameter :: residuals = 10.0_wp, tangents = 5.0_wp, residuals_for_tangent = 60.0_wp, set_up = 2.0e4_wp
+
+      work = set_up + residuals*balance%residual_work &
+             + tangents*min(balance%tangent_work, residuals_for_tangent*balance%residual_work)
+   end function usual_work
 
    !> Where the search for a torus was lost, or its motion is no better than a guess and its tones are nearly commensurate, the
    !> tones may have locked: there is no torus then.

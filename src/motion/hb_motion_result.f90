@@ -3,6 +3,7 @@ module hb_motion_result
    use hb_certificate, only: certificate_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
+   use hb_stability, only: stability_t
    implicit none
    private
    public :: curve_place_t, motion_result_t
@@ -43,6 +44,7 @@ module hb_motion_result
       type(certificate_t) :: certificate                !! zero and without combination where none was made
       logical :: is_near_commensurate = .false.
       type(curve_place_t), allocatable :: curve         !! of a motion on a curve
+      type(stability_t) :: stability
       real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
       real(wp), allocatable :: corrected_samples(:, :)  !! same
       real(wp), allocatable :: force_samples(:, :)      !! [N], same

@@ -10,6 +10,7 @@ module hb_scene
    use hb_march_config, only: march_config_t
    use hb_normal_mode, only: normal_mode_t
    use hb_solver_types, only: solver_config_t
+   use hb_stability, only: stability_config_t
    use hb_structure, only: structure_t
    use hb_tones, only: tones_t
    use hb_torus, only: torus_t
@@ -75,6 +76,7 @@ module hb_scene
       integer :: planning = planning%estimate                         !! effort of FFTW
       character(:), allocatable :: wisdom                             !! file with FFTW's wisdom
       type(certificate_config_t) :: certificate
+      type(stability_config_t) :: stability
       type(output_config_t) :: output
       real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may take
       type(march_config_t) :: march

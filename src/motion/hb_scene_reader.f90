@@ -10,7 +10,7 @@ module hb_scene_reader
    use hb_scene, only: scene_t, symmetry
    use hb_scene_laws, only: read_laws, update_laws
    use hb_scene_loads, only: read_loads, read_starts
-   use hb_scene_settings, only: read_certificate, read_output, read_sampling, read_solver
+   use hb_scene_settings, only: read_certificate, read_output, read_sampling, read_solver, read_stability
    use hb_scene_sizes, only: sizes_of
    use hb_scene_symmetry, only: check_symmetry
    use hb_scene_tones, only: read_tones
@@ -24,9 +24,9 @@ module hb_scene_reader
    public :: group_names, read_scene, update_scene
 
    !> Every group that an input file may have.
-   character(11), parameter :: group_names(13) = [character(11) :: &
+   character(11), parameter :: group_names(14) = [character(11) :: &
       "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", &
-      "certificate", "output", "march"]
+      "certificate", "stability", "output", "march"]
 
    !> Groups that are read by themselves while nothing but numbers changes in them.
    character(9), parameter :: read_alone(5) = [character(9) :: "structure", "tones", "load", "law", "start"]
@@ -90,6 +90,7 @@ contains
       call read_laws(self, document, error)
       if (allocated(error)) return
       call read_certificate(self%certificate, document%optional_group("certificate"))
+      call read_stability(self%stability, document%optional_group("stability"))
       call read_output(self, document%optional_group("output"))
       call read_sampling(self, document%optional_group("sampling"))
       call check_memory(sizes_of(self), self%memory_limit, error)

@@ -7,11 +7,12 @@ module hb_scene_settings
    use hb_properties, only: properties_t
    use hb_scene, only: certificate_config_t, scene_t
    use hb_solver_types, only: method_names, start_names
+   use hb_stability, only: stability_config_t, stability_method_names
    use hb_text, only: string_t, to_text
    use hb_torus, only: default_samples, fast_size, new_torus, torus_t
    implicit none
    private
-   public :: read_certificate, read_output, read_sampling, read_solver
+   public :: read_certificate, read_output, read_sampling, read_solver, read_stability
 
    real(wp), parameter :: unit_of_work = 1.0e9_wp                     ! about a second of the processor
    character(9), parameter :: first_guess_names(5) = [character(9) :: "auto", "linear", "zero", "neighbour", "march"]
@@ -113,6 +114,18 @@ contains
       call group%get("improvement_steps", self%improvement_steps, minimum=0, maximum=1000)
       call group%get("commensurability", self%commensurability, unit="1", minimum=0.0_wp)
    end subroutine read_certificate
+
+   !> Reads `&stability`: whether and how multipliers are found.
+   subroutine read_stability(self, group)
+      type(stability_config_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      character(:), allocatable :: name
+
+      name = trim(stability_method_names(self%method))
+      call group%get("method", name, choices=stability_method_names)
+      call group%get("tolerance", self%tolerance, unit="1", above=0.0_wp)
+      self%method = max(1, findloc(stability_method_names == name, .true., dim=1)) - 1
+   end subroutine read_stability
 
    !> Reads `&output`: title, stored degrees of freedom, grid of stored surfaces.
    subroutine read_output(self, group)

@@ -19,7 +19,9 @@ module hb_results
    use hb_outcome, only: outcome
    use hb_results_file, only: make_file
    use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
-   use hb_results_plan, only: identifier, is_checked, is_integer, measure_row, message_length, new_plan, plan_t
+   use hb_results_plan, only: identifier, is_checked, is_integer, measure_row, message_length, multiplier_axis, new_plan, &
+      plan_t
+   use hb_stability, only: stability_t
    use hb_system, only: check_held, held_file_t, hold_file, release_file
    use hb_text, only: to_text
    use hb_timing, only: n_times, rank_times_t
@@ -224,6 +226,10 @@ contains
       if (allocated(point%improved_coefficients)) call put(self, "improved_coefficients", point%improved_coefficients, error)
       if (allocated(point%certificate%combination)) call put_certificate(self, point, error)
       if (allocated(point%curve)) call put_curve(self, point%curve, error)
+      call put(self, "is_stable", [point%stability%verdict], error)
+      call put(self, "n_unstable", [point%stability%n_unstable], error)
+      call put(self, "stability_method", [point%stability%method], error)
+      if (allocated(point%stability%multipliers)) call put_multipliers(self, point%stability, error)
       if (allocated(point%displacement_samples)) call put(self, "displacement_samples", point%displacement_samples, error)
       if (allocated(point%corrected_samples)) call put(self, "corrected_samples", point%corrected_samples, error)
       if (allocated(point%force_samples)) call put(self, "force_samples", point%force_samples, error)
@@ -430,6 +436,23 @@ contains
          call put(self, "is_near_commensurate", [merge(1, 0, point%is_near_commensurate)], error)
       end associate
    end subroutine put_certificate
+
+   !> Multipliers that the structure does not have are no numbers.
+   subroutine put_multipliers(self, stability, error)
+      class(results_t), intent(inout) :: self
+      type(stability_t), intent(in) :: stability
+      type(error_t), allocatable, intent(inout) :: error
+      complex(wp) :: row(self%plan%axes(multiplier_axis)%length)
+      integer :: n
+
+      call put(self, "stability_estimate", [stability%estimate], error)
+      if (size(row) == 0) return
+      row = cmplx(ieee_value(1.0_wp, ieee_quiet_nan), ieee_value(1.0_wp, ieee_quiet_nan), wp)
+      n = min(size(row), size(stability%multipliers))
+      row(:n) = stability%multipliers(:n)
+      call put(self, "multiplier_real", real(row), error)
+      call put(self, "multiplier_imag", aimag(row), error)
+   end subroutine put_multipliers
 
    !> Writes what is held back and closes the file; collective, safe to call twice.
    subroutine results_close(self, error)

@@ -9,11 +9,11 @@ module hb_results_file
    use hb_outcome, only: outcome_names
    use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_results_plan, only: axis_t, component_axis, curve_entries, dof_axis, harmonic_axis, identifier, is_characters, &
-      is_checked, is_integer, &
-      is_real, law_axis, law_dof_axis, message_axis, n_bytes_of, parameter_name_length, parameter_names, plan_t, point_axis, &
-      size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
+      is_checked, is_integer, is_real, law_axis, law_dof_axis, message_axis, multiplier_axis, n_bytes_of, parameter_name_length, &
+      parameter_names, plan_t, point_axis, size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
    use hb_signals, only: note_unfinished
    use hb_solver_types, only: rescue_names
+   use hb_stability, only: stability_method_names
    use hb_system, only: empty_file, has_space, release_file, remove_file, sync_file, take_file, utc_now
    use hb_text, only: join, to_text
    implicit none
@@ -120,7 +120,7 @@ contains
       do i = 1, size(axes)
          associate (axis => axes(i))
             select case (i)
-            case (point_axis, harmonic_axis, message_axis, worker_axis)
+            case (point_axis, harmonic_axis, message_axis, multiplier_axis, worker_axis)
                call add_numbers(file, axis, [(k, k=0, axis%length - 1)], error)
             case (tone_axis)
                call add_numbers(file, axis, [(k, k=1, axis%length)], error)
@@ -307,6 +307,7 @@ contains
                call variable%dataset%set_attribute("parameter", variable%parameter, error)
             if (allocated(variable%parameter) .and. .not. allocated(error)) &
                call variable%dataset%set_attribute("moves_along", "curve", error)
+            if (variable%name == "stability_method") call set_flags(variable%dataset, stability_method_names, error)
             if (variable%name == "march_verdict") call set_flags(variable%dataset, verdict_names, error)
          end associate
          if (allocated(error)) return

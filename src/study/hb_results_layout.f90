@@ -26,6 +26,7 @@ module hb_results_layout
       character(16), allocatable :: dof_labels(:), dof_units(:) !! stored degrees of freedom; `m`, `rad`
       character(16), allocatable :: law_dof_labels(:), law_dof_units(:) !! those on which laws act
       character(64), allocatable :: law_labels(:)       !! of the laws, unique
+      integer :: n_multipliers = 0                      !! that are stored for each point; 0: stability is not asked for
       logical :: has_improved = .false.                 !! improved coefficients are stored
       integer, allocatable :: n_samples(:)              !! grid per tone; size 0: no surfaces are stored
       type(swept_parameter_t), allocatable :: parameters(:)

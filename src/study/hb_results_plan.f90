@@ -11,8 +11,8 @@ module hb_results_plan
    public :: tuple_entry_name, variable_t
    public :: message_length
    public :: is_characters, is_integer, is_real
-   public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, point_axis, tone_axis, worker_axis
-   public :: curve_entries
+   public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, multiplier_axis, point_axis, tone_axis
+   public :: curve_entries, worker_axis
 
    integer, parameter :: message_length = 400          ! bytes
    character(*), parameter :: curve_entries = "curve_entry" ! name of the axis of what a curve goes on from, the last one
@@ -22,7 +22,8 @@ module hb_results_plan
    integer, parameter :: bytes_of_kind(3) = [4, 8, 1]
    ! Indices of the axes; the hypertime axes follow.
    integer, parameter :: point_axis = 1, tone_axis = 2, harmonic_axis = 3, dof_axis = 4, law_dof_axis = 5, &
-      component_axis = 6, message_axis = 7, law_axis = 8, worker_axis = 9, n_plain_axes = 9
+      component_axis = 6, message_axis = 7, law_axis = 8, worker_axis = 9, multiplier_axis = 10, &
+      n_plain_axes = 10
 
    !> A dimension of the file.
    type :: axis_t
@@ -161,6 +162,17 @@ contains
          call add("combination", is_integer, [tone_axis, point_axis], "1", "integers k of combination_frequency")
          call add("is_near_commensurate", is_integer, [point_axis], "1", &
             "1 where combination_frequency is below the threshold: the tones are hard to tell from commensurate ones")
+         call add("is_stable", is_integer, [point_axis], "1", &
+            "1 where small disturbances of the motion die out, -1 where one grows, 0 where that is not known")
+         call add("n_unstable", is_integer, [point_axis], "1", "disturbances that grow")
+         call add("stability_method", is_integer, [point_axis], "1", "how stability was found")
+         call add("stability_estimate", is_real, [point_axis], "1", "estimated error of the monodromy matrix, relative")
+         if (layout%n_multipliers > 0) then
+            call add("multiplier_real", is_real, [multiplier_axis, point_axis], "1", &
+               "Floquet multipliers, the largest first: real parts")
+            call add("multiplier_imag", is_real, [multiplier_axis, point_axis], "1", &
+               "Floquet multipliers, the largest first: imaginary parts")
+         end if
          call add("checksum", is_integer, [point_axis], "1", "CRC-32 over the values of the row, as they stand in the file")
          call add("branch", is_integer, [point_axis], "1", &
             "piece of the response along the fastest swept parameter, from 1; 0 where that is not known")
@@ -236,6 +248,7 @@ contains
          "degree of freedom on which laws act")
       call set(component_axis, "component", 2, "1", "part of a coefficient")
       call set(worker_axis, "worker", layout%n_ranks, "1", "MPI rank of the run, from 0")
+      call set(multiplier_axis, "multiplier", layout%n_multipliers, "1", "number of the multiplier, from 0")
       call set(message_axis, "message_byte", message_length, "1", "byte of a message")
       do i = 1, size(layout%n_samples)
          call set(n_plain_axes + i, "tau_"//to_text(i), layout%n_samples(i), "rad", &

@@ -30,6 +30,7 @@ module hb_results_record
       integer, allocatable :: status(:)                 !! (n_points), hb_outcome; as the next
       integer, allocatable :: rescue(:)
       integer, allocatable :: is_near_commensurate(:)
+      integer, allocatable :: is_stable(:)              !! 1 stable, -1 unstable, 0 not known
       integer, allocatable :: branch(:)                 !! hb_branches; 0 where that is not known
       real(wp), allocatable :: frequency(:, :)          !! [rad/s], (n_tones, n_points)
       real(wp), allocatable :: residual(:)
@@ -146,6 +147,7 @@ contains
       end if
       call read_all(file, "rescue", self%rescue, error, self%n_points)
       call read_all(file, "is_near_commensurate", self%is_near_commensurate, error, self%n_points)
+      call read_all(file, "is_stable", self%is_stable, error, self%n_points)
       call read_all(file, "branch", self%branch, error, self%n_points)
       call read_all(file, "residual", self%residual, error, self%n_points)
       call read_all(file, "solve_seconds", self%solve_seconds, error, self%n_points)

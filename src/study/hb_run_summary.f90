@@ -12,7 +12,7 @@ module hb_run_summary
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: count_kept, count_point, found_frequency, run_summary_t, sum_up
+   public :: count_kept, count_point, found_frequency, number_solved, run_summary_t, stability_text, sum_up
 
    !> What a run came to, over all ranks.
    type :: run_summary_t
@@ -22,6 +22,7 @@ module hb_run_summary
       integer :: n_certified = 0                                      !! points with a certificate
       integer :: n_near_commensurate = 0
       integer :: first_near_commensurate = huge(1)                    !! point, from 1
+      integer :: n_stable = 0, n_unstable = 0                         !! points whose motions are
       integer :: n_jumps = 0                                          !! between neighbours, hb_branches
       integer :: first_jump = 0                                       !! point from 1 to which the first of them leads
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
@@ -53,6 +54,8 @@ contains
          summary%counts(status) = count(is_kept .and. record%status == status)
       end do
       summary%n_rescued = count(is_kept .and. record%rescue > 0)
+      summary%n_stable = count(is_kept .and. record%is_stable > 0)
+      summary%n_unstable = count(is_kept .and. record%is_stable < 0)
       summary%n_near_commensurate = count(is_kept .and. record%is_near_commensurate > 0)
       if (summary%n_near_commensurate > 0) &
          summary%first_near_commensurate = findloc(is_kept .and. record%is_near_commensurate > 0, .true., dim=1)
@@ -76,6 +79,8 @@ contains
 
       summary%counts(result%status) = summary%counts(result%status) + 1
       if (result%rescue > 0) summary%n_rescued = summary%n_rescued + 1
+      if (result%stability%verdict > 0) summary%n_stable = summary%n_stable + 1
+      if (result%stability%verdict < 0) summary%n_unstable = summary%n_unstable + 1
       if (allocated(result%certificate%combination)) summary%n_certified = summary%n_certified + 1
       if (result%is_near_commensurate) then
          summary%n_near_commensurate = summary%n_near_commensurate + 1
@@ -114,6 +119,23 @@ contains
       if (lowest /= highest) text = "tone "//to_text(tone)//" from "//trim(lowest)//" to "//trim(highest)//" rad/s"
    end function found_frequency
 
+   !> Points that have a motion.
+   pure integer function number_solved(summary)
+      type(run_summary_t), intent(in) :: summary
+      integer :: status
+
+      number_solved = sum(summary%counts, mask=is_solved([(status, status=0, ubound(summary%counts, 1))]))
+   end function number_solved
+
+   !> Counts motions that are stable, unstable and neither for sure.
+   pure function stability_text(n_stable, n_unstable, n_solved) result(text)
+      integer, intent(in) :: n_stable, n_unstable, n_solved
+      character(:), allocatable :: text
+
+      text = to_text(n_stable)//" stable, "//to_text(n_unstable)//" unstable"
+      if (n_stable + n_unstable < n_solved) text = text//", "//to_text(n_solved - n_stable - n_unstable)//" not known"
+   end function stability_text
+
    !> Turns what each rank counted into what all ranks did.
    subroutine sum_up(summary, comm)
       type(run_summary_t), intent(inout) :: summary
@@ -125,6 +147,8 @@ contains
       end do
       summary%n_rescued = sum_over(comm, summary%n_rescued)
       summary%n_certified = sum_over(comm, summary%n_certified)
+      summary%n_stable = sum_over(comm, summary%n_stable)
+      summary%n_unstable = sum_over(comm, summary%n_unstable)
       summary%n_near_commensurate = sum_over(comm, summary%n_near_commensurate)
       summary%first_near_commensurate = -max_over(comm, -summary%first_near_commensurate)
       summary%truncation = max_over(comm, summary%truncation)

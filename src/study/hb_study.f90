@@ -12,6 +12,7 @@ module hb_study
    use hb_scene, only: scene_t
    use hb_scene_reader, only: group_names, read_scene
    use hb_scene_tones, only: read_tones
+   use hb_stability, only: n_multipliers_of, stability_method
    use hb_sweep_harmonics, only: tuples_of_sweep
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: join, string_t, to_text
@@ -243,6 +244,7 @@ contains
          layout%law_dof_units = [character(16) :: structure%units(law_dofs)]
          layout%n_samples = scene%output%samples
          layout%has_improved = has_improved(self)
+         if (scene%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure%n_dofs)
          layout%title = scene%output%title
          layout%input_name = self%document%file_name
          layout%input_text = self%input_text

@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
 
 # From the ground up; a module uses its own floor and those before it.
-FLOORS = ["base", "extern", "solve", "hypertime", "structure", "laws", "march", "balance", "motion", "files", "study"]
+FLOORS = ["base", "extern", "solve", "hypertime", "structure", "laws", "march", "balance", "stability", "motion", "files", "study"]
 
 # Marching judges the balance and must not share its transforms and solvers.
 MARCH_MAY_USE = {"base", "extern", "structure", "laws", "march"}

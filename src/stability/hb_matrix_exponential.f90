@@ -1,0 +1,119 @@
+!> The exponential of a real matrix.
+!>
+!> Two rows: in closed form. More: scaled by a power of two to a norm of at most 1/2, the diagonal Pade approximant of degree 6
+!> (relative error of the backward kind below 1e-16 there), then squared. Source: N. J. Higham, Functions of Matrices, SIAM 2008,
+!> section 10.3.
+module hb_matrix_exponential
+   use hb_kinds, only: wp
+   use hb_lapack, only: dgemm, dgetrf, dgetrs
+   implicit none
+   private
+   public :: count_exponential, exponential_of, exponential_of_two
+
+   integer, parameter :: degree = 6
+   integer, parameter :: largest_plain = 12                           ! rows up to which the compiler's products are faster
+
+contains
+
+   !> exp(a); not finite where that is beyond the range of numbers.
+   subroutine exponential_of(a, e)
+      real(wp), intent(in) :: a(:, :)                                 !! (n, n)
+      real(wp), intent(out) :: e(:, :)                                !! (n, n)
+      real(wp), dimension(size(a, 1), size(a, 1)) :: denominator, power, scaled
+      real(wp) :: factor
+      integer :: i, info, k, n, n_squarings, pivots(size(a, 1))
+
+      n = size(a, 1)
+      if (n == 2) then
+         call exponential_of_two(a(1, 1), a(1, 2), a(2, 1), a(2, 2), e)
+         return
+      end if
+      n_squarings = squarings_for(norm_of(a))
+      scaled = a*0.5_wp**n_squarings
+      e = 0.0_wp
+      do i = 1, n
+         e(i, i) = 1.0_wp
+      end do
+      denominator = e
+      power = e
+      factor = 1.0_wp
+      do k = 1, degree
+         factor = factor*real(degree - k + 1, wp)/real(k*(2*degree - k + 1), wp)
+         power = product_of(scaled, power)
+         e = e + factor*power
+         denominator = denominator + merge(-factor, factor, modulo(k, 2) == 1)*power
+      end do
+      call dgetrf(n, n, denominator, n, pivots, info)
+      call dgetrs("N", n, n, denominator, n, pivots, e, n, info)
+      do i = 1, n_squarings
+         e = product_of(e, e)
+      end do
+   end subroutine exponential_of
+
+   !> exp(a) = exp(m) (cosh s I + sinh s/s (a - m I)), m half the trace, s**2 = -det(a - m I).
+   pure subroutine exponential_of_two(a11, a12, a21, a22, e)
+      real(wp), intent(in) :: a11, a12, a21, a22
+      real(wp), intent(out) :: e(2, 2)
+      real(wp) :: c, d, m, s, square
+      real(wp), parameter :: small = 0.1_wp                           ! the series to the sixth power are exact to rounding
+      real(wp), parameter :: c1 = 0.5_wp, c2 = c1/12, c3 = c2/30, c4 = c3/56, c5 = c4/90, c6 = c5/132
+      real(wp), parameter :: s1 = 1.0_wp/6, s2 = s1/20, s3 = s2/42, s4 = s3/72, s5 = s4/110, s6 = s5/156
+
+      m = 0.5_wp*(a11 + a22)
+      d = 0.5_wp*(a11 - a22)
+      square = d**2 + a12*a21
+      if (abs(square) < small) then
+         c = 1.0_wp + square*(c1 + square*(c2 + square*(c3 + square*(c4 + square*(c5 + square*c6)))))
+         s = 1.0_wp + square*(s1 + square*(s2 + square*(s3 + square*(s4 + square*(s5 + square*s6)))))
+      else if (square > 0.0_wp) then
+         s = sqrt(square)
+         c = cosh(s)
+         s = sinh(s)/s
+      else
+         s = sqrt(-square)
+         c = cos(s)
+         s = sin(s)/s
+      end if
+      m = exp(m)
+      c = m*c
+      s = m*s
+      e(1, 1) = c + s*d
+      e(2, 2) = c - s*d
+      e(1, 2) = s*a12
+      e(2, 1) = s*a21
+   end subroutine exponential_of_two
+
+   !> About how many nanoseconds `exponential_of` takes for a matrix of so many rows and this norm, from counts alone.
+   pure real(wp) function count_exponential(n, norm) result(work)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: norm
+
+      work = 30.0_wp
+      if (n > 2) work = 0.5_wp*real(n, wp)**3*(degree + 1.4_wp + squarings_for(norm)) + 500.0_wp
+   end function count_exponential
+
+   pure integer function squarings_for(norm)
+      real(wp), intent(in) :: norm
+
+      squarings_for = 0
+      if (norm > 0.5_wp) squarings_for = min(1000, exponent(2.0_wp*norm))
+   end function squarings_for
+
+   !> Largest sum of a column.
+   pure real(wp) function norm_of(a)
+      real(wp), intent(in) :: a(:, :)
+
+      norm_of = maxval(sum(abs(a), dim=1))
+   end function norm_of
+
+   function product_of(a, b) result(c)
+      real(wp), intent(in), contiguous :: a(:, :), b(:, :)
+      real(wp) :: c(size(a, 1), size(b, 2))
+
+      if (size(a, 1) <= largest_plain) then
+         c = matmul(a, b)
+      else
+         call dgemm("N", "N", size(a, 1), size(b, 2), size(a, 2), 1.0_wp, a, size(a, 1), b, size(b, 1), 0.0_wp, c, size(c, 1))
+      end if
+   end function product_of
+end module hb_matrix_exponential

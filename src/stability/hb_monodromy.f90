@@ -1,0 +1,126 @@
+!> The monodromy matrix of a periodic motion, by the linearised equations over one period.
+!>
+!> Computed with a number of steps, twice and four times as many and so on, and extrapolated: the error of a symmetric method is a
+!> series in even powers of the step. Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I,
+!> 2nd edition, Springer 1993, section II.9.
+module hb_monodromy
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_kinds, only: two_pi, wp
+   use hb_variation, only: piece_t, variation_t
+   implicit none
+   private
+   public :: find_monodromy, monodromy_t, work_of_monodromy
+
+   integer, parameter :: fewest_steps = 8
+   integer, parameter :: looks_a_harmonic = 8                         ! for events, in a period of the highest harmonic
+   integer, parameter :: fewest_looks = 128
+   integer, parameter :: most_doublings = 12
+
+   type :: matrix_t
+      real(wp), allocatable :: entries(:, :)
+   end type matrix_t
+
+   type :: monodromy_t
+      real(wp), allocatable :: matrix(:, :)                           !! of (q, v/scale, places of sliders that slip at times)
+      real(wp) :: estimate = huge(1.0_wp)                             !! of its error, relative to its largest entry or 1
+      integer :: n_steps = 0                                          !! of the last time round
+   end type monodromy_t
+
+contains
+
+   !> Takes a period from a time on; doubles its steps until the estimate is below the tolerance or the work is above its limit.
+   subroutine find_monodromy(self, variation, start, tolerance, work_limit)
+      type(monodromy_t), intent(out) :: self
+      type(variation_t), intent(inout) :: variation
+      real(wp), intent(in) :: start                                   !! [s]
+      real(wp), intent(in) :: tolerance
+      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      type(piece_t), allocatable :: pieces(:)
+      type(matrix_t) :: row(0:most_doublings)                         ! of the table of extrapolations
+      real(wp), allocatable :: before(:, :), last(:, :)
+      real(wp) :: period, work
+      integer :: doubling, k
+
+      period = two_pi/variation%motion%omega(1)
+      call variation%settle(start, start + period, n_looks_of(variation))
+      call variation%cut(start, start + period, n_looks_of(variation), pieces)
+      work = 0.0_wp
+      do doubling = 0, most_doublings
+         call go_round(variation, pieces, period/first_steps(variation), 2**doubling, last, self%n_steps)
+         do k = 1, doubling                                           ! the error that is left is of order h**(2k + 2)
+            before = last
+            last = last + (last - row(k - 1)%entries)/(2.0_wp**(2*k + 2) - 1.0_wp)
+            call move_alloc(before, row(k - 1)%entries)
+         end do
+         row(doubling)%entries = last
+         if (.not. all(ieee_is_finite(last))) exit
+         work = work + self%n_steps*(variation%work_of_step(period/self%n_steps) + variation%work_of_node())
+         if (doubling == 0) cycle
+         self%estimate = maxval(abs(last - row(max(doubling, 1) - 1)%entries))/max(1.0_wp, maxval(abs(last)))
+         if (self%estimate <= tolerance .or. 2.0_wp*work > work_limit) exit
+      end do
+      call move_alloc(last, self%matrix)
+      if (variation%n_states > 0) call drop_stuck(self, variation)
+   end subroutine find_monodromy
+
+   !> About how many nanoseconds a usual motion takes: after three doublings the error is of order h**10.
+   pure real(wp) function work_of_monodromy(variation) result(work)
+      type(variation_t), intent(in) :: variation
+      integer, parameter :: usual_doublings = 3
+      integer :: doubling, n
+
+      work = 0.0_wp
+      do doubling = 0, usual_doublings
+         n = first_steps(variation)*2**doubling
+         work = work + n*variation%work_of_step(two_pi/variation%motion%omega(1)/n)
+      end do
+      work = work + 2*n*variation%work_of_node()
+      if (.not. variation%is_smooth()) work = work + n_looks_of(variation)*variation%work_of_node()
+   end function work_of_monodromy
+
+   !> How often events are looked for in a period.
+   pure integer function n_looks_of(variation)
+      type(variation_t), intent(in) :: variation
+
+      n_looks_of = max(fewest_looks, looks_a_harmonic*first_steps(variation))
+   end function n_looks_of
+
+   pure integer function first_steps(variation)
+      type(variation_t), intent(in) :: variation
+
+      first_steps = max(fewest_steps, maxval(abs(variation%motion%tuples)) + 1)
+   end function first_steps
+
+   !> All pieces one after the other, in steps of about one length, each of them in so many parts.
+   subroutine go_round(variation, pieces, step, n_parts, x, n_steps)
+      type(variation_t), intent(inout) :: variation
+      type(piece_t), intent(inout) :: pieces(:)
+      real(wp), intent(in) :: step                                    !! [s]
+      integer, intent(in) :: n_parts
+      real(wp), allocatable, intent(out) :: x(:, :)
+      integer, intent(out) :: n_steps
+      integer :: i, n
+
+      allocate (x(variation%size, variation%size), source=0.0_wp)
+      do i = 1, variation%size
+         x(i, i) = 1.0_wp
+      end do
+      n_steps = 0
+      do i = 1, size(pieces)
+         n = n_parts*max(1, ceiling((pieces(i)%finish - pieces(i)%start)/step*(1.0_wp - 1.0e-9_wp)))
+         call variation%propagate(pieces(i), n, x)
+         n_steps = n_steps + n
+      end do
+   end subroutine go_round
+
+   !> Leaves out sliders that stick throughout: what is changed there stays for ever, and changes nothing else's stability.
+   subroutine drop_stuck(self, variation)
+      type(monodromy_t), intent(inout) :: self
+      type(variation_t), intent(in) :: variation
+      integer, allocatable :: kept(:)
+      integer :: i
+
+      kept = [[(i, i=1, 2*variation%n_dofs)], pack([(2*variation%n_dofs + i, i=1, variation%n_states)], variation%has_slipped)]
+      self%matrix = self%matrix(kept, kept)
+   end subroutine drop_stuck
+end module hb_monodromy
