@@ -108,7 +108,7 @@ contains
             self%has_turning = self%has_turning .or. law%phase_tone > 0
             select type (law)
             class is (hysteretic_law_t)
-               if (.not. law%has_bounds()) then
+               if (.not. law%has_bounds) then
                   call fail(error, "the memory of law '"//law%label//"' has no bounds that could be followed")
                   return
                end if
@@ -188,7 +188,7 @@ contains
          allocate (z(size(times), self%n_coordinates), v(size(times), self%n_coordinates))
          call self%motion%at(self%motion%phases(times), z, v)
          do i = 1, size(self%laws)
-            if (self%laws(i)%law%n_switches() > 0) then
+            if (self%laws(i)%law%n_switches > 0) then
                call find_switching(self, i, times, z, v, found)
                events = [events, found]
             end if
@@ -227,7 +227,7 @@ contains
       real(wp), intent(in) :: times(:), z(:, :), v(:, :)
       type(event_t), allocatable, intent(out) :: events(:)
       type(event_t), allocatable :: list(:)
-      real(wp) :: after(self%laws(i)%law%n_switches()), before(size(after))
+      real(wp) :: after(self%laws(i)%law%n_switches), before(size(after))
       integer :: k, n, s
 
       n = 0
@@ -628,7 +628,7 @@ contains
       class(variation_t), intent(in) :: self
       integer :: i
 
-      is_smooth = self%n_states == 0 .and. all([(self%laws(i)%law%n_switches() == 0, i=1, size(self%laws))])
+      is_smooth = self%n_states == 0 .and. all([(self%laws(i)%law%n_switches == 0, i=1, size(self%laws))])
    end function variation_is_smooth
 
    !> A at a node of a piece.
