@@ -264,6 +264,16 @@ def _parser() -> argparse.ArgumentParser:
     _add_output(sub)
 
     sub = command(
+        "multipliers",
+        _multipliers,
+        "Floquet multipliers and the unit circle",
+        "Draws the multipliers of all points, or of those that --where chooses, beside the unit circle, coloured along the "
+        "swept parameter; those outside, which make a motion unstable, are crosses.",
+    )
+    _add_where(sub)
+    _add_output(sub)
+
+    sub = command(
         "plan",
         _plan,
         "forecast of a run over many ranks",
@@ -638,6 +648,14 @@ def _map(arguments):
             logarithmic=arguments.logarithmic,
         )
         print(results.outcome_text())
+    _save(fig, arguments)
+
+
+def _multipliers(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        fig = draw.draw_multipliers(results, where=dict(arguments.where))
     _save(fig, arguments)
 
 

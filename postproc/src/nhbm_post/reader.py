@@ -283,6 +283,12 @@ class Results:
         """Number of the branch on which each point lies along the fastest parameter, from 1; 0 where the file does not tell."""
         return self.per_point("branch") if "branch" in self._file else np.zeros(self.n_points, dtype=int)
 
+    def multipliers(self) -> np.ndarray:
+        """Floquet multipliers (n_points, n_multipliers), complex, the largest first; NaN where there are none."""
+        if "multiplier_real" not in self._file:
+            raise ReaderError(f"{self.path}: there are no multipliers; solve with &stability and one tone")
+        return self._dataset("multiplier_real")[()] + 1j * self._dataset("multiplier_imag")[()]
+
     def per_point(self, name: str) -> np.ndarray:
         """A dataset with one number a point: `iterations`, `residual`, `solve_seconds`, `penetration`, ..."""
         dataset = self._dataset(name)

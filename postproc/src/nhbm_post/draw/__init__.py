@@ -3,6 +3,7 @@
 from .bench import draw_bench
 from .correction import draw_correction
 from .heat_map import draw_map
+from .multipliers import draw_multipliers
 from .plan import draw_plan
 from .response import draw_response
 from .rotor import draw_rotor
@@ -18,6 +19,7 @@ __all__ = [
     "draw_correction",
     "draw_cost",
     "draw_map",
+    "draw_multipliers",
     "draw_plan",
     "draw_response",
     "draw_rotor",
