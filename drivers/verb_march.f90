@@ -12,6 +12,7 @@ module verb_march
    use hb_march_file, only: march_origin_t, read_march_state, write_march_file
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
+   use hb_model_file, only: model_file_t
    use hb_modes, only: modes_t, new_modes
    use hb_mpi, only: comm_t, rank_of, share_error
    use hb_progress, only: log_level, new_progress, progress_t
@@ -77,7 +78,7 @@ contains
       end if
       document = study%document
       call study%plan%apply(options%point + 1, document)
-      call read_scene(study%scene, document, error)
+      call read_scene(study%scene, document, error, models=model_file_t())
       call annotate(error, "point "//to_text(options%point))
    end subroutine choose_point
 

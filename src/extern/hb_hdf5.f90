@@ -20,7 +20,7 @@ module hb_hdf5
    use hb_text, only: to_text
    use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, h5dcreate_f, h5dget_space_f, h5dopen_f, h5dwrite_f, &
       H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, H5F_LIBVER_EARLIEST_F, &
-      H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, h5fflush_f, h5fopen_f, H5P_DATASET_CREATE_F, &
+      H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, h5fflush_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, &
       H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, h5pset_alloc_time_f, h5pset_fapl_mpio_f, h5pset_fclose_degree_f, &
       h5pset_fill_time_f, h5pset_fill_value_f, h5pset_libver_bounds_f, h5sclose_f, h5sget_simple_extent_dims_f, &
       h5sget_simple_extent_ndims_f, h5sget_simple_extent_type_f, H5S_NULL_F, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, &
@@ -29,7 +29,7 @@ module hb_hdf5
    private
    public :: create_file, h5_dataset_t, h5_file_t, open_file, open_file_parallel
 
-   !> An open file. All data stand in its root group.
+   !> An open file. Results stand in its root group, models have groups of their own.
    type, extends(h5_object_t) :: h5_file_t
    contains
       procedure :: add_characters => file_add_characters
@@ -39,6 +39,7 @@ module hb_hdf5
       procedure :: add_texts => file_add_texts
       procedure :: close => file_close
       procedure :: flush => file_flush
+      procedure :: has => file_has
       procedure :: open_dataset => file_open_dataset
    end type h5_file_t
 
@@ -340,4 +341,17 @@ contains
       end if
       if (allocated(error)) call dataset%close()
    end subroutine file_open_dataset
+
+   !> Whether there is something of a name in the file, or in a group of it that there is.
+   logical function file_has(self, name) result(has)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name                    !! such as `mass/data`
+      integer :: i, status
+
+      has = .true.
+      do i = 1, len(name)                                ! the library wants each group on the way
+         if (has .and. (i == len(name) .or. name(i:i) == "/")) &
+            call h5lexists_f(self%id, name(:merge(i, i - 1, i == len(name))), has, status)
+      end do
+   end function file_has
 end module hb_hdf5

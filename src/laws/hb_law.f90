@@ -8,7 +8,7 @@ module hb_law
    use hb_kinds, only: wp
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
-   use hb_text, only: string_t
+   use hb_text, only: string_t, to_text
    implicit none
    private
    public :: defects_t, hold_t, law_box_t, law_t, place_coordinate, place_on_dof, place_on_dofs, read_dofs, read_place
@@ -35,6 +35,8 @@ module hb_law
       character(:), allocatable :: label                              !! name given by the user, else kind and number
       integer, allocatable :: dofs(:)                                 !! degrees of freedom of the structure
       real(wp), allocatable :: shape(:, :)                            !! (n_dofs, n_coordinates)
+      integer, allocatable :: places(:, :)                            !! (n_dofs, n_places): `dofs` of all laws that one on sets of
+                                                                      !! nodes stands for; not allocated: of this one alone
       integer :: degree = 0                                           !! of a polynomial law; 0: not smooth
       logical :: needs_velocity = .false.
       logical :: is_multiplier = .false.                              !! wants the reaction p; columns of shape are orthogonal
@@ -257,7 +259,8 @@ contains
    end subroutine read_place
 
    !> One more coordinate of the law, z = sum of weights times the named degrees of freedom; those of the coordinates
-   !> before may be named again. Problems are those of `key`.
+   !> before may be named again. A name of a set of nodes gives the law as many places as the set has nodes; single degrees of
+   !> freedom beside it belong to each. Problems are those of `key`.
    subroutine place_coordinate(self, group, structure, key, names, weights)
       class(law_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
@@ -266,53 +269,79 @@ contains
       type(string_t), intent(in) :: names(:)
       real(wp), intent(in) :: weights(:)
       type(error_t), allocatable :: error
-      integer :: dofs(size(names)), i
+      integer, allocatable :: dofs(:), places(:, :)
+      integer :: i, n_places
 
       if (size(weights) /= size(names)) then
          call group%problem(key, "there must be as many weights as degrees of freedom")
          return
       end if
+      n_places = 1
+      if (allocated(self%places)) n_places = size(self%places, 2)
       do i = 1, size(names)
-         call structure%find_dof(names(i)%value, dofs(i), error)
+         call structure%find_dofs(names(i)%value, dofs, error)
          if (allocated(error)) then
             call group%problem(key, error%message)
             return
          end if
-         if (any(dofs(1:i - 1) == dofs(i))) then
+         if (.not. allocated(places)) allocate (places(size(names), max(n_places, size(dofs))))
+         if (size(places, 2) == 1 .and. size(dofs) > 1) places = spread(places(:, 1), 2, size(dofs))
+         if (size(dofs) == 1) dofs = spread(dofs(1), 1, size(places, 2))
+         if (size(dofs) /= size(places, 2)) then
+            call group%problem(key, "'"//names(i)%value//"' stands for "//to_text(size(dofs))//" degrees of freedom, another "// &
+                               "set of this law for "//to_text(size(places, 2))//"; sets that meet need equal numbers of nodes")
+            return
+         end if
+         places(i, :) = dofs
+         if (any(places(1:i - 1, :) == spread(dofs, 1, i - 1))) then
             call group%problem(key, "degree of freedom '"//names(i)%value//"' is named twice")
             return
          end if
       end do
       if (all(weights == 0.0_wp)) call group%problem("weights", "at least one weight must not be zero")
-      call append_coordinate(self, dofs, weights)
+      call append_coordinate(self, places, weights)
    end subroutine place_coordinate
 
-   pure subroutine append_coordinate(self, dofs, weights)
+   pure subroutine append_coordinate(self, places, weights)
       class(law_t), intent(inout) :: self
-      integer, intent(in) :: dofs(:)
+      integer, intent(in) :: places(:, :)                             !! (any, n_places); n_places is at least that of the law
       real(wp), intent(in) :: weights(:)
-      integer, allocatable :: all_dofs(:)
+      integer, allocatable :: all_places(:, :), row(:)
       real(wp), allocatable :: shape(:, :)
-      integer :: i, n_before, n_coordinates
+      integer :: i, k, n, n_before, n_coordinates
 
       n_coordinates = 1
+      n_before = 0
       if (allocated(self%dofs)) then
-         all_dofs = self%dofs
+         n_before = size(self%dofs)
          n_coordinates = size(self%shape, 2) + 1
-      else
-         allocate (all_dofs(0))
       end if
-      n_before = size(all_dofs)
-      do i = 1, size(dofs)
-         if (.not. any(all_dofs == dofs(i))) all_dofs = [all_dofs, dofs(i)]
+      allocate (all_places(n_before + size(weights), size(places, 2)), row(size(weights)))
+      if (allocated(self%places)) then
+         all_places(:n_before, :) = self%places
+      else if (n_before > 0) then
+         all_places(:n_before, :) = spread(self%dofs, 2, size(places, 2))
+      end if
+      n = n_before
+      do i = 1, size(weights)
+         row(i) = 0
+         do k = 1, n
+            if (all(all_places(k, :) == places(i, :))) row(i) = k
+         end do
+         if (row(i) > 0) cycle
+         n = n + 1
+         row(i) = n
+         all_places(n, :) = places(i, :)
       end do
-      allocate (shape(size(all_dofs), n_coordinates), source=0.0_wp)
+      allocate (shape(n, n_coordinates), source=0.0_wp)
       if (n_before > 0) shape(:n_before, :n_coordinates - 1) = self%shape
-      do i = 1, size(dofs)
-         shape(findloc(all_dofs, dofs(i), dim=1), n_coordinates) = weights(i)
+      do i = 1, size(weights)
+         shape(row(i), n_coordinates) = weights(i)
       end do
-      call move_alloc(all_dofs, self%dofs)
+      self%dofs = all_places(:n, 1)
       call move_alloc(shape, self%shape)
+      if (allocated(self%places)) deallocate (self%places)
+      if (size(all_places, 2) > 1) self%places = all_places(:n, :)
    end subroutine append_coordinate
 
    !> Reads where a law of several coordinates acts: `dofs`, each a coordinate of its own.

@@ -7,6 +7,7 @@ module hb_law_user
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs, read_place
+   use hb_path, only: beside
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
@@ -83,20 +84,6 @@ contains
          end if
       end if
    end subroutine user_law_read
-
-   !> Path of a library: beside the input file if there is one of the name, else as it is.
-   function beside(input, library) result(path)
-      character(*), intent(in) :: input, library
-      character(:), allocatable :: path
-      logical :: exists
-
-      path = library
-      if (index(library, "/") == 1) return
-      path = input(:index(input, "/", back=.true.))//library
-      if (index(path, "/") == 0) path = "./"//path
-      inquire (file=path, exist=exists)
-      if (.not. exists) path = library
-   end function beside
 
    !> NaN throughout when the library reports a failure, so that the residual is not finite there.
    subroutine user_law_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

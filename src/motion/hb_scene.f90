@@ -8,6 +8,7 @@ module hb_scene
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_march_config, only: march_config_t
+   use hb_model, only: model_source_t
    use hb_normal_mode, only: normal_mode_t
    use hb_solver_types, only: solver_config_t
    use hb_stability, only: stability_config_t
@@ -56,6 +57,7 @@ module hb_scene
 
    type :: scene_t
       logical :: is_read = .false.                                    !! from an input, without an error
+      class(model_source_t), allocatable :: models                    !! from where a structure of type `model` comes
       type(structure_t) :: structure
       type(tones_t) :: tones
       integer, allocatable :: phase_dofs(:)                           !! of the sines that vanish, by unknown tone; size 0:
@@ -65,6 +67,7 @@ module hb_scene
       integer :: symmetry = symmetry%auto
       type(torus_t) :: torus
       type(law_box_t), allocatable :: laws(:)
+      integer, allocatable :: law_groups(:)                           !! number of the group that each law comes from
       complex(wp), allocatable :: loads(:, :)                         !! cos - i sin [N], (n_dofs, n_harmonics)
       complex(wp), allocatable :: load_slopes(:, :)                   !! their derivatives by j.omega [N s], as loads
       logical :: has_inertia_loads = .false.                          !! some grow with the frequency

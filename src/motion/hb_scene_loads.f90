@@ -65,35 +65,46 @@ contains
       end do
    end subroutine read_load
 
-   !> Reads `&load` and `&start`: `dof`, `tuple`, `cos`, `sin`, added to the amplitudes.
+   !> Reads `&load` and `&start`: `dof` or `vector`, `tuple`, `cos`, `sin`, added to the amplitudes.
    subroutine read_amplitude(self, group, unit, amplitudes)
       type(scene_t), intent(in) :: self
       type(properties_t), intent(inout) :: group
       character(*), intent(in) :: unit                                !! of the amplitudes
       complex(wp), intent(inout) :: amplitudes(:, :)
-      character(:), allocatable :: name
-      integer, allocatable :: tuple(:)
+      character(:), allocatable :: name, vector
+      integer, allocatable :: dofs(:), tuple(:)
+      real(wp), allocatable :: weights(:)
       type(error_t), allocatable :: error
       real(wp) :: cosine, sine
-      integer :: dof
+      integer :: i
 
       cosine = 0.0_wp
       sine = 0.0_wp
-      call group%get("dof", name, required=.true.)
+      call group%get("dof", name, required=.not. group%given("vector"))
+      call group%get("vector", vector)
+      if (allocated(name) .and. allocated(vector)) call group%problem("vector", "give either 'dof' or 'vector', not both")
       call group%get("tuple", tuple, required=.true., n=self%tones%n_tones)
       call group%get("cos", cosine, unit=unit)
       call group%get("sin", sine, unit=unit)
       if (.not. (group%given("cos") .or. group%given("sin"))) then
          call group%problem("cos", "give 'cos', 'sin' or both")
       end if
-      if (.not. (allocated(name) .and. allocated(tuple))) return
+      if (.not. ((allocated(name) .or. allocated(vector)) .and. allocated(tuple))) return
       if (size(tuple) /= self%tones%n_tones) return
-      call self%structure%find_dof(name, dof, error)
-      if (allocated(error)) then
-         call group%problem("dof", error%message)
-         return
+      if (allocated(vector)) then
+         call self%structure%vectors%find(vector, dofs, weights, error)
+         if (allocated(error)) call group%problem("vector", error%message)
+      else
+         call self%structure%find_dofs(name, dofs, error)
+         if (allocated(error)) call group%problem("dof", error%message)
+         if (.not. allocated(error)) weights = spread(1.0_wp, 1, size(dofs))
       end if
-      call add_harmonic(amplitudes, self%harmonics, dof, tuple, cosine, sine, error)
-      if (allocated(error)) call group%problem("tuple", error%message)
+      if (allocated(error)) return
+      do i = 1, size(dofs)
+         call add_harmonic(amplitudes, self%harmonics, dofs(i), tuple, weights(i)*cosine, weights(i)*sine, error)
+         if (.not. allocated(error)) cycle
+         call group%problem("tuple", error%message)
+         return
+      end do
    end subroutine read_amplitude
 end module hb_scene_loads

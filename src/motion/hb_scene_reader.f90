@@ -6,6 +6,7 @@ module hb_scene_reader
    use hb_kinds, only: wp
    use hb_march_config, only: read_march
    use hb_memory_estimate, only: check_memory
+   use hb_model, only: model_source_t
    use hb_properties, only: properties_t
    use hb_scene, only: scene_t, symmetry
    use hb_scene_laws, only: read_laws, update_laws
@@ -35,13 +36,15 @@ contains
 
    !> Reads a scene. All problems of the input are collected in one message, a line each. Fails as well where the scene would
    !> need more memory than its key `memory_limit` or, where that is zero, `available` says.
-   subroutine read_scene(self, document, error, available)
+   subroutine read_scene(self, document, error, available, models)
       type(scene_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available                     !! bytes for this process
+      class(model_source_t), intent(in), optional :: models           !! for a structure of type `model`
 
       if (present(available)) self%memory_limit = available
+      if (present(models)) allocate (self%models, source=models)
       call document%begin()
       call read_parts(self, document, error)
       if (.not. allocated(error)) call document%finish(error)
@@ -52,12 +55,14 @@ contains
    !> Brings a scene, read from a document before, to the values that this has now: reads what has changed, or everything where
    !> more than numbers did. Whatever is unusual, a mistake in the input included, ends in a complete reading, which has the last
    !> word. `is_new` tells of that.
-   subroutine update_scene(self, document, is_new, error, available)
+   subroutine update_scene(self, document, is_new, error, available, models)
       type(scene_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       logical, intent(out) :: is_new
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available                     !! bytes for this process
+      class(model_source_t), intent(in), optional :: models           !! for a structure of type `model`, else those of before
+      class(model_source_t), allocatable :: same_models
       logical :: is_read
 
       is_read = self%is_read
@@ -68,7 +73,13 @@ contains
          if (is_read) call document%accept_changes()
       end if
       is_new = .not. is_read
-      if (is_new) call read_scene(self, document, error, available)
+      if (.not. is_new) return
+      if (present(models)) then
+         call read_scene(self, document, error, available, models)
+      else
+         if (allocated(self%models)) allocate (same_models, source=self%models)
+         call read_scene(self, document, error, available, same_models)
+      end if
    end subroutine update_scene
 
    !> Reads group after group; `error` is what stops the reading, problems of single keys wait in the document.
@@ -81,7 +92,7 @@ contains
       call read_solver(self, document%optional_group("solver"))
       call document%required_group("structure", group, error)
       if (allocated(error)) return
-      call read_structure(group, self%structure, error, self%memory_limit)
+      call read_structure(group, self%structure, error, self%memory_limit, self%models)
       if (allocated(error)) return
       call read_tones(self%tones, document, error)
       if (allocated(error)) return
@@ -132,7 +143,7 @@ contains
       is_read = .false.
       if (any(self%tones%is_unknown) .or. self%symmetry == symmetry%odd) return
       if (document%has_changed(["structure"])) then
-         call read_other_numbers(self%structure, document, self%memory_limit, is_read)
+         call read_other_numbers(self, document, is_read)
          if (.not. is_read) return
          call check_memory(sizes_of(self), self%memory_limit, error)  ! zeros among them make a structure smaller
          is_read = .not. allocated(error)
@@ -155,10 +166,9 @@ contains
    end subroutine read_changes
 
    !> Reads the structure anew, if its degrees of freedom are what they were; all that names them stays true then.
-   subroutine read_other_numbers(structure, document, memory_limit, is_read)
-      type(structure_t), intent(inout) :: structure
+   subroutine read_other_numbers(self, document, is_read)
+      type(scene_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
-      real(wp), intent(in) :: memory_limit
       logical, intent(out) :: is_read
       type(structure_t) :: other
       type(properties_t), pointer :: group
@@ -167,10 +177,12 @@ contains
       is_read = .false.
       call document%required_group("structure", group, error)
       if (allocated(error)) return
-      call read_structure(group, other, error, memory_limit)
+      call read_structure(group, other, error, self%memory_limit, self%models)
       if (allocated(error)) return
-      if (other%n_dofs /= structure%n_dofs) return
-      is_read = all(other%labels == structure%labels) .and. all(other%units == structure%units)
-      if (is_read) structure = other
+      associate (structure => self%structure)
+         if (other%n_dofs /= structure%n_dofs) return
+         is_read = all(other%labels == structure%labels) .and. all(other%units == structure%units)
+         if (is_read) structure = other
+      end associate
    end subroutine read_other_numbers
 end module hb_scene_reader

@@ -134,6 +134,7 @@ contains
       type(string_t), allocatable :: names(:)
       type(torus_t) :: torus
       type(error_t), allocatable :: error
+      integer, allocatable :: dofs(:)
       integer :: i
 
       associate (output => self%output)
@@ -150,10 +151,14 @@ contains
          end if
          call group%get("dofs", names)
          if (allocated(names)) then
-            allocate (output%dofs(size(names)))
+            allocate (output%dofs(0))
             do i = 1, size(names)
-               call self%structure%find_dof(names(i)%value, output%dofs(i), error)
-               if (allocated(error)) call group%problem("dofs", error%message)
+               call self%structure%find_dofs(names(i)%value, dofs, error)
+               if (allocated(error)) then
+                  call group%problem("dofs", error%message)
+               else
+                  output%dofs = [output%dofs, dofs]
+               end if
             end do
          else
             output%dofs = [(i, i=1, self%structure%n_dofs)]

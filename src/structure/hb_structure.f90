@@ -7,6 +7,8 @@ module hb_structure
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_lapack, only: dpotrf
+   use hb_name_table, only: name_table_t
+   use hb_node_sets, only: named_vectors_t, node_sets_t
    use hb_text, only: join, parse_integer, to_text
    implicit none
    private
@@ -23,9 +25,12 @@ module hb_structure
       real(wp), allocatable :: stiffness(:, :)               !! [N/m], (n_dofs, n_dofs)
       character(label_length), allocatable :: labels(:)      !! (n_dofs), unique, such as `v3`
       character(unit_length), allocatable :: units(:)        !! (n_dofs), of the coordinate: `m`, `rad`
+      type(node_sets_t) :: sets                              !! names for many degrees of freedom; of models alone
+      type(named_vectors_t) :: vectors                       !! named loads; of models alone
    contains
       procedure :: dof_index => structure_dof_index
       procedure :: find_dof => structure_find_dof
+      procedure :: find_dofs => structure_find_dofs
    end type structure_t
 
 contains
@@ -126,6 +131,21 @@ contains
       call fail(error, message)
    end subroutine structure_find_dof
 
+   !> Finds all degrees of freedom that a name stands for: one as `find_dof` does, or those of a set of nodes such as `contact.z`.
+   pure subroutine structure_find_dofs(self, name, dofs, error)
+      class(structure_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, allocatable, intent(out) :: dofs(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: dof
+
+      dof = self%dof_index(name)
+      if (dof == 0) call self%sets%find(name, dofs, error)
+      if (allocated(dofs) .or. allocated(error)) return
+      if (dof == 0) call self%find_dof(name, dof, error)
+      dofs = [dof]
+   end subroutine structure_find_dofs
+
    !> All labels, or the ends of a long list.
    pure function known_labels(labels) result(text)
       character(*), intent(in) :: labels(:)
@@ -177,9 +197,11 @@ contains
       character(*), intent(in) :: labels(:), units(:)
       type(error_t), allocatable, intent(out) :: error
       character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
-      integer :: i, j
+      type(name_table_t) :: known
+      integer :: i, position
 
       do i = 1, size(labels)
+         position = known%find(labels(i))
          if (scan(labels(i) (1:1), letters) == 0) then
             call fail(error, "label "//to_text(i)//" is '"//trim(labels(i))// &
                       "', it must begin with a letter")
@@ -192,14 +214,12 @@ contains
             call fail(error, "unit '"//trim(units(i))//"' of "//trim(labels(i))// &
                       " must have 1 to "//to_text(unit_length)//" characters")
             return
+         else if (position > 0) then
+            call fail(error, "degrees of freedom "//to_text(position)//" and "//to_text(i)// &
+                      " both have the label '"//trim(labels(i))//"'; labels must be unique")
+            return
          end if
-         do j = 1, i - 1
-            if (labels(i) == labels(j)) then
-               call fail(error, "degrees of freedom "//to_text(j)//" and "//to_text(i)// &
-                         " both have the label '"//trim(labels(i))//"'; labels must be unique")
-               return
-            end if
-         end do
+         call known%add(labels(i))
       end do
    end subroutine check_names
 

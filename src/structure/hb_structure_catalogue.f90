@@ -8,6 +8,7 @@ module hb_structure_catalogue
    use hb_kinds, only: wp
    use hb_matrices, only: read_matrices
    use hb_modal_beam, only: read_modal_beam
+   use hb_model, only: model_source_t, read_model
    use hb_properties, only: properties_t
    use hb_rotor_stator, only: read_rotor_stator
    use hb_structure, only: structure_t
@@ -16,18 +17,19 @@ module hb_structure_catalogue
    private
    public :: known_structures, read_structure
 
-   character(*), parameter :: known_structures(6) = &
-      [character(12) :: "beam", "chain", "jeffcott", "matrices", "modal_beam", "rotor_stator"]
+   character(*), parameter :: known_structures(7) = &
+      [character(12) :: "beam", "chain", "jeffcott", "matrices", "modal_beam", "model", "rotor_stator"]
 
 contains
 
    !> Reads the structure from its group `&structure`, whose key `type` names the builder. Fails before its matrices are made
    !> where these do not fit into `memory_limit`.
-   subroutine read_structure(group, structure, error, memory_limit)
+   subroutine read_structure(group, structure, error, memory_limit, models)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: memory_limit                  !! bytes
+      class(model_source_t), intent(in), optional :: models           !! for structures of type `model`
       character(:), allocatable :: closest, name
 
       name = ""
@@ -44,6 +46,8 @@ contains
          call read_matrices(group, structure, error, memory_limit)
       case ("modal_beam")
          call read_modal_beam(group, structure, error, memory_limit)
+      case ("model")
+         call read_model(group, structure, error, memory_limit, models)
       case ("rotor_stator")
          call read_rotor_stator(group, structure, error)
       case ("")

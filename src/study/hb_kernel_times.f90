@@ -16,6 +16,7 @@ module hb_kernel_times
    use hb_lapack, only: dgetrf
    use hb_law_coordinates, only: laws_at
    use hb_marching_judge, only: marching_judge_t
+   use hb_model_file, only: model_file_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
@@ -173,7 +174,7 @@ contains
       type(document_t), target :: copy
 
       copy = document
-      call read_scene(scene, copy, error)
+      call read_scene(scene, copy, error, models=model_file_t())
    end subroutine read_fresh
 
    !> The balance of what the laws of a scene feel, as a point is solved.

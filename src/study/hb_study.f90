@@ -5,6 +5,7 @@ module hb_study
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
+   use hb_model_file, only: model_file_t
    use hb_namelist, only: complete_text, read_namelist, set_text
    use hb_motion_curve, only: curve_request_t, state_size
    use hb_results_layout, only: results_layout_t
@@ -72,7 +73,7 @@ contains
       call refuse_hidden(self%plan, self%document, overrides, error)
       if (allocated(error)) return
       call self%plan%apply(1, first)
-      call read_scene(self%scene, first, error, self%available_memory)
+      call read_scene(self%scene, first, error, self%available_memory, model_file_t())
       if (allocated(error)) return
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then
@@ -83,7 +84,7 @@ contains
          call set_text(self%document, "solver%first_guess", "'neighbour'", error)
          first = self%document
          call self%plan%apply(1, first)
-         if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory)
+         if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory, model_file_t())
          if (allocated(error)) return
       end if
       self%input_complete = complete_text(first)
@@ -100,7 +101,7 @@ contains
 
       document = self%document
       call self%plan%apply(point, document)
-      call read_scene(scene, document, error, self%available_memory)
+      call read_scene(scene, document, error, self%available_memory, model_file_t())
       call annotate(error, "point "//to_text(point)//" ("//self%plan%describe(point)//")")
    end subroutine study_read_point
 

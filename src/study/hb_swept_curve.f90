@@ -7,6 +7,7 @@ module hb_swept_curve
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_marching_judge, only: marching_judge_t
+   use hb_model_file, only: model_file_t
    use hb_motion_curve, only: curve_kind, curve_request_t, motion_curve_t
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_outcome, only: is_solved, outcome
@@ -60,7 +61,7 @@ contains
       self%document = document
       self%available_memory = available_memory
       call plan%apply(first, self%document)
-      call update_scene(self%scene, self%document, is_new, failure, available_memory)
+      call update_scene(self%scene, self%document, is_new, failure, available_memory, model_file_t())
       if (.not. allocated(failure)) call check_layout(self%scene, layout, failure)
       if (.not. allocated(failure)) call plan%curve%make_request(self%scene, self%document, self%request, failure)
       allocate (self%stored(0))

@@ -9,6 +9,7 @@ module hb_swept_point
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_marching_judge, only: marching_judge_t
+   use hb_model_file, only: model_file_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_neighbour, only: neighbour_t
@@ -44,7 +45,7 @@ contains
 
       started = wall_clock()
       call plan%apply(point, document)
-      call update_scene(scene, document, is_new, error, available_memory)
+      call update_scene(scene, document, is_new, error, available_memory, model_file_t())
       if (is_new .and. .not. allocated(error)) call check_layout(scene, layout, error)
       read = wall_clock()
       if (.not. allocated(error)) then

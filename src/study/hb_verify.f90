@@ -19,6 +19,7 @@ module hb_verify
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
    use hb_march_verdict, only: decide, growth_of, limit_of, n_settled, verdict
+   use hb_model_file, only: model_file_t
    use hb_modes, only: modes_t, new_modes
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: is_solved
@@ -210,7 +211,7 @@ contains
 
       document = stored%study%document
       call stored%study%plan%apply(point, document)
-      call read_scene(scene, document, error)
+      call read_scene(scene, document, error, models=model_file_t())
       if (allocated(error)) return
       associate (omega => stored%frequency(:, point))
          allocate (amplitudes(size(stored%tuples, 2), scene%structure%n_dofs))

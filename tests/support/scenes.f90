@@ -7,6 +7,7 @@ module scenes
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_marching_judge, only: marching_judge_t
+   use hb_model_file, only: model_file_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_namelist, only: read_namelist
@@ -80,7 +81,7 @@ contains
       type(document_t), target :: document
 
       call read_namelist(document, "test.nml", one_group_a_line(text), error)
-      if (.not. allocated(error)) call read_scene(scene, document, error)
+      if (.not. allocated(error)) call read_scene(scene, document, error, models=model_file_t())
    end subroutine make_scene
 
    !> Message of an error, empty without one: a test that expects none says what went wrong.

@@ -9,6 +9,8 @@ import sys
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
+
 from . import __version__, report
 from .bench import Bench, read_reference
 from .errors import NhbmPostError, UsageError
@@ -294,6 +296,25 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--view", choices=("speeds", "snapshots", "wave"), default="speeds", help="default: speeds")
     _add_point(sub)
     _add_output(sub)
+
+    sub = command(
+        "vtk",
+        _vtk,
+        "the motion of a structure in space, for ParaView",
+        "Writes FILE_harmonics.vtu, the deflection shapes of harmonics (cos, sin and amplitude at each node), and FILE_motion.pvd with "
+        "a folder of files, the motion over time. Reduced models give the motion of the full one.",
+    )
+    sub.add_argument("--model", type=Path, required=True, metavar="MODEL", help="model file of the run")
+    _add_point(sub)
+    sub.add_argument(
+        "--tuple", dest="tuples", type=_tuple, action="append", metavar="J1,J2,...",
+        help="harmonic to write; may be repeated (default: the largest)",
+    )  # fmt: skip
+    sub.add_argument("--harmonics", type=_count(1), default=8, metavar="N", help="harmonics to write at most (default 8)")
+    sub.add_argument("--from", dest="t_from", type=float, default=0.0, metavar="T", help="start of the motion [s] (default 0)")
+    sub.add_argument("--to", dest="t_to", type=float, metavar="T", help="its end [s] (default: a period of the slowest tone later)")
+    sub.add_argument("--frames", type=_count(0), default=48, metavar="N", help="moments of the motion, 0 for none (default 48)")
+    sub.add_argument("--output", "-o", type=Path, metavar="STEM", help="beginning of the names of the files")
 
     for name, run, help_text, description in (
         (
@@ -695,6 +716,29 @@ def _rotor(arguments):
         point = 0 if arguments.view == "speeds" else results.point(arguments.point, dict(arguments.at))
         fig = draw.draw_rotor(results, point, arguments.view)
     _save(fig, arguments, arguments.view)
+
+
+def _vtk(arguments):
+    from .structure import Structure, motions, write_harmonics, write_motion
+
+    structure = Structure(arguments.model)
+    stem = arguments.output or arguments.file.with_suffix("")
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        tuples, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
+        slowest = float(np.abs(results.frequency(point)).min())
+    path = stem.with_name(f"{stem.name}_harmonics.vtu")
+    written = write_harmonics(structure, tuples, coefficients, path, arguments.tuples, arguments.harmonics)
+    print(f"{path}: {len(written)} harmonics, {list_text([','.join(map(str, j)) for j in written])}")
+    if arguments.frames == 0:
+        return
+    end = arguments.t_from + 2 * np.pi / slowest if arguments.t_to is None else arguments.t_to
+    if not end > arguments.t_from:
+        raise UsageError("the motion must end after it begins: --to above --from")
+    path = stem.with_name(f"{stem.name}_motion.pvd")
+    times = np.linspace(arguments.t_from, end, arguments.frames, endpoint=False)
+    write_motion(structure, frequencies, coefficients, path, times)
+    print(f"{path}: {len(times)} moments from {arguments.t_from:g} s to {end:g} s")
 
 
 def _time(arguments):

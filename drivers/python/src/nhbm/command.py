@@ -1,0 +1,206 @@
+"""nhbm-model: finite element models for nhbm."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from nhbm import __version__, examples, importing, reduction
+from nhbm.checks import check
+from nhbm.errors import ModelError
+from nhbm.model import MATRICES, Model
+
+OK, NOT_GOOD, WRONG = 0, 1, 2
+
+
+def main(arguments=None) -> int:
+    """Runs the command and returns its exit status: 0, 1 for a model that is not sound, 2 for what cannot be done."""
+    options = parser().parse_args(arguments)
+    try:
+        return options.run(options)
+    except ModelError as error:
+        print(f"nhbm-model: {error}", file=sys.stderr)
+        return WRONG
+    except OSError as error:
+        print(f"nhbm-model: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
+        return WRONG
+
+
+def parser() -> argparse.ArgumentParser:
+    top = argparse.ArgumentParser(prog="nhbm-model", description="Finite element models for nhbm: import, check, reduce.")
+    top.add_argument("--version", action="version", version=f"nhbm-model {__version__}")
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+
+    verb = verbs.add_parser("import", help="make a model file of matrices of other programs")
+    verb.set_defaults(run=run_import)
+    verb.add_argument("--calculix", metavar="STEM", help="STEM.sti, STEM.mas and STEM.dof of SOLVER=MATRIXSTORAGE")
+    verb.add_argument("--abaqus", action="store_true", help="the matrices are Abaqus' MATRIX INPUT (.mtx)")
+    verb.add_argument("--nastran", metavar="FILE", help="bulk data or punch file; the matrices are names of its DMIG")
+    for name in MATRICES:
+        verb.add_argument(f"--{name}", metavar="FILE", help=f"{name} matrix: Matrix Market (.mtx) or SciPy's .npz")
+    verb.add_argument("--labels", metavar="FILE", help="names of the degrees of freedom, such as n12.z, a line each")
+    verb.add_argument("--mesh", metavar="FILE", help="coordinates, cells and sets, in any format of meshio")
+    verb.add_argument("--set", action="append", default=[], metavar="NAME=N,N,...", help="a set by numbers of its nodes")
+    verb.add_argument("--load", action="append", default=[], metavar="NAME=LABEL:VALUE,...", help="a vector of loads")
+    verb.add_argument("--units", default="m kg s", help="system of units, for the record (default: m kg s)")
+    _output(verb)
+
+    verb = verbs.add_parser("info", help="say what a model file holds")
+    verb.set_defaults(run=run_info)
+    verb.add_argument("model")
+
+    verb = verbs.add_parser("check", help="symmetry, definiteness, rigid body modes, plausible units")
+    verb.set_defaults(run=run_check)
+    verb.add_argument("model")
+
+    for name, make in (("beam", examples.beam), ("plate", examples.plate), ("solid", examples.solid)):
+        verb = verbs.add_parser(name, help=f"an example made with scikit-fem: {make.__doc__.splitlines()[0]}")
+        verb.set_defaults(run=run_example, make=make)
+        for key, default in zip(make.__code__.co_varnames, make.__defaults__):
+            verb.add_argument(f"--{key.replace('_', '-')}", dest=key, type=type(default), default=default,
+                              help=f"(default: {default})")  # fmt: skip
+        verb.add_argument("--node-set", action="append", default=[], metavar="NAME=X,Y,Z",
+                          help="a set of the nodes closest to places; X,Y,Z;X,Y,Z for several")  # fmt: skip
+        _output(verb)
+
+    verb = verbs.add_parser("reduce", help="a small model of a large one, with its error")
+    verb.set_defaults(run=run_reduce)
+    verb.add_argument("model")
+    verb.add_argument("--keep", required=True, help="degrees of freedom and sets that stay as they are: n3.z,contact.z,corner")
+    verb.add_argument("--modes", type=int, default=20, help="number of modes (default: 20)")
+    verb.add_argument("--method", choices=reduction.METHODS, default=reduction.METHODS[0], help=f"(default: {reduction.METHODS[0]})")
+    verb.add_argument("--up-to", type=float, metavar="RAD/S", help="highest frequency at which the error is told")
+    verb.add_argument("--no-error", action="store_true", help="do not compare with the full model")
+    _output(verb)
+    return top
+
+
+def _output(verb) -> None:
+    verb.add_argument("-o", "--output", required=True, metavar="FILE", help="model file to write")
+    verb.add_argument("--overwrite", action="store_true", help="replace a file that exists")
+
+
+def _write(model: Model, options) -> None:
+    path = Path(options.output)
+    if path.exists() and not options.overwrite:
+        raise ModelError(f"file '{path}' exists; --overwrite replaces it")
+    model.write(path)
+    print(f"{path}: {model.n_dofs} degrees of freedom, {model.stiffness.nnz} entries of the stiffness")
+
+
+def run_import(options) -> int:
+    given = {name: getattr(options, name) for name in MATRICES if getattr(options, name)}
+    more = {"unit_system": options.units}
+    if options.calculix:
+        model = importing.from_calculix(options.calculix, source=f"CalculiX: {options.calculix}", **more)
+    elif not {"mass", "stiffness"} <= set(given):
+        raise ModelError("give --mass and --stiffness, or --calculix")
+    elif options.nastran:
+        model = importing.from_nastran(options.nastran, given, source=f"Nastran: {options.nastran}", **more)
+    elif options.abaqus:
+        model = importing.from_abaqus(given, source="Abaqus: " + ", ".join(given.values()), **more)
+    else:
+        labels = importing.read_labels(options.labels) if options.labels else None
+        model = importing.from_matrices(given, labels, source=", ".join(given.values()), **more)
+    if options.mesh:
+        importing.add_mesh(model, options.mesh)
+    for text in options.set:
+        name, numbers = _named(text, "NAME=N,N,...")
+        place = {int(number): i for i, number in enumerate(model.node_numbers)}
+        try:
+            model.sets[name] = np.array([place[int(number)] for number in numbers.split(",")])
+        except (KeyError, ValueError):
+            raise ModelError(f"--set {text}: there is no such node") from None
+    for text in options.load:
+        name, parts = _named(text, "NAME=LABEL:VALUE,...")
+        try:
+            pairs = [part.rsplit(":", 1) for part in parts.split(",")]
+            entries = [(dof, float(value)) for label, value in pairs for dof in model.dofs_of(label)]
+        except ValueError:
+            raise ModelError(f"--load {text}: give NAME=LABEL:VALUE,...") from None
+        model.loads[name] = (np.array([dof for dof, _ in entries]), np.array([value for _, value in entries]))
+    model.validate()
+    _write(model, options)
+    return OK
+
+
+def _named(text: str, form: str) -> tuple[str, str]:
+    name, equals, rest = text.partition("=")
+    if not (name and equals and rest):
+        raise ModelError(f"'{text}': give {form}")
+    return name, rest
+
+
+def run_info(options) -> int:
+    model = Model.read(options.model)
+    print(f"{options.model}: {model.source or 'of unknown origin'}; units {model.unit_system}")
+    print(f"{model.n_dofs} degrees of freedom, {model.labels[0]} to {model.labels[-1]}; {len(model.node_numbers)} nodes, "
+          f"{len(model.cell_types)} cells")  # fmt: skip
+    for name, matrix in model.matrices().items():
+        print(f"{name}: {matrix.nnz} entries, {matrix.nnz / model.n_dofs:.1f} a row")
+    for name, nodes in model.sets.items():
+        chosen = set(np.asarray(nodes).tolist())
+        found = [d for node, d in zip(model.dof_node, model.dof_direction) if node in chosen]
+        directions = ", ".join(f"{name}.{d}" for d in dict.fromkeys(found))
+        print(f"set {name}: {len(nodes)} nodes; {directions}")
+    for name, (dofs, _) in model.loads.items():
+        print(f"load {name}: {len(dofs)} entries")
+    if model.recovery is not None:
+        print(f"recovers {len(model.recovery.node)} degrees of freedom of the full model")
+    return OK
+
+
+def run_check(options) -> int:
+    findings = check(Model.read(options.model))
+    for finding in findings:
+        print(("wrong: " if finding.is_bad else "") + finding.text)
+    return NOT_GOOD if any(finding.is_bad for finding in findings) else OK
+
+
+def run_example(options) -> int:
+    names = options.make.__code__.co_varnames[: len(options.make.__defaults__)]
+    model = options.make(**{name: getattr(options, name) for name in names})
+    for text in options.node_set:
+        name, places = _named(text, "NAME=X,Y,Z")
+        try:
+            places = [[float(x) for x in place.split(",")] for place in places.split(";")]
+        except ValueError:
+            raise ModelError(f"--node-set {text}: places are numbers X,Y,Z") from None
+        if any(len(place) != 3 for place in places):
+            raise ModelError(f"--node-set {text}: a place has three coordinates")
+        model.sets[name] = np.array([examples.nearest_node(model, place) for place in places])
+    model.validate()
+    _write(model, options)
+    return OK
+
+
+def run_reduce(options) -> int:
+    started = time.perf_counter()
+    model = Model.read(options.model)
+    reduced = reduction.reduce(model, options.keep.split(","), options.modes, options.method)
+    print(f"reduced in {time.perf_counter() - started:.1f} s")
+    if not options.no_error:
+        highest = options.up_to or _highest(reduced)
+        report = reduction.compare(model, reduced, highest * np.array([0.1, 0.35, 0.7, 1.0]))
+        for w, error in zip(report.frequencies, report.errors):
+            print(f"error of the flexibility at {w:.6g} rad/s: {error:.1e}")
+        print(f"compared with the full model in {report.seconds:.1f} s")
+    _write(reduced, options)
+    return OK
+
+
+def _highest(reduced: Model) -> float:
+    """Half of the highest frequency among the modes of the reduced model."""
+    import scipy.linalg
+
+    values = scipy.linalg.eigh(reduced.stiffness.toarray(), reduced.mass.toarray(), eigvals_only=True)
+    n_kept = sum(label[0] != "q" for label in reduced.labels)
+    return 0.5 * float(np.sqrt(max(values[max(0, len(values) - n_kept - 1)], 0.0)))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,5 @@
+"""What goes wrong with a model, said once and with the entry that is wrong."""
+
+
+class ModelError(Exception):
+    """A model, or a file that should hold one, is not what it must be."""

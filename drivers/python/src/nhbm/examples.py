@@ -1,0 +1,175 @@
+"""Models of plates, beams and solid blocks made with scikit-fem: to try things out, and for tests."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from nhbm.errors import ModelError
+from nhbm.model import Model
+
+VTK_LINE, VTK_QUAD, VTK_QUADRATIC_TETRA = 3, 9, 24
+
+STEEL = {"young": 2.1e11, "poisson": 0.3, "density": 7850.0}
+
+
+def _skfem():
+    try:
+        import skfem
+    except ImportError:
+        raise ModelError("examples are made with scikit-fem, which is not installed: pip install scikit-fem") from None
+    return skfem
+
+
+def beam(length=1.0, n_elements=20, width=0.03, height=0.01, clamped="left", young=2.1e11, density=7850.0) -> Model:
+    """Bernoulli beam along x that bends along z: `z` and the slope `zx` at each node."""
+    fem = _skfem()
+    _above_zero(length=length, width=width, height=height, young=young, density=density)
+    mesh = fem.MeshLine(np.linspace(0.0, length, int(n_elements) + 1))
+    basis = fem.Basis(mesh, fem.ElementLineHermite(), intorder=6)
+    bending, area = young * width * height**3 / 12, width * height
+    stiffness = fem.BilinearForm(lambda u, v, w: bending * u.hess[0, 0] * v.hess[0, 0]).assemble(basis)
+    mass = fem.BilinearForm(lambda u, v, w: density * area * u * v).assemble(basis)
+    points = np.vstack([mesh.p, np.zeros((2, mesh.p.shape[1]))]).T
+    sets = {"left": np.flatnonzero(points[:, 0] == 0.0), "right": np.flatnonzero(np.isclose(points[:, 0], length))}
+    fixed = {"left": ["left"], "both": ["left", "right"], "none": []}[clamped]
+    return _nodal(
+        stiffness, mass, basis.nodal_dofs, ("z", "zx"), points, mesh.t, VTK_LINE, sets, fixed, f"beam, {n_elements} elements"
+    )
+
+
+def plate(
+    length=0.4, width=0.3, thickness=0.004, n_x=10, n_y=8, edges="clamped", young=2.1e11, poisson=0.3, density=7850.0
+) -> Model:
+    """Kirchhoff plate in the plane of x and y that bends along z, by the rectangle of Bogner, Fox and Schmit: `z`, its slopes `zx`
+    and `zy` and its twist `zxy` at each node. Edges are `clamped`, `supported`, `cantilever` (clamped at x = 0) or `free`."""
+    fem = _skfem()
+    _above_zero(length=length, width=width, thickness=thickness, young=young, density=density)
+    mesh = fem.MeshQuad.init_tensor(np.linspace(0, length, int(n_x) + 1), np.linspace(0, width, int(n_y) + 1))
+    basis = fem.Basis(mesh, fem.ElementQuadBFS(), intorder=8)
+    bending = young * thickness**3 / (12 * (1 - poisson**2))
+
+    def energy(u, v, w):
+        a, b = u.hess, v.hess
+        trace_a, trace_b = a[0, 0] + a[1, 1], b[0, 0] + b[1, 1]
+        product = a[0, 0] * b[0, 0] + a[1, 1] * b[1, 1] + 2 * a[0, 1] * b[0, 1]
+        return bending * (poisson * trace_a * trace_b + (1 - poisson) * product)
+
+    stiffness = fem.BilinearForm(energy).assemble(basis)
+    mass = fem.BilinearForm(lambda u, v, w: density * thickness * u * v).assemble(basis)
+    x, y = mesh.p
+    sides = {"left": x == 0.0, "right": np.isclose(x, length), "front": y == 0.0, "back": np.isclose(y, width)}
+    sets = {name: np.flatnonzero(where) for name, where in sides.items()}
+    points = np.vstack([mesh.p, np.zeros((1, mesh.p.shape[1]))]).T
+    # what a support holds at each side: the motion and its slope along the side, and the slope across it where it is clamped
+    along = {"left": ("z", "zy"), "right": ("z", "zy"), "front": ("z", "zx"), "back": ("z", "zx")}
+    held = {
+        "clamped": dict.fromkeys(sides, ("z", "zx", "zy", "zxy")),
+        "supported": along,
+        "cantilever": {"left": ("z", "zx", "zy", "zxy")},
+        "free": {},
+    }
+    if edges not in held:
+        raise ModelError(f"edges are {', '.join(held)}, not '{edges}'")
+    return _nodal(
+        stiffness, mass, basis.nodal_dofs, ("z", "zx", "zy", "zxy"), points, mesh.t, VTK_QUAD, sets, held[edges],
+        f"plate, {n_x} x {n_y} elements, {edges}",
+    )  # fmt: skip
+
+
+def solid(
+    length=0.2, width=0.04, height=0.02, n_x=10, n_y=2, n_z=2, clamped="left", young=2.1e11, poisson=0.3, density=7850.0
+) -> Model:
+    """Block of quadratic tetrahedra with `x`, `y`, `z` at each node."""
+    fem = _skfem()
+    _above_zero(length=length, width=width, height=height, young=young, density=density)
+    mesh = fem.MeshTet.init_tensor(*(np.linspace(0, side, int(n) + 1) for side, n in ((length, n_x), (width, n_y), (height, n_z))))
+    basis = fem.Basis(mesh, fem.ElementVector(fem.ElementTetP2()), intorder=4)
+    lame = young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
+
+    def energy(u, v, w):
+        a, b = u.grad, v.grad
+        strain = (a + np.swapaxes(a, 0, 1)) / 2, (b + np.swapaxes(b, 0, 1)) / 2
+        trace = [s[0, 0] + s[1, 1] + s[2, 2] for s in strain]
+        return lame[0] * trace[0] * trace[1] + 2 * lame[1] * np.einsum("ij...,ij...", *strain)
+
+    stiffness = fem.BilinearForm(energy).assemble(basis)
+    mass = fem.BilinearForm(lambda u, v, w: density * np.einsum("i...,i...", u, v)).assemble(basis)
+    ends = mesh.p[:, mesh.edges]
+    points = np.hstack([mesh.p, ends.mean(axis=1)]).T
+    dofs = np.hstack([basis.nodal_dofs, basis.edge_dofs])
+    cells = np.vstack([mesh.t, mesh.t2e[[0, 1, 2, 3, 4, 5]] + mesh.p.shape[1]])
+    sets = {
+        "left": np.flatnonzero(np.isclose(points[:, 0], 0.0)),
+        "right": np.flatnonzero(np.isclose(points[:, 0], length)),
+        "top": np.flatnonzero(np.isclose(points[:, 2], height)),
+        "bottom": np.flatnonzero(np.isclose(points[:, 2], 0.0)),
+    }
+    fixed = {"left": ["left"], "both": ["left", "right"], "none": []}[clamped]
+    return _nodal(
+        stiffness, mass, dofs, ("x", "y", "z"), points, _vtk_order(mesh, cells), VTK_QUADRATIC_TETRA, sets, fixed,
+        f"solid, {n_x} x {n_y} x {n_z} x 6 tetrahedra",
+    )  # fmt: skip
+
+
+def _vtk_order(mesh, cells):
+    """Middle nodes in VTK's order, edges (0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3), whatever theirs is; corners so that the
+    volume is positive."""
+    wanted = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
+    n = mesh.p.shape[1]
+    edges = mesh.edges[:, cells[4:] - n]  # (2, 6, n_cells)
+    order = []
+    for a, b in wanted:
+        ends = np.sort(cells[[a, b], 0])
+        order.append(next(k for k in range(6) if (np.sort(edges[:, k, 0]) == ends).all()))
+    cells = np.vstack([cells[:4], cells[4:][order]])
+    corners = mesh.p[:, cells[:4]]  # (3, 4, n_cells)
+    sides = corners[:, 1:] - corners[:, :1]
+    inverted = np.linalg.det(np.moveaxis(sides, -1, 0)) < 0
+    cells[:, inverted] = cells[[0, 2, 1, 3, 6, 5, 4, 7, 9, 8]][:, inverted]
+    return cells
+
+
+def _nodal(stiffness, mass, dofs, directions, points, cells, vtk_type, sets, held, source) -> Model:
+    """Model of the degrees of freedom that are not held, node by node. `held`: names of sets, or directions by set."""
+    n_nodes = len(points)
+    kept = np.ones((len(directions), n_nodes), dtype=bool)
+    for name in held:
+        which = held[name] if isinstance(held, dict) else directions
+        for direction in which:
+            kept[directions.index(direction), sets[name]] = False
+    node = np.repeat(np.arange(n_nodes), len(directions))
+    direction = np.tile(np.arange(len(directions)), n_nodes)
+    free = kept[direction, node]
+    node, direction = node[free], direction[free]
+    order = dofs[direction, node]
+    pick = {"stiffness": stiffness, "mass": mass}
+    symmetric = {name: sp.csr_matrix((m + m.T) / 2)[order][:, order] for name, m in pick.items()}
+    moving = np.zeros(n_nodes, dtype=bool)
+    moving[node] = True
+    return Model(
+        **symmetric,
+        labels=[f"n{i + 1}.{directions[d]}" for i, d in zip(node, direction)],
+        units=["m" if len(directions[d]) == 1 else "rad" if len(directions[d]) == 2 else "rad/m" for d in direction],
+        node_numbers=np.arange(1, n_nodes + 1),
+        coordinates=points,
+        dof_node=node,
+        dof_direction=[directions[d] for d in direction],
+        cell_types=np.full(cells.shape[1], vtk_type),
+        cell_starts=np.arange(cells.shape[1] + 1) * cells.shape[0],
+        cell_nodes=cells.T.ravel(),
+        sets={name: nodes[moving[nodes]] for name, nodes in sets.items() if moving[nodes].any()},
+        source=f"scikit-fem: {source}",
+    )
+
+
+def nearest_node(model: Model, place) -> int:
+    """Index of the node that moves and is closest to a place."""
+    moving = np.unique(model.dof_node[model.dof_node >= 0])
+    return int(moving[np.argmin(((model.coordinates[moving] - np.asarray(place)) ** 2).sum(axis=1))])
+
+
+def _above_zero(**values) -> None:
+    for name, value in values.items():
+        if not value > 0:
+            raise ModelError(f"{name} must be above 0, not {value}")

@@ -1,0 +1,77 @@
+"""Factors of large sparse symmetric matrices: CHOLMOD (by CVXOPT, where installed) or SuperLU (SciPy)."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from nhbm.errors import ModelError
+
+
+class Factors:
+    """Factors of a symmetric positive definite matrix; fails for one that is not."""
+
+    def __init__(self, matrix: sp.spmatrix, what: str):
+        self.n = matrix.shape[0]
+        try:
+            from cvxopt import cholmod, matrix as dense, spmatrix
+        except ImportError:
+            self._solve = self._by_superlu(matrix, what)
+            return
+        lower = sp.tril(matrix).tocoo()
+        entries = spmatrix(lower.data, lower.row.astype(int), lower.col.astype(int), (self.n, self.n))
+        factor = cholmod.symbolic(entries)
+        try:
+            cholmod.numeric(entries, factor)
+        except ArithmeticError:
+            raise ModelError(f"{what} is not positive definite") from None
+
+        def solve(b):
+            x = dense(np.asfortranarray(b))
+            cholmod.solve(factor, x)
+            return np.array(x).reshape(b.shape)
+
+        self._solve = solve
+
+    @staticmethod
+    def _by_superlu(matrix, what):
+        try:
+            factor = spla.splu(
+                matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            )
+        except RuntimeError:
+            raise ModelError(f"{what} is singular") from None
+        if (factor.U.diagonal() <= 0.0).any():
+            raise ModelError(f"{what} is not positive definite")
+        return factor.solve
+
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        """Solutions for one right-hand side, or for the columns of several."""
+        b = np.asarray(b, dtype=float)
+        if b.ndim == 1:
+            return self._solve(b[:, None])[:, 0]
+        return self._solve(b)
+
+    def operator(self) -> spla.LinearOperator:
+        return spla.LinearOperator((self.n, self.n), matvec=lambda b: self.solve(np.ravel(b)), dtype=float)
+
+
+def lowest_modes(stiffness, mass, n_modes: int, shift: float = 0.0, factors: Factors | None = None):
+    """Lowest squared frequencies and shapes (unit modal mass) by ARPACK, shifted to -shift and inverted."""
+    n = stiffness.shape[0]
+    if n_modes < 1:
+        return np.zeros(0), np.zeros((n, 0))
+    if n_modes >= n - 1 or n <= 60:
+        import scipy.linalg
+
+        values, shapes = scipy.linalg.eigh(stiffness.toarray(), mass.toarray())
+        return values[:n_modes], shapes[:, :n_modes]
+    if factors is None:
+        factors = Factors(stiffness + shift * mass, "the shifted stiffness")
+    start = np.cos(np.arange(1.0, n + 1.0))
+    values, shapes = spla.eigsh(
+        stiffness, k=n_modes, M=mass, sigma=-shift, which="LM", OPinv=factors.operator(), v0=start
+    )
+    order = np.argsort(values)
+    return values[order], shapes[:, order]

@@ -1,0 +1,207 @@
+"""Matrices and meshes of other programs: Matrix Market, npz, CalculiX, Abaqus, Nastran; meshes by meshio."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+import scipy.sparse as sp
+
+from nhbm.errors import ModelError
+from nhbm.model import Model
+
+DIRECTIONS = {1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
+ANGLES = ("rx", "ry", "rz")
+
+
+def from_matrices(paths: dict[str, Path], labels: list[str] | None = None, **more) -> Model:
+    """Model of matrices in Matrix Market (.mtx, .mm) or npz files, one a matrix."""
+    matrices = {name: read_matrix(path) for name, path in paths.items()}
+    if labels is None:
+        labels = [f"x{i + 1}" for i in range(next(iter(matrices.values())).shape[0])]
+    return Model(**matrices, **places_of(labels), **more)
+
+
+def read_matrix(path) -> sp.csr_matrix:
+    """One matrix, its format by the end of the file's name."""
+    path = _existing(path)
+    try:
+        if path.suffix == ".npz":
+            return sp.csr_matrix(sp.load_npz(path))
+        return sp.csr_matrix(scipy.io.mmread(path))
+    except (ValueError, OSError, KeyError, IndexError) as error:
+        raise ModelError(f"file '{path}' holds no sparse matrix: {error}") from None
+
+
+def read_labels(path) -> list[str]:
+    """Labels, a line each."""
+    return _existing(path).read_text().split()
+
+
+def places_of(labels: list[str]) -> dict:
+    """What labels such as `n1204.z` tell: the numbers of the nodes, and where each degree of freedom stands."""
+    numbers: dict[int, int] = {}
+    node, direction, units = [], [], []
+    for label in labels:
+        stem, _, end = label.partition(".")
+        is_place = stem[:1] == "n" and stem[1:].isdigit() and bool(end)
+        node.append(numbers.setdefault(int(stem[1:]), len(numbers)) if is_place else -1)
+        direction.append(end if is_place else "")
+        units.append("rad" if end in ANGLES else "m")
+    return {
+        "labels": labels,
+        "units": units,
+        "node_numbers": np.array(list(numbers), dtype=np.int64),
+        "coordinates": np.full((len(numbers), 3), np.nan),
+        "dof_node": np.array(node),
+        "dof_direction": direction,
+    }
+
+
+def from_calculix(stem, **more) -> Model:
+    """Model of what CalculiX stores for `*FREQUENCY, SOLVER=MATRIXSTORAGE`: <stem>.sti, .mas and .dof."""
+    stem = Path(stem)
+    stem = stem.with_suffix("") if stem.suffix in (".sti", ".mas", ".dof", ".inp") else stem
+    labels = []
+    for line in _existing(f"{stem}.dof").read_text().split():
+        node, _, direction = line.partition(".")
+        if not node.isdigit() or direction not in ("1", "2", "3", "4", "5", "6"):
+            raise ModelError(f"file '{stem}.dof': '{line}' is no node and direction, such as 12.3")
+        labels.append(f"n{node}.{DIRECTIONS[int(direction)]}")
+    n = len(labels)
+    matrices = {name: _triangle(f"{stem}{end}", n) for name, end in (("stiffness", ".sti"), ("mass", ".mas"))}
+    return Model(**matrices, **places_of(labels), **more)
+
+
+def _triangle(path, n) -> sp.csr_matrix:
+    """Symmetric matrix of which one triangle stands in a file as row, column, value."""
+    table = _table(_existing(path), 3)
+    row, column = (table[:, :2].astype(np.int64) - 1).T
+    if len(table) and (min(row.min(), column.min()) < 0 or max(row.max(), column.max()) >= n):
+        raise ModelError(f"file '{path}' has an entry in row {row.max() + 1}, column {column.max() + 1} of {n}")
+    return _symmetric(row, column, table[:, 2], n)
+
+
+def _symmetric(row, column, value, n) -> sp.csr_matrix:
+    """Both triangles of a matrix from one; entries that stand on both sides already are taken as they are."""
+    if (row < column).any() and (row > column).any():
+        return sp.csr_matrix((value, (row, column)), shape=(n, n))
+    half = sp.coo_matrix((value, (row, column)), shape=(n, n)).tocsr()
+    return sp.csr_matrix(half + half.T - sp.diags(half.diagonal()))
+
+
+def from_abaqus(paths: dict[str, Path], **more) -> Model:
+    """Model of Abaqus' `*MATRIX GENERATE` (MATRIX INPUT format): node, direction, node, direction, value a line."""
+    tables = {name: _table(_existing(path), 5) for name, path in paths.items()}
+    places = np.unique(np.concatenate([t[:, pair] for t in tables.values() for pair in ([0, 1], [2, 3])]), axis=0)
+    index = {(int(node), int(direction)): i for i, (node, direction) in enumerate(places)}
+    for node, direction in index:
+        if direction not in DIRECTIONS or node < 1:
+            raise ModelError(f"node {node}, direction {direction}: only nodes from 1 and directions 1 to 6 are known")
+    matrices = {}
+    for name, table in tables.items():
+        row = np.array([index[int(a), int(b)] for a, b in table[:, :2]])
+        column = np.array([index[int(a), int(b)] for a, b in table[:, 2:4]])
+        matrices[name] = _symmetric(row, column, table[:, 4], len(index))
+    labels = [f"n{node}.{DIRECTIONS[direction]}" for node, direction in index]
+    return Model(**matrices, **places_of(labels), **more)
+
+
+def from_nastran(path, names: dict[str, str], **more) -> Model:
+    """Model of DMIG matrices in a bulk data or punch file (needs pyNastran)."""
+    try:
+        from pyNastran.bdf.bdf import read_bdf
+    except ImportError:
+        raise ModelError("DMIG is read by pyNastran, which is not installed: pip install pyNastran") from None
+    bulk = read_bdf(str(_existing(path)), punch=True, xref=False, debug=None)
+    entries, places = {}, set()
+    for name, card in names.items():
+        if card not in bulk.dmig:
+            raise ModelError(f"file '{path}' has no DMIG '{card}'; it has {', '.join(bulk.dmig) or 'none'}")
+        _, rows, columns = bulk.dmig[card].get_matrix(is_sparse=True, apply_symmetry=True)
+        matrix = sp.coo_matrix(_)
+        entries[name] = (matrix, rows, columns)
+        places |= {tuple(map(int, place)) for place in (*rows.values(), *columns.values())}
+    index = {place: i for i, place in enumerate(sorted(places))}
+    matrices = {}
+    for name, (matrix, rows, columns) in entries.items():
+        row = [index[tuple(map(int, rows[i]))] for i in matrix.row]
+        column = [index[tuple(map(int, columns[i]))] for i in matrix.col]
+        matrices[name] = sp.csr_matrix((matrix.data, (row, column)), shape=(len(index),) * 2)
+    labels = [f"n{node}.{DIRECTIONS.get(direction, 's')}" for node, direction in index]
+    return Model(**matrices, **places_of(labels), **more)
+
+
+def add_mesh(model: Model, path) -> None:
+    """Takes coordinates, cells and sets of nodes from a mesh (any format of meshio), nodes by their numbers."""
+    import meshio
+    from meshio._vtk_common import meshio_to_vtk_type
+
+    path = _existing(path)
+    try:
+        mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:  # meshio's readers raise whatever they meet
+        raise ModelError(f"file '{path}' is no mesh that meshio reads: {error}") from None
+    numbers = np.asarray(mesh.point_gids) if getattr(mesh, "point_gids", None) is not None else _abaqus_numbers(path)
+    if numbers is None or len(numbers) != len(mesh.points):
+        numbers = np.arange(1, len(mesh.points) + 1)
+    place = {int(number): i for i, number in enumerate(numbers)}
+    missing = [int(number) for number in model.node_numbers if int(number) not in place]
+    if missing:
+        raise ModelError(f"node {missing[0]} of the matrices is not in the mesh '{path}' ({len(missing)} are missing)")
+    old = np.array([place[int(number)] for number in model.node_numbers], dtype=np.int64)
+    model.dof_node = np.array([old[node] if node >= 0 else -1 for node in model.dof_node])
+    model.node_numbers = np.asarray(numbers, dtype=np.int64)
+    model.coordinates = np.hstack([mesh.points, np.zeros((len(mesh.points), 3 - mesh.points.shape[1]))])
+    types, starts, nodes = [], [0], []
+    for block in mesh.cells:
+        for cell in block.data:
+            types.append(meshio_to_vtk_type[block.type])
+            nodes.extend(cell)
+            starts.append(len(nodes))
+    model.cell_types, model.cell_starts, model.cell_nodes = (np.array(a, dtype=np.int64) for a in (types, starts, nodes))
+    moving = set(model.dof_node.tolist())
+    for name, members in mesh.point_sets.items():
+        kept = [int(node) for node in np.unique(members) if int(node) in moving]
+        if kept:
+            model.sets[name.lower()] = np.array(kept)
+    model.validate()
+
+
+def _abaqus_numbers(path: Path) -> np.ndarray | None:
+    """Numbers of the nodes of an input file of Abaqus or CalculiX, in the order of the file."""
+    if path.suffix != ".inp":
+        return None
+    numbers, inside = [], False
+    for line in path.read_text().splitlines():
+        if line.startswith("**") or not line.strip():
+            continue
+        if line.startswith("*"):
+            inside = line.upper().replace(" ", "").split(",")[0] == "*NODE"
+        elif inside:
+            numbers.append(int(line.split(",")[0]))
+    return np.array(numbers)
+
+
+def _table(path, n_columns) -> np.ndarray:
+    """Numbers of a text file, a row a line; lines that begin with * or # are no data."""
+    rows = []
+    for number, line in enumerate(path.read_text().splitlines(), start=1):
+        if not line.strip() or line.lstrip()[0] in "*#%":
+            continue
+        words = line.replace(",", " ").replace("D", "E").replace("d", "e").split()
+        try:
+            rows.append([float(word) for word in words])
+        except ValueError:
+            raise ModelError(f"file '{path}', line {number}: '{line.strip()}' are no numbers") from None
+        if len(words) != n_columns:
+            raise ModelError(f"file '{path}', line {number} has {len(words)} numbers, expected {n_columns}")
+    return np.array(rows).reshape(-1, n_columns)
+
+
+def _existing(path) -> Path:
+    path = Path(path)
+    if not path.is_file():
+        raise ModelError(f"file '{path}' does not exist")
+    return path

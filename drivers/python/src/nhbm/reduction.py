@@ -1,0 +1,204 @@
+"""Small models of large ones that keep chosen degrees of freedom as they are, with their error against the full model.
+
+Craig-Bampton: x = T [x_b; q], static shapes of the kept degrees of freedom and modes with these held (Craig and Bampton 1968).
+Free interface with residual attachment: modes of the free structure, and what they leave of the static response to forces at the
+kept degrees of freedom (Rubin 1975, MacNeal 1971); rewritten in the kept degrees of freedom and modes, as Craig-Bampton's.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from nhbm.errors import ModelError
+from nhbm.factors import Factors, lowest_modes
+from nhbm.model import Model, Recovery
+
+METHODS = ("free-interface", "craig-bampton")
+LARGEST_REDUCED = 2000
+
+
+@dataclass
+class Report:
+    """How far a reduced model is off: relative differences of the flexibility at the kept degrees of freedom."""
+
+    frequencies: np.ndarray  # [rad/s]
+    errors: np.ndarray  # of H, largest entry of the difference over the largest entry
+    seconds: float = 0.0
+
+
+def reduce(model: Model, keep: list[str], n_modes: int = 20, method: str = METHODS[0]) -> Model:
+    """Reduced model with the named degrees of freedom or sets, and the vectors of loads as further static shapes."""
+    if method not in METHODS:
+        raise ModelError(f"method '{method}' is not known; known: {', '.join(METHODS)}")
+    symmetry = abs(model.stiffness - model.stiffness.T).max()
+    if symmetry > 1.0e-9 * abs(model.stiffness).max():
+        raise ModelError("reduction needs a symmetric stiffness")
+    kept = list(dict.fromkeys(dof for name in keep for dof in model.dofs_of(name)))
+    if not kept:
+        raise ModelError("no degrees of freedom are kept; name those of laws and loads")
+    if len(kept) + len(model.loads) + n_modes > LARGEST_REDUCED:
+        raise ModelError(f"{len(kept)} kept degrees of freedom and {n_modes} modes are no small model")
+    n_modes = min(n_modes, model.n_dofs - len(kept))
+    basis = (_craig_bampton if method == "craig-bampton" else _free_interface)(model, np.array(kept), n_modes)
+    return _project(model, np.array(kept), basis, method)
+
+
+def _load_matrix(model) -> np.ndarray:
+    loads = np.zeros((model.n_dofs, len(model.loads)))
+    for i, (dofs, values) in enumerate(model.loads.values()):
+        np.add.at(loads[:, i], dofs, values)
+    return loads
+
+
+def _craig_bampton(model, kept, n_modes) -> np.ndarray:
+    """Columns: kept degrees of freedom, modes with these held, static shapes of the loads."""
+    inside = np.setdiff1d(np.arange(model.n_dofs), kept)
+    k, m = model.stiffness, model.mass
+    k_ii = sp.csr_matrix(k[inside][:, inside])
+    what = "the stiffness with the kept degrees of freedom held (keep more, or leave --method craig-bampton out): it"
+    factors = Factors(k_ii, what) if len(inside) else None
+    n_more = len(model.loads)
+    basis = np.zeros((model.n_dofs, len(kept) + n_modes + n_more))
+    basis[kept, np.arange(len(kept))] = 1.0
+    if len(inside):
+        basis[inside, : len(kept)] = -factors.solve(k[inside][:, kept].toarray())
+        _, shapes = lowest_modes(k_ii, sp.csr_matrix(m[inside][:, inside]), n_modes, 0.0, factors)
+        basis[inside, len(kept) : len(kept) + n_modes] = shapes
+        if n_more:
+            basis[inside, len(kept) + n_modes :] = factors.solve(_load_matrix(model)[inside])
+    return basis
+
+
+def _free_interface(model, kept, n_modes) -> np.ndarray:
+    """Modes of the free structure and the response to unit forces at the kept degrees of freedom, in a form that has these as
+    coordinates. A small shift makes the stiffness of a structure that can move as a whole invertible; static answers are exact where
+    there is none."""
+    k, m = model.stiffness, model.mass
+    shift = 1.0e-4 * float(np.median(k.diagonal() / np.where(m.diagonal() > 0, m.diagonal(), np.inf)))
+    for _ in range(6):
+        try:
+            values, _ = lowest_modes(k, m, min(7, model.n_dofs - 2), shift)
+        except ModelError:
+            shift *= 10
+            continue
+        is_elastic = values > 1.0e-6 * max(values.max(), 0.0)
+        if is_elastic.all():
+            shift = 0.0
+        elif is_elastic.any():
+            shift = 0.1 * float(values[is_elastic].min())
+        break
+    factors = Factors(sp.csr_matrix(k + shift * m), "the shifted stiffness")
+    _, modes = lowest_modes(k, m, n_modes, shift, factors)
+    unit = np.zeros((model.n_dofs, len(kept)))
+    unit[kept, np.arange(len(kept))] = 1.0
+    attachment = factors.solve(np.hstack([unit, _load_matrix(model)]))
+    # what modes leave of the attachment, made well conditioned
+    attachment -= modes @ (modes.T @ (m @ attachment))
+    static, loads = attachment[:, : len(kept)], attachment[:, len(kept) :]
+    held = static[kept]
+    scale = np.sqrt(np.abs(np.diag(held)))
+    if not (scale > 0).all() or np.linalg.cond(held / np.outer(scale, scale)) > 1.0e13:
+        raise ModelError("the modes leave nothing of the flexibility at the kept degrees of freedom: take fewer modes")
+    boundary = np.linalg.solve(held.T, static.T).T  # one at its own degree of freedom, zero at the others
+    inner = np.hstack([modes - boundary @ modes[kept], loads - boundary @ loads[kept]])
+    return np.hstack([boundary, inner])
+
+
+def _project(model, kept, basis, method) -> Model:
+    """The model in the columns of a basis, of which the first are the kept degrees of freedom."""
+    n_kept = len(kept)
+    inner = basis[:, n_kept:]
+    # modal coordinates of the rest: unit modal mass, ordered by frequency; what depends on the others is left out
+    m_inner, k_inner = (inner.T @ (matrix @ inner) for matrix in (model.mass, model.stiffness))
+    if inner.shape[1]:
+        size = np.sqrt(np.abs(np.diag(m_inner)))
+        size[size == 0] = 1.0
+        weights, vectors = scipy.linalg.eigh(m_inner / np.outer(size, size))
+        good = weights > 1.0e-11 * weights.max()
+        rotate = (vectors[:, good] / np.sqrt(weights[good])) / size[:, None]
+        _, turn = scipy.linalg.eigh(rotate.T @ k_inner @ rotate)
+        inner = inner @ (rotate @ turn)
+    basis = np.hstack([basis[:, :n_kept], inner])
+    matrices = {name: basis.T @ (matrix @ basis) for name, matrix in model.matrices().items()}
+    for name in matrices:
+        sign = -1.0 if name == "gyroscopic" else 1.0
+        if name in ("mass", "stiffness", "gyroscopic"):
+            matrices[name] = (matrices[name] + sign * matrices[name].T) / 2
+    n_inner = inner.shape[1]
+    loads = {}
+    for (name, _), column in zip(model.loads.items(), _load_matrix(model).T):
+        loads[name] = (np.arange(n_kept + n_inner), basis.T @ column)
+    node = np.concatenate([model.dof_node[kept], np.full(n_inner, -1)]).astype(int)
+    moving = set(node[node >= 0].tolist())
+    sets = {name: np.array([n for n in nodes if int(n) in moving]) for name, nodes in model.sets.items()}
+    return Model(
+        **{name: sp.csr_matrix(matrix) for name, matrix in matrices.items()},
+        labels=[model.labels[dof] for dof in kept] + [f"q{i + 1}" for i in range(n_inner)],
+        units=[model.units[dof] for dof in kept] + ["m"] * n_inner,
+        node_numbers=model.node_numbers,
+        coordinates=model.coordinates,
+        dof_node=node,
+        dof_direction=[model.dof_direction[dof] for dof in kept] + [""] * n_inner,
+        cell_types=model.cell_types,
+        cell_starts=model.cell_starts,
+        cell_nodes=model.cell_nodes,
+        sets={name: nodes for name, nodes in sets.items() if len(nodes)},
+        loads=loads,
+        unit_system=model.unit_system,
+        source=f"{model.source}; {method}, {n_kept} of {model.n_dofs} kept, {n_inner} modes",
+        recovery=Recovery(basis, model.dof_node, model.dof_direction),
+    )
+
+
+def compare(model: Model, reduced: Model, frequencies, loss: float = 1.0e-3) -> Report:
+    """Errors of the reduced model's flexibility at its kept degrees of freedom against the full one's, at some frequencies [rad/s].
+
+    Both with the loss factor `loss` on top, so that a resonance is no singularity. The full model is solved from the reduced one's
+    answer on by GMRES, with the factors of the stiffness, slightly shifted, as preconditioner: to 1e-10 of the right-hand side.
+    """
+    started = time.perf_counter()
+    kept = [i for i, label in enumerate(reduced.labels) if label in set(model.labels)]
+    full = [model.labels.index(reduced.labels[i]) for i in kept]
+    frequencies = np.atleast_1d(np.asarray(frequencies, dtype=float))
+    shift = 1.0e-9 * float(np.median(model.stiffness.diagonal()) / np.median(model.mass.diagonal()))
+    factors = Factors(sp.csr_matrix(model.stiffness + shift * model.mass), "the shifted stiffness")
+    recovery = reduced.recovery.matrix
+    errors = []
+    for w in frequencies:
+        a, b = _dynamic(model, w, loss), _dynamic(reduced, w, loss).toarray()
+        small = np.linalg.solve(b, np.eye(len(b))[:, kept])
+        columns = range(len(kept)) if len(kept) <= 4 else np.unique(np.linspace(0, len(kept) - 1, 4).astype(int))
+        exact = np.zeros((len(kept), len(columns)), dtype=complex)
+        for i, c in enumerate(columns):
+            unit = np.zeros(model.n_dofs, dtype=complex)
+            unit[full[c]] = 1.0
+            exact[:, i] = _solve(a, unit, recovery @ small[:, c], factors)[full]
+        difference = np.abs(small[kept][:, list(columns)] - exact).max()
+        errors.append(difference / np.abs(exact).max())
+    return Report(frequencies, np.array(errors), time.perf_counter() - started)
+
+
+def _dynamic(model, w, loss):
+    d = sum((matrix for matrix in (model.damping, model.gyroscopic) if matrix is not None), sp.csr_matrix(model.mass.shape))
+    h = model.structural if model.structural is not None else sp.csr_matrix(model.mass.shape)
+    return sp.csr_matrix(model.stiffness * (1 + 1j * loss) - w**2 * model.mass + 1j * w * d + 1j * h)
+
+
+def _solve(a, b, guess, factors):
+    """Solution of a x = b by GMRES from a guess."""
+
+    def precondition(r):
+        r = np.ravel(r)
+        return factors.solve(np.column_stack([r.real, r.imag])) @ np.array([1.0, 1.0j])
+
+    m = spla.LinearOperator(a.shape, matvec=precondition, dtype=complex)
+    x, info = spla.gmres(a, b, x0=guess, M=m, tol=1.0e-10, atol=0.0, restart=200, maxiter=5)
+    if info != 0:
+        raise ModelError("the full model could not be solved at a frequency: no error can be told there")
+    return x

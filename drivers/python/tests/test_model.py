@@ -1,0 +1,91 @@
+"""The model file: what is written is read, and what is wrong is named."""
+
+import dataclasses
+
+import h5py
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from nhbm import Model, ModelError
+
+
+def same(a, b):
+    for name, matrix in a.matrices().items():
+        assert abs(matrix - b.matrices()[name]).max() == 0.0
+    assert a.labels == b.labels and a.units == b.units and a.dof_direction == b.dof_direction
+    for name in ("node_numbers", "coordinates", "dof_node", "cell_types", "cell_starts", "cell_nodes"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    assert list(a.sets) == list(b.sets) and list(a.loads) == list(b.loads)
+    for name in a.sets:
+        np.testing.assert_array_equal(a.sets[name], b.sets[name])
+    for name in a.loads:
+        np.testing.assert_array_equal(a.loads[name], b.loads[name])
+    assert (a.unit_system, a.source) == (b.unit_system, b.source)
+
+
+def test_file_keeps_everything(chain, tmp_path):
+    chain.write(tmp_path / "chain.h5")
+    same(chain, Model.read(tmp_path / "chain.h5"))
+
+
+def test_names_of_sets(chain):
+    assert chain.dofs_of("contact.z") == [4, 1]
+    assert chain.dofs_of("contact") == [4, 1]
+    assert chain.dofs_of("n3.z") == [2]
+    with pytest.raises(ModelError, match="node 5 of set 'contact' has no degree of freedom 'x'"):
+        chain.dofs_of("contact.x")
+    with pytest.raises(ModelError, match="no set 'contcat.z'; sets: contact"):
+        chain.dofs_of("contcat.z")
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"mass": sp.identity(3)}, "matrix 'mass' is 3 x 3, there are 12 labels"),
+        ({"labels": ["a"] * 12}, "degrees of freedom 1 and 2 both have the label 'a'"),
+        ({"labels": ["1"] + [f"n{i}" for i in range(11)]}, "label 1 is '1', it must begin with a letter"),
+        ({"sets": {"far": np.array([12])}}, "set 'far' names a node that there is not"),
+        ({"sets": {"twin": np.array([1, 1])}}, "set 'twin' names a node twice"),
+        ({"loads": {"odd": (np.array([1]), np.array([1.0, 2.0]))}}, "load 'odd' has 1 degrees of freedom and 2 values"),
+        ({"units": ["m"]}, "there are 1 units for 12 degrees of freedom"),
+    ],
+)
+def test_bad_parts_are_named(chain, change, message):
+    with pytest.raises(ModelError, match=message):
+        dataclasses.replace(chain, **change)
+
+
+def test_entry_that_is_no_number_is_named(chain):
+    stiffness = chain.stiffness.copy()
+    stiffness[3, 4] = np.nan
+    with pytest.raises(ModelError, match="'stiffness': the entry between n4.z and n5.z is not a finite number"):
+        dataclasses.replace(chain, stiffness=stiffness)
+
+
+@pytest.mark.parametrize(
+    "damage, message",
+    [
+        (lambda f: f.attrs.__delitem__("format"), "is no model file"),
+        (lambda f: f.attrs.__setitem__("schema_version", 7), "has schema version 7"),
+        (lambda f: f.__delitem__("mass"), "has no matrix 'mass'"),
+        (lambda f: f.__delitem__("mass/indices"), "has no 'mass/indices'"),
+        (lambda f: f["stiffness/indices"].__setitem__(3, 99), "matrix 'stiffness'"),
+        (lambda f: f.__delitem__("units"), "has no 'units'"),
+    ],
+)
+def test_damaged_files_are_refused(chain, tmp_path, damage, message):
+    path = tmp_path / "chain.h5"
+    chain.write(path)
+    with h5py.File(path, "r+") as file:
+        damage(file)
+    with pytest.raises(ModelError, match=message):
+        Model.read(path)
+
+
+def test_file_that_is_cut_off(chain, tmp_path):
+    path = tmp_path / "chain.h5"
+    chain.write(path)
+    path.write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(ModelError, match="cannot be read as HDF5"):
+        Model.read(path)

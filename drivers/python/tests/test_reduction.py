@@ -1,0 +1,101 @@
+"""Reduced models: exact where nothing is left out, converging, and with an error that is the true one."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from nhbm import Model, ModelError, examples
+from nhbm.command import main
+from nhbm.factors import Factors, lowest_modes
+from nhbm.reduction import METHODS, compare, reduce
+
+
+def flexibility(model, names, w):
+    dofs = [model.labels.index(name) for name in names]
+    dynamic = model.stiffness * (1 + 1e-3j) - w**2 * model.mass
+    return np.linalg.inv(dynamic.toarray())[np.ix_(dofs, dofs)]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_all_modes_leave_nothing_out(chain, method):
+    chain = dataclasses.replace(chain, damping=None, loads={})
+    reduced = reduce(chain, ["contact.z", "n9.z"], 9, method)
+    for w in (0.0, 0.7, 3.0):
+        exact = flexibility(chain, ["n5.z", "n2.z", "n9.z"], w)
+        assert reduced.labels[:3] == ["n5.z", "n2.z", "n9.z"]
+        np.testing.assert_allclose(flexibility(reduced, reduced.labels[:3], w), exact, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_static_answer_is_exact(block, method):
+    kept = ["right.z"]
+    reduced = reduce(block, kept, 3, method)
+    names = [block.labels[dof] for dof in block.dofs_of("right.z")]
+    exact = flexibility(block, names, 0.0)
+    np.testing.assert_allclose(flexibility(reduced, names, 0.0), exact, rtol=1e-7, atol=1e-8 * abs(exact).max())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_error_that_is_told_is_the_true_one(block, method):
+    reduced = reduce(block, ["right.z"], 8, method)
+    names = [block.labels[dof] for dof in block.dofs_of("right.z")]
+    report = compare(block, reduced, [5.0e3, 3.0e4])
+    for w, told in zip(report.frequencies, report.errors):
+        exact = flexibility(block, names, w)
+        true = abs(flexibility(reduced, names, w) - exact).max() / abs(exact).max()
+        assert told == pytest.approx(true, rel=0.9, abs=1e-9)
+    assert report.errors[0] < 1e-4
+
+
+def test_more_modes_are_better(block):
+    errors = [compare(block, reduce(block, ["right.z"], n, "craig-bampton"), 2.0e4).errors[0] for n in (4, 10, 30)]
+    assert errors[0] > 5 * errors[1] > 25 * errors[2]
+
+
+def test_what_moves_as_a_whole():
+    pytest.importorskip("skfem")
+    free = examples.solid(n_x=4, n_y=1, n_z=1, clamped="none")
+    reduced = reduce(free, ["right.z"], 12)
+    assert compare(free, reduced, 1.0e4).errors[0] < 1e-5
+    with pytest.raises(ModelError, match="leave --method craig-bampton out"):
+        reduce(free, ["right.z"], 12, "craig-bampton")
+
+
+def test_loads_and_recovery(chain):
+    reduced = reduce(chain, ["contact.z"], 3)
+    full = np.zeros(12)
+    full[chain.loads["push"][0]] = chain.loads["push"][1]
+    load = np.zeros(reduced.n_dofs)
+    load[reduced.loads["push"][0]] = reduced.loads["push"][1]
+    static = reduced.recovery.matrix @ np.linalg.solve(reduced.stiffness.toarray(), load)
+    np.testing.assert_allclose(static, np.linalg.solve(chain.stiffness.toarray(), full), rtol=1e-10)
+
+
+def test_file_of_a_reduced_model(chain, tmp_path):
+    path = tmp_path / "full.h5"
+    chain.write(path)
+    out = tmp_path / "small.h5"
+    assert main(["reduce", str(path), "--keep", "contact.z", "--modes", "3", "-o", str(out)]) == 0
+    small = Model.read(out)
+    assert small.labels == ["n5.z", "n2.z", "q1", "q2", "q3", "q4"]
+    assert small.recovery.matrix.shape == (12, 6)
+    assert small.dofs_of("contact.z") == [0, 1]
+
+
+def test_modes_by_arpack_and_lapack(block):
+    import scipy.linalg
+
+    exact = scipy.linalg.eigh(block.stiffness.toarray(), block.mass.toarray(), eigvals_only=True)[:8]
+    np.testing.assert_allclose(lowest_modes(block.stiffness, block.mass, 8)[0], exact, rtol=1e-9)
+
+
+def test_superlu_where_there_is_no_cholmod(block, monkeypatch):
+    import sys
+
+    b = np.cos(np.arange(block.n_dofs))
+    expected = Factors(block.stiffness, "stiffness").solve(b)
+    monkeypatch.setitem(sys.modules, "cvxopt", None)
+    np.testing.assert_allclose(Factors(block.stiffness, "stiffness").solve(b), expected, rtol=1e-8)
+    with pytest.raises(ModelError, match="stiffness is not positive definite"):
+        Factors(-1.0 * block.stiffness, "stiffness")

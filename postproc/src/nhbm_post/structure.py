@@ -1,0 +1,123 @@
+"""Where the degrees of freedom of a result stand in space: the model file of nhbm, and motions of its nodes as files of VTK."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from .errors import ReaderError, UsageError
+from .reader import Results
+
+_AXES = {"x": 0, "y": 1, "z": 2}
+
+
+class Structure:
+    """Nodes and cells of a model file, and how its degrees of freedom move them."""
+
+    def __init__(self, path):
+        self.path = Path(path)
+        try:
+            with h5py.File(path, "r") as file:
+                self._read(file)
+        except KeyError as error:
+            raise ReaderError(f"{path}: no model with nodes: {' '.join(str(error.args[0]).split())}") from None
+        except OSError as error:
+            raise ReaderError(f"{path}: {' '.join(str(error).split())}") from None
+
+    def _read(self, file):
+        self.labels = [label.decode() for label in file["labels"][()]]
+        self.points = file["nodes/coordinates"][()]
+        if not np.isfinite(self.points).all():
+            raise ReaderError(f"{self.path}: the model has no coordinates; nhbm-model import --mesh adds them")
+        self._types, starts, nodes = (file[f"cells/{name}"][()] for name in ("type", "indptr", "nodes"))
+        self._cells = [nodes[starts[i] : starts[i + 1]] for i in range(len(self._types))]
+        place = "recovery" if "recovery" in file else "dofs"
+        node = file[f"{place}/node"][()]
+        direction = [text.decode() for text in file[f"{place}/direction"][()]]
+        rows = [i for i, (n, d) in enumerate(zip(node, direction)) if n >= 0 and d in _AXES]
+        self._where = node[rows], np.array([_AXES[direction[i]] for i in rows], dtype=int)
+        self._matrix = file["recovery/matrix"][rows] if place == "recovery" else None
+        self._rows = np.array(rows, dtype=int)
+
+    def displacement(self, motion: np.ndarray) -> np.ndarray:
+        """Displacements (n_nodes, 3) for a motion of all degrees of freedom of the model."""
+        moved = self._matrix @ motion if self._matrix is not None else motion[self._rows]
+        field = np.zeros((len(self.points), 3))
+        field[self._where] = moved
+        return field
+
+    def mesh(self, **fields):
+        """A mesh of meshio with fields on its nodes."""
+        try:
+            import meshio
+            from meshio._vtk_common import vtk_to_meshio_type
+        except ImportError:
+            raise UsageError("files of VTK are written by meshio, which is not installed: pip install meshio") from None
+        blocks: dict[tuple[str, int], list] = {}
+        for kind, cell in zip(self._types, self._cells):
+            blocks.setdefault((vtk_to_meshio_type[int(kind)], len(cell)), []).append(cell)
+        cells = [(kind, np.array(members)) for (kind, _), members in blocks.items()]
+        return meshio.Mesh(self.points, cells or [("vertex", np.arange(len(self.points))[:, None])], point_data=fields)
+
+
+def motions(results: Results, structure: Structure, point: int, allow_unconverged: bool = False):
+    """Tuples, frequencies and the coefficients (n_dofs of the model, n_harmonics) cos - i sin of a point."""
+    stored = results.labels()
+    missing = [label for label in structure.labels if label not in stored]
+    if missing and structure._matrix is not None:
+        raise ReaderError(
+            f"{results.path} does not hold {missing[0]} of {structure.path} ({len(missing)} are missing); "
+            "store all degrees of freedom (leave &output dofs out)"
+        )
+    if len(missing) == len(structure.labels):
+        raise ReaderError(f"{results.path} holds no degree of freedom of {structure.path}; is that the model of the run?")
+    series = None
+    rows = []
+    for label in structure.labels:
+        if label in missing:
+            rows.append(None)
+            continue
+        series = results.series(point, label, allow_unconverged=allow_unconverged)
+        rows.append(series.cos - 1j * series.sin)
+    zero = np.zeros(series.n_harmonics, dtype=complex)
+    return series.tuples, series.frequencies, np.array([zero if row is None else row for row in rows])
+
+
+def write_harmonics(structure: Structure, tuples, coefficients, path: Path, wanted: Sequence[tuple[int, ...]] | None, most: int):
+    """Operating deflection shapes: for each harmonic the displacement with the cosine and with the sine, and their size; the
+    harmonics that are wanted, else the largest. Returns their tuples."""
+    size = np.abs(coefficients).max(axis=0)
+    if wanted is None:
+        chosen = [int(h) for h in np.argsort(-size, kind="stable")[:most] if size[h] > 0]
+    else:
+        chosen = []
+        for j in wanted:
+            found = np.flatnonzero((tuples == np.array(j)).all(axis=1) | (tuples == -np.array(j)).all(axis=1))
+            if not found.size:
+                raise UsageError(f"tuple {','.join(map(str, j))} is not in the set of harmonics")
+            chosen.append(int(found[0]))
+    fields = {}
+    for h in chosen:
+        name = ",".join(map(str, tuples[h]))
+        cosine = structure.displacement(coefficients[:, h].real)
+        sine = structure.displacement(-coefficients[:, h].imag)
+        fields |= {f"cos {name}": cosine, f"sin {name}": sine, f"amplitude {name}": np.sqrt(cosine**2 + sine**2)}
+    structure.mesh(**fields).write(path)
+    return [tuple(int(k) for k in tuples[h]) for h in chosen]
+
+
+def write_motion(structure: Structure, frequencies, coefficients, path: Path, times: np.ndarray) -> None:
+    """An animation for ParaView: a file .pvd, and beside it one .vtu for each moment with the field `displacement`."""
+    folder = path.with_suffix("")
+    folder.mkdir(exist_ok=True)
+    rows = []
+    for i, t in enumerate(times):
+        motion = (coefficients * np.exp(1j * frequencies * t)).real.sum(axis=1)
+        file = folder / f"{i:04d}.vtu"
+        structure.mesh(displacement=structure.displacement(motion)).write(file)
+        rows.append(f'<DataSet timestep="{t:.12g}" file="{folder.name}/{file.name}"/>')
+    body = "\n".join(rows)
+    path.write_text(f'<VTKFile type="Collection" version="0.1">\n<Collection>\n{body}\n</Collection>\n</VTKFile>\n')

@@ -1,0 +1,91 @@
+"""Motions in space: shapes and animations read back as VTK has them, of whole models and of reduced ones."""
+
+import h5py
+import numpy as np
+import pytest
+from synthetic import write_results
+from test_cli import run
+
+meshio = pytest.importorskip("meshio")
+
+TUPLES = [[0, 0], [1, 0], [0, 1], [1, 1]]
+FREQUENCY = [[2.0, 3.0]]
+
+
+def write_model(path, labels, node, direction, recovery=None):
+    """A quadrilateral of nodes 1 to 4."""
+    text = h5py.string_dtype()
+    with h5py.File(path, "w") as file:
+        file.create_dataset("labels", data=labels, dtype=text)
+        file["nodes/number"] = np.arange(1, 5)
+        file["nodes/coordinates"] = [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+        file["cells/type"] = [9]
+        file["cells/indptr"] = [0, 4]
+        file["cells/nodes"] = [0, 1, 2, 3]
+        file["dofs/node"] = node
+        file.create_dataset("dofs/direction", data=direction, dtype=text)
+        if recovery is not None:
+            file["recovery/matrix"] = recovery
+            file["recovery/node"] = [1, 2, 2]
+            file.create_dataset("recovery/direction", data=["z", "z", "rx"], dtype=text)
+
+
+@pytest.fixture
+def files(tmp_path):
+    coefficients = np.random.default_rng(3).normal(size=(1, 2, 4, 2))
+    coefficients[:, :, 0, 1] = 0.0
+    write_results(tmp_path / "run.h5", TUPLES, FREQUENCY, coefficients, dofs=("n2.z", "q1"), law_dofs=("n2.z",))
+    return tmp_path, coefficients[0]
+
+
+def moved(coefficients, t):
+    """(n2.z, q1) at a time, written out."""
+    total = np.zeros(2)
+    for h, j in enumerate(TUPLES):
+        phase = np.dot(j, FREQUENCY[0]) * t
+        total += coefficients[:, h, 0] * np.cos(phase) + coefficients[:, h, 1] * np.sin(phase)
+    return total
+
+
+def test_shapes_and_motion_of_a_reduced_model(files, capsys):
+    folder, c = files
+    recovery = np.array([[1.0, 0.0], [0.5, 2.0], [9.0, 9.0]])
+    write_model(folder / "small.h5", ["n2.z", "q1"], [1, -1], ["z", ""], recovery)
+    words = ("--tuple", "1,1", "--frames", "3", "--from", "0.25", "--to", "1.0")
+    assert run(capsys, "vtk", folder / "run.h5", "--model", folder / "small.h5", *words)[0] == 0
+    shapes = meshio.read(folder / "run_harmonics.vtu").point_data
+    expected = recovery[:2] @ c[:, 3, :]
+    for k, part in enumerate(("cos", "sin")):
+        field = shapes[f"{part} 1,1"]
+        np.testing.assert_allclose(field[[1, 2], 2], expected[:, k], rtol=1e-14)
+        assert not field[[0, 3]].any() and not field[:, :2].any()
+    np.testing.assert_allclose(shapes["amplitude 1,1"][[1, 2], 2], np.hypot(*expected.T), rtol=1e-14)
+    for i, t in enumerate((0.25, 0.5, 0.75)):
+        mesh = meshio.read(folder / "run_motion" / f"000{i}.vtu")
+        assert mesh.cells[0].type == "quad"
+        np.testing.assert_allclose(mesh.point_data["displacement"][[1, 2], 2], recovery[:2] @ moved(c, t), rtol=1e-12)
+    assert 'timestep="0.5" file="run_motion/0001.vtu"' in (folder / "run_motion.pvd").read_text()
+
+
+def test_model_as_it_is(files, capsys):
+    folder, c = files
+    write_model(folder / "full.h5", ["n2.z", "q1", "n3.x"], [1, 0, 2], ["z", "y", "x"])
+    status, out, _ = run(capsys, "vtk", folder / "run.h5", "--model", folder / "full.h5", "--frames", "0", "-o", folder / "a")
+    assert status == 0 and "a_harmonics.vtu: 4 harmonics" in out
+    field = meshio.read(folder / "a_harmonics.vtu").point_data["cos 1,0"]
+    np.testing.assert_allclose([field[1, 2], field[0, 1], field[2, 0]], [*c[:, 1, 0], 0.0], rtol=1e-14)
+    assert not (folder / "a_motion.pvd").exists()
+
+
+def test_what_does_not_fit_is_told(files, capsys):
+    folder, _ = files
+    write_model(folder / "other.h5", ["n9.z"], [1], ["z"])
+    status, _, err = run(capsys, "vtk", folder / "run.h5", "--model", folder / "other.h5")
+    assert status == 2 and "holds no degree of freedom of" in err
+    write_model(folder / "more.h5", ["n2.z", "q1", "q2"], [1, -1, -1], ["z", "", ""], np.zeros((3, 3)))
+    status, _, err = run(capsys, "vtk", folder / "run.h5", "--model", folder / "more.h5")
+    assert status == 2 and "does not hold q2" in err
+    status, _, err = run(capsys, "vtk", folder / "run.h5", "--model", folder / "run.h5")
+    assert status == 2 and "no model with nodes" in err
+    status, _, err = run(capsys, "vtk", folder / "run.h5", "--model", folder / "other.h5", "--tuple", "9,9")
+    assert status == 2

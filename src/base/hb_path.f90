@@ -1,0 +1,23 @@
+!> Where files are that an input names.
+module hb_path
+   implicit none
+   private
+   public :: beside
+
+contains
+
+   !> Path of a file that an input names: beside the input file if there is one of the name, else as it is.
+   function beside(input, name) result(path)
+      character(*), intent(in) :: input                               !! path of the input file
+      character(*), intent(in) :: name                                !! as the input has it
+      character(:), allocatable :: path
+      logical :: exists
+
+      path = name
+      if (index(name, "/") == 1) return
+      path = input(:index(input, "/", back=.true.))//name
+      if (index(path, "/") == 0) path = "./"//path
+      inquire (file=path, exist=exists)
+      if (.not. exists) path = name
+   end function beside
+end module hb_path

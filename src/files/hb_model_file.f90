@@ -1,0 +1,284 @@
+!> Model files (HDF5, docs/user/model.md): read whole, once, and refused with the name of the entry that is wrong.
+module hb_model_file
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_error, only: annotate, error_t, fail
+   use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
+   use hb_kinds, only: wp
+   use hb_model, only: model_source_t, model_t
+   use hb_sparse, only: new_sparse, sparse_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: model_file_t, read_model_file
+
+   character(*), parameter :: format_name = "nhbm model"
+   integer, parameter :: schema_version = 1
+
+   !> Models from files.
+   type, extends(model_source_t) :: model_file_t
+   contains
+      procedure :: fetch => model_file_fetch
+   end type model_file_t
+
+contains
+
+   subroutine model_file_fetch(self, name, model, error)
+      class(model_file_t), intent(in) :: self
+      character(*), intent(in) :: name                                !! path of the file
+      type(model_t), intent(out) :: model
+      type(error_t), allocatable, intent(out) :: error
+
+      call read_model_file(name, model, error)
+   end subroutine model_file_fetch
+
+   !> Reads a model file. Fails for what is no model file, or one of a later form, and for entries that are missing, of a wrong size
+   !> or not finite.
+   subroutine read_model_file(path, model, error)
+      character(*), intent(in) :: path
+      type(model_t), intent(out) :: model
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_file_t) :: file
+      type(error_t), allocatable :: ignored
+      logical :: exists
+
+      inquire (file=path, exist=exists)
+      if (.not. exists) then
+         call fail(error, "file '"//path//"' does not exist")
+         return
+      end if
+      call open_file(file, path, error)
+      if (allocated(error)) return
+      call check_form(file, error)
+      if (.not. allocated(error)) call read_parts(file, model, error)
+      call file%close(ignored)
+      if (.not. allocated(error)) return
+      if (index(error%message, path) == 0) call annotate(error, "file '"//path//"'")
+   end subroutine read_model_file
+
+   !> Refuses a file of another form.
+   subroutine check_form(file, error)
+      type(h5_file_t), intent(in) :: file
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: form
+      integer :: version
+
+      call file%get_attribute("format", form, error)
+      if (allocated(error)) then
+         call fail(error, "is no model file: it has no attribute 'format' that says '"//format_name//"'")
+         return
+      else if (form /= format_name) then
+         call fail(error, "is no model file: its attribute 'format' says '"//form//"', not '"//format_name//"'")
+         return
+      end if
+      call file%get_attribute("schema_version", version, error)
+      if (allocated(error)) return
+      if (version /= schema_version) call fail(error, "has schema version "//to_text(version)//", this program reads "// &
+                                               to_text(schema_version))
+   end subroutine check_form
+
+   subroutine read_parts(file, model, error)
+      type(h5_file_t), intent(in) :: file
+      type(model_t), intent(inout) :: model
+      type(error_t), allocatable, intent(out) :: error
+
+      call read_texts(file, "labels", model%labels, error)
+      if (allocated(error)) return
+      model%n_dofs = size(model%labels)
+      call read_texts(file, "units", model%units, error)
+      if (allocated(error)) return
+      call check_size("units", size(model%units), model%n_dofs, error)
+      if (allocated(error)) return
+      call read_matrix(file, "mass", .true., model%n_dofs, model%mass, error)
+      if (.not. allocated(error)) call read_matrix(file, "stiffness", .true., model%n_dofs, model%stiffness, error)
+      if (.not. allocated(error)) call read_matrix(file, "damping", .false., model%n_dofs, model%damping, error)
+      if (.not. allocated(error)) call read_matrix(file, "gyroscopic", .false., model%n_dofs, model%gyroscopic, error)
+      if (.not. allocated(error)) call read_matrix(file, "structural", .false., model%n_dofs, model%structural, error)
+      if (.not. allocated(error)) call read_sets(file, model, error)
+      if (.not. allocated(error)) call read_vectors(file, model, error)
+   end subroutine read_parts
+
+   subroutine read_matrix(file, name, is_required, n_dofs, matrix, error)
+      type(h5_file_t), intent(in) :: file
+      character(*), intent(in) :: name
+      logical, intent(in) :: is_required
+      integer, intent(in) :: n_dofs
+      type(sparse_t), intent(inout) :: matrix
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: columns(:), starts(:)
+      real(wp), allocatable :: values(:)
+
+      if (.not. file%has(name)) then
+         if (is_required) call fail(error, "has no matrix '"//name//"'")
+         return
+      end if
+      call read_integers(file, name//"/indptr", starts, error)
+      if (.not. allocated(error)) call read_integers(file, name//"/indices", columns, error)
+      if (.not. allocated(error)) call read_reals(file, name//"/data", values, error)
+      if (allocated(error)) return
+      if (size(starts) /= n_dofs + 1) then
+         call fail(error, "matrix '"//name//"' has "//to_text(size(starts) - 1)//" rows, there are "//to_text(n_dofs)//" labels")
+         return
+      end if
+      call new_sparse(matrix, n_dofs, starts, columns, values, error)
+      call annotate(error, "matrix '"//name//"'")
+   end subroutine read_matrix
+
+   !> Reads what belongs to each degree of freedom, and the sets, if there are nodes.
+   subroutine read_sets(file, model, error)
+      type(h5_file_t), intent(in) :: file
+      type(model_t), intent(inout) :: model
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: words(:)
+      integer, allocatable :: node_of(:), nodes(:), numbers(:), starts(:)
+      integer :: i, k, n_nodes
+
+      if (.not. file%has("sets")) return
+      call read_integers(file, "nodes/number", numbers, error)
+      if (.not. allocated(error)) call read_integers(file, "dofs/node", node_of, error)
+      if (.not. allocated(error)) call read_texts(file, "dofs/direction", words, error)
+      if (allocated(error)) return
+      n_nodes = size(numbers)
+      call check_size("dofs/node", size(node_of), model%n_dofs, error)
+      if (.not. allocated(error)) call check_size("dofs/direction", size(words), model%n_dofs, error)
+      if (allocated(error)) return
+      if (any(node_of < -1 .or. node_of >= n_nodes)) then
+         i = findloc(node_of < -1 .or. node_of >= n_nodes, .true., dim=1)
+         call fail(error, "dofs/node("//to_text(i)//") is "//to_text(node_of(i))//", there are nodes 0 to "// &
+                   to_text(n_nodes - 1)//", and -1 for none")
+         return
+      end if
+      model%sets%node_of = node_of + 1
+      allocate (model%sets%direction(size(words)))
+      model%sets%direction = words
+      call read_texts(file, "sets/names", words, error)
+      if (.not. allocated(error)) call read_integers(file, "sets/indptr", starts, error)
+      if (.not. allocated(error)) call read_integers(file, "sets/nodes", nodes, error)
+      if (.not. allocated(error)) call check_ranges("sets", size(words), starts, size(nodes), error)
+      if (allocated(error)) return
+      do i = 1, size(words)
+         do k = starts(i) + 1, starts(i + 1)
+            if (nodes(k) < 0 .or. nodes(k) >= n_nodes) then
+               call fail(error, "set '"//trim(words(i))//"' names node "//to_text(nodes(k))//", there are 0 to "// &
+                         to_text(n_nodes - 1))
+            else if (any(nodes(starts(i) + 1:k - 1) == nodes(k))) then
+               call fail(error, "set '"//trim(words(i))//"' names node "//to_text(nodes(k))//" twice")
+            end if
+            if (allocated(error)) return
+         end do
+      end do
+      allocate (model%sets%names(size(words)))
+      model%sets%names = words
+      model%sets%first = starts + 1
+      model%sets%nodes = nodes + 1
+   end subroutine read_sets
+
+   subroutine read_vectors(file, model, error)
+      type(h5_file_t), intent(in) :: file
+      type(model_t), intent(inout) :: model
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: words(:)
+      integer, allocatable :: dofs(:), starts(:)
+      real(wp), allocatable :: values(:)
+
+      if (.not. file%has("loads")) return
+      call read_texts(file, "loads/names", words, error)
+      if (.not. allocated(error)) call read_integers(file, "loads/indptr", starts, error)
+      if (.not. allocated(error)) call read_integers(file, "loads/dofs", dofs, error)
+      if (.not. allocated(error)) call read_reals(file, "loads/values", values, error)
+      if (.not. allocated(error)) call check_ranges("loads", size(words), starts, size(dofs), error)
+      if (.not. allocated(error)) call check_size("loads/values", size(values), size(dofs), error)
+      if (allocated(error)) return
+      if (any(dofs < 0 .or. dofs >= model%n_dofs)) then
+         call fail(error, "loads/dofs has "//to_text(dofs(findloc(dofs < 0 .or. dofs >= model%n_dofs, .true., dim=1)))// &
+                   ", there are degrees of freedom 0 to "//to_text(model%n_dofs - 1))
+         return
+      else if (.not. all(ieee_is_finite(values))) then
+         call fail(error, "loads/values("//to_text(findloc(ieee_is_finite(values), .false., dim=1))//") is not a finite number")
+         return
+      end if
+      allocate (model%vectors%names(size(words)))
+      model%vectors%names = words
+      model%vectors%first = starts + 1
+      model%vectors%dofs = dofs + 1
+      model%vectors%values = values
+   end subroutine read_vectors
+
+   subroutine check_size(name, n, n_expected, error)
+      character(*), intent(in) :: name
+      integer, intent(in) :: n, n_expected
+      type(error_t), allocatable, intent(out) :: error
+
+      if (n /= n_expected) call fail(error, "'"//name//"' has "//to_text(n)//" entries, expected "//to_text(n_expected))
+   end subroutine check_size
+
+   !> Refuses starts of ranges that do not cover `n_entries` one after the other.
+   subroutine check_ranges(name, n_ranges, starts, n_entries, error)
+      character(*), intent(in) :: name
+      integer, intent(in) :: n_ranges, starts(:), n_entries
+      type(error_t), allocatable, intent(out) :: error
+
+      call check_size(name//"/indptr", size(starts), n_ranges + 1, error)
+      if (allocated(error)) return
+      if (starts(1) /= 0 .or. starts(n_ranges + 1) /= n_entries .or. any(starts(2:) < starts(:n_ranges))) &
+         call fail(error, "'"//name//"/indptr' must rise from 0 to "//to_text(n_entries)//", the number of entries")
+   end subroutine check_ranges
+
+   subroutine read_integers(file, name, values, error)
+      type(h5_file_t), intent(in) :: file
+      character(*), intent(in) :: name
+      integer, allocatable, intent(out) :: values(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: dataset
+
+      call open_vector(file, name, dataset, error)
+      if (allocated(error)) return
+      allocate (values(product(dataset%get_extents())))
+      call dataset%read(values, error)
+      call dataset%close()
+   end subroutine read_integers
+
+   subroutine read_reals(file, name, values, error)
+      type(h5_file_t), intent(in) :: file
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(out) :: values(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: dataset
+
+      call open_vector(file, name, dataset, error)
+      if (allocated(error)) return
+      allocate (values(product(dataset%get_extents())))
+      call dataset%read(values, error)
+      call dataset%close()
+   end subroutine read_reals
+
+   subroutine read_texts(file, name, values, error)
+      type(h5_file_t), intent(in) :: file
+      character(*), intent(in) :: name
+      character(:), allocatable, intent(out) :: values(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: dataset
+
+      call open_vector(file, name, dataset, error)
+      if (allocated(error)) return
+      call dataset%read(values, error)
+      call dataset%close()
+   end subroutine read_texts
+
+   !> Opens a dataset of one axis.
+   subroutine open_vector(file, name, dataset, error)
+      type(h5_file_t), intent(in) :: file
+      character(*), intent(in) :: name
+      type(h5_dataset_t), intent(out) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+
+      if (.not. file%has(name)) then
+         call fail(error, "has no '"//name//"'")
+         return
+      end if
+      call file%open_dataset(name, dataset, error)
+      if (allocated(error)) return
+      if (size(dataset%get_extents()) == 1) return
+      call fail(error, "'"//name//"' has "//to_text(size(dataset%get_extents()))//" axes, not one")
+      call dataset%close()
+   end subroutine open_vector
+end module hb_model_file

@@ -1,0 +1,119 @@
+!> Structure from a model: sparse matrices, labels, sets of nodes and load vectors that another program made.
+!>
+!> Where models come from is not known here: whoever reads scenes hands in a `model_source_t`, the program one that reads files
+!> (hb_model_file).
+module hb_model
+   use hb_error, only: annotate, error_t, fail
+   use hb_kinds, only: wp
+   use hb_node_sets, only: named_vectors_t, node_sets_t
+   use hb_path, only: beside
+   use hb_properties, only: properties_t
+   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
+   use hb_sparse, only: sparse_t
+   use hb_structure, only: check_room, max_dofs, new_structure, structure_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: model_source_t, model_t, new_model_structure, read_model
+
+   !> A model as it comes. Matrices that it does not have, stiffness and mass excepted, have no rows.
+   type :: model_t
+      integer :: n_dofs = 0
+      type(sparse_t) :: mass, stiffness                               !! [kg], [N/m]
+      type(sparse_t) :: damping                                       !! [N s/m], viscous
+      type(sparse_t) :: gyroscopic                                    !! [N s/m], skew-symmetric
+      type(sparse_t) :: structural                                    !! [N/m]: H of the complex stiffness K + i H
+      character(:), allocatable :: labels(:), units(:)                !! (n_dofs)
+      type(node_sets_t) :: sets
+      type(named_vectors_t) :: vectors
+   end type model_t
+
+   !> Where models come from.
+   type, abstract :: model_source_t
+   contains
+      procedure(fetch_model), deferred :: fetch
+   end type model_source_t
+
+   abstract interface
+      !> Gives the model of a name, as a file's. Sizes of its parts agree, numbers are finite.
+      subroutine fetch_model(self, name, model, error)
+         import :: error_t, model_source_t, model_t
+         class(model_source_t), intent(in) :: self
+         character(*), intent(in) :: name
+         type(model_t), intent(out) :: model
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine fetch_model
+   end interface
+
+contains
+
+   !> Reads the structure from the keys of its group `&structure`.
+   subroutine read_model(group, structure, error, memory_limit, source)
+      type(properties_t), intent(inout) :: group
+      type(structure_t), intent(out) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: memory_limit                  !! bytes
+      class(model_source_t), intent(in), optional :: source
+      type(model_t) :: model
+      type(proportional_damping_t) :: proportional
+      character(:), allocatable :: file
+      real(wp) :: structural_frequency
+
+      call group%get("file", file, required=.true.)
+      structural_frequency = 0.0_wp
+      call group%get("structural_frequency", structural_frequency, unit="rad/s", minimum=0.0_wp)
+      call read_proportional_damping(group, proportional)
+      call group%finish(error)
+      if (allocated(error)) return
+      if (.not. present(source)) then
+         call fail(error, "models are not read here: there is nothing to read them with")
+      else
+         call source%fetch(beside(group%file_name, file), model, error)
+      end if
+      if (.not. allocated(error)) call check_room(model%n_dofs, error, memory_limit)
+      if (.not. allocated(error)) call new_model_structure(structure, model, proportional, structural_frequency, error)
+      call annotate(error, group%place())
+   end subroutine read_model
+
+   !> Makes a structure from a model. Structural damping becomes viscous damping that is the same at one frequency. Fails for a
+   !> gyroscopic matrix that is not skew-symmetric, else as `new_structure`.
+   subroutine new_model_structure(structure, model, proportional, structural_frequency, error)
+      type(structure_t), intent(out) :: structure
+      type(model_t), intent(in) :: model
+      type(proportional_damping_t), intent(in) :: proportional
+      real(wp), intent(in) :: structural_frequency                    !! [rad/s], > 0 where there is structural damping
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: damping(:, :), mass(:, :), part(:, :), stiffness(:, :)
+      integer :: worst(2)
+
+      if (model%n_dofs > max_dofs) then
+         call fail(error, "the model has "//to_text(model%n_dofs)//" degrees of freedom, at most "//to_text(max_dofs)// &
+                   " are taken as they are; 'nhbm-model reduce' makes a small model of a large one")
+         return
+      else if (model%structural%n_rows > 0 .and. .not. structural_frequency > 0.0_wp) then
+         call fail(error, "the model has structural damping H; give structural_frequency, where the viscous damping "// &
+                   "H/frequency that takes its place is to be the same")
+         return
+      end if
+      mass = model%mass%dense()
+      stiffness = model%stiffness%dense()
+      damping = proportional%matrix(mass, stiffness)
+      if (model%damping%n_rows > 0) damping = damping + model%damping%dense()
+      if (model%structural%n_rows > 0) damping = damping + model%structural%dense()/structural_frequency
+      if (model%gyroscopic%n_rows > 0) then
+         part = model%gyroscopic%dense()
+         worst = maxloc(abs(part + transpose(part)))
+         if (abs(part(worst(1), worst(2)) + part(worst(2), worst(1))) > 1.0e-10_wp*maxval(abs(part))) then
+            call fail(error, "the gyroscopic matrix must be skew-symmetric, between "//trim(model%labels(worst(1)))//" and "// &
+                      trim(model%labels(worst(2)))//" it is "//to_text(part(worst(1), worst(2)))//" one way and "// &
+                      to_text(part(worst(2), worst(1)))//" the other")
+            return
+         end if
+         damping = damping + part
+      end if
+      call new_structure(structure, mass, damping, stiffness, model%labels, model%units, error)
+      if (allocated(error)) return
+      structure%sets = model%sets
+      structure%vectors = model%vectors
+   end subroutine new_model_structure
+end module hb_model

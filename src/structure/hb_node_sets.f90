@@ -1,0 +1,119 @@
+!> Named sets of nodes of a structure, and named load vectors: names that stand for many degrees of freedom at once.
+module hb_node_sets
+   use hb_closest_word, only: closest_word
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   use hb_text, only: join, to_text
+   implicit none
+   private
+   public :: direction_length, name_length, named_vectors_t, node_sets_t
+
+   integer, parameter :: name_length = 64                             !! longest name of a set or a vector
+   integer, parameter :: direction_length = 8
+
+   !> Sets of nodes. With the direction behind a dot, as in `contact.z`, a set is a list of degrees of freedom.
+   type :: node_sets_t
+      character(name_length), allocatable :: names(:)                 !! (n_sets)
+      integer, allocatable :: first(:)                                !! (n_sets + 1): nodes first(i) to first(i + 1) - 1
+      integer, allocatable :: nodes(:)                                !! of all sets
+      integer, allocatable :: node_of(:)                              !! (n_dofs), 0: none
+      character(direction_length), allocatable :: direction(:)        !! (n_dofs), such as `x` or `rz`
+   contains
+      procedure :: find => node_sets_find
+   end type node_sets_t
+
+   !> Named vectors, each by its entries.
+   type :: named_vectors_t
+      character(name_length), allocatable :: names(:)                 !! (n_vectors)
+      integer, allocatable :: first(:)                                !! (n_vectors + 1)
+      integer, allocatable :: dofs(:)
+      real(wp), allocatable :: values(:)                              !! [N]
+   contains
+      procedure :: find => named_vectors_find
+   end type named_vectors_t
+
+contains
+
+   !> Degrees of freedom of a set in the order of its nodes: `contact.z`, or `contact` where its nodes move in one direction only.
+   !> Not allocated where no set has the name; fails where a node of the set lacks the direction.
+   pure subroutine node_sets_find(self, name, dofs, error)
+      class(node_sets_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, allocatable, intent(out) :: dofs(:)
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: direction, word
+      integer, allocatable :: dof_at(:)
+      integer :: dot, i, i_set
+
+      if (.not. allocated(self%names)) return
+      word = trim(adjustl(name))
+      direction = ""
+      i_set = position_of(self%names, word)
+      dot = index(word, ".", back=.true.)
+      if (i_set == 0 .and. dot > 1) then
+         direction = word(dot + 1:)
+         i_set = position_of(self%names, word(:dot - 1))
+      end if
+      if (i_set == 0) return
+      associate (nodes => self%nodes(self%first(i_set):self%first(i_set + 1) - 1))
+         if (size(nodes) == 0) then
+            call fail(error, "set '"//trim(self%names(i_set))//"' has no nodes")
+            return
+         end if
+         allocate (dof_at(maxval(nodes)), source=0)
+         do i = 1, size(self%node_of)
+            if (self%node_of(i) < 1 .or. self%node_of(i) > size(dof_at)) cycle
+            if (direction /= "" .and. self%direction(i) /= direction) cycle
+            if (direction == "" .and. dof_at(self%node_of(i)) > 0 .and. any(nodes == self%node_of(i))) then
+               call fail(error, "set '"//word//"' needs a direction, such as '"//word//"."//trim(self%direction(i))//"'")
+               return
+            end if
+            dof_at(self%node_of(i)) = i
+         end do
+         if (any(dof_at(nodes) == 0)) then
+            i = findloc(dof_at(nodes), 0, dim=1)
+            call fail(error, "node "//to_text(i)//" of set '"//trim(self%names(i_set))//"' has no degree of freedom '"// &
+                      direction//"'; "//to_text(count(dof_at(nodes) == 0))//" of its "//to_text(size(nodes))//" nodes have none")
+            return
+         end if
+         dofs = dof_at(nodes)
+      end associate
+   end subroutine node_sets_find
+
+   !> Entries of a vector; fails with the known names and the closest one.
+   pure subroutine named_vectors_find(self, name, dofs, values, error)
+      class(named_vectors_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, allocatable, intent(out) :: dofs(:)
+      real(wp), allocatable, intent(out) :: values(:)
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: closest, known
+      integer :: i
+
+      allocate (dofs(0), values(0))
+      i = 0
+      known = "none; they come with a structure of type 'model'"
+      closest = ""
+      if (allocated(self%names)) then
+         i = position_of(self%names, trim(adjustl(name)))
+         if (size(self%names) > 0) known = join(self%names, ", ")
+         closest = closest_word(name, self%names)
+      end if
+      if (i == 0) then
+         if (len(closest) > 0) closest = "; did you mean '"//closest//"'?"
+         call fail(error, "unknown load vector '"//trim(adjustl(name))//"'; known: "//known//closest)
+         return
+      end if
+      dofs = self%dofs(self%first(i):self%first(i + 1) - 1)
+      values = self%values(self%first(i):self%first(i + 1) - 1)
+   end subroutine named_vectors_find
+
+   pure integer function position_of(names, name) result(position)
+      character(*), intent(in) :: names(:), name
+
+      do position = 1, size(names)
+         if (names(position) == name) return
+      end do
+      position = 0
+   end function position_of
+end module hb_node_sets
