@@ -87,5 +87,23 @@ def test_what_does_not_fit_is_told(files, capsys):
     assert status == 2 and "does not hold q2" in err
     status, _, err = run(capsys, "vtk", folder / "run.h5", "--model", folder / "run.h5")
     assert status == 2 and "no model with nodes" in err
-    status, _, err = run(capsys, "vtk", folder / "run.h5", "--model", folder / "other.h5", "--tuple", "9,9")
-    assert status == 2
+    write_model(folder / "full.h5", ["n2.z", "q1"], [1, 0], ["z", "y"])
+    status, _, err = run(capsys, "vtk", folder / "run.h5", "--model", folder / "full.h5", "--tuple", "9,9")
+    assert status == 2 and "tuple 9,9 is not in the set of harmonics" in err
+
+
+@pytest.mark.parametrize("words", [(), ("--tuple", "0,1"), ("--time", "0.5")])
+def test_quick_view(files, capsys, words):
+    folder, _ = files
+    write_model(folder / "full.h5", ["n2.z", "q1"], [1, 0], ["z", "y"])
+    status, out, _ = run(capsys, "deflection", folder / "run.h5", "--model", folder / "full.h5", *words, "--dpi", "40")
+    assert status == 0 and (folder / "run_deflection.png").stat().st_size > 2000
+
+
+def test_surface_is_what_one_cell_has_alone():
+    from nhbm_post.draw.deflection import surface
+
+    two = [(10, [0, 1, 2, 3]), (10, [1, 2, 3, 4])]
+    faces = surface(two)
+    assert len(faces) == 6 and {1, 2, 3} not in [set(face) for face in faces]
+    assert surface([(9, [4, 5, 6, 7])]) == [(4, 5, 6, 7)]

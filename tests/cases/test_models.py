@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
 import scipy.sparse as sp
 from nhbm import Model
+from nhbm_post.cli import main as post
+from nhbm_post.reader import Results
 
+from expectations import failures, read_expectations
 from program import ALL_CONVERGED, BAD_INPUT, run
+
+INPUTS = Path(__file__).resolve().parents[2] / "inputs" / "models"
 
 N = 5
 
@@ -168,3 +178,29 @@ def test_singular_stiffness_is_an_outcome_that_says_where(chain, tmp_path):
     assert done.status != ALL_CONVERGED
     with h5py.File(tmp_path / "run.h5") as file:
         assert b"singular" in file["message"][0].tobytes()
+
+
+def make_model(name, folder):
+    """Runs the script of an input with our own nhbm-model."""
+    commands = folder / "commands"
+    commands.mkdir()
+    (commands / "nhbm-model").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m nhbm.command "$@"\n')
+    (commands / "nhbm-model").chmod(0o755)
+    source = Path(sys.modules["nhbm"].__file__).resolve().parents[1]
+    environment = {**os.environ, "PATH": f"{commands}:{os.environ['PATH']}", "PYTHONPATH": str(source)}
+    done = subprocess.run([INPUTS / f"{name}.sh", folder], env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+
+
+def test_plate_that_rattles_on_four_stops(tmp_path):
+    """From the script to pictures; numbers are those of the full model."""
+    pytest.importorskip("skfem")
+    make_model("rattling_plate", tmp_path)
+    text = (INPUTS / "rattling_plate.nml").read_text()
+    solve(tmp_path, text)
+    with Results(tmp_path / "run.h5") as results:
+        assert not failures(read_expectations(text), results)
+    model = str(tmp_path / "rattling_plate.h5")
+    assert post(["vtk", str(tmp_path / "run.h5"), "--model", model, "--frames", "2"]) == 0
+    assert post(["deflection", str(tmp_path / "run.h5"), "--model", model, "--dpi", "40"]) == 0
+    assert (tmp_path / "run_motion" / "0001.vtu").exists()

@@ -316,6 +316,20 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--frames", type=_count(0), default=48, metavar="N", help="moments of the motion, 0 for none (default 48)")
     sub.add_argument("--output", "-o", type=Path, metavar="STEM", help="beginning of the names of the files")
 
+    sub = command(
+        "deflection",
+        _deflection,
+        "deflected structure, one harmonic or one moment",
+        "Draws the surface of a finite element model, deflected by a harmonic at its largest (--tuple) or by the motion at a moment "
+        "(--time), coloured by the amplitude of the harmonic or the size of the displacement.",
+    )
+    sub.add_argument("--model", type=Path, required=True, metavar="MODEL", help="model file of the run")
+    _add_point(sub)
+    choice = sub.add_mutually_exclusive_group()
+    choice.add_argument("--tuple", type=_tuple, metavar="J1,J2,...", help="harmonic (default: the largest)")
+    choice.add_argument("--time", type=float, metavar="T", help="moment of the motion [s]")
+    _add_output(sub)
+
     for name, run, help_text, description in (
         (
             "work-precision",
@@ -716,6 +730,28 @@ def _rotor(arguments):
         point = 0 if arguments.view == "speeds" else results.point(arguments.point, dict(arguments.at))
         fig = draw.draw_rotor(results, point, arguments.view)
     _save(fig, arguments, arguments.view)
+
+
+def _deflection(arguments):
+    from . import draw
+    from .structure import Structure, harmonic_of, motions
+
+    structure = Structure(arguments.model)
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        tuples, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
+    if arguments.time is not None:
+        motion = (coefficients * np.exp(1j * frequencies * arguments.time)).real.sum(axis=1)
+        field = structure.displacement(motion)
+        fig = draw.draw_deflection(structure, field, np.linalg.norm(field, axis=1), f"t = {arguments.time:g} s")
+    else:
+        h = harmonic_of(tuples, coefficients, arguments.tuple)
+        shape = structure.displacement(coefficients[:, h].real) + 1j * structure.displacement(coefficients[:, h].imag)
+        largest = shape.ravel()[np.argmax(np.abs(shape))]
+        moment = (shape * np.exp(-1j * np.angle(largest))).real
+        words = f"harmonic ({','.join(map(str, tuples[h]))}), {abs(frequencies[h]):.6g} rad/s"
+        fig = draw.draw_deflection(structure, moment, np.linalg.norm(np.abs(shape), axis=1), words)
+    _save(fig, arguments)
 
 
 def _vtk(arguments):

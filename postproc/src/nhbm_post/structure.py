@@ -42,6 +42,11 @@ class Structure:
         self._matrix = file["recovery/matrix"][rows] if place == "recovery" else None
         self._rows = np.array(rows, dtype=int)
 
+    @property
+    def cells(self):
+        """Kind, as VTK counts, and nodes of each cell."""
+        return list(zip(self._types, self._cells))
+
     def displacement(self, motion: np.ndarray) -> np.ndarray:
         """Displacements (n_nodes, 3) for a motion of all degrees of freedom of the model."""
         moved = self._matrix @ motion if self._matrix is not None else motion[self._rows]
@@ -86,19 +91,26 @@ def motions(results: Results, structure: Structure, point: int, allow_unconverge
     return series.tuples, series.frequencies, np.array([zero if row is None else row for row in rows])
 
 
+def harmonic_of(tuples, coefficients, j: Sequence[int] | None) -> int:
+    """Number of the harmonic of a tuple or its negative, of the largest for none."""
+    if j is None:
+        return int(np.argmax(np.abs(coefficients).max(axis=0)))
+    j = np.array(j)
+    if j.shape == (tuples.shape[1],):
+        found = np.flatnonzero((tuples == j).all(axis=1) | (tuples == -j).all(axis=1))
+        if found.size:
+            return int(found[0])
+    raise UsageError(f"tuple {','.join(map(str, j))} is not in the set of harmonics")
+
+
 def write_harmonics(structure: Structure, tuples, coefficients, path: Path, wanted: Sequence[tuple[int, ...]] | None, most: int):
     """Operating deflection shapes: for each harmonic the displacement with the cosine and with the sine, and their size; the
     harmonics that are wanted, else the largest. Returns their tuples."""
-    size = np.abs(coefficients).max(axis=0)
     if wanted is None:
+        size = np.abs(coefficients).max(axis=0)
         chosen = [int(h) for h in np.argsort(-size, kind="stable")[:most] if size[h] > 0]
     else:
-        chosen = []
-        for j in wanted:
-            found = np.flatnonzero((tuples == np.array(j)).all(axis=1) | (tuples == -np.array(j)).all(axis=1))
-            if not found.size:
-                raise UsageError(f"tuple {','.join(map(str, j))} is not in the set of harmonics")
-            chosen.append(int(found[0]))
+        chosen = [harmonic_of(tuples, coefficients, j) for j in wanted]
     fields = {}
     for h in chosen:
         name = ",".join(map(str, tuples[h]))

@@ -2,6 +2,7 @@
 
 from .bench import draw_bench
 from .correction import draw_correction
+from .deflection import draw_deflection
 from .heat_map import draw_map
 from .multipliers import draw_multipliers
 from .plan import draw_plan
@@ -18,6 +19,7 @@ __all__ = [
     "draw_convergence",
     "draw_correction",
     "draw_cost",
+    "draw_deflection",
     "draw_map",
     "draw_multipliers",
     "draw_plan",

@@ -1,0 +1,58 @@
+"""A quick view of a motion in space: the deflected surface of a finite element model, coloured by its amplitude."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+from ..structure import Structure
+from .style import COLOUR_MAP, INK, figure, look
+
+# Corners of the faces of each kind of cell of VTK; middle nodes of quadratic cells are left out.
+_TETRA = ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3))
+_HEXA = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+_WEDGE = ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
+_FACES = {3: ((0, 1),), 5: ((0, 1, 2),), 9: ((0, 1, 2, 3),), 10: _TETRA, 12: _HEXA, 13: _WEDGE,
+          21: ((0, 1),), 22: ((0, 1, 2),), 23: ((0, 1, 2, 3),), 24: _TETRA, 25: _HEXA, 26: _WEDGE}  # fmt: skip
+_LARGEST = 0.12  # deflection that is drawn, relative to the largest extent
+
+
+def draw_deflection(structure: Structure, displacement: np.ndarray, amplitude: np.ndarray, heading: str):
+    """The structure deflected by `displacement` (n_nodes, 3), coloured by `amplitude` (n_nodes), in metres."""
+    with look():
+        fig = figure(5.6, 4.0, is_arranged=False)
+        axes = fig.add_axes((0.0, 0.1, 0.8, 0.82), projection="3d")
+        largest = float(np.abs(displacement).max())
+        extent = np.ptp(structure.points, axis=0)
+        scale = _LARGEST * float(extent.max()) / largest if largest > 0 else 0.0
+        points = structure.points + scale * displacement
+        faces = surface(structure.cells)
+        colours = Normalize(0.0, float(amplitude.max()) or 1.0)
+        kind = Line3DCollection if all(len(face) == 2 for face in faces) else Poly3DCollection
+        drawn = kind([points[list(face)] for face in faces], cmap=COLOUR_MAP, norm=colours, linewidths=0.3)
+        drawn.set_array(np.array([amplitude[list(face)].mean() for face in faces]))
+        if kind is Poly3DCollection:
+            drawn.set_edgecolor(INK)
+        axes.add_collection3d(drawn)
+        middle, half = (points.max(axis=0) + points.min(axis=0)) / 2, 0.5 * float(np.ptp(points, axis=0).max())
+        for k, (set_limits, label) in enumerate(((axes.set_xlim, "x"), (axes.set_ylim, "y"), (axes.set_zlim, "z"))):
+            set_limits(middle[k] - half, middle[k] + half)
+            getattr(axes, f"set_{label}label")(f"{label} [m]")
+            getattr(axes, f"{label}axis").set_major_locator(MaxNLocator(4))
+        axes.set_box_aspect((1, 1, 1))
+        fig.colorbar(drawn, cax=fig.add_axes((0.84, 0.2, 0.025, 0.55)), label="amplitude [m]")
+        fig.text(0.02, 0.95, f"{heading}; drawn {scale:.3g} times as large" if scale else heading)
+    return fig
+
+
+def surface(cells) -> list[tuple[int, ...]]:
+    """Faces that belong to one cell alone, of solids; lines and shells as they are."""
+    faces = [
+        tuple(int(nodes[k]) for k in corners) for kind, nodes in cells for corners in _FACES.get(int(kind), ())
+    ]
+    count = Counter(frozenset(face) for face in faces)
+    return [face for face in faces if count[frozenset(face)] == 1]
