@@ -234,7 +234,7 @@ contains
       class(bordered_problem_t), intent(inout), optional :: curve
       type(tangent_solver_t) :: tangent
       real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), size_of_motion
-      integer :: n
+      integer :: i, n
       logical :: is_rigid, is_singular
 
       if (all(u == 0.0_wp)) return
@@ -281,6 +281,11 @@ contains
          end associate
          if (is_rigid .or. self%truncation > linear) call compare_with_half(self, balance%harmonics, phase, u, size_of_motion)
          return                                                       ! the improvement holds the frequencies
+      end if
+      if (present(curve)) then
+         do i = 1, count(curve%which <= size(balance%omega))
+            self%frequency_error(curve%which(i)) = hypot(change(size(u) + i), alias(size(u) + i))
+         end do
       end if
       if (n_steps == 0 .or. present(curve)) return
       self%wider = wide%harmonics

@@ -3,8 +3,10 @@
 !>
 !> Lengths are counted in the range of the value, and in the largest motion met so far. Steps are as long as the tangent turns
 !> little on them, and shorter where the corrector has to work. A curve that starts between the ends of the range is followed both
-!> ways. Each point has all that a motion has. Source: docs/user/curves.md; docs/user/theory.md, section 6.7.
+!> ways. Each point has all that a motion has. Frequencies that are unknown are unknowns of the curve, each with a condition for its
+!> phase; of a normal mode the artificial damping as well, with a condition for the amplitude. Source: docs/user/curves.md; docs/user/theory.md, section 6.7.
 module hb_motion_curve
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_clock, only: wall_clock
    use hb_curve, only: curve_config_t, curve_t, event_t, new_curve
@@ -16,9 +18,11 @@ module hb_motion_curve
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
+   use hb_phase, only: coefficient_form, peak_form, peak_rate_form, shift_form
    use hb_response, only: response_t
    use hb_scene, only: scene_t
    use hb_scene_problem, only: moving_value_t, new_scene_problem, scene_problem_t
+   use hb_search, only: fundamental
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
    use hb_watch, only: verdict, watch_t
@@ -35,9 +39,11 @@ module hb_motion_curve
       integer :: peak = 4                                             !! maximum of a response
       integer :: value = 5                                            !! a value that was asked for
       integer :: end = 6                                              !! an end of the range, or where the curve closes
+      integer :: branch = 7                                           !! another curve crosses: the determinant changes its sign
    end type curve_kind_t
    type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
-   character(*), parameter :: curve_kind_names(0:6) = [character(7) :: "none", "regular", "start", "fold", "peak", "value", "end"]
+   character(*), parameter :: curve_kind_names(0:7) = [character(7) :: "none", "regular", "start", "fold", "peak", "value", &
+      "end", "branch"]
 
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
    real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
@@ -75,6 +81,8 @@ module hb_motion_curve
       real(wp), private :: sense = 1.0_wp                             ! of the value at the start of this way
       real(wp), private :: length = 0.0_wp                            ! of this way so far
       real(wp), allocatable, private :: x_start(:), direction_start(:)
+      integer, allocatable, private :: which(:)                       ! parameters of the problem that are unknown, the value last
+      logical, private :: has_collapsed = .false.                     ! the motion of an unknown tone has died out
       integer, private :: n_told = 0
       integer, private :: first_waiting = 1
       type(waiting_t), allocatable, private :: waiting(:)
@@ -108,6 +116,13 @@ module hb_motion_curve
       procedure :: value => peak_event_value
    end type peak_event_t
 
+   !> Where the determinant of the tangent, bordered by the direction, changes its sign.
+   type, extends(event_t) :: branch_event_t
+      type(curve_t) :: curve
+   contains
+      procedure :: value => branch_event_value
+   end type branch_event_t
+
    !> Where the value is a given one.
    type, extends(event_t) :: value_event_t
       real(wp) :: wanted = 0.0_wp, unit = 1.0_wp
@@ -117,12 +132,21 @@ module hb_motion_curve
 
 contains
 
-   !> Numbers that the state of a curve takes, of so many unknowns of the balance.
-   pure integer function state_size(n_unknowns)
+   !> Numbers that the state of a curve takes, of so many unknowns of the balance at most.
+   pure integer function state_size(n_unknowns, scene)
       integer, intent(in) :: n_unknowns
+      type(scene_t), intent(in) :: scene
 
-      state_size = 2*(n_unknowns + 1) + 3
+      state_size = 2*(n_unknowns + n_further(scene)) + 3
    end function state_size
+
+   !> Unknowns beside those of the balance: frequencies, artificial damping, and the value that moves.
+   pure integer function n_further(scene)
+      type(scene_t), intent(in) :: scene
+
+      n_further = 1 + count(scene%tones%is_unknown)
+      if (scene%normal_mode%is_asked) n_further = n_further + 1
+   end function n_further
 
    !> Solves the first motion, by all the ways that a point has; the curve is done with it where that does not lead to one.
    subroutine motion_curve_begin(self, scene, document, request, available_memory, result, error, watch, judge)
@@ -135,17 +159,20 @@ contains
       type(error_t), allocatable, intent(out) :: error
       class(watch_t), intent(inout), target :: watch
       class(judge_t), intent(in), optional :: judge
-      real(wp), allocatable :: unknowns(:)
+      real(wp), allocatable :: further(:), unknowns(:)
 
       self%request = request
       self%watch => watch
       call solve_motion(scene, result, error, unknowns=unknowns, watch=watch, judge=judge)
       self%is_done = allocated(error) .or. .not. allocated(unknowns)
       if (self%is_done) return
-      call prepare(self, scene, document, available_memory, error)
+      further = [pack(result%frequency, scene%tones%is_unknown)]
+      if (scene%normal_mode%is_asked) further = [further, pack(result%artificial_damping, scene%tones%is_unknown)]
+      further = [further, request%start]
+      call prepare(self, scene, document, available_memory, further, error)
       self%is_done = allocated(error)
       if (self%is_done) return
-      self%x_start = [unknowns(:self%problem%n_unknowns), request%start]
+      self%x_start = [unknowns(:self%problem%n_unknowns), further]
       self%sense = sign(1.0_wp, request%to - request%start)
       if (.not. abs(request%to - request%start) > 0.0_wp) self%sense = sign(1.0_wp, request%from - request%start)
       call set_out(self)
@@ -155,17 +182,27 @@ contains
    end subroutine motion_curve_begin
 
    !> The problem of the curve, at its start.
-   subroutine prepare(self, scene, document, available_memory, error)
+   subroutine prepare(self, scene, document, available_memory, further, error)
       class(motion_curve_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
       type(document_t), intent(in) :: document
       real(wp), intent(in) :: available_memory
+      real(wp), intent(in) :: further(:)                              !! unknowns beside those of the balance, at the start
       type(error_t), allocatable, intent(out) :: error
-      integer :: i
+      type(scene_t) :: found
+      integer :: i, n_unknown
 
+      found = scene
+      associate (tones => found%tones)
+         n_unknown = count(tones%is_unknown)
+         self%which = pack([(i, i=1, tones%n_tones)], tones%is_unknown)
+         tones%omega(self%which) = further(:n_unknown)
+         if (scene%normal_mode%is_asked) self%which = [self%which, tones%n_tones + self%which]
+      end associate
       self%problem%watch => self%watch
-      call new_scene_problem(self%problem, scene, document, self%request%moving, self%request%start, available_memory, error)
+      call new_scene_problem(self%problem, found, document, self%request%moving, self%request%start, available_memory, error)
       if (allocated(error)) return
+      self%which = [self%which, self%problem%own]
       self%weights = self%problem%x_scale
       if (.not. allocated(self%request%values)) allocate (self%request%values(0))
       if (.not. allocated(self%request%peaks)) allocate (self%request%peaks(0))
@@ -184,6 +221,7 @@ contains
       type(curve_config_t) :: config
       type(solver_config_t) :: corrector
       real(wp), dimension(size(self%x_start)) :: direction, units
+      real(wp) :: forms(size(self%x_start), size(self%which))
       logical :: is_possible
 
       config%longest_step = self%request%longest_step
@@ -199,16 +237,81 @@ contains
       direction(size(direction)) = self%sense
       self%length = 0.0_wp
       self%largest = least_motion
-      call self%problem%set_parameters([self%problem%own], self%x_start(size(direction):), is_possible)
-      call new_bordered_problem(bordered, self%problem, [self%problem%own], reshape(direction, [size(direction), 1]), [0.0_wp])
+      call move(self, self%x_start, is_possible)
+      forms = 0.0_wp
+      forms(:, size(self%which)) = direction
+      call new_bordered_problem(bordered, self%problem, self%which, forms, 0.0_wp*forms(1, :))
       self%curve%x = self%x_start
+      self%curve%problem = bordered
       call self%renew()
+      call set_conditions(self)
+      bordered = self%curve%problem
       units = self%curve%units
       call new_curve(self%curve, bordered, self%x_start, direction, units, config, corrector)
       self%direction_start = self%curve%direction
       call self%renew()
       self%slopes = slopes_of(self)
    end subroutine set_out
+
+   !> Moves the problem to the parameters of a point.
+   subroutine move(self, x, is_possible)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: x(:)
+      logical, intent(out) :: is_possible
+
+      call self%problem%set_parameters(self%which, x(self%problem%n_unknowns + 1:), is_possible)
+   end subroutine move
+
+   !> The conditions for the phases of unknown tones, by the motion at hand, and for the amplitude of a normal mode.
+   subroutine set_conditions(self)
+      class(motion_curve_t), intent(inout), target :: self
+      integer :: dof, h, i, n
+      real(wp) :: scale(self%problem%scene%harmonics%n_coefficients, self%problem%balance%n_dofs)
+
+      n = self%problem%n_unknowns
+      scale = reshape(self%weights, shape(scale))
+      associate (scene => self%problem%scene, set => self%problem%scene%harmonics, forms => self%curve%problem%forms, &
+                 n_dofs => self%problem%balance%n_dofs)
+         if (scene%normal_mode%is_asked) then
+            dof = self%problem%balance%stiffness%coordinates%number_of(scene%normal_mode%dof)
+            h = fundamental(set, self%which(1))
+            if (scene%normal_mode%is_peak) then
+               forms(:n, 1) = peak_rate_form(set, n_dofs, dof, self%which(1))
+               forms(:n, 2) = peak_form(set, n_dofs, dof)
+            else
+               forms(:n, 1) = coefficient_form(set, n_dofs, set%sin_at(h), dof)
+               forms(:n, 2) = coefficient_form(set, n_dofs, set%cos_at(h), dof)
+            end if
+            self%curve%problem%values(2) = scene%normal_mode%amplitude
+         else
+            do i = 1, size(self%which) - 1
+               forms(:n, i) = shift_form(set, self%which(i), reshape(self%curve%x(:n), shape(scale)), scale)
+            end do
+         end if
+      end associate
+   end subroutine set_conditions
+
+   !> Whether the motion of an unknown tone has gone through zero on the step: what follows is its mirror image.
+   logical function is_mirrored(self)
+      class(motion_curve_t), intent(in) :: self
+      real(wp) :: u(self%problem%scene%harmonics%n_coefficients, self%problem%balance%n_dofs), before(size(u, 1), size(u, 2))
+      integer :: h, i
+
+      is_mirrored = .false.
+      associate (set => self%problem%scene%harmonics)
+         u = reshape(self%curve%x(:size(u))/self%weights, shape(u))
+         before = reshape(self%curve%last_x(:size(u))/self%weights, shape(u))
+         do i = 1, size(self%which) - 1
+            if (self%which(i) > set%n_tones) cycle
+            do h = 1, set%n_harmonics
+               if (set%tuples(self%which(i), h) /= 0) cycle
+               u(set%cos_at(h), :) = 0.0_wp
+               if (set%sin_at(h) > 0) u(set%sin_at(h), :) = 0.0_wp
+            end do
+            is_mirrored = is_mirrored .or. sum(u*before) <= 0.0_wp
+         end do
+      end associate
+   end function is_mirrored
 
    !> All that the curve needs to go on from its point, as one row of numbers.
    function state_of(self) result(state)
@@ -235,10 +338,11 @@ contains
 
       self%request = request
       self%watch => watch
-      call prepare(self, scene, document, available_memory, error)
+      n = findloc(ieee_is_finite(start%state), .true., dim=1, back=.true.)
+      n = (n - 3)/2
+      call prepare(self, scene, document, available_memory, start%state(n - n_further(scene) + 1:n), error)
       self%is_done = allocated(error)
       if (self%is_done) return
-      n = self%problem%n_unknowns + 1
       self%x_start = start%state(:n)
       self%sense = sign(1.0_wp, start%state(2*n))
       if (last%length < 0.0_wp) self%sense = -self%sense
@@ -257,11 +361,13 @@ contains
 
    !> Brings the units of length and the tolerance to the point reached.
    subroutine motion_curve_renew(self)
-      class(motion_curve_t), intent(inout) :: self
+      class(motion_curve_t), intent(inout), target :: self
+      logical :: is_possible
 
+      call move(self, self%curve%x, is_possible)
       associate (n => self%problem%n_unknowns, curve => self%curve)
          self%largest = max(self%largest, norm2(curve%x(:n)/self%weights))
-         curve%units = [self%weights*self%largest, self%problem%parameter_scales([self%problem%own])]
+         curve%units = [self%weights*self%largest, self%problem%parameter_scales(self%which)]
          curve%corrector%tolerance = max(self%problem%scene%solver%tolerance, 2.0_wp*self%problem%rounding_level(curve%x(:n)))
       end associate
    end subroutine motion_curve_renew
@@ -281,6 +387,7 @@ contains
       if (self%curve%status /= outcome%pending) then
          result%status = self%curve%status
          if (self%watch%verdict == verdict%interrupted) result%status = outcome%interrupted
+         if (self%has_collapsed) result%status = outcome%collapsed
          result%message = lost_text(self)
          call count_work(self%curve%report, before, result)
          call leave(self)
@@ -312,6 +419,10 @@ contains
       class(motion_curve_t), intent(in) :: self
       character(:), allocatable :: text
 
+      if (self%has_collapsed) then
+         text = "the motion of an unknown tone died out next to the value "//to_text(self%curve%x(size(self%curve%x)))
+         return
+      end if
       text = "no way on along the curve from the value "//to_text(self%curve%x(size(self%curve%x)))//" after the length "// &
              to_text(self%length)
       if (allocated(self%problem%complaint)) text = text//": "//self%problem%complaint
@@ -327,6 +438,7 @@ contains
       self%is_done = .not. (is_inside(self%request, self%request%start) .and. self%sense*first_sense > 0.0_wp)
       if (self%is_done) return
       self%sense = -self%sense
+      self%has_collapsed = .false.
       call set_out(self)
    end subroutine leave
 
@@ -343,12 +455,18 @@ contains
       class(motion_curve_t), intent(inout), target :: self
       real(wp), allocatable :: slopes(:)
       real(wp) :: largest, units(size(self%curve%x))
+      integer :: n_branch_points
+      logical :: is_possible
 
       if (allocated(self%problem%complaint)) deallocate (self%problem%complaint)
+      call move(self, self%curve%x, is_possible)
+      call self%problem%renew()                                       ! a stored curve, too, goes on from there
+      call set_conditions(self)
       associate (curve => self%curve)
          do
             largest = self%largest
             units = curve%units
+            n_branch_points = curve%n_branch_points
             call curve%advance()
             if (curve%status /= outcome%pending) return
             call self%renew()
@@ -359,19 +477,26 @@ contains
             self%largest = largest
             curve%units = units
          end do
+         self%has_collapsed = is_mirrored(self)
+         if (self%has_collapsed) then
+            curve%status = outcome%collapsed
+            return
+         end if
          slopes = slopes_of(self)
          deallocate (self%waiting)
          allocate (self%waiting(0))
          self%first_waiting = 1
-         call self%look_back(self%slopes, slopes)
+         call self%look_back(self%slopes, slopes, curve%n_branch_points > n_branch_points)
          self%slopes = slopes
       end associate
    end subroutine motion_curve_step
 
    !> Finds folds, peaks, wanted values and ends on the step behind the curve, in their order.
-   subroutine motion_curve_look_back(self, slopes_before, slopes)
+   subroutine motion_curve_look_back(self, slopes_before, slopes, has_branched)
       class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: slopes_before(:), slopes(:)             !! of the responses
+      logical, intent(in) :: has_branched                             !! a branch point was passed by
+      type(branch_event_t) :: branch
       type(fold_event_t) :: fold
       type(peak_event_t) :: peak
       type(value_event_t) :: event
@@ -395,12 +520,16 @@ contains
                values(2) = x(n)
             end if
          end if
+         if (has_branched) then
+            branch%curve = curve
+            call find(branch, [-curve%orientation, curve%orientation], 0.0_wp, curve_kind%branch)
+         end if
          do i = 1, size(request%peaks)
             if (.not. (slopes_before(i) > 0.0_wp .and. slopes(i) <= 0.0_wp)) cycle
             peak%curve = curve
             peak%problem => self%problem
             peak%response = request%peaks(i)
-            peak%unit = square_at(self%problem, request%peaks(i), curve%x)
+            peak%unit = square_at(self%problem, self%which, request%peaks(i), curve%x)
             if (.not. peak%unit > 0.0_wp) cycle
             call find(peak, [slopes_before(i), slopes(i)]/peak%unit, located, curve_kind%peak)
          end do
@@ -459,17 +588,23 @@ contains
    subroutine land(self, x)
       class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(inout) :: x(:)
-      real(wp) :: u(size(x) - 1)
+      type(bordered_problem_t) :: problem
       type(report_t) :: report
-      logical :: is_possible
+      real(wp) :: there(size(x))
+      integer :: last
 
-      call self%problem%set_parameters([self%problem%own], x(size(x):), is_possible)
-      if (.not. is_possible) return
-      u = x(:size(u))
-      call solve_newton(self%problem, self%curve%corrector, u, report)
+      problem = self%curve%problem
+      last = size(self%which)
+      problem%forms(:, last) = 0.0_wp
+      problem%forms(size(x), last) = 1.0_wp
+      problem%values(last) = x(size(x))
+      call problem%rescale()
+      there = x
+      call solve_newton(problem, self%curve%corrector, there, report)
       call self%curve%report%add(report)
       if (report%status /= outcome%converged) return
-      if (maxval(abs(u - x(:size(u)))/self%curve%units(:size(u))) < 1.0e-6_wp) x(:size(u)) = u   ! at a fold it may run away
+      there(size(x)) = x(size(x))
+      if (maxval(abs(there - x)/self%curve%units) < 1.0e-6_wp) x = there       ! at a fold it may run away
    end subroutine land
 
    !> Whether the curve has come back to its start, after steps that led away from it.
@@ -524,12 +659,13 @@ contains
       logical :: is_possible
 
       n = self%problem%n_unknowns
-      call self%problem%set_parameters([self%problem%own], point%x(n + 1:), is_possible)
+      call move(self, point%x, is_possible)
       associate (balance => self%problem%balance, scene => self%problem%scene)
          call self%problem%residual(point%x(:n), r)
          result%residual = self%problem%norm(r)
          result%status = outcome%converged
          result%frequency = balance%omega
+         if (scene%normal_mode%is_asked) result%artificial_damping = balance%xi
          result%n_harmonics = scene%harmonics%n_harmonics
          result%n_unknowns = n
          nullify (balance%watch)                                      ! what a solution is worth is always found to its end
@@ -542,7 +678,7 @@ contains
       length = self%length + point%place
       sign_of_way = 1.0_wp
       if (is_inside(self%request, self%request%start)) sign_of_way = self%sense*sign(1.0_wp, self%request%to - self%request%start)
-      result%curve = curve_place_t(point%kind, point%x(n + 1), sign_of_way*length, point%x)
+      result%curve = curve_place_t(point%kind, point%x(size(point%x)), sign_of_way*length, point%x)
       if (point%kind /= curve_kind%regular) return
       self%length = length
       result%curve%state = state_of(self)
@@ -555,26 +691,30 @@ contains
       integer :: i
 
       do i = 1, size(slopes)
-         slopes(i) = slope_at(self%problem, self%request%peaks(i), self%curve%x, self%curve%direction)
+         slopes(i) = slope_at(self%problem, self%which, self%request%peaks(i), self%curve%x, self%curve%direction)
       end do
    end function slopes_of
 
    !> Slope of the square of a response along a direction, by a difference of fourth order.
-   real(wp) function slope_at(problem, response, x, direction) result(slope)
+   real(wp) function slope_at(problem, which, response, x, direction) result(slope)
       type(scene_problem_t), intent(inout), target :: problem
+      integer, intent(in) :: which(:)                                 !! parameters that are unknown
       type(response_t), intent(in) :: response
       real(wp), intent(in) :: x(:), direction(:)
       real(wp), parameter :: apart = 1.0e-3_wp
       real(wp) :: near, far
 
-      near = square_at(problem, response, x + apart*direction) - square_at(problem, response, x - apart*direction)
-      far = square_at(problem, response, x + 2.0_wp*apart*direction) - square_at(problem, response, x - 2.0_wp*apart*direction)
+      near = square_at(problem, which, response, x + apart*direction) - &
+             square_at(problem, which, response, x - apart*direction)
+      far = square_at(problem, which, response, x + 2.0_wp*apart*direction) - &
+            square_at(problem, which, response, x - 2.0_wp*apart*direction)
       slope = (8.0_wp*near - far)/(12.0_wp*apart)
    end function slope_at
 
    !> Square of a response.
-   real(wp) function square_at(problem, response, x) result(square)
+   real(wp) function square_at(problem, which, response, x) result(square)
       type(scene_problem_t), intent(inout), target :: problem
+      integer, intent(in) :: which(:)                                 !! parameters that are unknown
       type(response_t), intent(in) :: response
       real(wp), intent(in) :: x(:)
       complex(wp), allocatable :: c(:, :)
@@ -588,7 +728,7 @@ contains
          if (i > 0) then
             square = response%of(set, [(set%amplitude(u(:, i), h), h=1, set%n_harmonics)])
          else
-            call problem%set_parameters([problem%own], x(size(x):), is_possible)
+            call problem%set_parameters(which, x(size(u) + 1:), is_possible)
             square = 0.0_wp
             if (.not. is_possible) return
             allocate (c(problem%scene%structure%n_dofs, set%n_harmonics))
@@ -617,8 +757,17 @@ contains
 
       call self%curve%tangent_at(x, tangent, determinant_sign, is_singular)
       value = 0.0_wp
-      if (.not. is_singular) value = slope_at(self%problem, self%response, x, tangent)/self%unit
+      if (.not. is_singular) value = slope_at(self%problem, self%curve%problem%which, self%response, x, tangent)/self%unit
    end function peak_event_value
+
+   real(wp) function branch_event_value(self, x) result(value)
+      class(branch_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp) :: tangent(size(x))
+      logical :: is_singular
+
+      call self%curve%tangent_at(x, tangent, value, is_singular)
+   end function branch_event_value
 
    real(wp) function value_event_value(self, x) result(value)
       class(value_event_t), intent(inout) :: self

@@ -41,6 +41,7 @@ module hb_scene_problem
       character(:), allocatable, private :: group                     ! of the value
       real(wp), private :: value = 0.0_wp                             ! the present one
       real(wp), allocatable, private :: omega_at_zero(:), omega_slopes(:)  ! base frequencies as functions of the value
+      real(wp), allocatable, private :: omega(:), xi(:)               ! the present ones, (n_tones)
       logical, private :: has_stiffness = .false.
       real(wp), private :: available_memory = huge(1.0_wp)            ! bytes
       logical, private :: is_sound = .false.                          ! scene and balance belong to the value
@@ -59,6 +60,7 @@ module hb_scene_problem
       procedure :: parameter_scales => scene_problem_parameter_scales
       procedure :: set_parameters => scene_problem_set_parameters
       procedure :: parameter_derivative => scene_problem_parameter_derivative
+      procedure :: renew => scene_problem_renew
       procedure :: destroy => scene_problem_destroy
    end type scene_problem_t
 
@@ -85,6 +87,8 @@ contains
       self%has_stiffness = .false.
       self%group = self%document%groups%holders(moving%parameter%i_group)%group%name
       self%omega_slopes = 0.0_wp*scene%tones%omega
+      self%xi = self%omega_slopes
+      self%omega = scene%tones%omega
       self%omega_at_zero = scene%tones%omega
       if (self%group == "tones") then
          tone = max(1, moving%parameter%element(1))
@@ -104,9 +108,10 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(coordinates_t) :: coordinates
       type(dynamic_stiffness_t) :: stiffness
-      logical :: keeps_stiffness
+      logical :: has_slopes, keeps_stiffness
 
       self%is_sound = .false.
+      has_slopes = self%group == "tones" .or. any(self%scene%tones%is_unknown)
       associate (scene => self%scene)
          if (size(scene%laws) == 0) then
             call fail(error, "a curve needs at least one &law; without any, a &sweep shows all there is")
@@ -119,7 +124,7 @@ contains
             stiffness = self%balance%stiffness
          else
             call new_dynamic_stiffness(stiffness, scene%structure, coordinates, &
-               scene%harmonics%frequencies(scene%tones%omega), scene%loads, error, with_slopes=self%group == "tones", &
+               scene%harmonics%frequencies(scene%tones%omega), scene%loads, error, with_slopes=has_slopes, &
                load_slopes=scene%load_slopes)
             if (allocated(error)) return
          end if
@@ -140,8 +145,18 @@ contains
       self%residual_work = self%balance%residual_work
       self%tangent_work = self%balance%tangent_work
       self%balance%watch => self%watch
-      self%is_sound = .true.
+      if (any(abs(self%xi) > 0.0_wp)) call self%balance%move(self%scene%tones%omega, self%xi, error)
+      self%is_sound = .not. allocated(error)
    end subroutine rebuild
+
+   !> Makes the balance anew where it stands, so that its scales do not depend on the way there.
+   subroutine scene_problem_renew(self)
+      class(scene_problem_t), intent(inout) :: self
+      type(error_t), allocatable :: error
+
+      if (self%group == "tones" .and. .not. self%scene%has_inertia_loads) return   ! they never change
+      call rebuild(self, error)
+   end subroutine scene_problem_renew
 
    !> Brings scene and balance to a value; `complaint` tells why that is not possible.
    subroutine move_to(self, value, is_possible)
@@ -157,13 +172,14 @@ contains
       self%value = value
       self%is_sound = .false.
       if (self%group == "tones") then
-         associate (omega => self%omega_at_zero + self%omega_slopes*value)
+         associate (omega => self%omega_at_zero + self%omega_slopes*value, tones => self%scene%tones)
             is_possible = all(omega > 0.0_wp)
             if (.not. is_possible) then
                self%complaint = "frequencies must be greater than 0"
                return
             end if
-            self%scene%tones%omega = omega
+            where (.not. tones%is_unknown) tones%omega = omega
+            self%omega = tones%omega
          end associate
          if (self%scene%has_inertia_loads) then
             call self%document%begin()
@@ -176,6 +192,7 @@ contains
       else
          call self%document%set(self%moving%parameter, value)
          call update_scene(self%scene, self%document, is_new, error, self%available_memory)
+         if (.not. allocated(error)) self%scene%tones%omega = self%omega   ! unknown ones are where they were
          if (.not. allocated(error)) call rebuild(self, error)
       end if
       if (allocated(error)) then
@@ -215,6 +232,10 @@ contains
       if (i > 0) call move_to(self, values(i), is_possible)
       if (is_possible .and. any(which /= self%own)) &
          call self%balance%set_parameters(pack(which, which /= self%own), pack(values, which /= self%own), is_possible)
+      if (.not. is_possible .or. all(which == self%own)) return
+      self%omega = self%balance%omega                                 ! from where a balance is made anew
+      self%scene%tones%omega = self%omega
+      self%xi = self%balance%xi
    end subroutine scene_problem_set_parameters
 
    subroutine scene_problem_parameter_derivative(self, x, which, derivative)

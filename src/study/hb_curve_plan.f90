@@ -104,13 +104,17 @@ contains
       is_tones = document%groups%holders(self%parameter%i_group)%group%name == "tones"
       if (.not. document%is_real(self%parameter)) then
          complaint = "is no real number; only such can move by and by"
-      else if (any(scene%tones%is_unknown)) then
-         complaint = "curves need tones that are all given; leave out &tones unknown"
+      else if (scene%normal_mode%is_asked .and. scene%normal_mode%has_energy) then
+         complaint = "a curve keeps the amplitude of a &normal_mode, not its energy"
       else if (is_tones .and. scene%tones%n_tones > 1 .and. self%parameter%element(1) == 0) then
          complaint = "there are "//to_text(scene%tones%n_tones)//" tones; say which of them moves, such as '"// &
                      trim(lower(self%path))//"(1)', and tie = 'ratio' if the others move along"
       else if (size(scene%laws) == 0) then
          complaint = "a curve needs at least one &law; without any, a &sweep shows all there is"
+      end if
+      if (is_tones .and. len(complaint) == 0) then
+         if (scene%tones%is_unknown(max(1, self%parameter%element(1)))) complaint = "this frequency is found, not given"
+         if (any(scene%tones%is_unknown) .and. self%tie == ties(2)) complaint = "tie = 'ratio' needs tones that are all given"
       end if
       if (len(complaint) > 0) then
          call fail(error, self%place//": parameter '"//shown(self%path)//"': "//complaint)

@@ -1,6 +1,7 @@
 !> An input that was read and is ready to run: its document, the plan of its sweep, the scene of its first point, the
 !> harmonics of all points, and the layout of its result file.
 module hb_study
+   use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
@@ -11,6 +12,7 @@ module hb_study
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row, new_plan, plan_t
    use hb_scene, only: scene_t
+   use hb_scene_coordinates, only: coordinates_of
    use hb_scene_reader, only: group_names, read_scene
    use hb_scene_tones, only: read_tones
    use hb_stability, only: n_multipliers_of, stability_method
@@ -231,6 +233,7 @@ contains
       type(study_t), intent(in) :: self
       integer, intent(in) :: n_ranks
       type(results_layout_t), intent(out) :: layout
+      type(coordinates_t) :: coordinates
       integer, allocatable :: law_dofs(:)
       integer :: i
 
@@ -258,7 +261,8 @@ contains
          if (allocated(plan%curve)) then
             layout%curve_parameter = plan%curve%path
             layout%curve_units = plan%curve%units
-            layout%n_curve_state = state_size(2*size(self%tuples, 2)*size(law_dofs))
+            coordinates = coordinates_of(scene)
+            layout%n_curve_state = state_size(2*size(self%tuples, 2)*coordinates%n, scene)
          end if
          allocate (layout%parameters(size(plan%parameters)))
          do i = 1, size(plan%parameters)

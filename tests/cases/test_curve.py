@@ -4,10 +4,11 @@ import re
 import shutil
 
 import h5py
+import numpy as np
 import pytest
 from nhbm_post.reader import Results
 
-from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, read, run, solve
+from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, NOT_ALL_CONVERGED, read, run, solve
 
 DUFFING = """
 &structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,
@@ -109,6 +110,32 @@ def test_tied_tones_and_unbalance_move_along(tmp_path):
         assert found.frequency(there) == pytest.approx([0.6, 0.96], rel=1e-15)
         for j in ((1, 0), (0, 1), (2, 1)):
             assert found.amplitude(there, "x1", j) == pytest.approx(known.amplitude(0, "x1", j), rel=1e-10)
+
+
+def test_motions_are_unstable_exactly_between_the_folds(tmp_path):
+    with Results(solve(DUFFING + "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5 /\n", tmp_path)) as results:
+        kinds, stable = results.curve_kind()[results.used], results.stability()[results.used]
+    first, last = np.flatnonzero(kinds == "fold")
+    assert (stable[:first] == 1).all() and (stable[first + 1 : last] == -1).all() and (stable[last + 1 :] == 1).all()
+
+
+def test_limit_cycles_are_followed_and_end_where_they_die(tmp_path):
+    """A negative damping that fades: the cycle of x'' - e (1 - x**2) x' + d x' + x = 0 has the amplitude 2 sqrt(1 - d/e) and dies at d = e."""
+    text = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,
+   damping_mass = 1e-3 /
+&tones unknown = .true. /
+&harmonics order = 5 /
+&law type = 'van_der_pol', dof = 'x1', strength = 0.05 /
+&curve parameter = 'structure%damping_mass', from = 1e-3, to = 0.1, values = 0.0375 /
+"""
+    path = solve(text, tmp_path, status=NOT_ALL_CONVERGED)
+    with Results(path) as results:
+        [there] = results.select({"curve_kind": "value"})
+        assert results.amplitude(there, "x1", (1,)) == pytest.approx(1.0, abs=2e-4)
+        assert results.frequency(there)[0] == pytest.approx(1.0, abs=1e-3)
+        last = results.used[-1]
+        assert results.status_name(last) == "collapsed" and results.per_point("structure_damping_mass")[last] == pytest.approx(0.05, rel=0.01)
 
 
 def test_budget_of_points_is_kept(tmp_path):

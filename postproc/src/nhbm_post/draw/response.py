@@ -245,7 +245,11 @@ def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined) -> Non
 _SPECIAL = {
     "fold": {"linestyle": "none", "marker": "o", "markersize": 5.5, "markerfacecolor": "white", "markeredgewidth": 1.3},
     "peak": {"linestyle": "none", "marker": "^", "markersize": 6.0, "markerfacecolor": "white", "markeredgewidth": 1.3},
+    "branch": {"linestyle": "none", "marker": "D", "markersize": 5.5, "markerfacecolor": "white", "markeredgewidth": 1.3},
 }
+
+
+_WORDS = {"branch": "branch point"}
 
 
 def _draw_by_stability(ax, curve: Curve, x_factor, factor, look) -> None:
@@ -312,7 +316,7 @@ def _special_keys(curves: list[Curve]) -> list[Line2D]:
     for kind, shape in _SPECIAL.items():
         n = sum(int(curve.is_special(kind).sum()) for curve in curves)
         if n:
-            entries.append(Line2D([], [], **shape, color=style.INK, label=f"{n} {kind}{'s' * (n > 1)}"))
+            entries.append(Line2D([], [], **shape, color=style.INK, label=f"{n} {_WORDS.get(kind, kind)}{'s' * (n > 1)}"))
     stability = np.concatenate([curve.stability for curve in curves])
     for verdict, dashes, word in ((1, "-", "stable"), (-1, (0, (4, 2)), "unstable")):
         if (stability == verdict).any():
