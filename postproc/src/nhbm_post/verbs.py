@@ -1,0 +1,368 @@
+"""The verbs of the command `nhbm-post`: each takes the parsed arguments and prints or draws."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import ExitStack
+
+from . import report
+from .bench import Bench, read_reference
+from .errors import UsageError
+from .march import read_displacement
+from .measure import Measure
+from .outcome import CONVERGED, words
+from .reader import QUANTITIES, Results
+from .text import list_text
+
+# matplotlib takes a second to load, so each verb that draws imports nhbm_post.draw by itself.
+
+
+def info(arguments):
+    with Results(arguments.file) as results:
+        print(report.info(results, arguments.dof, arguments.points))
+
+
+def value(arguments):
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        dof = arguments.dof or results.default_dof(arguments.quantity)
+        print(report.value(results, point, dof, arguments.tuple, arguments.quantity, arguments.unconverged))
+
+
+def correction(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        fig = draw.draw_correction(
+            results,
+            point,
+            arguments.dof,
+            view=arguments.view,
+            decades=arguments.decades,
+            n_samples=arguments.samples,
+            allow_unconverged=arguments.unconverged,
+        )
+    _save(fig, arguments)
+
+
+def spectrum(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        series = results.series(point, arguments.dof, arguments.quantity, arguments.unconverged)
+        fig = draw.draw_spectrum(
+            series,
+            title=_origin(results, point, arguments.quantity),
+            form=arguments.form,
+            over=arguments.over,
+            decades=arguments.decades,
+            is_normalised=not arguments.absolute,
+        )
+    _save(fig, arguments)
+
+
+def response(arguments):
+    _draw_response(arguments, lambda results: _measure(arguments, results), arguments.over)
+
+
+def peaks(arguments):
+    with ExitStack() as stack:
+        files = [(label or path.stem, stack.enter_context(Results(path))) for label, path in arguments.files]
+        print(report.peaks(files, _measure(arguments, files[0][1]), arguments.dof))
+
+
+def backbone(arguments):
+    def measure(results):
+        if arguments.over is None and not any(path in results.swept for path in _BACKBONES):
+            raise UsageError(
+                f"{results.path}: neither {' nor '.join(_BACKBONES)} is swept; say --over (swept: {list_text(results.swept)}, "
+                "or amplitude)"
+            )
+        return Measure("frequency", tone=_tone(arguments, results))
+
+    over = arguments.over
+    if over is None:
+        with Results(arguments.file) as results:
+            over = next((path for path in _BACKBONES if path in results.swept), None)
+    _draw_response(arguments, measure, over)
+
+
+_BACKBONES = ("normal_mode%amplitude", "normal_mode%energy")
+
+
+def _draw_response(arguments, measure, over):
+    from . import draw
+
+    with ExitStack() as stack:
+        files = [(label or path.stem, stack.enter_context(Results(path))) for label, path in arguments.files]
+        (label, results), others = files[0], files[1:]
+        fig = draw.draw_response(
+            results,
+            arguments.dof,
+            measure=measure(results),
+            over=over,
+            where=dict(arguments.where),
+            logarithmic=arguments.logarithmic,
+            n_curves=arguments.curves,
+            label=label,
+            others=others,
+        )
+        for _, results in files:
+            print((f"{results.path}: " if others else "") + results.outcome_text())
+    _save(fig, arguments)
+
+
+def map(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        fig = draw.draw_map(
+            results,
+            arguments.dof,
+            measure=_measure(arguments, results),
+            over=arguments.over,
+            where=dict(arguments.where),
+            logarithmic=arguments.logarithmic,
+        )
+        print(results.outcome_text())
+    _save(fig, arguments)
+
+
+def multipliers(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        fig = draw.draw_multipliers(results, where=dict(arguments.where))
+    _save(fig, arguments)
+
+
+def _measure(arguments, results: Results):
+    """What --measure, --tuple, --tone and --of ask for."""
+    name = arguments.measure or ("harmonic" if arguments.tuple else "frequency" if arguments.tone else "peak")
+    if (name == "harmonic") != (arguments.tuple is not None):
+        raise UsageError("--measure harmonic and --tuple belong together")
+    if arguments.tone and name != "frequency":
+        raise UsageError("--tone belongs to --measure frequency")
+    if arguments.tuple and len(arguments.tuple) != results.n_tones:
+        raise UsageError(f"--tuple has {len(arguments.tuple)} entries; {results.path} has {results.n_tones} tones")
+    tone = _tone(arguments, results) if name == "frequency" else 0
+    return Measure(name, arguments.tuple, tone, arguments.quantity)
+
+
+def _tone(arguments, results: Results) -> int:
+    """Number of the tone, from 0: as told, else the first whose frequency was unknown, else the first."""
+    if arguments.tone is not None:
+        if arguments.tone > results.n_tones:
+            raise UsageError(f"{results.path}: no tone {arguments.tone}; tones: 1 to {results.n_tones}")
+        return arguments.tone - 1
+    unknown = results.unknown_tones()
+    return int(unknown[0]) if unknown.size else 0
+
+
+def plan(arguments):
+    from . import draw
+
+    _save(draw.draw_plan(arguments.file), arguments)
+
+
+def rotor(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        point = 0 if arguments.view == "speeds" else results.point(arguments.point, dict(arguments.at))
+        fig = draw.draw_rotor(results, point, arguments.view)
+    _save(fig, arguments, arguments.view)
+
+
+def deflection(arguments):
+    from . import draw
+    from .structure import Structure, harmonic_of, motions
+
+    structure = Structure(arguments.model)
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        tuples, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
+    if arguments.time is not None:
+        motion = (coefficients * np.exp(1j * frequencies * arguments.time)).real.sum(axis=1)
+        field = structure.displacement(motion)
+        fig = draw.draw_deflection(structure, field, np.linalg.norm(field, axis=1), f"t = {arguments.time:g} s")
+    else:
+        h = harmonic_of(tuples, coefficients, arguments.tuple)
+        shape = structure.displacement(coefficients[:, h].real) + 1j * structure.displacement(coefficients[:, h].imag)
+        largest = shape.ravel()[np.argmax(np.abs(shape))]
+        moment = (shape * np.exp(-1j * np.angle(largest))).real
+        words = f"harmonic ({','.join(map(str, tuples[h]))}), {abs(frequencies[h]):.6g} rad/s"
+        fig = draw.draw_deflection(structure, moment, np.linalg.norm(np.abs(shape), axis=1), words)
+    _save(fig, arguments)
+
+
+def vtk(arguments):
+    from .structure import Structure, motions, write_harmonics, write_motion
+
+    structure = Structure(arguments.model)
+    stem = arguments.output or arguments.file.with_suffix("")
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        tuples, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
+        slowest = float(np.abs(results.frequency(point)).min())
+    path = stem.with_name(f"{stem.name}_harmonics.vtu")
+    written = write_harmonics(structure, tuples, coefficients, path, arguments.tuples, arguments.harmonics)
+    print(f"{path}: {len(written)} harmonics, {list_text([','.join(map(str, j)) for j in written])}")
+    if arguments.frames == 0:
+        return
+    end = arguments.t_from + 2 * np.pi / slowest if arguments.t_to is None else arguments.t_to
+    if not end > arguments.t_from:
+        raise UsageError("the motion must end after it begins: --to above --from")
+    path = stem.with_name(f"{stem.name}_motion.pvd")
+    times = np.linspace(arguments.t_from, end, arguments.frames, endpoint=False)
+    write_motion(structure, frequencies, coefficients, path, times)
+    print(f"{path}: {len(times)} moments from {arguments.t_from:g} s to {end:g} s")
+
+
+def time(arguments):
+    from . import draw
+    from .draw.time_history import Record, read_record
+
+    at = dict(arguments.at)
+    with Results(arguments.file) as results:
+        if arguments.point is not None:
+            points = [results.point(number) for number in arguments.point]
+        elif at:
+            points = results.select(at)
+        else:
+            points = [results.point()]
+        dof = arguments.dof or results.default_dof(arguments.quantity)
+        curves = [
+            (
+                _legend(results, point, points),
+                results.series(point, dof, arguments.quantity, arguments.unconverged),
+            )
+            for point in points
+        ]
+        outcome = results.warning(points[0]) if len(points) == 1 else ""
+        title = ", ".join(part for part in (results.title, *_common_parameters(results, points), outcome) if part)
+    references = []
+    if arguments.march:
+        label, path = arguments.march
+        if arguments.quantity == "force":
+            raise UsageError("--march compares motions: a record has forces by coordinate of a law, not by dof")
+        method, t, x = read_displacement(path, dof)
+        references.append(Record(label or f"marching, {method}", t, x))
+    for label, path in arguments.overlay:
+        if path.suffix.lower() in (".h5", ".hdf5", ".nc"):
+            with Results(path) as other:
+                known = {key: value for key, value in at.items() if key in other.parameters}
+                point = other.point(at=known)
+                series = other.series(point, dof, arguments.quantity, arguments.unconverged)
+                references.append((_with_status(label or f"{path.stem}, {other.point_text(point)}", other, point), series))
+        else:
+            record = read_record(path, dof)
+            references.append(type(record)(label, record.t, record.x) if label else record)
+    fig = draw.draw_time(
+        curves,
+        references,
+        title=title,
+        t_from=arguments.t_from,
+        t_to=arguments.t_to,
+        level=arguments.level,
+        n_samples=arguments.samples,
+        has_difference=arguments.difference or bool(arguments.march),
+    )
+    _save(fig, arguments)
+
+
+def work_precision(arguments):
+    from . import draw
+
+    bench = Bench(arguments.file)
+    _save(draw.draw_work_precision(bench, _errors(bench, arguments), part=arguments.part), arguments)
+
+
+def convergence(arguments):
+    from . import draw
+
+    bench = Bench(arguments.file)
+    over = arguments.over or bench.varying()
+    fig, rates = draw.draw_convergence(bench, _errors(bench, arguments), over=over)
+    for curve, rate in rates:
+        print(f"{curve.label}: " + (f"error ~ {rate.plain(over)}" if rate else "too few points for a rate"))
+    _save(fig, arguments)
+
+
+def _errors(bench: Bench, arguments):
+    from . import draw
+
+    reference = read_reference(arguments.reference) if arguments.reference else None
+    only_known = arguments.known or str(arguments.reference).endswith(".csv")
+    plain, improved = (
+        bench.errors(reference, only_known=only_known, is_improved=which) for which in (False, True)
+    )
+    return draw.Errors(plain, improved if arguments.improved else None)
+
+
+def cost(arguments):
+    from . import draw
+
+    fig, exponents = draw.draw_cost(Bench(arguments.file), part=arguments.part)
+    for curve, rate in exponents:
+        print(f"{curve.label}: " + (f"time ~ {rate.plain('unknowns')}" if rate else f"no exponent, {rate.reason}"))
+    _save(fig, arguments)
+
+
+def bench(arguments):
+    from . import draw
+
+    fig, exponents, notes = draw.draw_bench(Bench(arguments.file, *arguments.also), arguments.over)
+    for kernel, rate in exponents:
+        print(f"{kernel}: " + (f"time ~ {rate.plain('n')}" if rate else f"no exponent, {rate.reason}"))
+    for note in notes:
+        print(note)
+    _save(fig, arguments)
+
+
+def _legend(results: Results, point: int, points: list[int]) -> str:
+    """What tells a point from the others drawn with it, or the method where it is alone."""
+    series_text = f"{results.n_tones}-HBM"
+    differing = [
+        p.text(point) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) > 1
+    ]
+    if len(points) == 1:
+        return f"{series_text}, {int(results.per_point('n_harmonics')[point])} harmonics"
+    return _with_status(f"{series_text}, " + (", ".join(differing) or f"point {point}"), results, point)
+
+
+def _with_status(label: str, results: Results, point: int) -> str:
+    """A legend that says how the point ended, unless it has converged."""
+    return label if results.status[point] == CONVERGED else f"{label} ({words(results.status_name(point))})"
+
+
+def _common_parameters(results: Results, points: list[int]) -> list[str]:
+    return [
+        p.text(points[0]) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) == 1
+    ]
+
+
+def _quantity_words(quantity: str) -> str:
+    return "" if quantity == "motion" else QUANTITIES[quantity].words
+
+
+def _origin(results: Results, point: int, quantity: str) -> str:
+    parts = [results.title, results.point_text(point), _quantity_words(quantity)]
+    if results.warning(point):
+        parts.append(results.warning(point))
+    return ", ".join(part for part in parts if part)
+
+
+def _save(fig, arguments, *parts: str) -> None:
+    """Writes the picture under the name asked for, else under that of the file, the command and `parts` of it."""
+    from . import draw
+
+    name = "_".join([arguments.file.stem, arguments.command, *parts])
+    output = arguments.output or arguments.file.with_name(f"{name}.png")
+    print(f"wrote {draw.save(fig, output, arguments.dpi)}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
