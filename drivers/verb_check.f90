@@ -10,12 +10,12 @@ module verb_check
    use hb_law, only: law_box_t
    use hb_law_check, only: check_derivatives, derivative_check_t
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text
+   use hb_memory_sizes, only: sizes_of
    use hb_mpi, only: comm_t, rank_of
    use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_scene, only: scene_t
    use hb_scene_coordinates, only: coordinates_of
    use hb_scene_doubts, only: commensurate_text, has_no_load
-   use hb_scene_sizes, only: sizes_of
    use hb_study, only: study_t
    use hb_text, only: to_text
    use verb_solve, only: load_study

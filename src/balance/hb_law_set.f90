@@ -92,7 +92,8 @@ contains
       call add_pairs_along(self)
    end subroutine law_set_differentiate_along
 
-   !> The same where the steps along time do not change, so that laws with memory give nothing.
+   !> Derivatives of the forces along a direction in which the steps along time do not change, so that laws with memory give
+   !> nothing.
    subroutine law_set_differentiate_without_memory(self)
       class(law_set_t), intent(inout) :: self
 

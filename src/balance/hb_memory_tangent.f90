@@ -93,7 +93,7 @@ contains
          wave = [cos(angle), sin(angle)]
       end function wave
 
-      !> The same for sample p of a slice: of all tones but the one that leads.
+      !> Cosine and sine of the phase of tuple j at sample p of a slice: of all tones but the one that leads.
       pure function wave_across(j, p)
          integer, intent(in) :: j(:), p
          real(wp) :: wave_across(2), below(2), above(2)

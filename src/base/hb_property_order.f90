@@ -195,6 +195,7 @@ contains
       end do
    end subroutine fill_elements
 
+   !> Says how large a matrix is.
    pure function matrix_text(n, m) result(text)
       integer, intent(in) :: n, m
       character(:), allocatable :: text

@@ -128,7 +128,7 @@ contains
       nullify (self%values)
    end subroutine complex_block_destroy
 
-   !> The same memory as complex numbers, two neighbours in each.
+   !> Gives the memory of real numbers as complex ones, two neighbours in each.
    function two_together(values) result(pairs)
       real(wp), intent(in), contiguous, target :: values(:)           !! an even number of them
       complex(wp), pointer, contiguous :: pairs(:)

@@ -3,7 +3,8 @@
 !> In the order of use: `create_file` (one process) makes a file, `add_...` its datasets with their space on
 !> the disk, `make_scale`, `attach_scale` and `set_attribute` describe them, `close` ends.
 !> `open_file_parallel` then opens it on all ranks, and `write_row` puts raw data in place: it changes no
-!> metadata, so ranks need not agree on anything and a killed run leaves a sound file.
+!> metadata, so ranks need not agree on anything and a killed run leaves a sound file. Small datasets whose values are known
+!> are made by `put` in one go.
 !>
 !> Extents are given in the order of Fortran, fastest first: h5py, h5dump and xarray show them reversed.
 !> Datasets are contiguous, never compressed. Messages of the library are not printed but put into the error.
@@ -41,6 +42,10 @@ module hb_hdf5
       procedure :: flush => file_flush
       procedure :: has => file_has
       procedure :: open_dataset => file_open_dataset
+      generic :: put => put_integer, put_real, put_text
+      procedure, private :: put_integer => file_put_integer
+      procedure, private :: put_real => file_put_real
+      procedure, private :: put_text => file_put_text
    end type h5_file_t
 
 contains
@@ -354,4 +359,54 @@ contains
             call h5lexists_f(self%id, name(:merge(i, i - 1, i == len(name))), has, status)
       end do
    end function file_has
+
+   !> Adds a dataset with its values, scales, unit and meaning; does nothing after an error.
+   subroutine file_put_real(self, name, values, scales, units, long_name, error, dataset)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      real(wp), intent(in), contiguous :: values(..)
+      type(h5_dataset_t), intent(in) :: scales(:)         !! of the dimensions, fastest first
+      character(*), intent(in) :: units, long_name
+      type(error_t), allocatable, intent(inout) :: error
+      type(h5_dataset_t), intent(out), optional :: dataset
+      type(h5_dataset_t) :: made
+
+      if (allocated(error)) return
+      call self%add_real(name, shape(values), made, error)
+      if (.not. allocated(error)) call made%write(values, error)
+      call made%describe(units, long_name, error, scales)
+      if (present(dataset)) dataset = made
+   end subroutine file_put_real
+
+   !> As for real numbers.
+   subroutine file_put_integer(self, name, values, scales, units, long_name, error, dataset)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, intent(in), contiguous :: values(..)
+      type(h5_dataset_t), intent(in) :: scales(:)
+      character(*), intent(in) :: units, long_name
+      type(error_t), allocatable, intent(inout) :: error
+      type(h5_dataset_t), intent(out), optional :: dataset
+      type(h5_dataset_t) :: made
+
+      if (allocated(error)) return
+      call self%add_integer(name, shape(values), made, error)
+      if (.not. allocated(error)) call made%write(values, error)
+      call made%describe(units, long_name, error, scales)
+      if (present(dataset)) dataset = made
+   end subroutine file_put_integer
+
+   !> Adds one string with its meaning; does nothing after an error.
+   subroutine file_put_text(self, name, text, long_name, error, dataset)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name, text, long_name
+      type(error_t), allocatable, intent(inout) :: error
+      type(h5_dataset_t), intent(out), optional :: dataset
+      type(h5_dataset_t) :: made
+
+      if (allocated(error)) return
+      call self%add_text(name, text, made, error)
+      call made%describe("1", long_name, error)
+      if (present(dataset)) dataset = made
+   end subroutine file_put_text
 end module hb_hdf5

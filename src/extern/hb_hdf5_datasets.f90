@@ -23,6 +23,7 @@ module hb_hdf5_datasets
    contains
       procedure :: attach_scale => dataset_attach_scale
       procedure :: close => dataset_close
+      procedure :: describe => dataset_describe
       procedure :: get_extents => dataset_get_extents
       procedure :: get_offset => dataset_get_offset
       procedure :: has_scale => dataset_has_scale
@@ -248,7 +249,7 @@ contains
       call transfer_values(self, .true., H5T_NATIVE_DOUBLE, c_loc(values), size(values), error, first, size(values, 2))
    end subroutine dataset_read_real_rows
 
-   !> The same of integers, of a dataset of single numbers.
+   !> Reads integers of rows that follow each other, of a dataset of single numbers.
    subroutine dataset_read_integer_rows(self, first, values, error)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: first                  !! row, from 1
@@ -384,6 +385,23 @@ contains
       call h5dsattach_scale_f(self%id, scale%id, file_index(self, i), status)
       call check(status, "attach a dimension scale", error, self%place)
    end subroutine dataset_attach_scale
+
+   !> Gives the dataset its unit, what it means and, if they are given, a scale for each dimension; nothing after an error.
+   subroutine dataset_describe(self, units, long_name, error, scales)
+      class(h5_dataset_t), intent(in) :: self
+      character(*), intent(in) :: units, long_name
+      type(error_t), allocatable, intent(inout) :: error
+      type(h5_dataset_t), intent(in), optional :: scales(:)            !! fastest dimension first
+      integer :: i
+
+      if (present(scales)) then
+         do i = 1, size(scales)
+            if (.not. allocated(error)) call self%attach_scale(i, scales(i), error)
+         end do
+      end if
+      if (.not. allocated(error)) call self%set_attribute("units", units, error)
+      if (.not. allocated(error)) call self%set_attribute("long_name", long_name, error)
+   end subroutine dataset_describe
 
    !> Says whether `scale` is attached to dimension `i`, counted from 1 for the fastest.
    function dataset_has_scale(self, i, scale) result(is_attached)

@@ -65,7 +65,7 @@ contains
       n_samples = samples_for(harmonics%highest, degree)
    end function default_samples
 
-   !> The same for the largest entries N_m of the tuples.
+   !> Samples per tone, as `default_samples`, for the largest entries N_m of the tuples.
    pure function samples_for(highest, degree) result(n_samples)
       integer, intent(in) :: highest(:)                               !! (n_tones)
       integer, intent(in) :: degree

@@ -170,7 +170,7 @@ contains
       end do
    end subroutine transform_to_coefficients
 
-   !> The same of one function alone, whatever the number of channels.
+   !> Coefficients of one function alone, whatever the number of channels.
    subroutine transform_to_coefficients_of_one(self, samples, x)
       class(transform_t), intent(inout) :: self
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, 1), aligned; unchanged
@@ -297,7 +297,7 @@ contains
       call self%columns_among(part, set, self%offset, self%offset(k), cosine_column, sine_column)
    end subroutine product_table_columns
 
-   !> The same columns in the rows of some of the harmonics alone.
+   !> Columns as `columns` gives them, in the rows of some of the harmonics alone.
    pure subroutine product_table_columns_among(self, part, set, offsets, offset, cosine_column, sine_column)
       class(product_table_t), intent(in) :: self
       integer, intent(in) :: part

@@ -114,7 +114,7 @@ contains
       end if
    end subroutine drag
 
-   !> The same where the leash becomes taut on the way, from a leash that is not too long.
+   !> Drags the slider by a leash that becomes taut on the way, and is not too long before; with its derivatives as `drag`.
    pure subroutine drag_taut(longest, way, leash, by_leash, by_way)
       real(wp), intent(in) :: longest, way(2)
       real(wp), intent(inout) :: leash(2)

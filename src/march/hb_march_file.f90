@@ -29,6 +29,8 @@ module hb_march_file
       integer, allocatable :: kept_dofs(:)
    end type march_origin_t
 
+   type(h5_dataset_t), parameter :: no_scales(0) = [h5_dataset_t ::]
+
    !> A file in the making, with the scales of its dimensions.
    type :: writer_t
       type(h5_file_t) :: file
@@ -57,11 +59,12 @@ contains
       if (.not. allocated(error)) then
          call create_file(writer%file, temporary, .true., error)
          if (.not. allocated(error)) call write_attributes(writer%file, origin, error)
-         if (.not. allocated(error)) call write_scales(writer, origin, structure, laws, record, judgement, error)
-         if (.not. allocated(error)) call write_record(writer, origin, structure, record, error)
-         if (.not. allocated(error)) call write_judgement(writer, origin, structure, judgement, error)
-         if (.not. allocated(error)) call write_state(writer, structure, state, error)
-         if (.not. allocated(error)) call write_inputs(writer, origin, error)
+         call write_scales(writer, origin, structure, laws, record, judgement, error)
+         call write_record(writer, origin, structure, record, error)
+         call write_judgement(writer, origin, structure, judgement, error)
+         call write_state(writer, structure, state, error)
+         call writer%file%put("input_text", origin%input_text, "the input as given", error)
+         call writer%file%put("input_complete", origin%input_complete, "the input after defaults", error)
          call writer%file%close(error_in_close)
          if (.not. allocated(error)) call move_alloc(error_in_close, error)
          if (.not. allocated(error)) call put_in_place(temporary, path, overwrite, error)
@@ -98,11 +101,10 @@ contains
       type(march_laws_t), intent(in) :: laws
       type(march_record_t), intent(in) :: record
       type(march_judgement_t), intent(in) :: judgement
-      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable, intent(inout) :: error
 
-      call self%file%add_real("time", [size(record%time)], self%time, error)
-      if (.not. allocated(error)) call self%time%write(record%time, error)
-      call finish_scale(self%time, "time", "s", "time", error)
+      call self%file%put("time", record%time, no_scales, "s", "time", error, self%time)
+      call make_scale(self%time, "time", error)
       call texts("dof", structure%labels(origin%kept_dofs), self%dof, "label of the degree of freedom")
       if (laws%n_coordinates > 0) call texts("law_coordinate", laws%coordinate_labels(), self%coordinate, &
                                              "coordinate of a law")
@@ -123,7 +125,8 @@ contains
 
          if (allocated(error)) return
          call self%file%add_texts(name, values, scale, error)
-         call finish_scale(scale, name, "1", long_name, error)
+         call scale%describe("1", long_name, error)
+         call make_scale(scale, name, error)
       end subroutine texts
 
       subroutine numbers(name, n, first, scale, long_name)
@@ -132,39 +135,34 @@ contains
          type(h5_dataset_t), intent(inout) :: scale
          integer :: i
 
-         if (allocated(error)) return
-         call self%file%add_integer(name, [n], scale, error)
-         if (.not. allocated(error)) call scale%write([(first + i, i=0, n - 1)], error)
-         call finish_scale(scale, name, "1", long_name, error)
+         call self%file%put(name, [(first + i, i=0, n - 1)], no_scales, "1", long_name, error, scale)
+         call make_scale(scale, name, error)
       end subroutine numbers
    end subroutine write_scales
 
-   subroutine finish_scale(scale, name, units, long_name, error)
+   subroutine make_scale(scale, name, error)
       type(h5_dataset_t), intent(in) :: scale
-      character(*), intent(in) :: name, units, long_name
+      character(*), intent(in) :: name
       type(error_t), allocatable, intent(inout) :: error
 
       if (.not. allocated(error)) call scale%make_scale(name, error)
-      if (.not. allocated(error)) call scale%set_attribute("units", units, error)
-      if (.not. allocated(error)) call scale%set_attribute("long_name", long_name, error)
-   end subroutine finish_scale
+   end subroutine make_scale
 
    subroutine write_record(self, origin, structure, record, error)
       type(writer_t), intent(in) :: self
       type(march_origin_t), intent(in) :: origin
       type(structure_t), intent(in) :: structure
       type(march_record_t), intent(in) :: record
-      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable, intent(inout) :: error
       character(:), allocatable :: units
 
       units = join(structure%units(origin%kept_dofs), " ")
-      call write_real(self, "displacement", record%displacement, [self%time, self%dof], units, "displacement", error, .true.)
-      if (.not. allocated(error)) call write_real(self, "velocity", record%velocity, [self%time, self%dof], &
-         rate_units(structure%units(origin%kept_dofs)), "velocity", error, .true.)
-      if (.not. allocated(error) .and. size(record%force) > 0) call write_real(self, "force", record%force, &
-         [self%time, self%coordinate], "N", "force of the laws on their coordinates, on the left-hand side", error)
-      if (.not. allocated(error)) call write_real(self, "cpu_seconds", record%cpu_seconds, [h5_dataset_t ::], "s", &
-         "processor time of the march", error)
+      call put_by_dof(self, "displacement", record%displacement, [self%time, self%dof], units, "displacement", error)
+      call put_by_dof(self, "velocity", record%velocity, [self%time, self%dof], rate_units(structure%units(origin%kept_dofs)), &
+                      "velocity", error)
+      if (size(record%force) > 0) call self%file%put("force", record%force, [self%time, self%coordinate], "N", &
+         "force of the laws on their coordinates, on the left-hand side", error)
+      call self%file%put("cpu_seconds", record%cpu_seconds, no_scales, "s", "processor time of the march", error)
    end subroutine write_record
 
    subroutine write_judgement(self, origin, structure, judgement, error)
@@ -172,79 +170,51 @@ contains
       type(march_origin_t), intent(in) :: origin
       type(structure_t), intent(in) :: structure
       type(march_judgement_t), intent(in) :: judgement
-      type(error_t), allocatable, intent(out) :: error
-      type(h5_dataset_t) :: dataset
+      type(error_t), allocatable, intent(inout) :: error
       character(:), allocatable :: units
 
       units = join(structure%units(origin%kept_dofs), " ")
-      call self%file%add_integer("tuple", shape(origin%tuples), dataset, error)
-      if (.not. allocated(error)) call dataset%write(origin%tuples, error)
-      if (.not. allocated(error)) call attach(dataset, [self%tone, self%harmonic], error)
-      if (.not. allocated(error)) call describe(dataset, "1", "integer tuple j of each harmonic", error)
-      if (.not. allocated(error)) call write_real(self, "frequency", origin%omega, [self%tone], "rad/s", &
-         "base frequencies", error)
-      if (.not. allocated(error)) call write_real(self, "coefficients", as_pairs(judgement%coefficients), &
-         [self%component, self%harmonic, self%dof], units, "coefficients of the record by averages with a smooth window", error, &
-         .true.)
-      if (.not. allocated(error)) call write_real(self, "spread", judgement%spread, [self%harmonic, self%dof], units, &
-         "difference of the coefficients of both halves of the record", error, .true.)
-      if (allocated(error) .or. size(judgement%frequencies, 1) == 0) return
-      call write_real(self, "peak_frequency", judgement%frequencies, [self%peak, self%dof], "rad/s", &
+      call self%file%put("tuple", origin%tuples, [self%tone, self%harmonic], "1", "integer tuple j of each harmonic", error)
+      call self%file%put("frequency", origin%omega, [self%tone], "rad/s", "base frequencies", error)
+      call put_by_dof(self, "coefficients", as_pairs(judgement%coefficients), [self%component, self%harmonic, self%dof], units, &
+                      "coefficients of the record by averages with a smooth window", error)
+      call put_by_dof(self, "spread", judgement%spread, [self%harmonic, self%dof], units, &
+                      "difference of the coefficients of both halves of the record", error)
+      if (size(judgement%frequencies, 1) == 0) return
+      call self%file%put("peak_frequency", judgement%frequencies, [self%peak, self%dof], "rad/s", &
          "frequencies of the largest lines", error)
-      if (.not. allocated(error)) call write_real(self, "peak_coefficients", as_pairs(judgement%amplitudes), &
-         [self%component, self%peak, self%dof], units, "coefficients of the largest lines", error, .true.)
+      call put_by_dof(self, "peak_coefficients", as_pairs(judgement%amplitudes), [self%component, self%peak, self%dof], units, &
+                      "coefficients of the largest lines", error)
    end subroutine write_judgement
 
    subroutine write_state(self, structure, state, error)
       type(writer_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
       type(march_state_t), intent(in) :: state
-      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable, intent(inout) :: error
 
-      call write_real(self, "state_time", state%time, [h5_dataset_t ::], "s", "time of the last state", error)
-      if (.not. allocated(error)) call write_real(self, "state_displacement", state%q, [self%state_dof], &
-         join(structure%units, " "), "displacement of the last state", error, .true.)
-      if (.not. allocated(error)) call write_real(self, "state_velocity", state%v, [self%state_dof], &
-         rate_units(structure%units), "velocity of the last state", error, .true.)
-      if (.not. allocated(error) .and. size(state%s) > 0) call write_real(self, "state_slider", state%s, [self%slider], "m", &
+      call self%file%put("state_time", state%time, no_scales, "s", "time of the last state", error)
+      call put_by_dof(self, "state_displacement", state%q, [self%state_dof], join(structure%units, " "), &
+                      "displacement of the last state", error)
+      call put_by_dof(self, "state_velocity", state%v, [self%state_dof], rate_units(structure%units), &
+                      "velocity of the last state", error)
+      if (size(state%s) > 0) call self%file%put("state_slider", state%s, [self%slider], "m", &
          "states of the laws with memory in the last state", error)
    end subroutine write_state
 
-   subroutine write_inputs(self, origin, error)
-      type(writer_t), intent(in) :: self
-      type(march_origin_t), intent(in) :: origin
-      type(error_t), allocatable, intent(out) :: error
-      type(h5_dataset_t) :: dataset
-
-      call self%file%add_text("input_text", origin%input_text, dataset, error)
-      if (.not. allocated(error)) call describe(dataset, "1", "the input as given", error)
-      if (allocated(error)) return
-      call self%file%add_text("input_complete", origin%input_complete, dataset, error)
-      if (.not. allocated(error)) call describe(dataset, "1", "the input after defaults", error)
-   end subroutine write_inputs
-
-   !> Writes one dataset; `by_dof`: the units are a list, one for each degree of freedom.
-   subroutine write_real(self, name, values, scales, units, long_name, error, by_dof)
+   !> Writes what belongs to degrees of freedom, whose units are a list with blanks between.
+   subroutine put_by_dof(self, name, values, scales, units, long_name, error)
       type(writer_t), intent(in) :: self
       character(*), intent(in) :: name
       real(wp), intent(in), contiguous :: values(..)
       type(h5_dataset_t), intent(in) :: scales(:)                     !! fastest first
       character(*), intent(in) :: units, long_name
-      type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: by_dof
+      type(error_t), allocatable, intent(inout) :: error
       type(h5_dataset_t) :: dataset
 
-      call self%file%add_real(name, shape(values), dataset, error)
-      if (.not. allocated(error)) call dataset%write(values, error)
-      if (.not. allocated(error)) call attach(dataset, scales, error)
-      if (allocated(error)) return
-      if (present(by_dof)) then
-         call describe(dataset, common_unit(units), long_name, error)
-         if (.not. allocated(error)) call dataset%set_attribute("dof_units", trim(units), error)
-      else
-         call describe(dataset, units, long_name, error)
-      end if
-   end subroutine write_real
+      call self%file%put(name, values, scales, common_unit(units), long_name, error, dataset)
+      if (.not. allocated(error)) call dataset%set_attribute("dof_units", trim(units), error)
+   end subroutine put_by_dof
 
    !> The first unit where all are the same.
    pure function common_unit(units)
@@ -274,27 +244,6 @@ contains
       end do
       rate_units = trim(rate_units)
    end function rate_units
-
-   subroutine attach(dataset, scales, error)
-      type(h5_dataset_t), intent(in) :: dataset
-      type(h5_dataset_t), intent(in) :: scales(:)
-      type(error_t), allocatable, intent(out) :: error
-      integer :: i
-
-      do i = 1, size(scales)
-         call dataset%attach_scale(i, scales(i), error)
-         if (allocated(error)) return
-      end do
-   end subroutine attach
-
-   subroutine describe(dataset, units, long_name, error)
-      type(h5_dataset_t), intent(in) :: dataset
-      character(*), intent(in) :: units, long_name
-      type(error_t), allocatable, intent(out) :: error
-
-      call dataset%set_attribute("units", units, error)
-      if (.not. allocated(error)) call dataset%set_attribute("long_name", long_name, error)
-   end subroutine describe
 
    !> Amplitudes c - i s as (cosine and sine, ...).
    pure function as_pairs(amplitudes) result(pairs)

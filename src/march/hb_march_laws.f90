@@ -50,6 +50,7 @@ module hb_march_laws
 
 contains
 
+   !> Gives each law of a scene its place among the coordinates, states and switches of all, and room for one sample.
    subroutine new_march_laws(self, laws, n_dofs, omega)
       type(march_laws_t), intent(out) :: self
       type(law_box_t), intent(in) :: laws(:)

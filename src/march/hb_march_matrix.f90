@@ -18,6 +18,7 @@ module hb_march_matrix
 
 contains
 
+   !> Takes a matrix; where few entries are other than zero, these alone.
    pure subroutine new_march_matrix(self, entries)
       type(march_matrix_t), intent(out) :: self
       real(wp), intent(in) :: entries(:, :)                           !! (n, n)

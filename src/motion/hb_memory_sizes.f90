@@ -3,18 +3,23 @@ module hb_memory_sizes
    use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: condensed_reach
-   use hb_harmonics, only: harmonics_t
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t, new_of_parity
    use hb_hysteretic_law, only: n_path_parts
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
+   use hb_law_coordinates, only: laws_at
    use hb_memory_tangent, only: width
+   use hb_scene, only: scene_t
+   use hb_scene_coordinates, only: coordinates_of
+   use hb_scene_symmetry, only: half_of_odd, is_solved_odd
    use hb_solver_types, only: solver_config_t
    use hb_structure, only: structure_t
-   use hb_torus, only: torus_t
    use hb_tangent_choice, only: largest_dense_tangent
+   use hb_torus, only: default_samples, torus_t
    implicit none
    private
-   public :: new_sizes, sizes_t
+   public :: sizes_of, sizes_t
 
    !> What the estimate depends on; real numbers, because hostile ones are beyond any integer.
    type :: sizes_t
@@ -39,45 +44,59 @@ module hb_memory_sizes
 
 contains
 
-   !> Takes the sizes from the parts of a scene; scans the matrices of the structure once.
-   subroutine new_sizes(self, structure, harmonics, torus, laws, coordinates, n_stored_dofs, stored_samples, solver, &
-                        has_certificate, has_unknown_tones)
-      type(sizes_t), intent(out) :: self
-      type(structure_t), intent(in) :: structure
-      type(harmonics_t), intent(in) :: harmonics
-      type(torus_t), intent(in) :: torus
-      type(law_box_t), intent(in) :: laws(:)                          !! on numbers of coordinates
-      type(coordinates_t), intent(in) :: coordinates
-      integer, intent(in) :: n_stored_dofs
-      integer, intent(in) :: stored_samples(:)                        !! of surfaces, size 0: none
-      type(solver_config_t), intent(in) :: solver
-      logical, intent(in) :: has_certificate, has_unknown_tones
+   !> What the memory of a scene depends on; laws from the first that has a problem on, and a grid with one, do
+   !> not count. Neighbours may ask for all tuples. Scans the matrices of the structure once.
+   type(sizes_t) function sizes_of(scene) result(self)
+      type(scene_t), intent(in) :: scene
+      type(harmonics_t) :: set
+      type(torus_t) :: torus
+      type(error_t), allocatable :: error
+      type(coordinates_t) :: coordinates
+      type(law_box_t), allocatable :: laws(:)                         ! on numbers of coordinates
       integer, allocatable :: n_laws_on(:)                            ! each coordinate
-      integer :: i
+      integer :: i, n
 
-      self%n_dofs = structure%n_dofs
+      do n = 0, size(scene%laws) - 1
+         if (.not. (allocated(scene%laws(n + 1)%law%dofs) .and. allocated(scene%laws(n + 1)%law%shape))) exit
+      end do
+      torus = scene%torus
+      set = scene%harmonics
+      if (.not. allocated(torus%n_samples)) then
+         torus%n_samples = default_samples(set, 1)
+      else if (n == size(scene%laws) .and. .not. scene%chain%is_on) then
+         if (is_solved_odd(scene)) then
+            call new_of_parity(set, scene%harmonics, 1, error)        ! that has odd tuples
+            torus = half_of_odd(scene)
+            associate (last => torus%n_samples(size(torus%n_samples)))
+               if (torus%is_half) last = last/2
+            end associate
+         end if
+      end if
+      coordinates = coordinates_of(scene, n)
+      laws = laws_at(coordinates, scene%laws(:n))
+      self%n_dofs = scene%structure%n_dofs
       self%n_law_dofs = size(coordinates%dofs)
       self%n_coordinates = coordinates%n
-      self%n_harmonics = harmonics%n_harmonics
-      self%highest = harmonics%highest
+      self%n_harmonics = set%n_harmonics
+      self%highest = set%highest
       self%samples = torus%n_samples
-      self%n_stored_dofs = n_stored_dofs
-      self%stored_samples = stored_samples
-      self%solver = solver
-      self%has_certificate = has_certificate .and. size(laws) > 0
-      self%has_unknown_tones = has_unknown_tones
+      self%n_stored_dofs = size(scene%output%dofs)
+      self%stored_samples = scene%output%samples
+      self%solver = scene%solver
+      self%has_certificate = scene%certificate%is_on .and. n > 0
+      self%has_unknown_tones = any(scene%tones%is_unknown)
       self%largest_dense = largest_dense_tangent(laws)
-      call scan_structure(self, structure)
+      call scan_structure(self, scene%structure)
       allocate (n_laws_on(coordinates%n), source=0)
-      do i = 1, size(laws)
+      do i = 1, n
          n_laws_on(laws(i)%law%dofs) = n_laws_on(laws(i)%law%dofs) + 1
       end do
-      do i = 1, size(laws)
+      do i = 1, n
          call add_law(self, laws, i, n_laws_on)
       end do
       self%n_pairs = min(self%n_pairs, self%n_coordinates**2)
-      call find_bands(self, structure, laws, coordinates)
-   end subroutine new_sizes
+      call find_bands(self, scene%structure, laws, coordinates)
+   end function sizes_of
 
    !> How far coordinates are coupled, see hb_block_pattern and hb_balance.
    subroutine find_bands(self, structure, laws, coordinates)

@@ -6,13 +6,13 @@ module hb_scene_reader
    use hb_kinds, only: wp
    use hb_march_config, only: read_march
    use hb_memory_estimate, only: check_memory
+   use hb_memory_sizes, only: sizes_of
    use hb_model, only: model_source_t
    use hb_properties, only: properties_t
    use hb_scene, only: scene_t, symmetry
    use hb_scene_laws, only: read_laws, update_laws
    use hb_scene_loads, only: read_loads, read_starts
    use hb_scene_settings, only: read_certificate, read_output, read_sampling, read_solver, read_stability
-   use hb_scene_sizes, only: sizes_of
    use hb_scene_symmetry, only: check_symmetry
    use hb_scene_tones, only: read_tones
    use hb_scene_unknown_tones, only: check_fundamentals, read_normal_mode, read_phase

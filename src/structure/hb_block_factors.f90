@@ -101,7 +101,7 @@ contains
       end do
    end subroutine block_factors_solve_harmonics
 
-   !> The same for one degree of freedom: each amplitude times its factor.
+   !> Multiplies the amplitudes of one degree of freedom by a factor each.
    pure subroutine scale_harmonics(set, factor, r, x)
       type(harmonics_t), intent(in) :: set
       complex(wp), intent(in) :: factor(:)                   !! (n_harmonics)

@@ -504,7 +504,7 @@ contains
       end do
    end subroutine dynamic_stiffness_linear_amplitudes
 
-   !> The same for one degree of freedom, by a division: LAPACK would take longer than the whole iteration of a small scene.
+   !> Linear motion of one degree of freedom by a division: LAPACK would take longer than the whole iteration of a small scene.
    pure subroutine linear_amplitudes_of_one(self, c, is_singular)
       type(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(out) :: c(:)                                !! [m], (n_harmonics)

@@ -20,7 +20,6 @@ module hb_bench
    use hb_outcome, only: is_solved
    use hb_progress, only: new_progress, progress_t
    use hb_results, only: create_results, results_layout_t, results_t
-   use hb_results_file, only: describe
    use hb_scene, only: scene_t
    use hb_study, only: describe_layout, study_t
    use hb_swept_point, only: run_point
@@ -254,17 +253,11 @@ contains
          end associate
       end subroutine add_kernel
 
-      !> Adds one column; does nothing after an error.
       subroutine add(name, column, units, long_name)
          character(*), intent(in) :: name, units, long_name
          real(wp), intent(in) :: column(:)
-         type(h5_dataset_t) :: dataset
 
-         if (allocated(error)) return
-         call file%add_real(name, shape(column), dataset, error)
-         if (.not. allocated(error)) call dataset%write(column, error)
-         if (.not. allocated(error)) call dataset%attach_scale(1, points, error)
-         if (.not. allocated(error)) call describe(dataset, units, long_name, error)
+         call file%put(name, column, [points], units, long_name, error)
       end subroutine add
    end subroutine add_costs
 

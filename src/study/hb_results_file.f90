@@ -18,7 +18,7 @@ module hb_results_file
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: amplitude_convention, describe, make_file, schema_version, set_flags
+   public :: amplitude_convention, make_file, schema_version, set_flags
 
    integer, parameter :: schema_version = 1
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
@@ -142,7 +142,7 @@ contains
                end if
             end select
             if (.not. allocated(error)) call axis%scale%make_scale(scale_name(axis, i), error)
-            if (.not. allocated(error)) call describe(axis%scale, axis%units, axis%long_name, error)
+            call axis%scale%describe(axis%units, axis%long_name, error)
          end associate
          if (allocated(error)) return
       end do
@@ -162,6 +162,7 @@ contains
       name = trim(words)
    end function scale_name
 
+   !> Adds the numbers of an axis, of which there may be none: an empty constructor has no size where the rank is assumed.
    subroutine add_numbers(file, axis, numbers, error)
       type(h5_file_t), intent(in) :: file
       type(axis_t), intent(inout) :: axis
@@ -180,61 +181,34 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(h5_dataset_t) :: dataset
       character(parameter_name_length) :: names(size(layout%parameters))
+      integer, allocatable :: entries(:)
       integer :: i
 
-      call file%add_integer("tuple", shape(layout%tuples), dataset, error)
-      if (.not. allocated(error)) call dataset%write(layout%tuples, error)
-      if (.not. allocated(error)) call attach(dataset, plan, [tone_axis, harmonic_axis], error)
-      if (.not. allocated(error)) call describe(dataset, "1", "integer tuple j of each harmonic", error)
+      associate (tone => plan%axes(tone_axis)%scale, harmonic => plan%axes(harmonic_axis)%scale)
+         call file%put("tuple", layout%tuples, [tone, harmonic], "1", "integer tuple j of each harmonic", error)
+         names = parameter_names(layout, plan)
+         do i = 1, size(names)
+            call add_parameter(file, trim(names(i)), layout%parameters(i), plan, error)
+         end do
+         do i = 1, size(layout%tuples, 1)                             ! xarray selects by an index of such, not by rows of a matrix
+            entries = layout%tuples(i, :)
+            call file%put(tuple_entry_name(i), entries, [harmonic], "1", "entry of the tuple for tone "//to_text(i), error)
+         end do
+      end associate
       if (allocated(error)) return
-
-      names = parameter_names(layout, plan)
-      do i = 1, size(names)
-         call add_parameter(file, trim(names(i)), layout%parameters(i), plan, error)
-         if (allocated(error)) return
-      end do
-      do i = 1, size(layout%tuples, 1)
-         call add_tuple_entry(file, i, layout%tuples, plan, error)
-         if (allocated(error)) return
-      end do
       if (allocated(layout%curve_parameter)) then
          call file%set_attribute("coordinates", coordinate_names(size(layout%tuples, 1), [character(parameter_name_length) :: &
             names, identifier(layout%curve_parameter)]), error)
       else
          call file%set_attribute("coordinates", coordinate_names(size(layout%tuples, 1), names), error)
       end if
-      if (allocated(error)) return
-
-      call file%add_text("input_text", or_empty(layout%input_text), dataset, error)
-      if (.not. allocated(error)) call describe(dataset, "1", "the input as given", error)
+      call file%put("input_text", or_empty(layout%input_text), "the input as given", error, dataset)
       if (.not. allocated(error)) call dataset%set_attribute("file_name", or_empty(layout%input_name), error)
-      if (allocated(error)) return
-      call file%add_text("input_overrides", or_empty(layout%input_overrides), dataset, error)
-      if (.not. allocated(error)) call describe(dataset, "1", "path=value of each --set, a line each", error)
-      if (allocated(error)) return
-      call file%add_text("input_complete", or_empty(layout%input_complete), dataset, error)
-      if (.not. allocated(error)) call describe(dataset, "1", "the input after defaults", error)
-      if (allocated(error)) return
-      call file%add_text("input_libraries", or_empty(layout%input_libraries), dataset, error)
-      if (.not. allocated(error)) call describe(dataset, "1", "libraries of the laws, checksum and length, a line each", error)
+      call file%put("input_overrides", or_empty(layout%input_overrides), "path=value of each --set, a line each", error)
+      call file%put("input_complete", or_empty(layout%input_complete), "the input after defaults", error)
+      call file%put("input_libraries", or_empty(layout%input_libraries), &
+         "libraries of the laws, checksum and length, a line each", error)
    end subroutine add_inputs
-
-   !> Adds one entry of all tuples as a dataset of its own: xarray selects by an index of such, not by rows of a matrix.
-   subroutine add_tuple_entry(file, tone, tuples, plan, error)
-      type(h5_file_t), intent(in) :: file
-      integer, intent(in) :: tone
-      integer, intent(in) :: tuples(:, :)               !! (n_tones, n_harmonics)
-      type(plan_t), intent(in) :: plan
-      type(error_t), allocatable, intent(out) :: error
-      type(h5_dataset_t) :: dataset
-      integer :: entries(size(tuples, 2))
-
-      entries = tuples(tone, :)
-      call file%add_integer(tuple_entry_name(tone), shape(entries), dataset, error)
-      if (.not. allocated(error)) call dataset%write(entries, error)
-      if (.not. allocated(error)) call attach(dataset, plan, [harmonic_axis], error)
-      if (.not. allocated(error)) call describe(dataset, "1", "entry of the tuple for tone "//to_text(tone), error)
-   end subroutine add_tuple_entry
 
    !> Gives the names of what labels points and harmonics, with blanks between (CF convention).
    function coordinate_names(n_tones, parameters) result(text)
@@ -257,18 +231,20 @@ contains
       character(*), intent(in) :: name
       type(swept_parameter_t), intent(in) :: parameter
       type(plan_t), intent(in) :: plan
-      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable, intent(inout) :: error
       type(h5_dataset_t) :: dataset
+      character(:), allocatable :: what
 
-      if (parameter%is_text) then
-         call file%add_texts(name, parameter%text_values, dataset, error)
-      else
-         call file%add_real(name, shape(parameter%values), dataset, error)
-         if (.not. allocated(error)) call dataset%write(parameter%values, error)
-      end if
-      if (.not. allocated(error)) call attach(dataset, plan, [point_axis], error)
-      if (.not. allocated(error)) &
-         call describe(dataset, or_empty(parameter%units), "swept parameter "//parameter%path, error)
+      if (allocated(error)) return
+      what = "swept parameter "//parameter%path
+      associate (point => plan%axes(point_axis)%scale)
+         if (parameter%is_text) then
+            call file%add_texts(name, parameter%text_values, dataset, error)
+            call dataset%describe(or_empty(parameter%units), what, error, [point])
+         else
+            call file%put(name, parameter%values, [point], or_empty(parameter%units), what, error, dataset)
+         end if
+      end associate
       if (.not. allocated(error)) call dataset%set_attribute("parameter", parameter%path, error)
    end subroutine add_parameter
 
@@ -291,9 +267,7 @@ contains
             case (is_characters)
                call file%add_characters(variable%name, extents, variable%dataset, error)
             end select
-            if (.not. allocated(error)) call attach(variable%dataset, plan, variable%axes, error)
-            if (.not. allocated(error)) &
-               call describe(variable%dataset, variable%units, variable%long_name, error)
+            call variable%dataset%describe(variable%units, variable%long_name, error, plan%axes(variable%axes)%scale)
             if (allocated(variable%dof_units) .and. .not. allocated(error)) &
                call variable%dataset%set_attribute("dof_units", variable%dof_units, error)
             if (variable%kind == is_characters .and. .not. allocated(error)) &
@@ -337,29 +311,6 @@ contains
       call dataset%set_attribute("flag_values", [(k, k=0, size(names) - 1)], error)
       if (.not. allocated(error)) call dataset%set_attribute("flag_meanings", join(names, " "), error)
    end subroutine set_flags
-
-   subroutine attach(dataset, plan, axes, error)
-      type(h5_dataset_t), intent(in) :: dataset
-      type(plan_t), intent(in) :: plan
-      integer, intent(in) :: axes(:)                    !! indices, fastest first
-      type(error_t), allocatable, intent(out) :: error
-      integer :: i
-
-      do i = 1, size(axes)
-         call dataset%attach_scale(i, plan%axes(axes(i))%scale, error)
-         if (allocated(error)) return
-      end do
-   end subroutine attach
-
-   !> Gives a dataset its unit and what it means.
-   subroutine describe(dataset, units, long_name, error)
-      type(h5_dataset_t), intent(in) :: dataset
-      character(*), intent(in) :: units, long_name
-      type(error_t), allocatable, intent(out) :: error
-
-      call dataset%set_attribute("units", units, error)
-      if (.not. allocated(error)) call dataset%set_attribute("long_name", long_name, error)
-   end subroutine describe
 
    !> Gives the text, or an empty one where none is allocated.
    pure function or_empty(text)

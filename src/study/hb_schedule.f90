@@ -16,22 +16,22 @@ module hb_schedule
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: new_schedule, ranks_per_counter, schedule_t, way_t
+   public :: cursor_t, new_schedule, ranks_per_counter, schedule_t
 
    integer, parameter :: ranks_per_counter = 256
    integer, parameter :: largest_block = 32                           ! points; more would save no time and risk more
    integer, parameter :: divisor = 8                                  ! a block is at most this part of a fair share of the rest
 
    !> Where a rank stands among the counters, and how fast it is.
-   type :: way_t
+   type :: cursor_t
       integer :: counter = 1                                          !! to draw the next number from
       logical :: is_done = .false.                                    !! all counters were found empty
       integer, private :: n_empty = 0
       integer, private :: seen = -1                                   ! units that the counter had given out, if known
       real(wp), private :: seconds = -1.0_wp                          ! [s] of a unit of the last block, if known
    contains
-      procedure :: note => way_note
-   end type way_t
+      procedure :: note => cursor_note
+   end type cursor_t
 
    type :: schedule_t
       integer :: n_points = 0                                         !! to solve
@@ -49,7 +49,7 @@ module hb_schedule
       procedure :: points_of => schedule_points_of
       procedure :: take => schedule_take
       procedure :: unit_of => schedule_unit_of
-      procedure :: way_of => schedule_way_of
+      procedure :: cursor_of => schedule_cursor_of
    end type schedule_t
 
 contains
@@ -164,58 +164,58 @@ contains
    end function schedule_owner_of
 
    !> Where a rank, from 0, begins.
-   pure type(way_t) function schedule_way_of(self, rank)
+   pure type(cursor_t) function schedule_cursor_of(self, rank)
       class(schedule_t), intent(in) :: self
       integer, intent(in) :: rank
 
-      schedule_way_of%counter = rank/self%group_size + 1
-   end function schedule_way_of
+      schedule_cursor_of%counter = rank/self%group_size + 1
+   end function schedule_cursor_of
 
-   !> How many units the rank should draw from `way%counter`: one where it knows nothing yet.
-   pure integer function schedule_ask(self, way) result(n)
+   !> How many units the rank should draw from `cursor%counter`: one where it knows nothing yet.
+   pure integer function schedule_ask(self, cursor) result(n)
       class(schedule_t), intent(in) :: self
-      type(way_t), intent(in) :: way
+      type(cursor_t), intent(in) :: cursor
       integer :: rest
 
       n = 1
-      if (way%seen < 0 .or. way%seconds < 0.0_wp) return
-      rest = share_start(self, way%counter + 1) - share_start(self, way%counter) - way%seen
-      n = min(self%largest, rest/(divisor*ranks_of(self, way%counter)))
-      if (n*way%seconds > self%block_seconds) n = int(self%block_seconds/way%seconds)
+      if (cursor%seen < 0 .or. cursor%seconds < 0.0_wp) return
+      rest = share_start(self, cursor%counter + 1) - share_start(self, cursor%counter) - cursor%seen
+      n = min(self%largest, rest/(divisor*ranks_of(self, cursor%counter)))
+      if (n*cursor%seconds > self%block_seconds) n = int(self%block_seconds/cursor%seconds)
       n = max(1, n)
    end function schedule_ask
 
-   !> Turns the number drawn from `way%counter` with `n` into a block of units, and sends the rank on to the next counter
+   !> Turns the number drawn from `cursor%counter` with `n` into a block of units, and sends the rank on to the next counter
    !> where there is none left: then first > last.
-   pure subroutine schedule_take(self, way, number, n, first, last)
+   pure subroutine schedule_take(self, cursor, number, n, first, last)
       class(schedule_t), intent(in) :: self
-      type(way_t), intent(inout) :: way
+      type(cursor_t), intent(inout) :: cursor
       integer, intent(in) :: number                                   !! sum of all that was drawn before
       integer, intent(in) :: n                                        !! what `ask` said
       integer, intent(out) :: first, last                             !! units, from 1
       integer :: end_of_share, start
 
-      start = share_start(self, way%counter)
-      end_of_share = share_start(self, way%counter + 1)
+      start = share_start(self, cursor%counter)
+      end_of_share = share_start(self, cursor%counter + 1)
       first = start + number + 1
       last = min(start + number + n, end_of_share)
-      way%seen = number + n
+      cursor%seen = number + n
       if (first <= end_of_share) return
       last = first - 1
-      way%seen = -1
-      way%n_empty = way%n_empty + 1
-      way%is_done = way%n_empty == self%n_counters
-      way%counter = modulo(way%counter - 1 + self%stride, self%n_counters) + 1
+      cursor%seen = -1
+      cursor%n_empty = cursor%n_empty + 1
+      cursor%is_done = cursor%n_empty == self%n_counters
+      cursor%counter = modulo(cursor%counter - 1 + self%stride, self%n_counters) + 1
    end subroutine schedule_take
 
    !> Notes how long the last block took.
-   pure subroutine way_note(self, n_units, seconds)
-      class(way_t), intent(inout) :: self
+   pure subroutine cursor_note(self, n_units, seconds)
+      class(cursor_t), intent(inout) :: self
       integer, intent(in) :: n_units                                  !! of the block, above 0
       real(wp), intent(in) :: seconds                                 !! [s]
 
       self%seconds = seconds/n_units
-   end subroutine way_note
+   end subroutine cursor_note
 
    !> Number of units in the shares before that of a counter; shares follow the number of ranks.
    pure integer function share_start(self, counter)

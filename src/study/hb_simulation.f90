@@ -6,7 +6,7 @@
 !> Simulation Modeling and Analysis (5th edition, 2015), sections 1.3 and 2.8.
 module hb_simulation
    use hb_kinds, only: two_pi, wp
-   use hb_schedule, only: schedule_t, way_t
+   use hb_schedule, only: cursor_t, schedule_t
    implicit none
    private
    public :: forecast_t, lognormal_costs, machine_t, simulate, stretched_costs, tasks_t
@@ -87,7 +87,7 @@ contains
       type(tasks_t), intent(in) :: tasks
       type(machine_t), intent(in) :: machine
       type(forecast_t), intent(out) :: forecast
-      type(way_t) :: ways(0:n_ranks - 1)
+      type(cursor_t) :: cursors(0:n_ranks - 1)
       integer :: heap(n_ranks), drawn(schedule%n_counters), n, n_active, n_writes, rank
       integer :: held(0:n_ranks - 1)                                  ! points of a block that waits to be written
       real(wp) :: time(0:n_ranks - 1), solving(0:n_ranks - 1)
@@ -95,7 +95,7 @@ contains
       real(wp) :: drawing, writing, end_of_all, served
       integer :: counter, first, first_point, last, last_point, unused
 
-      ways = [(schedule%way_of(rank), rank=0, n_ranks - 1)]
+      cursors = [(schedule%cursor_of(rank), rank=0, n_ranks - 1)]
       heap = [(rank, rank=0, n_ranks - 1)]
       time = 0.0_wp
       held = 0
@@ -121,15 +121,15 @@ contains
             time(rank) = served
             held(rank) = 0
          else
-            counter = ways(rank)%counter
+            counter = cursors(rank)%counter
             served = max(time(rank) + 0.5_wp*machine%latency, counter_free(counter)) + 1.0_wp/machine%counter_rate
             counter_free(counter) = served
             counter_busy(counter) = counter_busy(counter) + 1.0_wp/machine%counter_rate
             served = served + 0.5_wp*machine%latency
             drawing = drawing + served - time(rank)
             time(rank) = served
-            n = schedule%ask(ways(rank))
-            call schedule%take(ways(rank), drawn(counter), n, first, last)
+            n = schedule%ask(cursors(rank))
+            call schedule%take(cursors(rank), drawn(counter), n, first, last)
             drawn(counter) = drawn(counter) + n
             forecast%draws = forecast%draws + 1.0_wp
             if (first <= last) then
@@ -138,8 +138,8 @@ contains
                held(rank) = last_point - first_point + 1
                solving(rank) = tasks%ends(last_point) - tasks%ends(first_point - 1)
                time(rank) = time(rank) + solving(rank)
-               call ways(rank)%note(last - first + 1, solving(rank))
-            else if (ways(rank)%is_done) then
+               call cursors(rank)%note(last - first + 1, solving(rank))
+            else if (cursors(rank)%is_done) then
                end_of_all = max(end_of_all, time(rank))
                heap(1) = heap(n_active)
                n_active = n_active - 1

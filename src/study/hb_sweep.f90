@@ -25,7 +25,7 @@ module hb_sweep
    use hb_row_checks, only: count_pending
    use hb_run_summary, only: count_point, run_summary_t, sum_up
    use hb_scene, only: scene_t
-   use hb_schedule, only: new_schedule, schedule_t, way_t
+   use hb_schedule, only: cursor_t, new_schedule, schedule_t
    use hb_signals, only: wait_for_points
    use hb_study, only: describe_layout, study_t
    use hb_swept_curve, only: new_swept_curve, swept_curve_t
@@ -194,30 +194,30 @@ contains
       type(comm_t), intent(in) :: comm
       type(run_summary_t), intent(inout) :: summary
       type(error_t), allocatable, intent(out) :: error
-      type(way_t) :: way
+      type(cursor_t) :: cursor
       real(wp) :: started, waited
       integer :: done, failed, first, i, last, n, number
 
       call new_work_counter(run%counter, [(run%schedule%owner_of(i), i=1, run%schedule%n_counters)], comm, error)
       if (allocated(error)) return
       call new_progress(run%progress, run%schedule%n_points, level, run%rank == 0)
-      way = run%schedule%way_of(run%rank)
+      cursor = run%schedule%cursor_of(run%rank)
       started = wall_clock()
-      do while (.not. (way%is_done .or. allocated(error) .or. run%ending%reason /= interruption%none))
+      do while (.not. (cursor%is_done .or. allocated(error) .or. run%ending%reason /= interruption%none))
          waited = wall_clock()
-         n = run%schedule%ask(way)
-         number = run%counter%next(way%counter, n)
+         n = run%schedule%ask(cursor)
+         number = run%counter%next(cursor%counter, n)
          run%times%n_draws = run%times%n_draws + 1
          run%times%drawing = run%times%drawing + wall_clock() - waited
-         call run%schedule%take(way, number, n, first, last)
+         call run%schedule%take(cursor, number, n, first, last)
          waited = wall_clock()
          do i = first, last
-            call run_unit(self, run, i, way%counter, summary, error)
+            call run_unit(self, run, i, cursor%counter, summary, error)
             if (allocated(error)) exit
          end do
-         if (first <= last) call way%note(last - first + 1, wall_clock() - waited)
+         if (first <= last) call cursor%note(last - first + 1, wall_clock() - waited)
       end do
-      call report(run%counter, way%counter, run%progress, run%times)
+      call report(run%counter, cursor%counter, run%progress, run%times)
       if (.not. allocated(error)) then
          waited = wall_clock()
          call run%results%flush(error)

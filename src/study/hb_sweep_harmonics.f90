@@ -17,14 +17,6 @@ module hb_sweep_harmonics
 
    character(*), parameter :: group = "harmonics"
 
-   !> Truncations of which none contains another, with the points that have them.
-   type :: largest_t
-      integer :: n = 0
-      type(truncation_t), allocatable :: truncations(:)
-      integer, allocatable :: points(:)
-   contains
-      procedure :: add => largest_add
-   end type largest_t
 
 contains
 
@@ -53,13 +45,14 @@ contains
       logical, intent(in) :: has_improved
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: document
-      type(truncation_t) :: truncation
-      type(largest_t) :: largest, wider
+      type(truncation_t) :: truncation, wider
+      type(truncation_t), allocatable :: largest(:), widest(:)        ! of which none contains another
       logical, allocatable :: axes(:)
       integer :: i, point
 
       axes = plan%axes_of(group)
       if (.not. any(axes)) return
+      allocate (largest(0), widest(0))
       document = input
       do i = 1, plan%n_combinations(axes)
          point = plan%point_of_combination(axes, i)
@@ -68,75 +61,47 @@ contains
          call document%begin()
          call read_truncation(truncation, document, n_tones, error)
          call document%accept_changes()
-         if (.not. allocated(error)) then
-            if (truncation%set == "list") then
-               call add_set(union, truncation, has_improved, error)
-            else
-               call largest%add(truncation, point, error)
-               if (has_improved .and. .not. allocated(error)) &
-                  call wider%add(box_truncation(wider_orders(truncation%highest())), point, error)
-            end if
-         end if
          if (allocated(error)) then
             call annotate(error, place_of(point))
             return
          end if
+         truncation%place = place_of(point)//": "//truncation%place
+         if (truncation%set == "list") then
+            call add_set(union, truncation, has_improved, error)
+         else
+            call add_largest(largest, truncation, error)
+            if (has_improved .and. .not. allocated(error)) then
+               wider = box_truncation(wider_orders(truncation%highest()))
+               wider%place = place_of(point)//": "//wider%place
+               call add_largest(widest, wider, error)
+            end if
+         end if
+         if (allocated(error)) return
       end do
-      call add_largest(union, largest, error)
-      if (.not. allocated(error)) call add_largest(union, wider, error)
+      largest = [largest, widest]
+      do i = 1, size(largest)
+         call add_set(union, largest(i), .false., error)
+         if (allocated(error)) return
+      end do
    end subroutine add_points
 
    !> Keeps a truncation unless one that is there contains it, and drops those that it contains. What could not be made is
    !> an error at once.
-   subroutine largest_add(self, truncation, point, error)
-      class(largest_t), intent(inout) :: self
+   subroutine add_largest(largest, truncation, error)
+      type(truncation_t), allocatable, intent(inout) :: largest(:)
       type(truncation_t), intent(in) :: truncation
-      integer, intent(in) :: point
       type(error_t), allocatable, intent(out) :: error
-      type(truncation_t), allocatable :: longer(:)
       type(harmonics_t) :: set
-      integer :: i, n
+      integer, allocatable :: kept(:)
+      integer :: i
 
       if (truncation%cannot_be_made()) then
          call truncation%make(set, error)
          if (allocated(error)) return
       end if
-      do i = 1, self%n
-         if (self%truncations(i)%contains(truncation)) return
-      end do
-      n = 0
-      do i = 1, self%n
-         if (truncation%contains(self%truncations(i))) cycle
-         n = n + 1
-         if (n == i) cycle
-         self%truncations(n) = self%truncations(i)
-         self%points(n) = self%points(i)
-      end do
-      self%n = n + 1
-      if (.not. allocated(self%truncations)) allocate (self%truncations(4), self%points(4))
-      if (self%n > size(self%truncations)) then
-         allocate (longer(2*self%n))
-         longer(:n) = self%truncations(:n)
-         call move_alloc(longer, self%truncations)
-         self%points = [self%points(:n), spread(0, 1, 2*self%n - n)]
-      end if
-      self%truncations(self%n) = truncation
-      self%points(self%n) = point
-   end subroutine largest_add
-
-   subroutine add_largest(union, largest, error)
-      type(tuple_union_t), intent(inout) :: union
-      type(largest_t), intent(in) :: largest
-      type(error_t), allocatable, intent(out) :: error
-      integer :: i
-
-      do i = 1, largest%n
-         call add_set(union, largest%truncations(i), .false., error)
-         if (allocated(error)) then
-            call annotate(error, place_of(largest%points(i)))
-            return
-         end if
-      end do
+      if (any([(largest(i)%contains(truncation), i=1, size(largest))])) return
+      kept = pack([(i, i=1, size(largest))], [(.not. truncation%contains(largest(i)), i=1, size(largest))])
+      largest = [largest(kept), truncation]
    end subroutine add_largest
 
    !> Makes a set and adds its tuples.
@@ -151,6 +116,7 @@ contains
       if (allocated(error)) return
       call union%add(set%tuples)
       if (has_improved) call add_wider(union, set, error)
+      call annotate(error, truncation%place)
    end subroutine add_set
 
    !> Adds the tuples that an improved motion has beyond those of its set.

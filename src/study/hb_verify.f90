@@ -23,6 +23,7 @@ module hb_verify
    use hb_modes, only: modes_t, new_modes
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: is_solved
+   use hb_results_record, only: read_record, record_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use hb_structure, only: structure_t
@@ -70,13 +71,10 @@ module hb_verify
       integer :: decay = 0                                            !! in which the linear structure forgets; 0: it does not
    end type length_t
 
-   !> What is read of a result file.
-   type :: stored_t
+   !> What is read of a result file beside its record.
+   type, extends(record_t) :: stored_t
       type(study_t) :: study
-      integer, allocatable :: status(:)                               !! (n_points)
-      integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics)
-      real(wp), allocatable :: frequency(:, :)                        !! (n_tones, n_points)
-      real(wp), allocatable :: frequency_estimates(:, :)              !! as frequency
+      real(wp), allocatable :: frequency_estimates(:, :)              !! [rad/s], as frequency
       real(wp), allocatable :: coefficients(:, :, :, :)               !! (2, n_harmonics, n_dofs, n_points)
       real(wp), allocatable :: estimates(:)                           !! of truncation and aliasing together, (n_points)
    end type stored_t
@@ -151,41 +149,22 @@ contains
       type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
       type(h5_dataset_t) :: dataset
-      character(:), allocatable :: texts(:)
-      integer, allocatable :: n(:)
-      real(wp), allocatable :: aliasing(:)
 
+      call read_record(stored%record_t, path, error)
+      if (allocated(error)) return
+      stored%estimates = stored%truncation + stored%aliasing
+      allocate (stored%frequency_estimates, mold=stored%frequency)
+      allocate (stored%coefficients(2, size(stored%tuples, 2), size(stored%dofs), stored%n_points))
       call open_file(file, path, error)
       if (allocated(error)) return
       call file%open_dataset("coefficients", dataset, error)
-      if (.not. allocated(error)) then
-         n = dataset%get_extents()
-         allocate (stored%coefficients(n(1), n(2), n(3), n(4)), stored%status(n(4)), stored%estimates(n(4)), aliasing(n(4)))
-         call dataset%read(stored%coefficients, error)
-      end if
-      if (.not. allocated(error)) call file%open_dataset("status", dataset, error)
-      if (.not. allocated(error)) call dataset%read(stored%status, error)
-      if (.not. allocated(error)) call file%open_dataset("truncation_estimate", dataset, error)
-      if (.not. allocated(error)) call dataset%read(stored%estimates, error)
-      if (.not. allocated(error)) call file%open_dataset("aliasing_estimate", dataset, error)
-      if (.not. allocated(error)) call dataset%read(aliasing, error)
-      if (.not. allocated(error)) stored%estimates = stored%estimates + aliasing
-      if (.not. allocated(error)) call file%open_dataset("frequency", dataset, error)
-      if (.not. allocated(error)) then
-         n = dataset%get_extents()
-         allocate (stored%frequency(n(1), n(2)), stored%frequency_estimates(n(1), n(2)))
-         allocate (stored%tuples(n(1), size(stored%coefficients, 2)))
-         call dataset%read(stored%frequency, error)
-      end if
+      if (.not. allocated(error)) call dataset%read(stored%coefficients, error)
       if (.not. allocated(error)) call file%open_dataset("frequency_estimate", dataset, error)
       if (.not. allocated(error)) call dataset%read(stored%frequency_estimates, error)
-      if (.not. allocated(error)) call file%open_dataset("tuple", dataset, error)
-      if (.not. allocated(error)) call dataset%read(stored%tuples, error)
-      if (.not. allocated(error)) call file%open_dataset("input_complete", dataset, error)
-      if (.not. allocated(error)) call dataset%read(texts, error)
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
-      if (.not. allocated(error)) call new_study(stored%study, path//": input_complete", texts(1), [string_t ::], error)
+      if (.not. allocated(error)) &
+         call new_study(stored%study, path//": input_complete", stored%input_complete, [string_t ::], error)
       if (.not. allocated(error)) call note_curve_values(path, stored%study%plan, error)
    end subroutine read_stored
 

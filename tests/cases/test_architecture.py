@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -182,6 +184,11 @@ PAGE = (ROOT / "docs" / "develop" / "architecture.md").read_text(encoding="utf-8
 def test_floors_are_documented():
     """docs/develop/architecture.md lists the floors in this order."""
     assert re.findall(r"^### `src/(\w+)/`", PAGE, re.MULTILINE) == FLOORS
+
+
+def test_picture_of_the_floors_is_that_of_the_sources():
+    run = subprocess.run([sys.executable, ROOT / "tests" / "floors", "--check"], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
 
 
 def test_documented_modules_exist():

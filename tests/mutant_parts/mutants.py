@@ -858,8 +858,8 @@ MUTANTS = [
             "schedule_time",
             "test_hb_schedule",
             "blocks of slow points are long",
-            "if (n*way%seconds > self%block_seconds)",
-            "if (n*way%seconds < self%block_seconds)",
+            "if (n*cursor%seconds > self%block_seconds)",
+            "if (n*cursor%seconds < self%block_seconds)",
         ),
     ),
 ]

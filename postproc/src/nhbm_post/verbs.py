@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from contextlib import ExitStack
 
+import numpy as np
+
 from . import report
 from .bench import Bench, read_reference
 from .errors import UsageError
