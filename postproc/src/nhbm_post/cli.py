@@ -391,3 +391,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 # Options that several commands share
+
+
+if __name__ == "__main__":
+    sys.exit(main())

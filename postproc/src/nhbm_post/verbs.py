@@ -364,7 +364,3 @@ def _save(fig, arguments, *parts: str) -> None:
     name = "_".join([arguments.file.stem, arguments.command, *parts])
     output = arguments.output or arguments.file.with_name(f"{name}.png")
     print(f"wrote {draw.save(fig, output, arguments.dpi)}")
-
-
-if __name__ == "__main__":
-    sys.exit(main())
