@@ -691,8 +691,8 @@ MUTANTS = [
             "wall_odd",
             "test_hb_law_odd",
             "a single wall counts as odd",
-            "rigid_wall_is_odd = self%two_sided",
-            "rigid_wall_is_odd = .true.",
+            "self%is_odd = two_sided",
+            "self%is_odd = .true.",
         ),
     ),
     *of(
