@@ -24,6 +24,7 @@ module hb_motion_curve
    use hb_scene_problem, only: moving_value_t, new_scene_problem, scene_problem_t
    use hb_search, only: fundamental
    use hb_solver_types, only: report_t, solver_config_t
+   use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_text, only: to_text
    use hb_watch, only: verdict, watch_t
    implicit none
@@ -60,8 +61,14 @@ module hb_motion_curve
       real(wp), allocatable :: values(:)                              !! to be met exactly
       real(wp) :: longest_step = 0.04_wp                              !! in units of the range and of the largest motion
       integer :: n_points = 0                                         !! at most
+      logical :: switches = .false.                                   !! at branch points: the other curve is followed as well
       type(response_t), allocatable :: peaks(:)                       !! whose maxima are looked for
    end type curve_request_t
+
+   !> Where another curve crosses.
+   type :: origin_t
+      real(wp), allocatable :: x(:), direction(:)                     ! there, and along the curve on which it was found
+   end type origin_t
 
    !> A point that waits to be told.
    type :: waiting_t
@@ -78,11 +85,16 @@ module hb_motion_curve
       type(curve_t), private :: curve
       real(wp), allocatable, private :: weights(:)                    ! typical motion, (unknowns of the balance)
       real(wp), private :: largest = least_motion                     ! motion so far, in these
-      real(wp), private :: sense = 1.0_wp                             ! of the value at the start of this way
+      integer, private :: way = 1                                     ! 1 and 2 from the start; 2 k + 1 and 2 k + 2 from the k-th
+                                                                      ! branch point, along the other curve
+      type(origin_t), allocatable, private :: origins(:)              ! branch points met on the ways from the start
+      real(wp), allocatable, private :: x_first(:)                    ! the start itself
+      real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first way
       real(wp), private :: length = 0.0_wp                            ! of this way so far
       real(wp), allocatable, private :: x_start(:), direction_start(:)
       integer, allocatable, private :: which(:)                       ! parameters of the problem that are unknown, the value last
       logical, private :: has_collapsed = .false.                     ! the motion of an unknown tone has died out
+      logical, private :: is_closed = .false.                         ! this way has come back to its start
       integer, private :: n_told = 0
       integer, private :: first_waiting = 1
       type(waiting_t), allocatable, private :: waiting(:)
@@ -172,12 +184,10 @@ contains
       call prepare(self, scene, document, available_memory, further, error)
       self%is_done = allocated(error)
       if (self%is_done) return
-      self%x_start = [unknowns(:self%problem%n_unknowns), further]
-      self%sense = sign(1.0_wp, request%to - request%start)
-      if (.not. abs(request%to - request%start) > 0.0_wp) self%sense = sign(1.0_wp, request%from - request%start)
+      self%x_first = [unknowns(:self%problem%n_unknowns), further]
       call set_out(self)
       self%n_told = 1
-      result%curve = curve_place_t(curve_kind%start, request%start, 0.0_wp, state_of(self))
+      result%curve = curve_place_t(curve_kind%start, request%start, 0.0_wp, 0, state_of(self))
       self%is_done = self%n_told >= request%n_points
    end subroutine motion_curve_begin
 
@@ -211,17 +221,19 @@ contains
             peak%column = self%problem%balance%stiffness%coordinates%number_of(peak%dof)
          end associate
       end do
-      allocate (self%waiting(0))
+      allocate (self%waiting(0), self%origins(0))
+      self%first_sense = sign(1.0_wp, self%request%to - self%request%start)
+      if (.not. abs(self%request%to - self%request%start) > 0.0_wp) self%first_sense = -sign(1.0_wp, self%first_sense)
    end subroutine prepare
 
-   !> The curve at its start, towards the sense of this way.
+   !> The curve at the start of this way.
    subroutine set_out(self)
       class(motion_curve_t), intent(inout), target :: self
       type(bordered_problem_t) :: bordered
       type(curve_config_t) :: config
       type(solver_config_t) :: corrector
-      real(wp), dimension(size(self%x_start)) :: direction, units
-      real(wp) :: forms(size(self%x_start), size(self%which))
+      real(wp), dimension(size(self%x_first)) :: direction, units
+      real(wp) :: forms(size(self%x_first), size(self%which))
       logical :: is_possible
 
       config%longest_step = self%request%longest_step
@@ -233,8 +245,14 @@ contains
       corrector = self%problem%scene%solver
       corrector%max_iterations = most_corrections
       corrector%line_search = .false.
+      self%x_start = self%x_first
       direction = 0.0_wp
-      direction(size(direction)) = self%sense
+      direction(size(direction)) = self%first_sense*sense_of(self)
+      if (self%way > 2) then
+         self%x_start = self%origins((self%way - 1)/2)%x
+         direction = self%origins((self%way - 1)/2)%direction
+      end if
+      self%has_collapsed = .false.
       self%length = 0.0_wp
       self%largest = least_motion
       call move(self, self%x_start, is_possible)
@@ -248,10 +266,63 @@ contains
       bordered = self%curve%problem
       units = self%curve%units
       call new_curve(self%curve, bordered, self%x_start, direction, units, config, corrector)
+      if (self%way > 2) then
+         call turn_off(self, direction)
+         self%curve%direction = sense_of(self)*direction
+         self%curve%orientation = 0.0_wp                              ! not known where the determinant vanishes
+         self%curve%status = outcome%pending
+      end if
       self%direction_start = self%curve%direction
       call self%renew()
       self%slopes = slopes_of(self)
    end subroutine set_out
+
+   !> 1 on the first of two ways from one point, -1 on the other.
+   pure real(wp) function sense_of(self)
+      class(motion_curve_t), intent(in) :: self
+
+      sense_of = merge(1.0_wp, -1.0_wp, modulo(self%way, 2) == 1)
+   end function sense_of
+
+   !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve across this one, by
+   !> inverse iteration.
+   subroutine turn_off(self, direction)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), intent(inout), contiguous :: direction(:)             !! of the curve; of the other one
+      type(tangent_solver_t) :: solver
+      real(wp) :: along(size(direction)), next(size(direction))
+      integer :: i
+      integer, parameter :: n_rounds = 3
+      real(wp), parameter :: nearby = 1.0e-9_wp                       ! where the tangent is not singular to the last digit
+      logical :: is_singular
+
+      associate (curve => self%curve)
+         along = direction/curve%units
+         along = along/norm2(along)
+         call curve%put_plane(curve%x, direction, 0.0_wp)
+         next = curve%units*across(cos([(real(i, wp), i=1, size(next))]), along)
+         call new_tangent_solver(solver, curve%problem, curve%x, is_singular)
+         if (is_singular) call new_tangent_solver(solver, curve%problem, curve%x + nearby*direction, is_singular)
+         if (is_singular) return
+         do i = 1, n_rounds
+            next = next/curve%units*curve%problem%r_scale             ! as a residual
+            call solver%solve(curve%problem, next, is_singular)
+            next = curve%units*across(next/curve%units, along)
+         end do
+         direction = next
+      end associate
+
+   contains
+
+      !> The part of a vector across another one, of length 1.
+      pure function across(vector, other) result(part)
+         real(wp), intent(in) :: vector(:), other(:)
+         real(wp) :: part(size(vector))
+
+         part = vector - dot_product(vector, other)*other
+         part = part/norm2(part)
+      end function across
+   end subroutine turn_off
 
    !> Moves the problem to the parameters of a point.
    subroutine move(self, x, is_possible)
@@ -323,40 +394,45 @@ contains
       end associate
    end function state_of
 
-   !> Takes the place of `begin`: the curve stands where a stored one has been at a step, or at its start.
-   subroutine motion_curve_go_on_from(self, scene, document, request, available_memory, start, last, n_told, error, watch)
+   !> Takes the place of `begin`: the curve stands where a stored one has been at its last point, a step or the start of a way.
+   subroutine motion_curve_go_on_from(self, scene, document, request, available_memory, stored, error, watch)
       class(motion_curve_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene                              !! at the start
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
       real(wp), intent(in) :: available_memory                        !! bytes
-      type(curve_place_t), intent(in) :: start, last                  !! the first point of the curve, and that to go on from
-      integer, intent(in) :: n_told                                   !! points up to the last
+      type(curve_place_t), intent(in) :: stored(:)                    !! all points up to the one to go on from
       type(error_t), allocatable, intent(out) :: error
       class(watch_t), intent(inout), target :: watch
-      integer :: n
+      integer :: i, n
 
       self%request = request
       self%watch => watch
-      n = findloc(ieee_is_finite(start%state), .true., dim=1, back=.true.)
-      n = (n - 3)/2
-      call prepare(self, scene, document, available_memory, start%state(n - n_further(scene) + 1:n), error)
+      n = (findloc(ieee_is_finite(stored(1)%state), .true., dim=1, back=.true.) - 3)/2
+      call prepare(self, scene, document, available_memory, stored(1)%state(n - n_further(scene) + 1:n), error)
       self%is_done = allocated(error)
       if (self%is_done) return
-      self%x_start = start%state(:n)
-      self%sense = sign(1.0_wp, start%state(2*n))
-      if (last%length < 0.0_wp) self%sense = -self%sense
-      call set_out(self)
-      self%n_told = n_told
-      self%length = abs(last%length)
-      self%curve%x = last%state(:n)
-      self%curve%direction = last%state(n + 1:2*n)
-      self%curve%step = last%state(2*n + 1)
-      self%curve%orientation = last%state(2*n + 2)
-      self%largest = last%state(2*n + 3)
+      self%x_first = stored(1)%state(:n)
+      do i = 2, size(stored)
+         if (stored(i)%kind == curve_kind%branch .and. stored(i)%branch == 0 .and. request%switches) &
+            call note_origin(self, stored(i)%state(:2*n))
+      end do
+      associate (last => stored(size(stored)))
+         self%way = 2*last%branch + merge(2, 1, last%length < 0.0_wp .or. &
+                                          (last%branch > 0 .and. count(stored%kind == curve_kind%start .and. &
+                                                                       stored%branch == last%branch) > 1))
+         call set_out(self)
+         self%n_told = size(stored)
+         self%length = abs(last%length)
+         self%curve%x = last%state(:n)
+         self%curve%direction = last%state(n + 1:2*n)
+         self%curve%step = last%state(2*n + 1)
+         self%curve%orientation = last%state(2*n + 2)
+         self%largest = last%state(2*n + 3)
+      end associate
       call self%renew()
       self%slopes = slopes_of(self)
-      self%is_done = n_told >= request%n_points
+      self%is_done = self%n_told >= request%n_points
    end subroutine motion_curve_go_on_from
 
    !> Brings the units of length and the tolerance to the point reached.
@@ -379,6 +455,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(report_t) :: before
       real(wp) :: started
+      logical :: is_end
 
       started = wall_clock()
       call self%watch%begin(self%problem%scene%solver%time_limit)
@@ -397,8 +474,9 @@ contains
             call self%tell(point, result, error)
             self%first_waiting = self%first_waiting + 1
             call count_work(self%curve%report, before, result)
-            if (point%kind == curve_kind%end) call leave(self)
+            is_end = point%kind == curve_kind%end
          end associate
+         if (is_end) call leave(self)
       end if
       result%solver_seconds = wall_clock() - started - result%certificate_seconds
       self%n_told = self%n_told + 1
@@ -428,19 +506,37 @@ contains
       if (allocated(self%problem%complaint)) text = text//": "//self%problem%complaint
    end function lost_text
 
-   !> This way has come to its end: the other one follows where there is one.
+   !> This way has come to its end: the next one follows where there is one, along another curve behind a row for its start.
    subroutine leave(self)
       class(motion_curve_t), intent(inout), target :: self
-      real(wp) :: first_sense
 
-      first_sense = sign(1.0_wp, self%request%to - self%request%start)
-      if (.not. abs(self%request%to - self%request%start) > 0.0_wp) first_sense = -sign(1.0_wp, first_sense)
-      self%is_done = .not. (is_inside(self%request, self%request%start) .and. self%sense*first_sense > 0.0_wp)
+      if (self%is_closed .and. modulo(self%way, 2) == 1) self%way = self%way + 1   ! the other way would be the same
+      self%is_closed = .false.
+      self%way = self%way + 1
+      if (self%way == 2 .and. .not. is_inside(self%request, self%request%start)) self%way = 3
+      self%is_done = self%way > 2*(1 + size(self%origins))
       if (self%is_done) return
-      self%sense = -self%sense
-      self%has_collapsed = .false.
       call set_out(self)
+      if (self%way <= 2) return
+      deallocate (self%waiting)
+      allocate (self%waiting(1))
+      self%waiting(1)%kind = curve_kind%start
+      self%waiting(1)%x = self%x_start
+      self%first_waiting = 1
    end subroutine leave
+
+   !> Adds a branch point to those from which other curves are followed.
+   subroutine note_origin(self, state)
+      class(motion_curve_t), intent(inout) :: self
+      real(wp), intent(in) :: state(:)                                !! its unknowns, and the direction of the curve
+      type(origin_t), allocatable :: longer(:)
+
+      allocate (longer(size(self%origins) + 1))
+      longer(:size(self%origins)) = self%origins
+      longer(size(longer))%x = state(:size(state)/2)
+      longer(size(longer))%direction = state(size(state)/2 + 1:)
+      call move_alloc(longer, self%origins)
+   end subroutine note_origin
 
    !> Whether a value is in the range, and at none of its ends.
    pure logical function is_inside(request, value)
@@ -511,7 +607,7 @@ contains
          n_pieces = 1
          places = [0.0_wp, curve%last_step, curve%last_step]
          values = [curve%last_x(n), curve%x(n), curve%x(n)]
-         if (curve%last_direction(n)*curve%direction(n) < 0.0_wp) then
+         if (curve%last_direction(n)*curve%direction(n) < 0.0_wp .and. .not. (self%way > 2 .and. self%length <= 0.0_wp)) then
             fold%curve = curve
             call find(fold, [curve%last_direction(n), curve%direction(n)]/curve%units(n), located, curve_kind%fold)
             if (is_found) then
@@ -551,7 +647,8 @@ contains
                call add(merge(curve_kind%end, curve_kind%value, i <= 2), places(3), x)
             end do
          end do
-         if (is_back(self)) call add(curve_kind%end, curve%last_step, self%x_start)
+         self%is_closed = is_back(self)
+         if (self%is_closed) call add(curve_kind%end, curve%last_step, self%x_start)
          call add(curve_kind%regular, curve%last_step, curve%x)
       end associate
       call put_in_order(self%waiting)
@@ -654,9 +751,9 @@ contains
       type(waiting_t), intent(in) :: point
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: length, r(self%problem%n_unknowns), sign_of_way
+      real(wp) :: length, r(self%problem%n_unknowns)
       integer :: n
-      logical :: is_possible
+      logical :: is_certified, is_possible
 
       n = self%problem%n_unknowns
       call move(self, point%x, is_possible)
@@ -669,19 +766,24 @@ contains
          result%n_harmonics = scene%harmonics%n_harmonics
          result%n_unknowns = n
          nullify (balance%watch)                                      ! what a solution is worth is always found to its end
+         is_certified = scene%certificate%is_on
+         if (any(point%kind == [curve_kind%branch, curve_kind%start])) scene%certificate%is_on = .false.   ! it has no tangent
          call self%curve%put_plane(point%x, self%curve%direction, 0.0_wp)
          call describe_motion(scene, balance, reshape(point%x(:n), [scene%harmonics%n_coefficients, balance%n_dofs]), result, &
                               error, curve=self%curve%problem)
+         scene%certificate%is_on = is_certified
          balance%watch => self%watch
       end associate
       if (allocated(error)) return
       length = self%length + point%place
-      sign_of_way = 1.0_wp
-      if (is_inside(self%request, self%request%start)) sign_of_way = self%sense*sign(1.0_wp, self%request%to - self%request%start)
-      result%curve = curve_place_t(point%kind, point%x(size(point%x)), sign_of_way*length, point%x)
-      if (point%kind /= curve_kind%regular) return
-      self%length = length
-      result%curve%state = state_of(self)
+      result%curve = curve_place_t(point%kind, point%x(size(point%x)), sense_of(self)*length, (self%way - 1)/2, point%x)
+      if (point%kind == curve_kind%regular .or. point%kind == curve_kind%start) then
+         self%length = length
+         result%curve%state = state_of(self)
+      else if (point%kind == curve_kind%branch) then
+         result%curve%state = [point%x, self%curve%direction]
+         if (self%request%switches .and. self%way <= 2) call note_origin(self, result%curve%state)
+      end if
    end subroutine motion_curve_tell
 
    !> Slopes of the squares of all responses along the curve, at its point.

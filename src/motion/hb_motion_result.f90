@@ -12,7 +12,8 @@ module hb_motion_result
    type :: curve_place_t
       integer :: kind = 0                               !! hb_motion_curve%curve_kind
       real(wp) :: parameter = 0.0_wp                    !! in the unit of the input
-      real(wp) :: length = 0.0_wp                       !! of the arc from the start, negative on the way back from there
+      real(wp) :: length = 0.0_wp                       !! of the arc from the start, negative on the second way from there
+      integer :: branch = 0                             !! number of the branch point where this curve starts; 0: none
       real(wp), allocatable :: state(:)                 !! what the curve goes on from, hb_motion_curve
    end type curve_place_t
 

@@ -26,6 +26,7 @@ module hb_curve_plan
       real(wp), allocatable :: values(:)                              !! to be met exactly
       type(string_t), allocatable :: peak_of(:)
       real(wp) :: longest_step = 0.04_wp
+      logical :: switches = .false.                                   !! curves that cross are followed as well
       character(:), allocatable :: tie
       real(wp), allocatable :: ratios(:)                              !! of all tones to the one that moves, if these are tied
    contains
@@ -61,6 +62,7 @@ contains
       call group%get("max_step", self%longest_step, above=0.0_wp, maximum=1.0_wp)
       call group%get("peak_of", self%peak_of)
       call group%get("tie", self%tie, choices=ties)
+      call group%get("switch", self%switches)
       if (group%given("from") .and. group%given("to")) then
          if (.not. abs(self%to - self%from) > 0.0_wp) call group%problem("to", "is the same as 'from': there is no way to go")
          if ((self%start - self%from)*(self%start - self%to) > 0.0_wp) &
@@ -129,6 +131,7 @@ contains
       request%values = self%values
       request%longest_step = self%longest_step
       request%n_points = self%n_points
+      request%switches = self%switches
       allocate (request%peaks(size(self%peak_of)))
       do i = 1, size(self%peak_of)
          call new_response(request%peaks(i), self%peak_of(i)%value, scene, error)

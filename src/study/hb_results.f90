@@ -381,6 +381,7 @@ contains
       state = ieee_value(1.0_wp, ieee_quiet_nan)
       if (allocated(place%state)) state(:size(place%state)) = place%state
       call put(self, "curve_kind", [place%kind], error)
+      call put(self, "curve_branch", [place%branch], error)
       call put(self, "curve_length", [place%length], error)
       call put(self, "curve_state", state, error)
       call put(self, self%curve_variable, [place%parameter], error)
@@ -402,6 +403,7 @@ contains
       associate (variables => self%plan%variables)
          call variables(index_of(self, "status"))%dataset%read_rows(first, status, error)
          if (.not. allocated(error)) call variables(index_of(self, "curve_kind"))%dataset%read_rows(first, places%kind, error)
+         if (.not. allocated(error)) call variables(index_of(self, "curve_branch"))%dataset%read_rows(first, places%branch, error)
          if (.not. allocated(error)) call variables(index_of(self, "curve_length"))%dataset%read_rows(first, length, error)
          if (.not. allocated(error)) call variables(index_of(self, "curve_state"))%dataset%read_rows(first, state, error)
          if (.not. allocated(error)) call variables(index_of(self, self%curve_variable))%dataset%read_rows(first, parameter, error)

@@ -199,6 +199,8 @@ contains
 
       subroutine add_curve()
          call add("curve_kind", is_integer, [point_axis], "1", "what the point of a curve is")
+         call add("curve_branch", is_integer, [point_axis], "1", &
+            "number of the branch point from which this part of the curve was followed, from 1; 0: from its start")
          call add("curve_length", is_real, [point_axis], "1", &
             "length of the curve from its start, in units of the range and of the largest motion; negative on the other way")
          call add("curve_state", is_real, [n_plain_axes + size(taus) + 1, point_axis], "1", &

@@ -31,6 +31,7 @@ module hb_swept_curve
       type(document_t), private :: document
       real(wp), private :: available_memory = huge(1.0_wp)            ! bytes
       real(wp), private :: last_parameter = 0.0_wp
+      integer, private :: last_branch = 0
       logical, private :: has_begun = .false.
    contains
       procedure :: next => swept_curve_next
@@ -73,12 +74,12 @@ contains
       if (allocated(error)) return
       last = last_step(status, places%kind)
       if (last == 0) return
-      call self%curve%go_on_from(self%scene, self%document, self%request, available_memory, places(1), places(last), last, &
-                                 failure, watch)
+      call self%curve%go_on_from(self%scene, self%document, self%request, available_memory, places(:last), failure, watch)
       self%is_done = self%curve%is_done .or. allocated(failure)
       self%has_begun = .true.
       self%stored = status(:last)
       self%last_parameter = places(last)%parameter
+      self%last_branch = places(last)%branch
    end subroutine new_swept_curve
 
    !> The last of the stored points from which a curve can go on, with nothing missing before it; 0 where there is none.
@@ -121,8 +122,9 @@ contains
          call spread_result(self%scene%harmonics, layout, result)
       end if
       if (.not. allocated(result%curve)) result%curve = curve_place_t(curve_kind%none, self%last_parameter, &
-                                                                      ieee_value(1.0_wp, ieee_quiet_nan))
+                                                                      ieee_value(1.0_wp, ieee_quiet_nan), self%last_branch)
       self%last_parameter = result%curve%parameter
+      self%last_branch = result%curve%branch
       result%rank = rank
       result%solve_seconds = wall_clock() - started
    end subroutine swept_curve_next

@@ -259,6 +259,10 @@ class Results:
         """1 where the motion of a point is stable, -1 where it is not, 0 where that is not known."""
         return self.per_point("is_stable") if "is_stable" in self._file else np.zeros(self.n_points, dtype=int)
 
+    def curve_branch(self) -> np.ndarray:
+        """Number of the branch point from which each part of a curve was followed, 0 from its start."""
+        return self.per_point("curve_branch") if "curve_branch" in self._file else np.zeros(self.n_points, dtype=int)
+
     def outcome_text(self, points: Sequence[int] | None = None) -> str:
         """`123 of 205 points converged, 50 truncated, 32 stalled`: counted as `nhbm solve` does."""
         points = self.used if points is None else np.asarray(points, dtype=int)
