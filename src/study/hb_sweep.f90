@@ -284,6 +284,7 @@ contains
       type(run_summary_t), intent(inout) :: summary
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: failure
+      type(neighbour_t) :: neighbour
       type(swept_curve_t), target :: curve
       type(motion_result_t) :: result
       integer :: point
@@ -301,6 +302,7 @@ contains
          if (run%ending%is_due()) exit
          if (any(run%crashed == point)) then
             curve%is_done = .true.                                    ! the rest of the curve cannot be known
+            call pass_by(run, point, neighbour, summary)
          else
             call begin_point(point)
             call curve%next(run%layout, run%rank, result, run%ending)
