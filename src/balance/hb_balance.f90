@@ -29,6 +29,7 @@ module hb_balance
    private
    public :: balance_t, new_balance
 
+   integer, parameter :: fewest_to_climb = 100                        ! unknowns from where fewer harmonics pay as the first way
    integer, parameter :: by_motion = 1, by_rate = 2, by_reaction = 3, n_parts = 3   ! of products: what slopes multiply
 
    !> Owner of outside resources: call `destroy`.
@@ -82,6 +83,7 @@ module hb_balance
       procedure :: set_parameters => balance_set_parameters
       procedure :: parameter_derivative => balance_parameter_derivative
       procedure :: update_regular_preconditioner => balance_update_regular_preconditioner
+      procedure :: lowest_rung => balance_lowest_rung
       procedure :: coarse_guess => balance_coarse_guess
       procedure :: linear_solution => balance_linear_solution
       procedure :: stuck_solution => balance_stuck_solution
@@ -190,10 +192,16 @@ module hb_balance
       end subroutine balance_mean_tangent
    end interface
 
-   ! First guess from fewer harmonics; body in hb_balance_coarse
+   ! The ladder; bodies in hb_balance_coarse
    interface
-      recursive module subroutine balance_coarse_guess(self, config, x, report, is_found)
+      pure module function balance_lowest_rung(self) result(share)
+         class(balance_t), intent(in) :: self
+         real(wp) :: share
+      end function balance_lowest_rung
+
+      module subroutine balance_coarse_guess(self, share, config, x, report, is_found)
          class(balance_t), intent(inout) :: self
+         real(wp), intent(in) :: share                                   !! of the orders
          type(solver_config_t), intent(in) :: config
          real(wp), intent(inout), contiguous :: x(:)
          type(report_t), intent(out) :: report
@@ -290,6 +298,8 @@ contains
       self%n_dofs = size(stiffness%load, 1)
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
       self%has_products = .true.
+      self%climbs_first = self%n_unknowns >= fewest_to_climb .and. &
+         any([(laws(i)%law%degree == 0 .and. .not. laws(i)%law%is_multiplier, i=1, size(laws))])
       self%largest_dense = largest_dense_tangent(laws)
       self%law_factor = 1.0_wp
       self%load_factor = 1.0_wp

@@ -1,65 +1,81 @@
-!> A first guess from fewer harmonics: the balance of half the orders is solved first, and that of half of these before it.
+!> The ladder: the balance of half the orders is solved first, and that of half of these before it.
 !>
-!> Contact that comes and goes on the way from the linear motion is settled where a step costs next to nothing.
+!> Contact that comes and goes on the way from the linear motion is settled on the lowest rung, by whatever it takes, where a
+!> step costs next to nothing; each further rung takes a few steps from the one below it.
 !> Source: docs/user/theory.md, section 6.4.
 submodule (hb_balance) hb_balance_coarse
    use hb_harmonics, only: new_harmonics
-   use hb_krylov, only: solve_krylov
-   use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
+   use hb_solver, only: solve
    use hb_torus, only: fast_size, new_torus
    implicit none
 
-   integer, parameter :: lowest_order = 2                             ! of the coarsest set, in the tone of highest order
+   integer, parameter :: lowest_order = 3                             ! of the coarsest set, in the tone of highest order
+   real(wp), parameter :: rounding = 1.0e-9_wp                        ! of a share
    real(wp), parameter :: coarse_tolerance = 1.0e-3_wp                ! what the harmonics left out change is more than that
-   integer, parameter :: most_iterations = 30
 
 contains
 
-   recursive module subroutine balance_coarse_guess(self, config, x, report, is_found)
+   module subroutine balance_coarse_guess(self, share, config, x, report, is_found)
       class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: share
       type(solver_config_t), intent(in) :: config
       real(wp), intent(inout), contiguous :: x(:)
       type(report_t), intent(out) :: report
       logical, intent(out) :: is_found
       type(balance_t) :: coarse
-      type(report_t) :: attempt
       type(solver_config_t) :: loose
       integer, allocatable :: kept(:)
-      logical, allocatable :: is_kept(:)
-      real(wp), allocatable :: y(:)
+      real(wp), allocatable :: linear_solution(:, :), y(:)
       type(error_t), allocatable :: error
-      integer :: h
 
       is_found = .false.
-      associate (set => self%harmonics)
-         if (maxval(set%highest) < 2*lowest_order) return
-         is_kept = [(all(abs(set%tuples(:, h)) <= (set%highest + 1)/2), h=1, set%n_harmonics)]
-         kept = pack([(h, h=1, set%n_harmonics)], is_kept)
-         if (size(kept) == 0 .or. size(kept) == set%n_harmonics) return
-         do h = 1, set%n_harmonics
-            if (.not. is_kept(h) .and. maxval(abs(self%stiffness%load(:, h))) > 0.0_wp) return   ! part of what drives the motion
-         end do
-      end associate
+      kept = rung_of(self, share)
+      if (size(kept) == 0) return
       call make_coarse(self, kept, coarse, error)
       if (.not. allocated(error)) then
-         allocate (y(coarse%n_unknowns))
+         allocate (y(coarse%n_unknowns), linear_solution(coarse%harmonics%n_coefficients, coarse%n_dofs))
          call copy_kept(self, coarse, kept, x, y, to_coarse=.true.)
-         call coarse%coarse_guess(config, y, report, is_found)
+         call coarse%linear_solution(linear_solution)
          loose = config
          loose%tolerance = max(coarse_tolerance, config%tolerance)
-         loose%max_iterations = min(most_iterations, config%max_iterations)
-         if (coarse%n_unknowns > coarse%largest_dense) then
-            call solve_krylov(coarse, loose, y, attempt)
-         else
-            call solve_newton(coarse, loose, y, attempt)
-         end if
-         call report%add(attempt)
-         is_found = attempt%status == outcome%converged
+         call solve(coarse, loose, reshape(linear_solution, [size(y)]), y, report)
+         is_found = report%status == outcome%converged
          if (is_found) call copy_kept(self, coarse, kept, x, y, to_coarse=.false.)
       end if
       call coarse%destroy()
    end subroutine balance_coarse_guess
+
+   !> The share of the orders that leaves the lowest order in the tone of highest order, and all that drives the motion.
+   pure module function balance_lowest_rung(self) result(share)
+      class(balance_t), intent(in) :: self
+      real(wp) :: share
+      integer :: h
+
+      share = 1.0_wp
+      associate (set => self%harmonics)
+         if (maxval(set%highest) <= lowest_order) return
+         share = real(lowest_order, wp)/maxval(set%highest)
+         do h = 1, set%n_harmonics
+            if (maxval(abs(self%stiffness%load(:, h))) > 0.0_wp) &
+               share = max(share, maxval(real(abs(set%tuples(:, h)), wp)/max(1, set%highest)))
+         end do
+      end associate
+   end function balance_lowest_rung
+
+   !> Harmonics of a smaller set, those of a share of the orders; none where that is no smaller.
+   pure function rung_of(self, share) result(kept)
+      class(balance_t), intent(in) :: self
+      real(wp), intent(in) :: share
+      integer, allocatable :: kept(:)
+      integer :: h
+
+      associate (set => self%harmonics)
+         kept = pack([(h, h=1, set%n_harmonics)], &
+                     [(all(abs(set%tuples(:, h)) <= ceiling((share - rounding)*set%highest)), h=1, set%n_harmonics)])
+         if (size(kept) == set%n_harmonics) kept = kept(:0)
+      end associate
+   end function rung_of
 
    !> The balance of the harmonics `kept`, on a grid that is finer than they need by as much as the whole one is.
    subroutine make_coarse(self, kept, coarse, error)
@@ -78,6 +94,7 @@ contains
                                  m=1, set%n_tones)], set, error)
       end associate
       if (allocated(error)) return
+      if (self%transform%torus%is_half .and. torus%can_be_halved()) torus = torus%half()
       call new_balance(coarse, set, torus, self%omega, self%stiffness%restricted_to(kept), self%law_set%laws, self%effort, error)
       coarse%watch => self%watch
    end subroutine make_coarse

@@ -218,6 +218,7 @@ contains
          end if
          call add_start(scene, balance%stiffness%coordinates, u)
          if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
+         if (allocated(guess) .or. any(abs(scene%start) > 0.0_wp)) balance%climbs_first = .false.   ! what is known comes first
          begun = wall_clock()
          call solve_unknowns(scene, balance, linear_solution, u, report)
       end if

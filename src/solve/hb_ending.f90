@@ -27,6 +27,8 @@ contains
       else if (report%iterations >= config%max_iterations .or. report%work >= config%work_limit) then
          report%status = outcome%out_of_budget
          report%is_out_of_work = report%work >= config%work_limit
+      else if (report%gains_nothing(config%patience)) then
+         report%status = outcome%stalled
       else
          call end_if_over(problem, report)
       end if

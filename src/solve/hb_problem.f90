@@ -23,6 +23,7 @@ module hb_problem
    !> Solvers work with x/x_scale and r/r_scale, so that the units of a scene do not matter to them.
    type, abstract :: problem_t
       integer :: n_unknowns = 0
+      logical :: climbs_first = .false.                               !! from `coarse_guess`, before an attempt without
       logical :: has_products = .false.                               !! with the tangent, by `linearise` and `apply_tangent`
       integer :: largest_dense = default_largest_dense                !! unknowns up to which the dense tangent is cheaper
       real(wp), allocatable :: x_scale(:)                             !! typical magnitude of each unknown, > 0
@@ -46,6 +47,7 @@ module hb_problem
       procedure :: parameter_scales => problem_parameter_scales
       procedure :: set_parameters => set_deformations
       procedure :: parameter_derivative => deformation_derivative
+      procedure :: lowest_rung => problem_lowest_rung
       procedure :: coarse_guess => problem_coarse_guess
       procedure :: has_sound_scales => problem_has_sound_scales
       procedure :: norm => problem_norm
@@ -209,9 +211,17 @@ contains
       amount_at = (exp(growth*min(place, farthest)) - 1.0_wp)/(exp(growth) - 1.0_wp)
    end function amount_at
 
+   !> Smallest share of its size, in each dimension, at which the problem still resembles itself; 1: no smaller one does.
+   pure real(wp) function problem_lowest_rung(self) result(share)
+      class(problem_t), intent(in) :: self
+
+      share = 1.0_wp
+   end function problem_lowest_rung
+
    !> Improves a first guess by solving a smaller problem that resembles this one; most problems know of none.
-   recursive subroutine problem_coarse_guess(self, config, x, report, is_found)
+   subroutine problem_coarse_guess(self, share, config, x, report, is_found)
       class(problem_t), intent(inout) :: self
+      real(wp), intent(in) :: share                                   !! of the size in each dimension, `lowest_rung` or more
       type(solver_config_t), intent(in) :: config
       real(wp), intent(inout), contiguous :: x(:)                     !! (n_unknowns), a first guess and then the better one
       type(report_t), intent(out) :: report                           !! the work that it took

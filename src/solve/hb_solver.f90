@@ -15,17 +15,21 @@ module hb_solver
 
    real(wp), parameter :: shares(8) = [0.5_wp, 0.2_wp, 0.1_wp, 0.05_wp, 0.02_wp, -0.5_wp, 1.5_wp, -0.1_wp] ! of the linear solution
 
-   integer, parameter :: ways(7) = [rescue%other_guess, rescue%fewer_harmonics, rescue%other_method, rescue%both_other, &
-                                    rescue%nonlinearity, rescue%load, rescue%several_guesses]   ! in the order of trial
+   integer, parameter :: ways(8) = [rescue%other_guess, rescue%fewer_harmonics, rescue%none, rescue%nonlinearity, &
+                                    rescue%other_method, rescue%both_other, rescue%load, rescue%several_guesses] ! in this order
    integer, parameter :: n_ways_without_matrix = 2
+   integer, parameter :: patience = 10                                ! with an attempt, where other ways are left
+   integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
+   real(wp), parameter :: largest_rung = 2.4_wp                       ! from one problem to the next larger one
    real(wp), parameter :: work_of_rescues = 4.0_wp                    ! times that of the direct attempt, at least
 
 contains
 
-   !> Solves r(x) = 0 from the given x. When the direct attempt fails and rescue is on: another first guess, the solution of a
-   !> smaller problem as first guess, the other method, the other guess with it, homotopy in the nonlinearity from the linear
-   !> solution, homotopy in the load from zero, several guesses. The report adds up all attempts and says which one succeeded;
-   !> if none did, x and the status are those of the direct attempt, unless the time was up.
+   !> Solves r(x) = 0 from the given x: by climbing from a smaller problem where that pays as the first way, else by a direct
+   !> attempt. When that fails and rescue is on: another first guess, climbing, the direct attempt with more patience, homotopy in
+   !> the nonlinearity from the linear solution, the other method, the other guess with it, homotopy in the load from zero, several
+   !> guesses. The report adds up all attempts and says which one succeeded; if none did, x and the status are those of the direct
+   !> attempt, unless the time was up.
    !>
    !> The rescues together may take the work that the settings allow, or some times that of the direct attempt; each at most half
    !> of what is left, so that none takes it from all that follow.
@@ -42,7 +46,7 @@ contains
       real(wp), allocatable :: first_guess(:), other_guess(:), trial(:)
       real(wp) :: all_work
       integer :: chosen, i, other_method, way
-      logical :: is_found
+      logical :: has_climbed
 
       if (.not. problem%has_sound_scales()) then
          x = 0.0_wp
@@ -57,22 +61,39 @@ contains
       if (chosen == method%auto) chosen = merge(method%krylov, method%newton, &
                                                 problem%has_products .and. problem%n_unknowns > problem%largest_dense)
       other_method = merge(method%broyden, method%newton, chosen == method%newton)
-      call solve_directly(problem, config, chosen, x, report)
+      limited = config
+      if (config%rescue) limited%patience = patience
+      has_climbed = config%rescue .and. config%climbs .and. problem%climbs_first .and. chosen /= method%broyden
+      if (has_climbed) then
+         trial = first_guess
+         call climb(problem, limited, chosen, trial, attempt)
+         if (has_ended(attempt)) then
+            x = trial
+            report = attempt
+            return
+         end if
+      end if
+      call solve_directly(problem, limited, chosen, x, report)
+      if (has_climbed) call report%add(attempt)
       if (report%status == outcome%converged) return
       report%attempts = [report%as_attempt(rescue%none)]
+      if (has_climbed) report%attempts = [report%attempts, attempt%as_attempt(rescue%fewer_harmonics)]
       if (has_ended(report) .or. .not. config%rescue) return
-      limited = config
       all_work = report%work + max(config%rescue_work, work_of_rescues*report%work)
       do i = 1, merge(size(ways), n_ways_without_matrix, problem%n_unknowns <= largest_affordable)
          way = ways(i)
          limited%work_limit = 0.5_wp*(all_work - report%work)
          if (limited%work_limit < problem%residual_work) exit
+         limited%patience = 0
+         if (any(way == [rescue%other_guess, rescue%several_guesses])) limited%patience = patience
          select case (way)
          case (rescue%fewer_harmonics)
+            if (has_climbed .or. .not. config%climbs) cycle
             trial = first_guess
-            call problem%coarse_guess(limited, trial, attempt, is_found)
-            call report%add(attempt)
-            if (.not. is_found) cycle
+            call climb(problem, limited, chosen, trial, attempt)
+            if (attempt%status == outcome%pending) cycle
+         case (rescue%none)
+            trial = first_guess
             call solve_directly(problem, limited, chosen, trial, attempt)
          case (rescue%other_guess)
             trial = other_guess
@@ -99,10 +120,104 @@ contains
          if (attempt%status /= outcome%converged) return
          x = trial
          report%residual = attempt%residual
+         report%rungs = attempt%rungs
          report%rescue = way
          return
       end do
    end subroutine solve
+
+   !> Solves the smallest problem that resembles this one by all ways, larger ones from its solution, and the problem at last. The
+   !> status stays `pending` where there is no smaller problem or no solution of one; `rescue` says what led to the first solution.
+   subroutine climb(problem, config, chosen, x, report)
+      class(problem_t), intent(inout) :: problem
+      type(solver_config_t), intent(in) :: config
+      integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
+      real(wp), intent(inout), contiguous :: x(:)                     !! a first guess, then the last point reached
+      type(report_t), intent(out) :: report
+      type(report_t) :: step
+      type(solver_config_t) :: all_ways, limited
+      real(wp), allocatable :: shares(:)
+      integer :: i
+      logical :: is_found, is_solved
+
+      call find_shares(problem%lowest_rung(), shares)
+      if (size(shares) == 0) return
+      all_ways = config
+      all_ways%climbs = .false.
+      all_ways%rescue_work = min(config%rescue_work, 0.5_wp*config%work_limit)
+      all_ways%work_limit = huge(1.0_wp)                              ! the ways keep to their budget
+      limited = config
+      limited%climbs = .false.
+      limited%rescue = .false.
+      limited%patience = 0                                            ! it is near
+      is_found = .false.
+      do i = 1, size(shares)
+         if (is_found) call climb_to(shares(i), shares(i - 1), is_solved)
+         if (.not. is_found .or. .not. is_solved) call take(problem_rung=shares(i), config_of_rung=all_ways, is_there=is_solved)
+         if (is_over()) return
+         if (is_solved .and. .not. is_found) then
+            is_found = .true.
+            report%rescue = step%rescue
+            if (step%rescue == rescue%none .and. step%iterations <= easy_iterations) exit
+         end if
+      end do
+      if (is_found) call climb_to(1.0_wp, shares(min(i, size(shares))), is_solved)
+      if (is_found) report%status = step%status
+
+   contains
+
+      !> One rung up, if need be by way of one in between.
+      subroutine climb_to(share, share_below, is_there)
+         real(wp), intent(in) :: share, share_below
+         logical, intent(out) :: is_there
+         logical :: is_between
+
+         call take(share, limited, is_there)
+         if (is_there .or. is_over()) return
+         call take(0.5_wp*(share + share_below), limited, is_between)
+         if (is_between .and. .not. is_over()) call take(share, limited, is_there)
+      end subroutine climb_to
+
+      !> Solves a problem of the size given from x; x stays where that fails, but for the problem itself.
+      subroutine take(problem_rung, config_of_rung, is_there)
+         real(wp), intent(in) :: problem_rung
+         type(solver_config_t), intent(inout) :: config_of_rung
+         logical, intent(out) :: is_there
+         real(wp) :: before(size(x))
+
+         config_of_rung%work_limit = config%work_limit - report%work
+         if (problem_rung < 1.0_wp) then
+            call problem%coarse_guess(problem_rung, config_of_rung, x, step, is_there)
+            if (is_there) report%rungs = report%rungs + 1
+         else
+            before = x
+            call solve_directly(problem, config_of_rung, chosen, x, step)
+            is_there = step%status == outcome%converged
+            report%residual = step%residual
+            report%best = min(report%best, step%best)
+            report%is_out_of_work = step%is_out_of_work
+            if (.not. is_there .and. .not. has_ended(step)) x = before
+         end if
+         call report%add(step)
+      end subroutine take
+
+      !> Whether whoever watches over the point has ended it.
+      logical function is_over()
+         is_over = has_ended(step) .and. step%status /= outcome%converged
+         if (is_over) report%status = step%status
+      end function is_over
+   end subroutine climb
+
+   !> Sizes of the smaller problems, relative and in geometric progression; none where not even the smallest is smaller.
+   pure subroutine find_shares(lowest, shares)
+      real(wp), intent(in) :: lowest
+      real(wp), allocatable, intent(out) :: shares(:)
+      integer :: i, n
+
+      n = 0
+      if (lowest < 1.0_wp) n = max(1, ceiling(log(1.0_wp/lowest)/log(largest_rung)))
+      shares = [(lowest**(1.0_wp - real(i, wp)/n), i=0, n - 1)]
+   end subroutine find_shares
 
    !> Whether there is nothing more to try: the solution is found, or whoever watches over the point has ended it.
    pure logical function has_ended(report)
@@ -143,9 +258,12 @@ contains
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
       real(wp), intent(inout), contiguous :: x(:)
       type(report_t), intent(out) :: report
+      type(solver_config_t) :: patient
 
       if (chosen == method%broyden) then
-         call solve_broyden(problem, config, x, report)
+         patient = config
+         patient%patience = 0                                         ! many cheap iterations
+         call solve_broyden(problem, patient, x, report)
       else if (chosen == method%krylov) then
          call solve_krylov(problem, config, x, report)
       else

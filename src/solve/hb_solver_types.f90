@@ -17,6 +17,7 @@ module hb_solver_types
    character(7), parameter :: method_names(4) = [character(7) :: "newton", "broyden", "krylov", "auto"]
    character(7), parameter :: start_names(2) = [character(7) :: "linear", "tangent"]
 
+   real(wp), parameter :: clear_gain = 0.7_wp                         ! least norm, relative to the least one before
    integer, parameter :: largest_affordable = 10000                   !! unknowns up to which a dense tangent fits at all, in 0.8 GB
 
    !> What was needed beside the direct attempt; numbers as in the result file.
@@ -28,7 +29,7 @@ module hb_solver_types
       integer :: nonlinearity = 4                                     !! homotopy in the strength of the laws
       integer :: load = 5                                             !! homotopy in the loads
       integer :: several_guesses = 6                                  !! from shares of the linear motion
-      integer :: fewer_harmonics = 7                                  !! from the solution of a smaller problem; tried second
+      integer :: fewer_harmonics = 7                                  !! from the solution of a smaller problem
    end type rescue_t
    type(rescue_t), parameter :: rescue = rescue_t()
    character(*), parameter :: rescue_names(0:7) = [character(22) :: &
@@ -40,6 +41,8 @@ module hb_solver_types
       integer :: method = method%auto
       real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces
       integer :: max_iterations = 100
+      integer :: patience = 0                                         !! iterations that may gain nothing; 0: all
+      logical :: climbs = .true.                                      !! from fewer harmonics first, where that pays
       logical :: line_search = .true.
       logical :: repeats_tangent = .true.                             !! Newton: steps with the factors at hand, where that will do
       integer :: memory = 40                                          !! updates that Broyden keeps before it takes a new tangent
@@ -68,6 +71,7 @@ module hb_solver_types
       integer :: status = outcome%pending                             !! one of hb_outcome%outcome
       integer :: iterations = 0
       integer :: evaluations = 0                                      !! of the residual
+      integer :: rungs = 0                                            !! smaller problems solved on the way to the solution
       integer :: factorizations = 0                                   !! of a tangent
       integer :: products = 0                                         !! with a tangent
       integer :: rescue = rescue%none                                 !! what led to the solution
@@ -75,11 +79,14 @@ module hb_solver_types
       real(wp) :: residual = huge(1.0_wp)                             !! last norm, relative
       real(wp) :: first = -1.0_wp                                     !! first norm, relative; negative: none
       real(wp) :: best = huge(1.0_wp)                                 !! least norm, relative
+      integer, private :: last_gain = 0                               ! iterations up to the last clear gain
+      real(wp), private :: best_then = huge(1.0_wp)                   ! least norm there
       logical :: is_out_of_work = .false.                             !! the budget of work came first
       type(attempt_t), allocatable :: attempts(:)                     !! where the direct one was not enough, in their order
    contains
       procedure :: add => report_add
       procedure :: note => report_note
+      procedure :: gains_nothing => report_gains_nothing
       procedure :: as_attempt => report_as_attempt
    end type report_t
 
@@ -104,7 +111,18 @@ contains
       if (ieee_is_nan(self%residual)) return
       if (self%first < 0.0_wp) self%first = self%residual
       self%best = min(self%best, self%residual)
+      if (self%best > clear_gain*self%best_then) return
+      self%best_then = self%best
+      self%last_gain = self%iterations
    end subroutine report_note
+
+   !> Whether the last `patience` iterations have not brought the norm down clearly; 0: patience has no end.
+   pure logical function report_gains_nothing(self, patience)
+      class(report_t), intent(in) :: self
+      integer, intent(in) :: patience
+
+      report_gains_nothing = patience > 0 .and. self%iterations - self%last_gain >= patience
+   end function report_gains_nothing
 
    !> What is kept of an attempt by the way given.
    pure type(attempt_t) function report_as_attempt(self, way) result(attempt)

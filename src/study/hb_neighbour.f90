@@ -2,7 +2,10 @@
 !> before it, never from a point of another chain, so that nothing depends on who solves which chain and when.
 module hb_neighbour
    use hb_branches, only: is_far_above
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: wp
+   use hb_two_level, only: exchange
    implicit none
    private
    public :: neighbour_t
@@ -53,9 +56,9 @@ contains
       self%n_kept = min(2, self%n_kept + 1)
    end subroutine neighbour_keep
 
-   !> Gives a first guess for the next point, unallocated where there is no neighbour with the same harmonics: the last
-   !> solution x1, or with two of them the line x1 + (x1 - x0) (p - p1)/(p1 - p0) through both.
-   pure subroutine neighbour_predict(self, parameter, tuples, secant, start)
+   !> Gives a first guess for the next point, unallocated where there is no neighbour: the last solution x1, or with two of them of
+   !> the same harmonics the line x1 + (x1 - x0) (p - p1)/(p1 - p0) through both. Harmonics that the last one lacks are zero.
+   subroutine neighbour_predict(self, parameter, tuples, secant, start)
       class(neighbour_t), intent(in) :: self
       real(wp), intent(in) :: parameter
       integer, intent(in) :: tuples(:, :)
@@ -63,8 +66,10 @@ contains
       real(wp), allocatable, intent(out) :: start(:)
 
       if (self%n_kept == 0) return
-      if (any(shape(tuples) /= shape(self%tuples))) return
-      if (any(tuples /= self%tuples)) return
+      if (.not. are_same(tuples, self%tuples)) then
+         start = on_other_harmonics(self, tuples)
+         return
+      end if
       start = self%last
       if (.not. secant .or. self%n_kept < 2) return
       if (.not. abs(parameter - self%last_value) <= farthest*abs(self%last_value - self%before_value)) return
@@ -92,7 +97,32 @@ contains
 
       is_alike = .false.
       if (self%n_kept == 0) return
-      if (any(shape(tuples) /= shape(self%tuples)) .or. size(self%last) /= n_unknowns) return
-      is_alike = all(tuples == self%tuples)
+      is_alike = size(self%last) == n_unknowns .and. are_same(tuples, self%tuples)
    end function is_alike
+
+   pure logical function are_same(tuples, others)
+      integer, intent(in) :: tuples(:, :), others(:, :)
+
+      are_same = all(shape(tuples) == shape(others))
+      if (are_same) are_same = all(tuples == others)
+   end function are_same
+
+   !> The last solution in other harmonics, zero in those that it lacks; the base frequencies follow.
+   function on_other_harmonics(self, tuples) result(start)
+      type(neighbour_t), intent(in) :: self
+      integer, intent(in) :: tuples(:, :)
+      real(wp), allocatable :: start(:)
+      type(harmonics_t) :: from_set, to_set
+      type(error_t), allocatable :: error
+      real(wp), allocatable :: u(:, :)
+      integer :: n, n_dofs
+
+      call new_harmonics(from_set, self%tuples, error)                ! cannot fail: there was a solution in it,
+      if (.not. allocated(error)) call new_harmonics(to_set, tuples, error)   ! and there is a scene with it
+      n = size(self%last) - size(tuples, 1)
+      n_dofs = n/from_set%n_coefficients
+      allocate (u(to_set%n_coefficients, n_dofs))
+      call exchange(from_set, to_set, reshape(self%last(:n), [from_set%n_coefficients, n_dofs]), u)
+      start = [u, self%last(n + 1:)]
+   end function on_other_harmonics
 end module hb_neighbour

@@ -310,9 +310,9 @@ MUTANTS = [
         (
             "solver_no_homotopy",
             "test_hb_solver",
-            "both homotopies are left out",
-            "rescue%nonlinearity, rescue%load, rescue%several_guesses]",
-            "rescue%both_other, rescue%both_other, rescue%several_guesses]",
+            "the homotopy in the laws is left out",
+            "rescue%fewer_harmonics, rescue%none, rescue%nonlinearity, &",
+            "rescue%fewer_harmonics, rescue%none, rescue%both_other, &",
         ),
         (
             "solver_unbounded",
