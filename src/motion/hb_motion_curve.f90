@@ -564,12 +564,14 @@ contains
             units = curve%units
             n_branch_points = curve%n_branch_points
             call curve%advance()
-            if (curve%status /= outcome%pending) return
+            if (curve%status == outcome%stalled) call try_end(self)
+            if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
             call self%renew()
             call curve%turn()
             if (curve%angle <= largest_turn .or. curve%last_step <= short*curve%config%longest_step) exit
             call curve%retreat()
-            if (curve%status /= outcome%pending) return
+            if (curve%status == outcome%stalled) call try_end(self)
+            if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
             self%largest = largest
             curve%units = units
          end do
@@ -587,6 +589,36 @@ contains
       end associate
    end subroutine motion_curve_step
 
+   !> Lands on an end of the range that is ahead and so near that no step fits in between: there may be nothing beyond.
+   subroutine try_end(self)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), parameter :: very_near = 1.0e-4_wp                    ! of the range
+      real(wp) :: ends(2), gap, x(size(self%curve%x))
+      integer :: i, n
+      logical :: is_there
+
+      n = size(x)
+      ends = [self%request%from, self%request%to]
+      do i = 1, size(ends)
+         associate (curve => self%curve)
+            gap = ends(i) - curve%x(n)
+            if (abs(gap) > very_near*curve%units(n) .or. .not. gap*curve%direction(n) > 0.0_wp) cycle
+            x = curve%x + gap/curve%direction(n)*curve%direction
+            x(n) = ends(i)
+            call land(self, x, is_there)
+            if (.not. is_there) cycle
+            curve%status = outcome%pending
+            deallocate (self%waiting)
+            allocate (self%waiting(1))
+            self%waiting(1)%kind = curve_kind%end
+            self%waiting(1)%place = norm2((x - curve%x)/curve%units)
+            self%waiting(1)%x = x
+            self%first_waiting = 1
+            return
+         end associate
+      end do
+   end subroutine try_end
+
    !> Finds folds, peaks, wanted values and ends on the step behind the curve, in their order.
    subroutine motion_curve_look_back(self, slopes_before, slopes, has_branched)
       class(motion_curve_t), intent(inout), target :: self
@@ -599,7 +631,7 @@ contains
       real(wp), allocatable :: ends(:), wanted(:), x(:)
       real(wp) :: places(3), values(3)
       integer :: i, k, n, n_pieces
-      logical :: is_found
+      logical :: is_found, is_there
 
       n = size(self%curve%x)
       allocate (x(n))
@@ -643,7 +675,7 @@ contains
                                     is_found)
                if (.not. is_found) cycle
                x(n) = wanted(i)
-               call land(self, x)
+               call land(self, x, is_there)
                call add(merge(curve_kind%end, curve_kind%value, i <= 2), places(3), x)
             end do
          end do
@@ -682,11 +714,13 @@ contains
    end subroutine motion_curve_look_back
 
    !> Solves for the motion at the value of x, next to where it is.
-   subroutine land(self, x)
+   subroutine land(self, x, is_there)
       class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(inout) :: x(:)
+      logical, intent(out) :: is_there                                !! else x stays what it was
       type(bordered_problem_t) :: problem
       type(report_t) :: report
+      real(wp), parameter :: near = 1.0e-6_wp
       real(wp) :: there(size(x))
       integer :: last
 
@@ -699,9 +733,9 @@ contains
       there = x
       call solve_newton(problem, self%curve%corrector, there, report)
       call self%curve%report%add(report)
-      if (report%status /= outcome%converged) return
       there(size(x)) = x(size(x))
-      if (maxval(abs(there - x)/self%curve%units) < 1.0e-6_wp) x = there       ! at a fold it may run away
+      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%curve%units) < near   ! at a fold it may not
+      if (is_there) x = there
    end subroutine land
 
    !> Whether the curve has come back to its start, after steps that led away from it.
