@@ -3,6 +3,7 @@
 module verb_check
    use arguments, only: arguments_t
    use console, only: say
+   use hb_basis, only: basis_t
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t
    use hb_guard, only: lower_guard, raise_guard
@@ -12,8 +13,8 @@ module verb_check
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text
    use hb_memory_sizes, only: sizes_of
    use hb_mpi, only: comm_t, rank_of
-   use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_scene, only: scene_t
+   use hb_scene_basis, only: find_basis
    use hb_scene_coordinates, only: coordinates_of
    use hb_scene_doubts, only: commensurate_text, has_no_load
    use hb_study, only: study_t
@@ -135,14 +136,12 @@ contains
    subroutine describe_symmetry(scene, n_coordinates)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: n_coordinates
-      type(scene_t) :: reduced
-      type(odd_motion_t) :: odd
+      type(basis_t) :: basis
       type(error_t), allocatable :: error
+      logical :: is_odd
 
-      reduced = scene
-      call reduce_to_odd(odd, reduced, error)
-      if (odd%is_used) call say("symmetry    odd motions, "// &
-         to_text(reduced%harmonics%n_coefficients*n_coordinates)//" unknowns")
+      call find_basis(basis, is_odd, scene, error)
+      if (is_odd) call say("symmetry    odd motions, "//to_text(basis%harmonics%n_coefficients*n_coordinates)//" unknowns")
    end subroutine describe_symmetry
 
    !> Says what the memory of a point is estimated at, and what takes most of it.

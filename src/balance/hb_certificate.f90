@@ -6,6 +6,7 @@
 module hb_certificate
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_balance, only: balance_t, new_balance
+   use hb_basis, only: transfer_coefficients
    use hb_bordered, only: bordered_problem_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
@@ -22,7 +23,7 @@ module hb_certificate
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: new_torus, samples_for, torus_t
-   use hb_two_level, only: clear_kept, exchange, improve, residual_of
+   use hb_two_level, only: clear_kept, improve, residual_of
    implicit none
    private
    public :: certificate_t, certify, choose_wider_set, near_commensurate, wider_orders, wider_samples
@@ -257,7 +258,7 @@ contains
          call new_tangent_solver(tangent, balance, reshape(u, [size(u)]), is_singular)
       end if
       if (is_singular) return
-      call exchange(balance%harmonics, wide%harmonics, u, big)
+      call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
       call residual_of(wide, big, defect)
       alias = restricted(defect, big)
       call solve_tangent(alias)
@@ -301,7 +302,7 @@ contains
          real(wp) :: kept(n)
          real(wp) :: pairs(size(u, 1), size(u, 2))
 
-         call exchange(wide%harmonics, balance%harmonics, wide_coefficients, pairs)
+         call transfer_coefficients(wide%harmonics, balance%harmonics, wide_coefficients, pairs)
          kept = 0.0_wp
          kept(:size(u)) = reshape(pairs, [size(u)])
          if (present(phase)) kept(size(u) + 1:) = phase%added_residual(wide, motion)
@@ -402,7 +403,7 @@ contains
       integer :: c, i
 
       allocate (big(wide%harmonics%n_coefficients, wide%n_dofs), force(wide%harmonics%n_coefficients))
-      call exchange(balance%harmonics, wide%harmonics, u, big)
+      call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
       call wide%sample(big)
       call wide%law_set%evaluate()
       self%defects = wide%law_set%defects()

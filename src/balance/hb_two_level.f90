@@ -7,13 +7,14 @@
 module hb_two_level
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_balance, only: balance_t
+   use hb_basis, only: transfer_coefficients
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_tangent_solver, only: tangent_solver_t
    implicit none
    private
-   public :: clear_kept, exchange, improve, residual_of
+   public :: clear_kept, improve, residual_of
 
    real(wp), parameter :: smallest_pivot = 1.0e-10_wp                 ! relative; below, a step brings nothing new
 
@@ -44,7 +45,7 @@ contains
       allocate (start, motion, step, mold=improved)
       allocate (history%move_changes(size(start), n_steps), history%basis(size(start), n_steps))
       allocate (history%triangle(n_steps, n_steps))
-      call exchange(narrow%harmonics, wide%harmonics, u, start)
+      call transfer_coefficients(narrow%harmonics, wide%harmonics, u, start)
       motion = start
       improved = start
       least = huge(1.0_wp)
@@ -78,7 +79,7 @@ contains
 
       step = 0.0_wp
       call residual_of(wide, motion, defect)
-      call exchange(wide%harmonics, narrow%harmonics, defect, pairs)
+      call transfer_coefficients(wide%harmonics, narrow%harmonics, defect, pairs)
       kept = reshape(pairs, [size(pairs)])
       call tangent%solve(narrow, kept, is_lost)
       if (is_lost) return
@@ -86,7 +87,7 @@ contains
       call wide%solve_mean_tangent(start, defect, outside, error)
       if (allocated(error)) return
       call clear_kept(narrow%harmonics, wide%harmonics, outside)
-      call exchange(narrow%harmonics, wide%harmonics, reshape(kept, shape(pairs)), step)
+      call transfer_coefficients(narrow%harmonics, wide%harmonics, reshape(kept, shape(pairs)), step)
       step = -step - outside
    end subroutine approximate_step
 
@@ -143,22 +144,6 @@ contains
       call problem%residual(reshape(u, [size(u)]), flat)
       r = reshape(flat, shape(r))
    end subroutine residual_of
-
-   !> Copies coefficients of the tuples that both sets have; the others of `to` become zero.
-   subroutine exchange(from_set, to_set, from, to)
-      type(harmonics_t), intent(in) :: from_set, to_set
-      real(wp), intent(in) :: from(:, :)
-      real(wp), intent(out) :: to(:, :)
-      integer :: h, k
-
-      to = 0.0_wp
-      do h = 1, to_set%n_harmonics
-         k = from_set%index_of(to_set%tuples(:, h))
-         if (k == 0) cycle
-         to(to_set%cos_at(h), :) = from(from_set%cos_at(k), :)
-         if (to_set%sin_at(h) > 0) to(to_set%sin_at(h), :) = from(from_set%sin_at(k), :)
-      end do
-   end subroutine exchange
 
    !> Sets wide coefficients of the kept tuples to zero.
    subroutine clear_kept(kept, set, coefficients)

@@ -8,7 +8,8 @@ module hb_harmonics
    use hb_text, only: to_text
    implicit none
    private
-   public :: canonical_sign, exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics, new_of_parity, tuple_text
+   public :: canonical_sign, exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics, new_of_parity, new_subset, &
+      tuple_text
 
    integer(int64), parameter :: largest_set = 20000000_int64         ! tuples of the box around a set; its table has one entry each
    integer, parameter :: most_harmonics = 4000000                     ! tuples of a set
@@ -30,6 +31,7 @@ module hb_harmonics
       procedure :: frequencies => harmonics_frequencies
       procedure :: amplitude => harmonics_amplitude
       procedure :: set_amplitude => harmonics_set_amplitude
+      procedure :: bytes => harmonics_bytes
    end type harmonics_t
 
 contains
@@ -84,26 +86,34 @@ contains
       call index_coefficients(self, error)
    end subroutine new_harmonics
 
-   !> Those tuples of a set whose entries sum to an even (`parity` 0) or an odd number (1); its largest entries stay, so that
-   !> what is chosen by them, such as grids, is that of the whole set.
+   !> Those tuples of a set whose entries sum to an even (`parity` 0) or an odd number (1).
    subroutine new_of_parity(self, set, parity, error)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
       integer, intent(in) :: parity
       type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: kept(:)
       integer :: h
 
-      kept = pack([(h, h=1, set%n_harmonics)], modulo(sum(set%tuples, dim=1), 2) == parity)
+      call new_subset(self, set, pack([(h, h=1, set%n_harmonics)], modulo(sum(set%tuples, dim=1), 2) == parity), error)
+   end subroutine new_of_parity
+
+   !> Some tuples of a set, in their order; its largest entries stay, so that what is chosen by them, such as grids, is that of the
+   !> whole set.
+   subroutine new_subset(self, set, kept, error)
+      type(harmonics_t), intent(out) :: self
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: kept(:)                                  !! numbers of harmonics, ascending
+      type(error_t), allocatable, intent(out) :: error
+
       if (size(kept) == 0) then
-         call fail(error, "the set of harmonics has no tuple of this parity")
+         call fail(error, "the set of harmonics has none of the tuples asked for")
          return
       end if
       self%n_tones = set%n_tones
       self%n_harmonics = size(kept)
       self%tuples = set%tuples(:, kept)
       call index_coefficients(self, error, set%highest)
-   end subroutine new_of_parity
+   end subroutine new_subset
 
    !> Fills the set with the tuples of a box cut by sum |j_m| <= largest_sum.
    subroutine enumerate(self, orders, largest_sum, odd_only, error)
@@ -263,6 +273,13 @@ contains
 
       frequencies = matmul(omega, real(self%tuples, wp))
    end function harmonics_frequencies
+
+   !> Memory that the set takes, with its tables.
+   pure real(wp) function harmonics_bytes(self) result(bytes)
+      class(harmonics_t), intent(in) :: self
+
+      bytes = 4.0_wp*(size(self%tuples) + size(self%cos_at) + size(self%sin_at) + size(self%lookup))
+   end function harmonics_bytes
 
    !> Sign that makes the first non-zero entry positive: 1 or -1; 1 for the zero tuple.
    pure integer function canonical_sign(tuple)

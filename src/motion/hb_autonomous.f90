@@ -4,6 +4,7 @@
 !> guesses `scene%tones%omega`; it is tried before any mode.
 module hb_autonomous
    use hb_balance, only: balance_t
+   use hb_basis, only: basis_t
    use hb_coordinates, only: coordinates_t
    use hb_energy, only: energy_t, new_energy
    use hb_error, only: error_t, fail
@@ -32,21 +33,22 @@ module hb_autonomous
 contains
 
    !> Finds the motion at rest, its modes, and the frequencies from which to start.
-   subroutine find_start(self, scene, coordinates, error)
+   subroutine find_start(self, scene, basis, coordinates, error)
       type(autonomous_start_t), intent(out) :: self
       type(scene_t), intent(in) :: scene
+      type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates                  !! of its laws
       type(error_t), allocatable, intent(out) :: error
       integer :: h, m
 
       associate (tones => scene%tones)
          self%tones = pack([(m, m=1, tones%n_tones)], tones%is_unknown)
-         self%has_motion = any([(any(scene%harmonics%tuples(self%tones, h) /= 0) .and. any(abs(scene%start(:, h)) > 0.0_wp), &
-                                 h=1, scene%harmonics%n_harmonics)])
+         self%has_motion = any([(any(basis%harmonics%tuples(self%tones, h) /= 0) .and. &
+                                 any(abs(scene%start(:, basis%places(h))) > 0.0_wp), h=1, basis%harmonics%n_harmonics)])
          self%omega = tones%omega
          where (self%omega <= 0.0_wp) self%omega = 1.0_wp             ! any: the rest does not know these tones
-         call find_rest(self%rest, scene%structure, coordinates, scene%laws, scene%loads, scene%harmonics, scene%torus, &
-                        self%omega, tones%is_unknown, scene%solver, scene%planning, error)
+         call find_rest(self%rest, scene%structure, coordinates, scene%laws, basis%amplitudes_of(scene%loads), &
+                        basis%harmonics, basis%torus, self%omega, tones%is_unknown, scene%solver, scene%planning, error)
          if (allocated(error)) then
             if (.not. (allocated(self%rest%u) .and. self%has_motion)) return
             deallocate (error)                                         ! without modes the start must do

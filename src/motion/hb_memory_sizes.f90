@@ -1,18 +1,18 @@
 !> The sizes of a scene on which the memory of a point depends.
 module hb_memory_sizes
+   use hb_basis, only: basis_t, whole_basis
    use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: condensed_reach
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t, new_of_parity
    use hb_hysteretic_law, only: n_path_parts
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_coordinates, only: laws_at
    use hb_memory_tangent, only: width
    use hb_scene, only: scene_t
+   use hb_scene_basis, only: find_basis
    use hb_scene_coordinates, only: coordinates_of
-   use hb_scene_symmetry, only: half_of_odd, is_solved_odd
    use hb_solver_types, only: solver_config_t
    use hb_structure, only: structure_t
    use hb_tangent_choice, only: largest_dense_tangent
@@ -48,38 +48,35 @@ contains
    !> not count. Neighbours may ask for all tuples. Scans the matrices of the structure once.
    type(sizes_t) function sizes_of(scene) result(self)
       type(scene_t), intent(in) :: scene
-      type(harmonics_t) :: set
+      type(basis_t) :: basis
       type(torus_t) :: torus
       type(error_t), allocatable :: error
       type(coordinates_t) :: coordinates
       type(law_box_t), allocatable :: laws(:)                         ! on numbers of coordinates
       integer, allocatable :: n_laws_on(:)                            ! each coordinate
       integer :: i, n
+      logical :: is_odd
 
       do n = 0, size(scene%laws) - 1
          if (.not. (allocated(scene%laws(n + 1)%law%dofs) .and. allocated(scene%laws(n + 1)%law%shape))) exit
       end do
       torus = scene%torus
-      set = scene%harmonics
-      if (.not. allocated(torus%n_samples)) then
-         torus%n_samples = default_samples(set, 1)
-      else if (n == size(scene%laws) .and. .not. scene%chain%is_on) then
-         if (is_solved_odd(scene)) then
-            call new_of_parity(set, scene%harmonics, 1, error)        ! that has odd tuples
-            torus = half_of_odd(scene)
-            associate (last => torus%n_samples(size(torus%n_samples)))
-               if (torus%is_half) last = last/2
-            end associate
-         end if
+      if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(scene%harmonics, 1)
+      basis = whole_basis(scene%harmonics, torus)
+      if (allocated(scene%torus%n_samples) .and. n == size(scene%laws) .and. .not. scene%chain%is_on) then
+         call find_basis(basis, is_odd, scene, error)
+         associate (last => basis%torus%n_samples(size(torus%n_samples)))
+            if (basis%torus%is_half) last = last/2
+         end associate
       end if
       coordinates = coordinates_of(scene, n)
       laws = laws_at(coordinates, scene%laws(:n))
       self%n_dofs = scene%structure%n_dofs
       self%n_law_dofs = size(coordinates%dofs)
       self%n_coordinates = coordinates%n
-      self%n_harmonics = set%n_harmonics
-      self%highest = set%highest
-      self%samples = torus%n_samples
+      self%n_harmonics = basis%harmonics%n_harmonics
+      self%highest = basis%harmonics%highest
+      self%samples = basis%torus%n_samples
       self%n_stored_dofs = size(scene%output%dofs)
       self%stored_samples = scene%output%samples
       self%solver = scene%solver

@@ -4,8 +4,9 @@ module hb_motion
    use hb_advice, only: advice_on, circumstances_t, find_circumstances
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
+   use hb_basis, only: basis_t, transfer_coefficients, whole_basis
    use hb_bordered, only: bordered_problem_t
-   use hb_certificate, only: certificate_t, certify
+   use hb_certificate, only: certificate_t, certify, choose_wider_set
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
@@ -16,10 +17,10 @@ module hb_motion
    use hb_law_coordinates, only: laws_at
    use hb_judge, only: judge_t, locking_t, may_be_locked
    use hb_motion_result, only: motion_result_t
-   use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_odd_symmetry, only: asymmetry
    use hb_outcome, only: is_solved, outcome
    use hb_scene, only: scene_t
+   use hb_scene_basis, only: find_basis
    use hb_scene_coordinates, only: coordinates_of
    use hb_search, only: search_t
    use hb_solver, only: solve
@@ -32,12 +33,14 @@ module hb_motion
    private
    public :: describe_motion, solve_motion
 
+   real(wp), parameter :: largest_asymmetry = 1.0e-8_wp               ! of forces with memory of an odd motion, relative
+
 contains
 
    !> Solves the scene. An `error` is trouble that belongs to this point alone, such as a singular interior; a solver that
-   !> does not converge is told by the status of the result. The scene is as before at the end.
+   !> does not converge is told by the status of the result.
    subroutine solve_motion(scene, result, error, guess, unknowns, watch, judge)
-      type(scene_t), intent(inout) :: scene
+      type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in), optional :: guess(:)         !! in place of that of the scene: coefficients of what the
@@ -47,8 +50,9 @@ contains
       class(judge_t), intent(in), optional :: judge                   !! for first guesses from marching, and for tones that lock
       type(watch_t), target :: own_watch
       class(watch_t), pointer :: its_watch
-      type(odd_motion_t) :: odd
+      type(basis_t) :: basis
       real(wp), allocatable :: first_guess(:), found(:)
+      logical :: is_odd
 
       its_watch => own_watch
       if (present(watch)) its_watch => watch
@@ -56,21 +60,14 @@ contains
       if (present(guess)) then
          if (allocated(guess)) first_guess = guess
       end if
-      call reduce_to_odd(odd, scene, error, first_guess)
+      call find_basis(basis, is_odd, scene, error, first_guess)
       if (allocated(error)) return
-      call solve_scene(scene, its_watch, result, error, first_guess, found, judge)
-      call odd%restore(scene)
-      if (odd%is_used .and. .not. allocated(error)) then
-         call odd%restore_unknowns(scene%tones%n_tones, found)
-         if (odd%is_proven(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])) then
-            call odd%restore_result(result, error)
-         else
-            if (allocated(found)) then                                ! balances the odd harmonics alone
-               call move_alloc(found, first_guess)
-            else if (present(guess)) then
-               if (allocated(guess)) first_guess = guess
-            end if
-            call solve_scene(scene, its_watch, result, error, first_guess, found, judge)
+      call solve_scene(scene, basis, its_watch, result, error, first_guess, found, judge)
+      if (is_odd .and. .not. allocated(error)) then
+         result%is_odd = is_proven_odd(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])
+         if (.not. result%is_odd) then
+            if (allocated(found)) call move_alloc(found, first_guess)  ! balances the odd harmonics alone
+            call solve_scene(scene, whole_basis(scene%harmonics, scene%torus), its_watch, result, error, first_guess, found, judge)
          end if
       end if
       if (allocated(error)) then
@@ -80,7 +77,15 @@ contains
       end if
    end subroutine solve_motion
 
-   !> Takes out what was found before an error: it may be of a reduced scene.
+   !> Whether a motion of odd tuples balances the even ones too. Of laws with memory this shows in their forces: a slider that
+   !> starts at rest and never slips again stays on one side.
+   pure logical function is_proven_odd(result)
+      type(motion_result_t), intent(in) :: result
+
+      is_proven_odd = result%asymmetry <= largest_asymmetry
+   end function is_proven_odd
+
+   !> Takes out what was found before an error: nobody has seen that it is a motion.
    pure subroutine forget_motion(result)
       type(motion_result_t), intent(inout) :: result
 
@@ -90,20 +95,21 @@ contains
       if (allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
    end subroutine forget_motion
 
-   !> Solves the scene with the harmonics and the grid that it has.
-   subroutine solve_scene(scene, watch, result, error, guess, unknowns, judge)
+   !> Solves the scene in a basis.
+   subroutine solve_scene(scene, basis, watch, result, error, guess, unknowns, judge)
       type(scene_t), intent(in) :: scene
+      type(basis_t), intent(in) :: basis
       class(watch_t), intent(inout), target :: watch
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(in), optional :: guess(:)
-      real(wp), allocatable, intent(out), optional :: unknowns(:)
+      real(wp), allocatable, intent(in) :: guess(:)                   !! in the whole set, as that of `solve_motion`
+      real(wp), allocatable, intent(out) :: unknowns(:)               !! as `guess`
       class(judge_t), intent(in), optional :: judge
       type(dynamic_stiffness_t) :: stiffness
       type(balance_t), target :: balance
       type(autonomous_start_t) :: start
       type(coordinates_t) :: coordinates
-      real(wp), allocatable :: first_guess(:)
+      real(wp), allocatable :: first_guess(:), marched(:)
       logical :: is_autonomous
       real(wp) :: started
 
@@ -111,86 +117,92 @@ contains
       coordinates = coordinates_of(scene)
       is_autonomous = any(scene%tones%is_unknown)
       start%omega = scene%tones%omega
-      if (is_autonomous) call find_start(start, scene, coordinates, error)
+      if (is_autonomous) call find_start(start, scene, basis, coordinates, error)
       if (allocated(error)) return
-      if (present(guess)) then
-         if (allocated(guess)) first_guess = guess
-      end if
-      if (scene%start_from_march .and. .not. allocated(first_guess) .and. coordinates%n > 0) then
+      if (allocated(guess)) then
+         call restrict_guess(basis, coordinates%n, guess, first_guess)
+      else if (scene%start_from_march .and. coordinates%n > 0) then
          if (.not. present(judge)) then
             call fail(error, "first_guess = 'march' needs a judge that marches")
             return
          end if
-         call judge%first_guess(scene, start%omega, coordinates%dofs, watch, first_guess, error)
+         call judge%first_guess(scene, start%omega, coordinates%dofs, watch, marched, error)
          if (allocated(error) .and. watch%verdict /= verdict%go_on) deallocate (error)   ! nothing that follows takes long
          call annotate(error, "first guess from marching")
          if (allocated(error)) return
-         call choose_coordinates(scene, coordinates, first_guess)
-      end if
-      if (allocated(first_guess)) then                                ! of a scene whose laws feel something else?
-         if (size(first_guess) /= scene%harmonics%n_coefficients*coordinates%n + size(start%omega)) deallocate (first_guess)
+         if (allocated(marched)) then
+            associate (n => basis%whole%n_coefficients, n_dofs => size(coordinates%dofs))
+               marched = [coordinates%values_of(reshape(marched(:n*n_dofs), [n, n_dofs])), marched(n*n_dofs + 1:)]
+            end associate
+            call restrict_guess(basis, coordinates%n, marched, first_guess)
+         end if
       end if
       if (is_autonomous .and. allocated(first_guess)) then
          start%omega = first_guess(size(first_guess) - size(start%omega) + 1:)
          start%has_motion = .true.
       end if
       result%frequency = start%omega
-      result%n_harmonics = scene%harmonics%n_harmonics
-      call new_dynamic_stiffness(stiffness, scene%structure, coordinates, scene%harmonics%frequencies(start%omega), &
-                                 scene%loads, error, with_slopes=is_autonomous, load_slopes=scene%load_slopes, &
+      result%n_harmonics = basis%whole%n_harmonics
+      call new_dynamic_stiffness(stiffness, scene%structure, coordinates, basis%harmonics%frequencies(start%omega), &
+                                 basis%amplitudes_of(scene%loads), error, with_slopes=is_autonomous, &
+                                 load_slopes=basis%amplitudes_of(scene%load_slopes), &
                                  with_motion_slopes=scene%normal_mode%has_energy)
       if (allocated(error)) return
       if (coordinates%n == 0) then
          result%setup_seconds = wall_clock() - started
-         call solve_linear_scene(scene, stiffness, result)
+         call solve_linear_scene(scene, basis, stiffness, result)
          return
       end if
-      call new_balance(balance, scene%harmonics, scene%torus, start%omega, stiffness, laws_at(coordinates, scene%laws), &
+      call new_balance(balance, basis%harmonics, basis%torus, start%omega, stiffness, laws_at(coordinates, scene%laws), &
                        scene%planning, error)
-      if (.not. allocated(error)) call solve_balance(scene, start, watch, balance, started, result, error, first_guess, &
-                                                     unknowns, judge)
+      if (.not. allocated(error)) call solve_balance(scene, basis, start, watch, balance, started, result, error, &
+                                                     first_guess, unknowns, judge)
       call balance%destroy()
    end subroutine solve_scene
 
-   !> Turns a first guess at the degrees of freedom of the laws into one at their coordinates.
-   subroutine choose_coordinates(scene, coordinates, guess)
-      type(scene_t), intent(in) :: scene
-      type(coordinates_t), intent(in) :: coordinates
-      real(wp), allocatable, intent(inout) :: guess(:)
+   !> Takes the unknowns out of a first guess of all coefficients at the coordinates; none out of one of another size, as of a
+   !> neighbour whose laws feel something else.
+   pure subroutine restrict_guess(basis, n_coordinates, guess, first_guess)
+      type(basis_t), intent(in) :: basis
+      integer, intent(in) :: n_coordinates
+      real(wp), intent(in) :: guess(:)                                !! coefficients, then all base frequencies
+      real(wp), allocatable, intent(inout) :: first_guess(:)
 
-      if (.not. allocated(guess)) return
-      associate (n => scene%harmonics%n_coefficients, n_dofs => size(coordinates%dofs))
-         guess = [coordinates%values_of(reshape(guess(:n*n_dofs), [n, n_dofs])), guess(n*n_dofs + 1:)]
+      associate (n => basis%whole%n_coefficients, n_all => basis%whole%n_coefficients*n_coordinates)
+         if (size(guess) /= n_all + basis%whole%n_tones) return
+         first_guess = [basis%restrict(reshape(guess(:n_all), [n, n_coordinates])), guess(n_all + 1:)]
       end associate
-   end subroutine choose_coordinates
+   end subroutine restrict_guess
 
    !> A scene without laws: the condensed problem has no unknowns, all that is left is the linear motion.
-   subroutine solve_linear_scene(scene, stiffness, result)
+   subroutine solve_linear_scene(scene, basis, stiffness, result)
       type(scene_t), intent(in) :: scene
+      type(basis_t), intent(in) :: basis
       type(dynamic_stiffness_t), intent(in) :: stiffness
       type(motion_result_t), intent(inout) :: result
-      complex(wp) :: at_laws(0, scene%harmonics%n_harmonics)
+      complex(wp) :: at_laws(0, basis%harmonics%n_harmonics)
       complex(wp), allocatable :: c(:, :)
 
-      allocate (c(scene%structure%n_dofs, scene%harmonics%n_harmonics))
+      allocate (c(scene%structure%n_dofs, basis%harmonics%n_harmonics))
       call stiffness%recover(at_laws, c)
-      call keep_motion(scene, c, result)
-      allocate (result%force_coefficients(2, scene%harmonics%n_harmonics, 0))
-      allocate (result%corrected_coefficients(2, scene%harmonics%n_harmonics, 0))
+      call keep_motion(scene, basis, c, result)
+      allocate (result%force_coefficients(2, basis%whole%n_harmonics, 0))
+      allocate (result%corrected_coefficients(2, basis%whole%n_harmonics, 0))
       result%status = outcome%converged
       if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
    end subroutine solve_linear_scene
 
-   subroutine solve_balance(scene, start, watch, balance, started, result, error, guess, unknowns, judge)
+   subroutine solve_balance(scene, basis, start, watch, balance, started, result, error, guess, unknowns, judge)
       type(scene_t), intent(in) :: scene
+      type(basis_t), intent(in) :: basis
       type(autonomous_start_t), intent(in) :: start
       class(watch_t), intent(inout), target :: watch
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: started                                 !! the set-up, on the wall clock [s]
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(in) :: guess(:)                   !! not allocated: that of the scene
-      real(wp), allocatable, intent(out), optional :: unknowns(:)
+      real(wp), allocatable, intent(in) :: guess(:)                   !! in the basis; not allocated: that of the scene
+      real(wp), allocatable, intent(out) :: unknowns(:)               !! in the whole set
       class(judge_t), intent(in), optional :: judge
       type(circumstances_t) :: circumstances
       type(report_t) :: report
@@ -200,9 +212,9 @@ contains
       logical :: is_stuck
 
       balance%watch => watch
-      allocate (u(scene%harmonics%n_coefficients, balance%n_dofs), source=0.0_wp)
+      allocate (u(basis%harmonics%n_coefficients, balance%n_dofs), source=0.0_wp)
       if (any(scene%tones%is_unknown)) then
-         call add_start(scene, balance%stiffness%coordinates, u)
+         call add_start(scene, basis, balance%stiffness%coordinates, u)
          if (allocated(guess)) u = reshape(guess(:size(u)), shape(u)) - start%rest%u
          begun = wall_clock()
          call find_motion(scene, start, balance, u, search)
@@ -216,7 +228,7 @@ contains
             u = linear_solution
             if (.not. allocated(guess)) call balance%stuck_solution(u, is_stuck)
          end if
-         call add_start(scene, balance%stiffness%coordinates, u)
+         call add_start(scene, basis, balance%stiffness%coordinates, u)
          if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
          if (allocated(guess) .or. any(abs(scene%start) > 0.0_wp)) balance%climbs_first = .false.   ! what is known comes first
          begun = wall_clock()
@@ -226,7 +238,7 @@ contains
       if (watch%verdict /= verdict%go_on) report%status = status_of(watch)
       result%setup_seconds = begun - started
       result%solver_seconds = wall_clock() - begun
-      if (present(unknowns) .and. report%status == outcome%converged) unknowns = [u, balance%omega]
+      if (report%status == outcome%converged) unknowns = [basis%expand(u), balance%omega]
       result%status = report%status
       result%iterations = report%iterations
       result%evaluations = report%evaluations
@@ -246,7 +258,7 @@ contains
          result%message = "loads, or the motion under them, are out of the range of numbers; scale the units"
       end if
 
-      call describe_motion(scene, balance, u, result, error, search)
+      call describe_motion(scene, basis, balance, u, result, error, search)
       if (allocated(error)) return
       if (present(judge) .and. any(scene%tones%is_unknown) .and. scene%tones%n_tones > 1) &
          call look_for_locking(judge, scene, start, balance%stiffness%coordinates%dofs, watch, result)
@@ -254,8 +266,9 @@ contains
 
    !> Adds to a result what follows from a solution: motion, forces, certificate, surfaces. A status that says `converged` is
    !> settled by the certificate.
-   subroutine describe_motion(scene, balance, u, result, error, search, curve)
+   subroutine describe_motion(scene, basis, balance, u, result, error, search, curve)
       type(scene_t), intent(in) :: scene
+      type(basis_t), intent(in) :: basis                              !! of the balance
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
       type(motion_result_t), intent(inout) :: result                  !! with its status
@@ -265,24 +278,24 @@ contains
       complex(wp), allocatable :: c(:, :)
       real(wp) :: begun, cpu_begun, cpu_ended
 
-      allocate (c(scene%structure%n_dofs, scene%harmonics%n_harmonics))
+      allocate (c(scene%structure%n_dofs, basis%harmonics%n_harmonics))
       call balance%all_dofs(u, c)
-      call keep_motion(scene, c, result)
-      call keep_forces(scene%harmonics, scene%torus, balance, u, result, error)
+      call keep_motion(scene, basis, c, result)
+      call keep_forces(basis, balance, u, result, error)
       if (allocated(error)) return
       if (scene%certificate%is_on .and. result%status == outcome%converged) then
          begun = wall_clock()
          call cpu_time(cpu_begun)
-         call keep_certificate(scene, balance, u, result, error, search, curve)
+         call keep_certificate(scene, basis, balance, u, result, error, search, curve)
          result%certificate_seconds = wall_clock() - begun
          call cpu_time(cpu_ended)
          result%certificate_cpu_seconds = cpu_ended - cpu_begun
          if (allocated(error)) return
       end if
       if (is_solved(result%status)) &
-         call find_stability(result%stability, scene%stability, scene%structure, scene%laws, scene%harmonics%tuples, &
+         call find_stability(result%stability, scene%stability, scene%structure, scene%laws, basis%harmonics%tuples, &
                              balance%omega, scene%tones%is_unknown, c, usual_work(balance))
-      if (size(scene%output%samples) > 0) call keep_surfaces(scene, balance, u, result, error)
+      if (size(scene%output%samples) > 0) call keep_surfaces(scene, basis, balance, u, result, error)
    end subroutine describe_motion
 
    !> About how many nanoseconds a point takes that needs nothing unusual, from counts alone: the same for all points of a sweep.
@@ -362,15 +375,16 @@ contains
    end subroutine solve_unknowns
 
    !> Adds the user's first guess at the coordinates of the laws; elsewhere the motion follows from there.
-   subroutine add_start(scene, coordinates, u)
+   subroutine add_start(scene, basis, coordinates, u)
       type(scene_t), intent(in) :: scene
+      type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(inout) :: u(:, :)
-      complex(wp) :: z(coordinates%n, scene%harmonics%n_harmonics)
+      complex(wp) :: z(coordinates%n, basis%harmonics%n_harmonics)
       integer :: h
 
-      z = coordinates%amplitudes_of(scene%start)
-      associate (set => scene%harmonics)
+      z = coordinates%amplitudes_of(basis%amplitudes_of(scene%start))
+      associate (set => basis%harmonics)
          do h = 1, set%n_harmonics
             u(set%cos_at(h), :) = u(set%cos_at(h), :) + real(z(:, h))
             if (set%sin_at(h) > 0) u(set%sin_at(h), :) = u(set%sin_at(h), :) - aimag(z(:, h))
@@ -378,30 +392,30 @@ contains
       end associate
    end subroutine add_start
 
-   subroutine keep_motion(scene, c, result)
+   subroutine keep_motion(scene, basis, c, result)
       type(scene_t), intent(in) :: scene
+      type(basis_t), intent(in) :: basis
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (n_dofs, n_harmonics)
       type(motion_result_t), intent(inout) :: result
       integer :: i
 
-      allocate (result%coefficients(2, scene%harmonics%n_harmonics, size(scene%output%dofs)))
+      allocate (result%coefficients(2, basis%whole%n_harmonics, size(scene%output%dofs)), source=0.0_wp)
       do i = 1, size(scene%output%dofs)
-         result%coefficients(1, :, i) = real(c(scene%output%dofs(i), :))
-         result%coefficients(2, :, i) = -aimag(c(scene%output%dofs(i), :))
+         result%coefficients(1, basis%places, i) = real(c(scene%output%dofs(i), :))
+         result%coefficients(2, basis%places, i) = -aimag(c(scene%output%dofs(i), :))
       end do
    end subroutine keep_motion
 
    !> Forces of the laws and the motion corrected to walls, on the grid of the solution.
-   subroutine keep_forces(harmonics, torus, balance, u, result, error)
-      type(harmonics_t), intent(in) :: harmonics
-      type(torus_t), intent(in) :: torus
+   subroutine keep_forces(basis, balance, u, result, error)
+      type(basis_t), intent(in) :: basis
       type(balance_t), intent(inout) :: balance
       real(wp), intent(in) :: u(:, :)
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       type(real_block_t) :: correction
       real(wp), allocatable :: coefficients(:, :), moved(:, :)
-      real(wp) :: column(harmonics%n_coefficients)
+      real(wp) :: column(basis%harmonics%n_coefficients)
       integer :: i
       character(:), allocatable :: trouble
 
@@ -413,11 +427,14 @@ contains
          call fail(error, trouble)
          return
       end if
-      if (balance%law_set%has_memory .and. .not. torus%is_half .and. all(modulo(sum(harmonics%tuples, dim=1), 2) == 1) &
-          .and. all(modulo(torus%n_samples, 2) == 0)) result%asymmetry = asymmetry(torus, balance%law_set%f%values)
+      associate (torus => basis%torus)
+         if (balance%law_set%has_memory .and. .not. torus%is_half .and. all(modulo(sum(basis%harmonics%tuples, dim=1), 2) == 1) &
+             .and. all(modulo(torus%n_samples, 2) == 0)) result%asymmetry = asymmetry(torus, balance%law_set%f%values)
+      end associate
       result%n_full_stick = count([(balance%law_set%full_stick(i), i=1, size(balance%law_set%laws))])
       call balance%project(balance%law_set%f%values, coefficients)
-      result%force_coefficients = as_pairs(harmonics, balance%stiffness%coordinates%spread_forces(coefficients))
+      result%force_coefficients = &
+         as_pairs(basis%whole, basis%expand(balance%stiffness%coordinates%spread_forces(coefficients)))
       moved = balance%at_law_dofs(u)
       if (balance%law_set%needs_reaction) then
          call new_real_block(correction, size(balance%law_set%q%values, 1), size(moved, 2), error)
@@ -430,12 +447,13 @@ contains
          end do
          call correction%destroy()
       end if
-      result%corrected_coefficients = as_pairs(harmonics, moved)
+      result%corrected_coefficients = as_pairs(basis%whole, basis%expand(moved))
    end subroutine keep_forces
 
    !> Makes the certificate of a solved point; one that misses a threshold gets the status that says so.
-   subroutine keep_certificate(scene, balance, u, result, error, search, curve)
+   subroutine keep_certificate(scene, basis, balance, u, result, error, search, curve)
       type(scene_t), intent(in) :: scene
+      type(basis_t), intent(in) :: basis
       type(balance_t), intent(inout), target :: balance               !! the search points to it
       real(wp), intent(in) :: u(:, :)
       type(motion_result_t), intent(inout) :: result
@@ -444,15 +462,15 @@ contains
       class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
 
       if (any(scene%tones%is_unknown) .and. present(search)) then
-         call certify(result%certificate, scene%structure, scene%loads, scene%torus, balance, u, scene%planning, &
-                      0, error, search%phase)
+         call certify(result%certificate, scene%structure, basis%amplitudes_of(scene%loads), basis%torus, balance, u, &
+                      scene%planning, 0, error, search%phase)
       else
-         call certify(result%certificate, scene%structure, scene%loads, scene%torus, balance, u, scene%planning, &
-                      scene%certificate%improvement_steps, error, curve=curve)
+         call certify(result%certificate, scene%structure, basis%amplitudes_of(scene%loads), basis%torus, balance, u, &
+                      scene%planning, scene%certificate%improvement_steps, error, curve=curve)
       end if
       if (allocated(error)) return
-      if (allocated(result%certificate%improved)) result%improved_coefficients = &
-         as_pairs(result%certificate%wider, result%certificate%improved)
+      if (allocated(result%certificate%improved)) call keep_improved(basis, result, error)
+      if (allocated(error)) return
       associate (found => result%certificate, limit => scene%certificate)
          if (found%defects%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
@@ -467,6 +485,25 @@ contains
       end associate
    end subroutine keep_certificate
 
+   !> The improved motion with all tuples of the wider set.
+   subroutine keep_improved(basis, result, error)
+      type(basis_t), intent(in) :: basis
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: wider
+      real(wp), allocatable :: improved(:, :)
+
+      call choose_wider_set(basis%whole, wider, error)
+      if (allocated(error)) return
+      associate (found => result%certificate)
+         allocate (improved(wider%n_coefficients, size(found%improved, 2)))
+         call transfer_coefficients(found%wider, wider, found%improved, improved)
+         result%improved_coefficients = as_pairs(wider, improved)
+         call move_alloc(improved, found%improved)
+         found%wider = wider
+      end associate
+   end subroutine keep_improved
+
    !> Whether an estimate is above its limit; one that is not a number, out of the range of a law, is.
    elemental logical function is_missed(estimate, limit)
       real(wp), intent(in) :: estimate, limit
@@ -476,8 +513,9 @@ contains
    end function is_missed
 
    !> Hypertime surfaces on the grid that the user asked for.
-   subroutine keep_surfaces(scene, balance, u, result, error)
+   subroutine keep_surfaces(scene, basis, balance, u, result, error)
       type(scene_t), intent(in) :: scene
+      type(basis_t), intent(in) :: basis
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: u(:, :)
       type(motion_result_t), intent(inout) :: result
@@ -487,14 +525,14 @@ contains
       type(torus_t) :: torus
       type(transform_t) :: transform
 
-      call new_torus(torus, scene%output%samples, scene%harmonics, error)
+      call new_torus(torus, scene%output%samples, basis%harmonics, error)
       if (allocated(error)) return
       associate (coordinates => balance%stiffness%coordinates)
-         call new_balance(shown, scene%harmonics, torus, balance%omega, balance%stiffness, laws_at(coordinates, scene%laws), &
+         call new_balance(shown, basis%harmonics, torus, balance%omega, balance%stiffness, laws_at(coordinates, scene%laws), &
                           scene%planning, error)
          if (.not. allocated(error)) call new_real_block(samples, torus%n_total, size(coordinates%dofs), error)
          if (.not. allocated(error)) &
-            call new_transform(transform, scene%harmonics, torus, size(coordinates%dofs), scene%planning, error)
+            call new_transform(transform, basis%harmonics, torus, size(coordinates%dofs), scene%planning, error)
          if (.not. allocated(error)) then
             call shown%sample(u)
             call shown%law_set%evaluate()

@@ -7,6 +7,7 @@
 !> phase; of a normal mode the artificial damping as well, with a condition for the amplitude. Source: docs/user/curves.md; docs/user/theory.md, section 6.7.
 module hb_motion_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_basis, only: whole_basis
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_clock, only: wall_clock
    use hb_curve, only: curve_config_t, curve_t, event_t, new_curve
@@ -803,8 +804,9 @@ contains
          is_certified = scene%certificate%is_on
          if (any(point%kind == [curve_kind%branch, curve_kind%start])) scene%certificate%is_on = .false.   ! it has no tangent
          call self%curve%put_plane(point%x, self%curve%direction, 0.0_wp)
-         call describe_motion(scene, balance, reshape(point%x(:n), [scene%harmonics%n_coefficients, balance%n_dofs]), result, &
-                              error, curve=self%curve%problem)
+         call describe_motion(scene, whole_basis(scene%harmonics, scene%torus), balance, &
+                              reshape(point%x(:n), [scene%harmonics%n_coefficients, balance%n_dofs]), result, error, &
+                              curve=self%curve%problem)
          scene%certificate%is_on = is_certified
          balance%watch => self%watch
       end associate

@@ -6,6 +6,7 @@
 !> where odd motions are solved on half of it), and LAPACK's LU factorisation of a full matrix of the same size.
 module hb_kernel_times
    use hb_balance, only: balance_t, new_balance
+   use hb_basis, only: basis_t
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t
@@ -19,8 +20,8 @@ module hb_kernel_times
    use hb_model_file, only: model_file_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
-   use hb_odd_motion, only: odd_motion_t, reduce_to_odd
    use hb_scene, only: scene_t
+   use hb_scene_basis, only: find_basis
    use hb_scene_coordinates, only: coordinates_of
    use hb_scene_reader, only: read_scene
    use hb_solver, only: solve
@@ -179,21 +180,21 @@ contains
 
    !> The balance of what the laws of a scene feel, as a point is solved.
    subroutine make_balance(scene, balance, error)
-      type(scene_t), intent(inout) :: scene                           !! as before at the end
+      type(scene_t), intent(in) :: scene
       type(balance_t), intent(inout) :: balance
       type(error_t), allocatable, intent(out) :: error
-      type(odd_motion_t) :: odd
+      type(basis_t) :: basis
       type(coordinates_t) :: coordinates
       type(dynamic_stiffness_t) :: stiffness
+      logical :: is_odd
 
-      call reduce_to_odd(odd, scene, error)
+      call find_basis(basis, is_odd, scene, error)
       if (allocated(error)) return
       coordinates = coordinates_of(scene)
-      call new_dynamic_stiffness(stiffness, scene%structure, coordinates, scene%harmonics%frequencies(scene%tones%omega), &
-         scene%loads, error)
-      if (.not. allocated(error)) call new_balance(balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, &
+      call new_dynamic_stiffness(stiffness, scene%structure, coordinates, basis%harmonics%frequencies(scene%tones%omega), &
+         basis%amplitudes_of(scene%loads), error)
+      if (.not. allocated(error)) call new_balance(balance, basis%harmonics, basis%torus, scene%tones%omega, stiffness, &
          laws_at(coordinates, scene%laws), scene%planning, error)
-      call odd%restore(scene)
    end subroutine make_balance
 
    !> Solves from the first guess of the scene.

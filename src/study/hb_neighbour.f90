@@ -5,7 +5,7 @@ module hb_neighbour
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: wp
-   use hb_two_level, only: exchange
+   use hb_basis, only: transfer_coefficients
    implicit none
    private
    public :: neighbour_t
@@ -122,7 +122,7 @@ contains
       n = size(self%last) - size(tuples, 1)
       n_dofs = n/from_set%n_coefficients
       allocate (u(to_set%n_coefficients, n_dofs))
-      call exchange(from_set, to_set, reshape(self%last(:n), [from_set%n_coefficients, n_dofs]), u)
+      call transfer_coefficients(from_set, to_set, reshape(self%last(:n), [from_set%n_coefficients, n_dofs]), u)
       start = [u, self%last(n + 1:)]
    end function on_other_harmonics
 end module hb_neighbour

@@ -798,6 +798,33 @@ MUTANTS = [
         ),
     ),
     *of(
+        "hypertime/hb_basis.f90",
+        (
+            "basis_transfer",
+            "test_hb_basis",
+            "coefficients go to the tuple with the same number",
+            "k = from_set%index_of(to_set%tuples(:, h))",
+            "k = merge(h, 0, h <= from_set%n_harmonics)",
+        ),
+        (
+            "basis_amplitudes",
+            "test_hb_basis test_hb_scene_basis",
+            "loads of the first tuples stand for those of the unknown ones",
+            "kept = amplitudes(:, self%places)",
+            "kept = amplitudes(:, :size(self%places))",
+        ),
+    ),
+    *of(
+        "motion/hb_scene_basis.f90",
+        (
+            "basis_of_guess",
+            "test_hb_scene_basis",
+            "a first guess with even tuples is cut",
+            "is_odd = even_part(scene%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= rounding",
+            "is_odd = even_part(scene%harmonics, reshape(guess(:n_all), [n, n_all/n])) >= 0.0_wp",
+        ),
+    ),
+    *of(
         "structure/hb_coordinates.f90",
         (
             "coordinates_pivots",

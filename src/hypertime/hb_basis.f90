@@ -1,0 +1,132 @@
+!> A basis: which coefficients of a motion are unknowns, and on which grid its forces are sampled.
+!>
+!> Of the tuples of a motion some are unknowns, such as the odd ones of an odd motion; the coefficients of the others are zero.
+!> Vectors and amplitudes are restricted to the unknowns and expanded from them. Between two solutions a basis may grow or shrink:
+!> `transfer` takes coefficients from the tuples of one to those of the other. Source: docs/user/theory.md, section 2.
+module hb_basis
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t, new_subset
+   use hb_kinds, only: wp
+   use hb_torus, only: torus_t
+   implicit none
+   private
+   public :: basis_t, new_basis, transfer_coefficients, whole_basis
+
+   type :: basis_t
+      type(harmonics_t) :: whole                                      !! tuples of the motion
+      type(harmonics_t) :: harmonics                                  !! those whose coefficients are unknowns
+      type(torus_t) :: torus                                          !! grid of the forces
+      integer, allocatable :: places(:)                               !! of `harmonics` among `whole`
+   contains
+      procedure :: is_whole => basis_is_whole
+      procedure :: restrict => basis_restrict
+      procedure :: expand => basis_expand
+      procedure :: amplitudes_of => basis_amplitudes_of
+      procedure :: transfer => basis_transfer
+      procedure :: bytes => basis_bytes
+   end type basis_t
+
+contains
+
+   !> Basis of some tuples of a set. Fails where it has none.
+   subroutine new_basis(self, whole, is_unknown, torus, error)
+      type(basis_t), intent(out) :: self
+      type(harmonics_t), intent(in) :: whole
+      logical, intent(in) :: is_unknown(:)                            !! (whole%n_harmonics)
+      type(torus_t), intent(in) :: torus
+      type(error_t), allocatable, intent(out) :: error
+      integer :: h
+
+      self%whole = whole
+      self%torus = torus
+      self%places = pack([(h, h=1, whole%n_harmonics)], is_unknown)
+      call new_subset(self%harmonics, whole, self%places, error)
+   end subroutine new_basis
+
+   !> All tuples of a set are unknowns.
+   pure function whole_basis(whole, torus) result(self)
+      type(harmonics_t), intent(in) :: whole
+      type(torus_t), intent(in) :: torus
+      type(basis_t) :: self
+      integer :: h
+
+      self%whole = whole
+      self%harmonics = whole
+      self%torus = torus
+      self%places = [(h, h=1, whole%n_harmonics)]
+   end function whole_basis
+
+   pure logical function basis_is_whole(self)
+      class(basis_t), intent(in) :: self
+
+      basis_is_whole = size(self%places) == self%whole%n_harmonics
+   end function basis_is_whole
+
+   !> Unknowns of a motion given by all of its coefficients.
+   pure function basis_restrict(self, coefficients) result(u)
+      class(basis_t), intent(in) :: self
+      real(wp), intent(in) :: coefficients(:, :)                      !! (whole%n_coefficients, any)
+      real(wp) :: u(self%harmonics%n_coefficients, size(coefficients, 2))
+
+      if (self%is_whole()) then
+         u = coefficients
+      else
+         call transfer_coefficients(self%whole, self%harmonics, coefficients, u)
+      end if
+   end function basis_restrict
+
+   !> All coefficients of a motion given by its unknowns.
+   pure function basis_expand(self, u) result(coefficients)
+      class(basis_t), intent(in) :: self
+      real(wp), intent(in) :: u(:, :)                                 !! (harmonics%n_coefficients, any)
+      real(wp) :: coefficients(self%whole%n_coefficients, size(u, 2))
+
+      if (self%is_whole()) then
+         coefficients = u
+      else
+         call transfer_coefficients(self%harmonics, self%whole, u, coefficients)
+      end if
+   end function basis_expand
+
+   !> Amplitudes of the unknown tuples, of loads for example.
+   pure function basis_amplitudes_of(self, amplitudes) result(kept)
+      class(basis_t), intent(in) :: self
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! (any, whole%n_harmonics)
+      complex(wp) :: kept(size(amplitudes, 1), size(self%places))
+
+      kept = amplitudes(:, self%places)
+   end function basis_amplitudes_of
+
+   !> Unknowns of another basis as those of this one: what both have; the others are zero.
+   pure function basis_transfer(self, other, u) result(own)
+      class(basis_t), intent(in) :: self
+      type(basis_t), intent(in) :: other
+      real(wp), intent(in) :: u(:, :)                                 !! (other%harmonics%n_coefficients, any)
+      real(wp) :: own(self%harmonics%n_coefficients, size(u, 2))
+
+      call transfer_coefficients(other%harmonics, self%harmonics, u, own)
+   end function basis_transfer
+
+   !> Memory that the basis takes, with its tables.
+   pure real(wp) function basis_bytes(self) result(bytes)
+      class(basis_t), intent(in) :: self
+
+      bytes = self%whole%bytes() + self%harmonics%bytes() + 4.0_wp*size(self%places)
+   end function basis_bytes
+
+   !> Copies coefficients of the tuples that both sets have; the others of `to` become zero.
+   pure subroutine transfer_coefficients(from_set, to_set, from, to)
+      type(harmonics_t), intent(in) :: from_set, to_set
+      real(wp), intent(in) :: from(:, :)                              !! (from_set%n_coefficients, any)
+      real(wp), intent(out) :: to(:, :)                               !! (to_set%n_coefficients, any)
+      integer :: h, k
+
+      to = 0.0_wp
+      do h = 1, to_set%n_harmonics
+         k = from_set%index_of(to_set%tuples(:, h))
+         if (k == 0) cycle
+         to(to_set%cos_at(h), :) = from(from_set%cos_at(k), :)
+         if (to_set%sin_at(h) > 0) to(to_set%sin_at(h), :) = from(from_set%sin_at(k), :)
+      end do
+   end subroutine transfer_coefficients
+end module hb_basis

@@ -1,0 +1,43 @@
+!> The basis in which a scene is solved: all tuples of its set, or where its equations are odd the odd ones on half of the grid.
+!>
+!> An odd motion balances all harmonics, the even ones vanish on both sides. Whether other motions exist beside it is
+!> another question: `symmetry = 'none'` looks among all. Source: docs/user/theory.md, section 2.
+module hb_scene_basis
+   use hb_basis, only: basis_t, new_basis, whole_basis
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_odd_symmetry, only: even_part
+   use hb_scene, only: scene_t, symmetry
+   use hb_scene_symmetry, only: half_of_odd, is_solved_odd
+   implicit none
+   private
+   public :: find_basis
+
+   real(wp), parameter :: rounding = 1.0e-10_wp                       ! even part of a first guess that counts as none
+
+contains
+
+   !> Finds the basis of a scene, with a first guess that takes the place of its own. An odd one is left to what has nothing
+   !> to the contrary, unless the user asks for odd motions.
+   subroutine find_basis(self, is_odd, scene, error, guess)
+      type(basis_t), intent(out) :: self
+      logical, intent(out) :: is_odd
+      type(scene_t), intent(in) :: scene
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable, intent(in), optional :: guess(:)         !! coefficients of all tuples, then all base frequencies
+
+      is_odd = is_solved_odd(scene)
+      if (is_odd .and. present(guess) .and. scene%symmetry == symmetry%auto) then
+         if (allocated(guess)) then
+            associate (n => scene%harmonics%n_coefficients, n_all => size(guess) - scene%tones%n_tones)
+               is_odd = even_part(scene%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= rounding
+            end associate
+         end if
+      end if
+      if (is_odd) then
+         call new_basis(self, scene%harmonics, modulo(sum(scene%harmonics%tuples, dim=1), 2) == 1, half_of_odd(scene), error)
+      else
+         self = whole_basis(scene%harmonics, scene%torus)
+      end if
+   end subroutine find_basis
+end module hb_scene_basis
