@@ -16,7 +16,7 @@ module hb_balance
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
-   use hb_kinds, only: wp
+   use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_law_set, only: law_set_t, new_law_set
    use hb_problem, only: deformation, problem_t
@@ -57,6 +57,7 @@ module hb_balance
       type(block_factors_t), allocatable, private :: alone            ! preconditioner: LU of the tangent of each harmonic
       type(coarse_tangent_t), allocatable, private :: coupled         ! and that between the most coupled ones
       type(thin_product_t), allocatable, private :: thin              ! products on fewer samples, from their first use on
+      logical, private :: uses_thin = .false.                         ! for the motion of the last `linearise`
       integer, private :: effort = 0                                  ! one of hb_fftw%planning
       logical, allocatable, private :: is_singular(:)                 ! (n_harmonics) where the structure is free to move
       real(wp), allocatable, private :: support(:)                    ! (n_dofs) [N/m] that holds it there on the way
@@ -89,6 +90,7 @@ module hb_balance
       procedure :: stuck_solution => balance_stuck_solution
       procedure :: sample => balance_sample
       procedure, private :: sample_if_new => balance_sample_if_new
+      procedure, private :: tabulate_kinks => balance_tabulate_kinks
       procedure :: project => balance_project
       procedure :: project_one => balance_project_one
       procedure :: all_dofs => balance_all_dofs
@@ -510,7 +512,8 @@ contains
          allocate (self%thin)
          call new_thin_product(self%thin, self%harmonics, self%transform%torus, self%law_set, self%effort)
       end if
-      if (self%thin%is_thinner) then
+      self%uses_thin = self%thin%is_thinner .and. .not. self%law_set%kinks%are_met()   ! what neighbours do needs all samples
+      if (self%uses_thin) then
          call self%thin%update(self%law_set)
       else
          call self%law_set%make_direction_samples(error)
@@ -536,7 +539,7 @@ contains
       type(error_t), allocatable :: error
 
       call find_reaction(self, u, 0.0_wp)
-      if (self%thin%is_thinner) then
+      if (self%uses_thin) then
          call self%thin%apply(self%law_set, self%frequencies, u, self%reaction, self%force)
       else
          allocate (weight_slope(0))
@@ -550,6 +553,23 @@ contains
       product = self%law_factor*self%force - self%reaction
       call add_support(self, u, product)
    end subroutine apply_tangent_to
+
+   !> Puts how the force of a line of the laws' kinks answers to its coordinate at a neighbour of each sample into the table, and
+   !> tells by which angle the wave exp(i j.tau) is ahead there.
+   subroutine balance_tabulate_kinks(self, line, part, angle, is_any)
+      class(balance_t), intent(inout) :: self
+      integer, intent(in) :: line
+      integer, intent(in) :: part                                     !! number of the neighbour, 1 to law_set%kinks%grid%n_parts
+      real(wp), intent(out) :: angle(:)                               !! [rad], (n_harmonics)
+      logical, intent(out) :: is_any                                  !! false: no answer, nothing was done
+      real(wp), allocatable :: answer(:, :)
+
+      allocate (answer(self%transform%torus%n_total, 1))
+      call self%law_set%kinks%fill_part(line, part, answer(:, 1), is_any)
+      if (.not. is_any) return
+      call self%transform%tabulate_product(answer, 1, self%table, by_motion, self%law_factor)
+      angle = matmul(two_pi*self%law_set%kinks%grid%shift(part)/self%transform%torus%n_samples, real(self%harmonics%tuples, wp))
+   end subroutine balance_tabulate_kinks
 
    !> Multiplies all forces of the laws, or all loads, by a factor.
    subroutine balance_deform(self, kind, amount)

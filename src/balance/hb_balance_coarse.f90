@@ -94,6 +94,7 @@ contains
                                  m=1, set%n_tones)], set, error)
       end associate
       if (allocated(error)) return
+      torus%corrects_kinks = self%transform%torus%corrects_kinks
       if (self%transform%torus%is_half .and. torus%can_be_halved()) torus = torus%half()
       call new_balance(coarse, set, torus, self%omega, self%stiffness%restricted_to(kept), self%law_set%laws, self%effort, error)
       coarse%watch => self%watch

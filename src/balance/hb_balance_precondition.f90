@@ -186,10 +186,39 @@ contains
                end do
             end associate
          end do
+         if (self%law_set%kinks%are_met()) call add_kinks()
          call coupled%factorise()
       end associate
 
    contains
+
+      subroutine add_kinks()
+         logical :: is_any
+         integer :: a, b, line, part
+         real(wp) :: angle(self%harmonics%n_harmonics)
+
+         do line = 1, size(self%law_set%kinks%lines)
+            do part = 1, self%law_set%kinks%grid%n_parts
+               call self%tabulate_kinks(line, part, angle, is_any)
+               if (.not. is_any) cycle
+               do h = 1, self%coupled%set%n_harmonics
+                  call find_columns(h)
+                  associate (set => self%coupled%set, ahead => angle(self%coupled%kept(h)))
+                     block(:, set%cos_at(h)) = cos(ahead)*cosine - sin(ahead)*sine
+                     if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = cos(ahead)*sine + sin(ahead)*cosine
+                  end associate
+               end do
+               associate (columns => self%law_set%kinks%lines(line)%columns, force => self%law_set%kinks%lines(line)%force, &
+                          motion => self%law_set%kinks%lines(line)%motion)
+                  do b = 1, size(columns)
+                     do a = 1, size(columns)
+                        if (force(a)*motion(b) /= 0.0_wp) call self%coupled%add(columns(a), columns(b), force(a)*motion(b)*block)
+                     end do
+                  end do
+               end associate
+            end do
+         end do
+      end subroutine add_kinks
 
       subroutine find_columns(h)
          integer, intent(in) :: h                                     ! within those chosen

@@ -62,6 +62,7 @@ contains
             if (self%is_singular(h)) call add_support(h, k)
          end do
       end do
+      if (self%law_set%kinks%are_met()) call add_kinks(self, jacobian)
       if (self%law_set%has_memory) call add_memory(self, jacobian)
 
    contains
@@ -75,6 +76,50 @@ contains
          end associate
       end subroutine add_support
    end subroutine balance_tangent_of
+
+   !> Adds how forces corrected between samples answer to the motion at neighbours.
+   subroutine add_kinks(self, jacobian)
+      type(balance_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous :: jacobian(:, :, :, :)
+      logical :: is_any
+      integer :: a, b, h, i, part
+      real(wp) :: angle(self%harmonics%n_harmonics), weight
+
+      do i = 1, size(self%law_set%kinks%lines)
+         do part = 1, self%law_set%kinks%grid%n_parts
+            call self%tabulate_kinks(i, part, angle, is_any)
+            if (.not. is_any) cycle
+            associate (line => self%law_set%kinks%lines(i))
+               do b = 1, size(line%columns)
+                  do a = 1, size(line%columns)
+                     weight = line%force(a)*line%motion(b)
+                     if (weight == 0.0_wp) cycle
+                     do h = 1, self%harmonics%n_harmonics
+                        call add(h, weight*cos(angle(h)), -weight*sin(angle(h)), line%columns(a), line%columns(b))
+                     end do
+                  end do
+               end do
+            end associate
+         end do
+      end do
+
+   contains
+
+      subroutine add(h, cosine, sine, row, column)
+         integer, intent(in) :: h, row, column
+         real(wp), intent(in) :: cosine, sine
+
+         associate (set => self%harmonics)
+            if (set%sin_at(h) == 0) then
+               call self%table%add_columns(by_motion, set, h, cosine, sine, jacobian(:, row, set%cos_at(h), column), &
+                                           self%columns(:, 1))
+            else
+               call self%table%add_columns(by_motion, set, h, cosine, sine, jacobian(:, row, set%cos_at(h), column), &
+                                           jacobian(:, row, set%sin_at(h), column))
+            end if
+         end associate
+      end subroutine add
+   end subroutine add_kinks
 
    !> Adds what the forces with memory answer to each coefficient: through coordinate b of a law, cos or sin of harmonic h of
    !> the degree of freedom k moves it by shape(k, b) times that of the coordinate.

@@ -136,6 +136,7 @@ contains
       call choose_wider_set(narrow, set, error)
       if (allocated(error)) return
       call new_torus(grid, wider_samples(torus%n_samples, set%highest), set, error)
+      grid%corrects_kinks = torus%corrects_kinks
       if (allocated(error) .or. .not. torus%is_half) return
       box = set
       call new_of_parity(set, box, 1, error)

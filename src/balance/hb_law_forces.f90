@@ -11,6 +11,7 @@ module hb_law_forces
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
+   use hb_law_kinks, only: law_kinks_t, new_law_kinks
    use hb_law_pairs, only: add_explicit_derivatives, add_multiplier_derivatives, find_pairs
    use hb_law_slot, only: new_slot, slot_t
    use hb_torus, only: torus_t
@@ -35,6 +36,7 @@ module hb_law_forces
       type(real_block_t) :: step_rate, step_rate_before               !! rate times the step, there and one step before
       type(real_block_t) :: df_dq, df_dv, df_ds                       !! (n_samples, n_pairs)
       type(slot_t), allocatable :: slots(:)                           !! (laws) each law with its samples
+      type(law_kinks_t) :: kinks                                      !! of the laws between samples
       integer, allocatable, private :: pair_at(:, :)                  ! (n_dofs, n_dofs), 0: no pair
       logical, allocatable, private :: is_summed(:)                   ! (n_dofs) whose force is a sum; else one law writes it
       logical, private :: has_derivatives = .false.
@@ -90,6 +92,7 @@ contains
       allocate (self%pair_at(self%n_dofs, self%n_dofs))
       call find_pairs(self%laws, self%slots, self%row, self%column, self%pair_at)
       self%n_pairs = size(self%row)
+      call new_law_kinks(self%kinks, self%laws, self%slots, torus)
       if (.not. self%has_memory) return
       call new_real_block(self%q_before, n_samples, self%n_dofs, error)
       if (allocated(error)) return
@@ -248,6 +251,8 @@ contains
             end associate
          end do
       end do
+      call self%kinks%correct(self%q, self%f, with_derivatives)
+      if (with_derivatives) call self%kinks%add_own_slopes(self%pair_at, self%df_dq)
    end subroutine run_laws
 
    !> Adds the derivatives of law i, which has no memory, to those of its pairs.

@@ -107,6 +107,7 @@ contains
 
       associate (along => self%along)
          call add_slopes_along(self%row, self%column, self%df_dq, self%df_dv, self%df_ds, along%q, along%v, along%s, along%f)
+         call self%kinks%add_along(along%q, along%f)
       end associate
    end subroutine add_pairs_along
 

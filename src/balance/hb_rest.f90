@@ -76,6 +76,7 @@ contains
          samples = default_samples(set, 0)
          where (.not. is_unknown) samples = max(samples, torus%n_samples)
          call new_torus(grid, samples, set, error)
+         grid%corrects_kinks = torus%corrects_kinks
          if (allocated(error)) return
          allocate (kept_loads(structure%n_dofs, set%n_harmonics), source=(0.0_wp, 0.0_wp))
          kept_loads(:, set%n_harmonics - size(kept) + 1:) = loads(:, kept)

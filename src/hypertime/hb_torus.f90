@@ -18,6 +18,7 @@ module hb_torus
       integer :: n_total = 0                                          !! samples, of the half where it is one
       integer, allocatable :: n_samples(:)                            !! of the whole, (n_tones)
       logical :: is_half = .false.
+      logical :: corrects_kinks = .false.                             !! of forces between samples, see hb_kinks
    contains
       procedure :: can_be_halved => torus_can_be_halved
       procedure :: half => torus_half

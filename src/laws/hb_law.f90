@@ -11,7 +11,7 @@ module hb_law
    use hb_text, only: string_t, to_text
    implicit none
    private
-   public :: defects_t, hold_t, law_box_t, law_t, place_coordinate, place_on_dof, place_on_dofs, read_dofs, read_place
+   public :: defects_t, hold_t, kink_t, law_box_t, law_t, place_coordinate, place_on_dof, place_on_dofs, read_dofs, read_place
 
    !> Largest defects over the samples.
    type :: defects_t
@@ -31,6 +31,14 @@ module hb_law
       character(:), allocatable :: trouble                            !! why no method can, and what to do; not allocated: it can
    end type hold_t
 
+   !> Kinks of the force along one combination z = form . coordinates: it is smooth but for the sum over k of
+   !> jumps(k) max(z - places(k), 0) in `direction`.
+   type :: kink_t
+      real(wp), allocatable :: form(:), direction(:)                  !! (n_coordinates)
+      real(wp), allocatable :: places(:)                              !! [m], (any)
+      real(wp), allocatable :: jumps(:)                               !! of the slope as z rises [N/m], as places
+   end type kink_t
+
    type, abstract :: law_t
       character(:), allocatable :: label                              !! name given by the user, else kind and number
       integer, allocatable :: dofs(:)                                 !! degrees of freedom of the structure
@@ -45,6 +53,7 @@ module hb_law
       integer :: phase_tone = 0                                       !! tone whose phase the law wants by `set_phase`; 0: none
       real(wp) :: length_scale = 0.0_wp                               !! a length [m] typical of the law, as its gap; 0: none
       integer :: n_switches = 0       !! functions of the motion at whose zeros the force has a kink, as the distance to a stop
+      type(kink_t), allocatable :: kinks(:)                           !! where samples may miss them; not allocated: none known
       logical :: has_potential = .false.  !! the force at rest is a gradient; what it has beyond while it moves stores nothing
       logical :: is_odd = .false.     !! f(-z, -v, -p) = -f(z, v, p), with memory for the mirrored past; false: not sure
    contains

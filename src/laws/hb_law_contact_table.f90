@@ -14,7 +14,7 @@
 module hb_law_contact_table
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
-   use hb_law, only: defects_t, hold_t, law_t, read_dofs
+   use hb_law, only: defects_t, hold_t, kink_t, law_t, read_dofs
    use hb_properties, only: properties_t
    use hb_rigid_contacts, only: new_rigid_contacts, rigid_contacts_t
    use hb_structure, only: structure_t
@@ -59,6 +59,7 @@ contains
       real(wp), intent(in) :: stiffness(:)                            !! [N/m], (n_contacts), >= 0
       real(wp), intent(in) :: friction(:)                             !! mu_i, (n_contacts)
       real(wp), intent(in) :: friction_shapes(:, :)                   !! b_i, as shapes
+      integer :: i
 
       self%shapes = shapes
       self%gaps = gaps
@@ -67,6 +68,7 @@ contains
       self%has_potential = all(abs(self%pushes - shapes) <= 0.0_wp)
       self%length_scale = maxval(abs(gaps))
       self%n_switches = size(gaps)
+      self%kinks = [(kink_t(-shapes(i, :), -self%pushes(i, :), [gaps(i)], [stiffness(i)]), i=1, size(gaps))]
    end subroutine new_contact_table
 
    !> Makes the contacts rigid; `trouble` says why these cannot be.
@@ -89,6 +91,7 @@ contains
       self%phase_tone = tone
       self%turns = turns
       self%has_potential = .false.                                    ! contacts that run past the coordinates
+      if (allocated(self%kinks)) deallocate (self%kinks)              ! they stand at no place of any coordinate
    end subroutine set_turns
 
    !> Takes the phase of the tone that turns the contacts.

@@ -2,7 +2,7 @@
 !> Source: docs/user/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_elastic_stop
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_place
+   use hb_law, only: kink_t, law_t, read_place
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -37,6 +37,8 @@ contains
       self%is_odd = two_sided
       self%length_scale = abs(gap)
       self%n_switches = merge(2, 1, two_sided)
+      self%kinks = [kink_t([1.0_wp], [1.0_wp], [gap], [stiffness])]
+      if (two_sided) self%kinks = [kink_t([1.0_wp], [1.0_wp], [gap, -gap], [stiffness, -stiffness])]
    end subroutine new_elastic_stop
 
    !> Reads a `&law type = 'elastic_stop'` group.

@@ -3,7 +3,7 @@
 module hb_law_piecewise_linear
    use hb_interval, only: interval_of, is_ascending
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_place
+   use hb_law, only: kink_t, law_t, read_place
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -44,6 +44,7 @@ contains
       self%has_potential = .true.
       self%length_scale = maxval(abs(breakpoints))
       self%n_switches = size(breakpoints)
+      self%kinks = [kink_t([1.0_wp], [1.0_wp], breakpoints, slopes(2:) - slopes(:size(breakpoints)))]
       ! Odd where breakpoints and slopes mirror at zero and there is no force there.
       associate (n => size(self%breakpoints), rounding => 8*epsilon(1.0_wp))
          self%is_odd = all(abs(breakpoints + breakpoints(n:1:-1)) <= rounding*abs(breakpoints)) .and. &

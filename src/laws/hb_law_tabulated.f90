@@ -6,7 +6,7 @@
 module hb_law_tabulated
    use hb_interval, only: interval_of, is_ascending
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_place
+   use hb_law, only: kink_t, law_t, read_place
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -44,6 +44,9 @@ contains
       self%has_potential = .true.
       self%length_scale = maxval(abs(nodes))
       self%n_switches = size(nodes)
+      if (allocated(self%kinks)) deallocate (self%kinks)
+      if (is_constant_beyond) self%kinks = [kink_t([1.0_wp], [1.0_wp], nodes([1, size(nodes)]), &
+                                                   [self%slopes(1), -self%slopes(size(nodes))])]
       ! Odd where the table mirrors at zero, and so do its slopes: those that were shrunk may not.
       associate (n => size(self%nodes), rounding => 8*epsilon(1.0_wp))
          self%is_odd = all(abs(nodes + nodes(n:1:-1)) <= rounding*abs(nodes)) .and. &

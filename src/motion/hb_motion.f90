@@ -527,6 +527,7 @@ contains
 
       call new_torus(torus, scene%output%samples, basis%harmonics, error)
       if (allocated(error)) return
+      torus%corrects_kinks = .false.                                  ! forces as they are
       associate (coordinates => balance%stiffness%coordinates)
          call new_balance(shown, basis%harmonics, torus, balance%omega, balance%stiffness, laws_at(coordinates, scene%laws), &
                           scene%planning, error)

@@ -16,6 +16,7 @@ module hb_scene_settings
 
    real(wp), parameter :: unit_of_work = 1.0e9_wp                     ! about a second of the processor
    character(9), parameter :: first_guess_names(5) = [character(9) :: "auto", "linear", "zero", "neighbour", "march"]
+   character(9), parameter :: kink_names(2) = [character(9) :: "plain", "corrected"]
 
 contains
 
@@ -59,12 +60,12 @@ contains
       end associate
    end subroutine read_solver
 
-   !> Reads `&sampling`: `samples` per tone, effort and wisdom file of FFTW.
+   !> Reads `&sampling`: `samples` per tone, whether kinks between them are corrected, effort and wisdom file of FFTW.
    subroutine read_sampling(self, group)
       type(scene_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       integer, allocatable :: samples(:)
-      character(:), allocatable :: effort
+      character(:), allocatable :: effort, kinks
       type(error_t), allocatable :: error
       real(wp) :: oversampling
       integer :: degree, i
@@ -90,6 +91,9 @@ contains
          samples = merge(samples, default_samples(self%harmonics, degree), samples > 0)
       call new_torus(self%torus, samples, self%harmonics, error)
       if (allocated(error)) call group%problem("samples", error%message)
+      kinks = trim(kink_names(1))
+      call group%get("kinks", kinks, choices=kink_names)
+      self%torus%corrects_kinks = kinks == kink_names(2)
 
       effort = planning_names(1)
       call group%get("planning", effort, choices=planning_names)

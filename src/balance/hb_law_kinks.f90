@@ -1,0 +1,195 @@
+!> Kinks of the laws of a scene between the samples of one torus: what sampling misses of their forces, added to the samples.
+!>
+!> A law tells where its force has kinks; how they are corrected is a matter of the samples alone, see hb_kinks. Laws that share
+!> a degree of freedom with a multiplier law are left as they are: what that supplies cancels their kinks while it holds.
+!> Source: docs/user/theory.md, section 5.7.
+module hb_law_kinks
+   use hb_fftw, only: real_block_t
+   use hb_kinds, only: wp
+   use hb_kinks, only: kink_grid_t, kink_slopes_t, new_kink_grid
+   use hb_law, only: kink_t, law_box_t
+   use hb_law_slot, only: slot_t
+   use hb_torus, only: torus_t
+   implicit none
+   private
+   public :: law_kinks_t, new_law_kinks
+
+   !> One coordinate with kinks: z = sum of motion weights times degrees of freedom; on these act force weights times the force.
+   type :: kinked_line_t
+      integer, allocatable :: columns(:)                              !! degrees of freedom among those of all laws
+      real(wp), allocatable :: motion(:), force(:)                    !! (columns)
+      type(kink_t) :: kink
+      type(kink_slopes_t) :: slopes                                   !! after `correct` with derivatives
+   end type kinked_line_t
+
+   type :: law_kinks_t
+      type(kinked_line_t), allocatable :: lines(:)                    !! none where kinks stay as they are sampled
+      type(kink_grid_t) :: grid
+      real(wp), allocatable, private :: z(:), f(:)                    ! (n_samples)
+   contains
+      procedure :: correct => law_kinks_correct
+      procedure :: are_met => law_kinks_are_met
+      procedure :: fill_part => law_kinks_fill_part
+      procedure :: add_own_slopes => law_kinks_add_own_slopes
+      procedure :: add_along => law_kinks_add_along
+   end type law_kinks_t
+
+contains
+
+   !> Collects the kinks of all laws.
+   subroutine new_law_kinks(self, laws, slots, torus)
+      type(law_kinks_t), intent(out) :: self
+      type(law_box_t), intent(in) :: laws(:)
+      type(slot_t), intent(in) :: slots(:)
+      type(torus_t), intent(in) :: torus
+      integer :: i, k, n
+
+      allocate (self%lines(0))
+      if (.not. torus%corrects_kinks) return
+      n = sum([(n_lines(i), i=1, size(laws))])
+      if (n == 0) return
+      deallocate (self%lines)
+      allocate (self%lines(n))
+      n = 0
+      do i = 1, size(laws)
+         do k = 1, n_lines(i)
+            n = n + 1
+            associate (line => self%lines(n), law => laws(i)%law)
+               line%columns = slots(i)%columns
+               line%kink = law%kinks(k)
+               line%motion = matmul(law%shape, line%kink%form)
+               line%force = matmul(law%shape, line%kink%direction)
+            end associate
+         end do
+      end do
+      call new_kink_grid(self%grid, torus)
+      allocate (self%z(torus%n_total), self%f(torus%n_total))
+
+   contains
+
+      !> Combinations of coordinates of law i with kinks that samples have to mind.
+      pure integer function n_lines(i)
+         integer, intent(in) :: i
+         integer :: k, m
+
+         n_lines = 0
+         if (.not. allocated(laws(i)%law%kinks)) return
+         if (laws(i)%law%is_multiplier) return
+         n_lines = size(laws(i)%law%kinks)
+         do m = 1, size(laws)
+            if (.not. laws(m)%law%is_multiplier) cycle
+            if (any([(any(slots(m)%columns == slots(i)%columns(k)), k=1, size(slots(i)%columns))])) n_lines = 0
+         end do
+      end function n_lines
+   end subroutine new_law_kinks
+
+   !> Adds what sampling misses to the forces; with derivatives their dependence on the motion is kept.
+   subroutine law_kinks_correct(self, q, f, with_derivatives)
+      class(law_kinks_t), intent(inout) :: self
+      type(real_block_t), intent(in) :: q                             !! motion [m], (n_samples, n_dofs)
+      type(real_block_t), intent(in) :: f                             !! forces [N], what it points to is added to; as q
+      logical, intent(in) :: with_derivatives
+      integer :: i, k
+
+      do i = 1, size(self%lines)
+         associate (line => self%lines(i))
+            call combine(line, q, self%z)
+            self%f = 0.0_wp
+            call line%slopes%forget()
+            if (with_derivatives) then
+               call self%grid%correct(self%z, line%kink%places, line%kink%jumps, self%f, line%slopes)
+            else
+               call self%grid%correct(self%z, line%kink%places, line%kink%jumps, self%f)
+            end if
+            do k = 1, size(line%columns)
+               f%values(:, line%columns(k)) = f%values(:, line%columns(k)) + line%force(k)*self%f
+            end do
+         end associate
+      end do
+   end subroutine law_kinks_correct
+
+   !> Samples of the coordinate of a line.
+   subroutine combine(line, q, z)
+      type(kinked_line_t), intent(in) :: line
+      type(real_block_t), intent(in) :: q
+      real(wp), intent(out) :: z(:)
+      integer :: k
+
+      z = line%motion(1)*q%values(:, line%columns(1))
+      do k = 2, size(line%columns)
+         z = z + line%motion(k)*q%values(:, line%columns(k))
+      end do
+   end subroutine combine
+
+   !> Whether the motion passed a kink, after `correct` with derivatives.
+   pure logical function law_kinks_are_met(self)
+      class(law_kinks_t), intent(in) :: self
+      integer :: i
+
+      law_kinks_are_met = any([(self%lines(i)%slopes%n > 0, i=1, size(self%lines))])
+   end function law_kinks_are_met
+
+   !> How the force of line i at all samples answers to the coordinate at neighbour number `part` of them.
+   subroutine law_kinks_fill_part(self, i, part, samples, is_any)
+      class(law_kinks_t), intent(in) :: self
+      integer, intent(in) :: i
+      integer, intent(in) :: part                                     !! 1 to grid%n_parts
+      real(wp), intent(out) :: samples(:)                             !! [N/m], (n_samples)
+      logical, intent(out) :: is_any                                  !! false: all are zero
+      integer :: k
+
+      is_any = .false.
+      samples = 0.0_wp
+      associate (slopes => self%lines(i)%slopes)
+         do k = 1, slopes%n
+            if (slopes%part(k) /= part) cycle
+            samples(slopes%row(k)) = samples(slopes%row(k)) + slopes%value(k)
+            is_any = .true.
+         end do
+      end associate
+   end subroutine law_kinks_fill_part
+
+   !> Adds how forces answer to the motion at the same sample to the derivatives of the pairs.
+   subroutine law_kinks_add_own_slopes(self, pair_at, df_dq)
+      class(law_kinks_t), intent(in) :: self
+      integer, intent(in) :: pair_at(:, :)                            !! (n_dofs, n_dofs)
+      type(real_block_t), intent(in) :: df_dq                         !! what it points to is added to, (n_samples, n_pairs)
+      integer :: a, b, i, k
+
+      do i = 1, size(self%lines)
+         associate (line => self%lines(i), slopes => self%lines(i)%slopes)
+            do b = 1, size(line%columns)
+               do a = 1, size(line%columns)
+                  associate (pair => pair_at(line%columns(a), line%columns(b)), weight => line%force(a)*line%motion(b))
+                     do k = 1, slopes%n
+                        if (slopes%part(k) == 0) df_dq%values(slopes%row(k), pair) = df_dq%values(slopes%row(k), pair) &
+                                                                                     + weight*slopes%value(k)
+                     end do
+                  end associate
+               end do
+            end do
+         end associate
+      end do
+   end subroutine law_kinks_add_own_slopes
+
+   !> Adds what forces answer to a direction of the motion at the neighbours of each sample; see `add_own_slopes` for the rest.
+   subroutine law_kinks_add_along(self, q, f)
+      class(law_kinks_t), intent(inout) :: self
+      type(real_block_t), intent(in) :: q                             !! (n_samples, n_dofs)
+      type(real_block_t), intent(in) :: f                             !! what it points to is added to, as q
+      integer :: i, k
+      real(wp) :: answer
+
+      do i = 1, size(self%lines)
+         associate (line => self%lines(i), slopes => self%lines(i)%slopes)
+            if (slopes%n == 0) cycle
+            call combine(line, q, self%z)
+            do k = 1, slopes%n
+               if (slopes%part(k) == 0) cycle
+               answer = sign(slopes%value(k), slopes%value(k)*slopes%column(k))*self%z(abs(slopes%column(k)))
+               f%values(slopes%row(k), line%columns) = f%values(slopes%row(k), line%columns) + line%force*answer
+            end do
+         end associate
+      end do
+   end subroutine law_kinks_add_along
+end module hb_law_kinks

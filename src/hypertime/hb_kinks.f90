@@ -1,0 +1,491 @@
+!> What sampling misses of a function whose slope jumps between two samples, and how that depends on the samples.
+!>
+!> A mean over samples of a function of z, smooth but for a jump k of its slope at z = p, is off by terms that depend on where
+!> between two samples z passes p (Euler and Maclaurin's sum with its ends there). Along each line of the grid z - p is the cubic
+!> through its values at two neighbours and the central differences there; a root at s in [0, 1] between them, with the cubic's
+!> derivatives z', z'', z''' and sigma = 1 where z rises, adds (1 - s) A - M to the sample before and s A + M to the one after,
+!>
+!>    A = k sigma (z' b2/2 - z'' b3/6 + z''' b4/24),   M = k sigma (-z' b3/3 + z'' b4/8),
+!>    b1 = s - 1/2, b2 = s**2 - s + 1/6, b3 = s (s - 1/2) (s - 1), b4 = s**2 (1 - s)**2.
+!>
+!> M is what the sum misses of the slope of the wave that the function is multiplied by. b4 leaves out a constant, so that nothing
+!> jumps as a root passes a sample. As two roots merge, their terms cancel: a touch leaves no trace. In several tones each line has
+!> the share w_m = d_m**2/sum d_n**2 of the sample that it adds to, with d_n half the difference of the neighbours along tone n.
+!> Source: docs/user/theory.md, section 5.7.
+module hb_kinks
+   use hb_kinds, only: int64, wp
+   use hb_torus, only: torus_t
+   implicit none
+   private
+   public :: kink_grid_t, kink_slopes_t, new_kink_grid
+
+   integer, parameter :: before = 1, left = 2, right = 3, beyond = 4  ! samples around a cell, from left to right
+
+   !> Derivatives of the corrections: that at sample `row` by the sample `column`.
+   type :: kink_slopes_t
+      integer :: n = 0                                                !! entries in use of the arrays
+      integer, allocatable :: row(:)                                  !! (any)
+      integer, allocatable :: column(:)                               !! the sample, negative where it counts with the other sign
+      integer, allocatable :: part(:)                                 !! which neighbour it is: 0 the sample itself, else as `shift`
+      real(wp), allocatable :: value(:)                               !! slope [N/m]
+   contains
+      procedure :: forget => kink_slopes_forget
+      procedure, private :: add => kink_slopes_add
+   end type kink_slopes_t
+
+   !> The neighbours on a grid.
+   type :: kink_grid_t
+      integer :: n_parts = 0                                          !! neighbours on which a correction depends, but itself
+      integer, allocatable, private :: n(:)                           ! (n_tones) samples that are stored
+      integer, allocatable, private :: whole(:)                       ! (n_tones) samples of the whole torus
+      integer, allocatable, private :: stride(:)                      ! (n_tones)
+      logical, private :: is_half = .false.
+      integer, allocatable, private :: mirror(:)                      ! samples of lower tones half a period later, on half a grid
+      real(wp), allocatable, private :: line(:), beside(:, :)         ! samples with what follows beyond the ends
+   contains
+      procedure :: correct => kink_grid_correct
+      procedure :: shift => kink_grid_shift
+      procedure, private :: scan => kink_grid_scan
+      procedure, private :: neighbour => kink_grid_neighbour
+      procedure, private :: add_cell => kink_grid_add_cell
+      procedure, private :: find_share => kink_grid_find_share
+   end type kink_grid_t
+
+   !> A sample near another one, the sign with which it counts.
+   type :: neighbour_t
+      integer :: sample = 0
+      real(wp) :: sign = 1.0_wp
+   end type neighbour_t
+
+contains
+
+   !> Prepares the corrections of functions on a grid; on half of one they change their sign half a period later.
+   pure subroutine new_kink_grid(self, torus)
+      type(kink_grid_t), intent(out) :: self
+      type(torus_t), intent(in) :: torus
+      integer :: d, i, m
+
+      d = size(torus%n_samples)
+      self%whole = torus%n_samples
+      self%n = torus%n_samples
+      self%is_half = torus%is_half
+      if (self%is_half) self%n(d) = self%n(d)/2
+      self%stride = [(product(self%n(:m - 1)), m=1, d)]
+      self%n_parts = 4*d
+      allocate (self%line(-1:self%n(1) + 1), self%beside(self%stride(d), before:beyond))
+      if (self%is_half) self%mirror = [(mirrored(i), i=1, self%stride(d))]
+
+   contains
+
+      !> The sample of the lower tones half a period after sample i.
+      pure integer function mirrored(i)
+         integer, intent(in) :: i
+         integer :: k
+
+         mirrored = 1
+         do k = 1, d - 1
+            mirrored = mirrored + self%stride(k)*modulo((i - 1)/self%stride(k) + self%whole(k)/2, self%n(k))
+         end do
+      end function mirrored
+   end subroutine new_kink_grid
+
+   !> Steps (n_tones) along the grid from a sample to its neighbour number `part`.
+   pure function kink_grid_shift(self, part) result(steps)
+      class(kink_grid_t), intent(in) :: self
+      integer, intent(in) :: part                                     !! 1 to n_parts
+      integer :: steps(size(self%n))
+      integer, parameter :: along(4) = [-2, -1, 1, 2]
+
+      steps = 0
+      steps(1 + (part - 1)/4) = along(1 + modulo(part - 1, 4))
+   end function kink_grid_shift
+
+   !> Adds what sampling misses of a function of z to its samples f, and tells how that depends on the samples of z.
+   subroutine kink_grid_correct(self, z, places, jumps, f, slopes)
+      class(kink_grid_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: z(:)                        !! [m], (n_samples)
+      real(wp), intent(in) :: places(:)                               !! where the slope jumps [m]
+      real(wp), intent(in) :: jumps(:)                                !! by how much, as z rises [N/m], as places
+      real(wp), intent(inout), contiguous :: f(:)                     !! [N], (n_samples)
+      type(kink_slopes_t), intent(inout), optional :: slopes          !! are added to
+      integer :: first, j, k, m, slab
+
+      associate (n => self%n)
+         do first = 1, size(z), n(1)                                  ! along the first tone a line is one piece
+            self%line(0:n(1) - 1) = z(first:first + n(1) - 1)
+            do j = -1, n(1) + 1
+               if (j < 0 .or. j >= n(1)) self%line(j) = value_at(self%neighbour(first, 1, j))
+            end do
+            call self%scan(1, first, self%line(-1:n(1) - 2), self%line(0:n(1) - 1), self%line(1:n(1)), self%line(2:n(1) + 1), &
+                           z, places, jumps, f, slopes)
+         end do
+         do m = 2, size(n)                                            ! along others neighbours of a whole slab stand side by side
+            slab = self%stride(m)
+            do first = 1, size(z), slab*n(m)
+               do j = 0, n(m) - 1
+                  associate (at => first + j*slab)
+                     if (j > 0 .and. j < n(m) - 2) then
+                        call self%scan(m, at, z(at - slab:at - 1), z(at:at + slab - 1), z(at + slab:at + 2*slab - 1), &
+                                       z(at + 2*slab:at + 3*slab - 1), z, places, jumps, f, slopes)
+                     else
+                        do k = before, beyond
+                           call fetch_slab(first, m, j + k - left, self%beside(:slab, k))
+                        end do
+                        call self%scan(m, at, self%beside(:slab, before), self%beside(:slab, left), self%beside(:slab, right), &
+                                       self%beside(:slab, beyond), z, places, jumps, f, slopes)
+                     end if
+                  end associate
+               end do
+            end do
+         end do
+      end associate
+
+   contains
+
+      pure real(wp) function value_at(neighbour)
+         type(neighbour_t), intent(in) :: neighbour
+
+         value_at = neighbour%sign*z(neighbour%sample)
+      end function value_at
+
+      !> Slab number j of tone m, counted on beyond both ends.
+      pure subroutine fetch_slab(first, m, j, values)
+         integer, intent(in) :: first, m, j
+         real(wp), intent(out) :: values(:)
+
+         associate (at => first + modulo(j, self%n(m))*self%stride(m))
+            if (self%is_half .and. m == size(self%n) .and. modulo(turns(j, self%n(m)), 2) == 1) then
+               values = -z(at - 1 + self%mirror)
+            else
+               values = z(at:at + self%stride(m) - 1)
+            end if
+         end associate
+      end subroutine fetch_slab
+   end subroutine kink_grid_correct
+
+   !> How often j goes round n places.
+   elemental integer function turns(j, n)
+      integer, intent(in) :: j, n
+
+      turns = (j - modulo(j, n))/n
+   end function turns
+
+   !> The sample `steps` along tone m from a sample.
+   pure type(neighbour_t) function kink_grid_neighbour(self, sample, m, steps) result(there)
+      class(kink_grid_t), intent(in) :: self
+      integer, intent(in) :: sample
+      integer, intent(in) :: m
+      integer, intent(in) :: steps
+      integer :: from, j, lower
+
+      associate (stride => self%stride(m), n => self%n(m))
+         from = sample - 1
+         if (m > 1) from = from/stride
+         if (m < size(self%n)) from = modulo(from, n)
+         j = from + steps
+         there%sample = sample + steps*stride
+         if (j >= 0 .and. j < n) return
+         there%sample = sample + (modulo(j, n) - from)*stride
+         if (.not. self%is_half .or. m < size(self%n)) return
+         if (modulo(turns(j, n), 2) == 0) return
+         there%sign = -1.0_wp
+         lower = modulo(sample - 1, stride)
+         there%sample = there%sample + self%mirror(lower + 1) - lower - 1
+      end associate
+   end function kink_grid_neighbour
+
+   !> Looks for kinks between samples and their next ones along tone m.
+   subroutine kink_grid_scan(self, m, first, a, b, c, d, z, places, jumps, f, slopes)
+      class(kink_grid_t), intent(in) :: self
+      integer, intent(in) :: m
+      integer, intent(in) :: first                                    !! sample to which b(1) belongs
+      real(wp), intent(in), contiguous :: a(:), b(:), c(:), d(:)      !! samples before, at, after and beyond each cell
+      real(wp), intent(in), contiguous :: z(:)
+      real(wp), intent(in) :: places(:), jumps(:)
+      real(wp), intent(inout), contiguous :: f(:)
+      type(kink_slopes_t), intent(inout), optional :: slopes
+      integer, parameter :: block_size = 64                           ! cells that are looked at together
+      integer :: first_cell, i, k, last
+
+      do k = 1, size(places)
+         do first_cell = 1, size(b), block_size
+            last = min(first_cell + block_size - 1, size(b))
+            if (n_near(a(first_cell:last), b(first_cell:last), c(first_cell:last), d(first_cell:last), places(k)) == 0) cycle
+            do i = first_cell, last
+               if (n_near(a(i:i), b(i:i), c(i:i), d(i:i), places(k)) > 0) &
+                  call self%add_cell(m, first + i - 1, [a(i), b(i), c(i), d(i)] - places(k), jumps(k), z, f, slopes)
+            end do
+         end do
+      end do
+   end subroutine kink_grid_scan
+
+   !> Number of cells whose cubic may pass a place: it stands between their ends, or as near as the cubic can be to their chord.
+   pure integer(int64) function n_near(a, b, c, d, place) result(n)
+      real(wp), intent(in), contiguous :: a(:), b(:), c(:), d(:)      !! values before, at, after and beyond each cell [m]
+      real(wp), intent(in) :: place                                   !! [m]
+      real(wp), parameter :: furthest = 2.0_wp/27.0_wp
+      real(wp) :: at_left, at_right, reach
+      integer :: i
+
+      n = 0
+      do i = 1, size(b)                                               ! no way out at the first: several run at once
+         at_left = b(i) - place
+         at_right = c(i) - place
+         reach = furthest*(abs(a(i) - 2.0_wp*b(i) + c(i)) + abs(b(i) - 2.0_wp*c(i) + d(i)))
+         n = n + merge(1_int64, 0_int64, min(at_left, at_right) <= reach .and. max(at_left, at_right) >= -reach)
+      end do
+   end function n_near
+
+   !> Adds the corrections of the roots between a sample and its next one along tone m, where there are any.
+   subroutine kink_grid_add_cell(self, m, sample, values, jump, z, f, slopes)
+      class(kink_grid_t), intent(in) :: self
+      integer, intent(in) :: m
+      integer, intent(in) :: sample
+      real(wp), intent(in) :: values(before:beyond)                   !! of z less the place [m]
+      real(wp), intent(in) :: jump                                    !! [N/m]
+      real(wp), intent(in), contiguous :: z(:)
+      real(wp), intent(inout), contiguous :: f(:)
+      type(kink_slopes_t), intent(inout), optional :: slopes
+      real(wp) :: added(left:right), by_values(before:beyond, left:right), share, share_slopes(size(self%n)), step
+      type(neighbour_t) :: around(before:beyond), beside
+      logical :: has_kink
+      integer :: k, row, tone
+
+      call correct_cell(values, jump, present(slopes), added, by_values, has_kink)
+      if (.not. has_kink) return
+      around = [(self%neighbour(sample, m, k - left), k=before, beyond)]
+      do row = left, right
+         share = 1.0_wp
+         if (size(self%n) > 1) call self%find_share(m, around(row)%sample, z, share, share_slopes)
+         associate (here => around(row))
+            f(here%sample) = f(here%sample) + here%sign*share*added(row)
+            if (.not. present(slopes)) cycle
+            do k = before, beyond
+               call slopes%add(here%sample, around(k)%sample, here%sign*around(k)%sign, part_of(m, k - row), &
+                               share*by_values(k, row))
+            end do
+            if (size(self%n) == 1) cycle
+            do tone = 1, size(self%n)                                 ! what the share depends on changes its sign with `added`
+               do k = -1, 1, 2
+                  beside = self%neighbour(here%sample, tone, k)
+                  step = 0.5_wp*k*here%sign*added(row)*share_slopes(tone)
+                  call slopes%add(here%sample, beside%sample, beside%sign, part_of(tone, k), step)
+               end do
+            end do
+         end associate
+      end do
+   end subroutine kink_grid_add_cell
+
+   !> Number of the neighbour that stands `steps` along tone m; see `shift`.
+   pure integer function part_of(m, steps)
+      integer, intent(in) :: m, steps
+
+      part_of = 0
+      if (steps < 0) part_of = 4*(m - 1) + 3 + steps
+      if (steps > 0) part_of = 4*(m - 1) + 2 + steps
+   end function part_of
+
+   !> Share of tone m in the corrections at a sample, and how it depends on half the differences of neighbours, 1 for each tone.
+   pure subroutine kink_grid_find_share(self, m, sample, z, share, slopes)
+      class(kink_grid_t), intent(in) :: self
+      integer, intent(in) :: m, sample
+      real(wp), intent(in) :: z(:)
+      real(wp), intent(out) :: share
+      real(wp), intent(out) :: slopes(:)                              !! [1/m], (n_tones)
+      real(wp) :: rates(size(self%n)), largest, total
+      type(neighbour_t) :: next, previous
+      integer :: tone
+
+      do tone = 1, size(self%n)
+         next = self%neighbour(sample, tone, 1)
+         previous = self%neighbour(sample, tone, -1)
+         rates(tone) = 0.5_wp*(next%sign*z(next%sample) - previous%sign*z(previous%sample))
+      end do
+      largest = maxval(abs(rates))
+      share = 1.0_wp/size(rates)
+      slopes = 0.0_wp
+      if (.not. largest > 0.0_wp) return
+      rates = rates/largest
+      total = sum(rates**2)
+      share = rates(m)**2/total
+      slopes = -2.0_wp*share*rates
+      slopes(m) = slopes(m) + 2.0_wp*rates(m)
+      slopes = slopes/(total*largest)
+   end subroutine kink_grid_find_share
+
+   !> Corrections of the roots of the cubic in one cell, with their derivatives by the four values; see the head of this module.
+   pure subroutine correct_cell(values, jump, with_slopes, added, by_values, has_kink)
+      real(wp), intent(in) :: values(before:beyond), jump
+      logical, intent(in) :: with_slopes                              !! else these are not found
+      real(wp), intent(out) :: added(left:right)
+      real(wp), intent(out) :: by_values(before:beyond, left:right)
+      logical, intent(out) :: has_kink
+      real(wp) :: cubic(0:3), roots(3)
+      logical :: rises(3)
+      integer :: i, n_roots
+
+      cubic(0) = values(left)
+      cubic(1) = 0.5_wp*(values(right) - values(before))
+      cubic(2) = values(before) - 2.5_wp*values(left) + 2.0_wp*values(right) - 0.5_wp*values(beyond)
+      cubic(3) = 0.5_wp*(values(beyond) - values(before)) + 1.5_wp*(values(left) - values(right))
+      call find_roots(cubic, values(right), roots, rises, n_roots)
+      has_kink = n_roots > 0
+      added = 0.0_wp
+      by_values = 0.0_wp
+      do i = 1, n_roots
+         call add_root(cubic, roots(i), merge(jump, -jump, rises(i)), with_slopes, added, by_values)
+      end do
+   end subroutine correct_cell
+
+   !> Adds one root. Where the motion changes by psi, the root by -psi/z', A changes by
+   !> k sigma (psi' b2/2 - psi'' b3/6 + psi''' b4/24 - psi b1), and M + A s by s times that and
+   !> k sigma (-psi' b3/3 + psi'' b4/8 + psi (b2/2 - z''' b4/(6 z'))).
+   pure subroutine add_root(cubic, s, strength, with_slopes, added, by_values)
+      real(wp), intent(in) :: cubic(0:3), s
+      real(wp), intent(in) :: strength                                !! k sigma [N/m]
+      logical, intent(in) :: with_slopes
+      real(wp), intent(inout) :: added(left:right), by_values(before:beyond, left:right)
+      real(wp), dimension(before:beyond) :: psi, psi_1, psi_2, psi_3, slope, moment_slope
+      real(wp) :: b1, b2, b3, b4, moment, total, z_1, z_2, z_3
+
+      z_1 = cubic(1) + s*(2.0_wp*cubic(2) + s*3.0_wp*cubic(3))
+      z_2 = 2.0_wp*cubic(2) + 6.0_wp*s*cubic(3)
+      z_3 = 6.0_wp*cubic(3)
+      b1 = s - 0.5_wp
+      b2 = s*(s - 1.0_wp) + 1.0_wp/6.0_wp
+      b3 = s*(s - 0.5_wp)*(s - 1.0_wp)
+      b4 = (s*(1.0_wp - s))**2
+      total = strength*(z_1*b2/2.0_wp - z_2*b3/6.0_wp + z_3*b4/24.0_wp)
+      moment = strength*(-z_1*b3/3.0_wp + z_2*b4/8.0_wp)
+      added(left) = added(left) + (1.0_wp - s)*total - moment
+      added(right) = added(right) + s*total + moment
+      if (.not. with_slopes) return
+
+      psi = [-0.5_wp*s + s**2 - 0.5_wp*s**3, 1.0_wp - 2.5_wp*s**2 + 1.5_wp*s**3, &
+             0.5_wp*s + 2.0_wp*s**2 - 1.5_wp*s**3, 0.5_wp*(s**3 - s**2)]
+      psi_1 = [-0.5_wp + 2.0_wp*s - 1.5_wp*s**2, -5.0_wp*s + 4.5_wp*s**2, 0.5_wp + 4.0_wp*s - 4.5_wp*s**2, 1.5_wp*s**2 - s]
+      psi_2 = [2.0_wp - 3.0_wp*s, -5.0_wp + 9.0_wp*s, 4.0_wp - 9.0_wp*s, 3.0_wp*s - 1.0_wp]
+      psi_3 = [-3.0_wp, 9.0_wp, -9.0_wp, 3.0_wp]
+      slope = strength*(psi_1*b2/2.0_wp - psi_2*b3/6.0_wp + psi_3*b4/24.0_wp - psi*b1)
+      moment_slope = strength*(-psi_1*b3/3.0_wp + psi_2*b4/8.0_wp + psi*b2/2.0_wp)
+      if (abs(z_1) > 0.0_wp) moment_slope = moment_slope - strength*psi*(z_3/z_1)*b4/6.0_wp
+      by_values(:, left) = by_values(:, left) + (1.0_wp - s)*slope - moment_slope
+      by_values(:, right) = by_values(:, right) + s*slope + moment_slope
+   end subroutine add_root
+
+   !> Roots of a cubic in [0, 1] at which it changes its sign; zero counts as not above.
+   pure subroutine find_roots(cubic, at_one, roots, rises, n_roots)
+      real(wp), intent(in) :: cubic(0:3)
+      real(wp), intent(in) :: at_one                                  !! its value at 1
+      real(wp), intent(out) :: roots(3)
+      logical, intent(out) :: rises(3)
+      integer, intent(out) :: n_roots
+      real(wp) :: ends(0:3), values(0:3), extrema(2)
+      integer :: i, n
+
+      call find_extrema(cubic, extrema)
+      n = 0
+      ends(0) = 0.0_wp
+      values(0) = cubic(0)
+      do i = 1, 2
+         if (.not. (extrema(i) > ends(n) .and. extrema(i) < 1.0_wp)) cycle
+         n = n + 1
+         ends(n) = extrema(i)
+         values(n) = value_of(cubic, extrema(i))
+      end do
+      n = n + 1
+      ends(n) = 1.0_wp
+      values(n) = at_one
+      n_roots = 0
+      do i = 1, n
+         if ((values(i - 1) > 0.0_wp) .eqv. (values(i) > 0.0_wp)) cycle
+         n_roots = n_roots + 1
+         rises(n_roots) = values(i) > 0.0_wp
+         roots(n_roots) = root_between(cubic, ends(i - 1), ends(i), values(i - 1), values(i))
+      end do
+   end subroutine find_roots
+
+   pure real(wp) function value_of(cubic, s)
+      real(wp), intent(in) :: cubic(0:3), s
+
+      value_of = cubic(0) + s*(cubic(1) + s*(cubic(2) + s*cubic(3)))
+   end function value_of
+
+   !> Where the slope of a cubic is zero, ascending; -1 where there is no such place.
+   pure subroutine find_extrema(cubic, extrema)
+      real(wp), intent(in) :: cubic(0:3)
+      real(wp), intent(out) :: extrema(2)
+      real(wp) :: a, b, c, largest, root, x
+
+      extrema = -1.0_wp
+      largest = maxval(abs(cubic(1:)))
+      if (.not. largest > 0.0_wp) return
+      a = 3.0_wp*cubic(3)/largest
+      b = cubic(2)/largest
+      c = cubic(1)/largest
+      root = b**2 - a*c
+      if (root < 0.0_wp) return
+      x = -(b + sign(sqrt(root), b))
+      if (abs(x) > abs(c)) extrema(1) = c/x                           ! within the cell, else of no interest
+      if (abs(a) > abs(x)) extrema(2) = x/a
+      extrema = [minval(extrema), maxval(extrema)]
+   end subroutine find_extrema
+
+   !> Root of a cubic between two places at which it has different signs, and no extremum between them: Newton's steps, halves
+   !> of the bracket where these leave it.
+   pure real(wp) function root_between(cubic, from, to, at_from, at_to) result(s)
+      real(wp), intent(in) :: cubic(0:3), from, to, at_from, at_to
+      integer, parameter :: most_steps = 100
+      real(wp) :: high, low, next, slope, value
+      integer :: i
+
+      low = from
+      high = to
+      s = low + (high - low)*(at_from/(at_from - at_to))
+      do i = 1, most_steps
+         value = value_of(cubic, s)
+         if ((value > 0.0_wp) .eqv. (at_from > 0.0_wp)) then
+            low = s
+         else
+            high = s
+         end if
+         slope = cubic(1) + s*(2.0_wp*cubic(2) + s*3.0_wp*cubic(3))
+         next = 0.5_wp*(low + high)
+         if (abs(value) < abs(slope)) then
+            if (s - value/slope >= low .and. s - value/slope <= high) next = s - value/slope
+         end if
+         if (abs(next - s) <= epsilon(s)) return
+         s = next
+      end do
+   end function root_between
+
+   !> Drops all entries.
+   pure subroutine kink_slopes_forget(self)
+      class(kink_slopes_t), intent(inout) :: self
+
+      self%n = 0
+   end subroutine kink_slopes_forget
+
+   pure subroutine kink_slopes_add(self, row, column, sign, part, value)
+      class(kink_slopes_t), intent(inout) :: self
+      integer, intent(in) :: row, column
+      real(wp), intent(in) :: sign
+      integer, intent(in) :: part
+      real(wp), intent(in) :: value
+      integer, parameter :: first_size = 256
+
+      if (.not. allocated(self%row)) allocate (self%row(first_size), self%column(first_size), self%part(first_size), &
+                                               self%value(first_size))
+      if (self%n == size(self%row)) then
+         self%row = [self%row, self%row]
+         self%column = [self%column, self%column]
+         self%part = [self%part, self%part]
+         self%value = [self%value, self%value]
+      end if
+      self%n = self%n + 1
+      self%row(self%n) = row
+      self%column(self%n) = merge(column, -column, sign > 0.0_wp)
+      self%part(self%n) = part
+      self%value(self%n) = value
+   end subroutine kink_slopes_add
+end module hb_kinks
