@@ -178,16 +178,20 @@ contains
       type(real_block_t), intent(in) :: q                             !! (n_samples, n_dofs)
       type(real_block_t), intent(in) :: f                             !! what it points to is added to, as q
       integer :: i, k
-      real(wp) :: answer
 
       do i = 1, size(self%lines)
          associate (line => self%lines(i), slopes => self%lines(i)%slopes)
             if (slopes%n == 0) cycle
             call combine(line, q, self%z)
+            self%f = 0.0_wp
             do k = 1, slopes%n
                if (slopes%part(k) == 0) cycle
-               answer = sign(slopes%value(k), slopes%value(k)*slopes%column(k))*self%z(abs(slopes%column(k)))
-               f%values(slopes%row(k), line%columns) = f%values(slopes%row(k), line%columns) + line%force*answer
+               associate (answer => self%f(slopes%row(k)), column => slopes%column(k))
+                  answer = answer + slopes%value(k)*sign(1, column)*self%z(abs(column))
+               end associate
+            end do
+            do k = 1, size(line%columns)
+               f%values(:, line%columns(k)) = f%values(:, line%columns(k)) + line%force(k)*self%f
             end do
          end associate
       end do

@@ -19,6 +19,7 @@ module hb_kinks
    private
    public :: kink_grid_t, kink_slopes_t, new_kink_grid
 
+   integer, parameter :: most_tones = 24                              ! of a grid of three samples each that can be held
    integer, parameter :: before = 1, left = 2, right = 3, beyond = 4  ! samples around a cell, from left to right
 
    !> Derivatives of the corrections: that at sample `row` by the sample `column`.
@@ -246,14 +247,16 @@ contains
       real(wp), intent(in), contiguous :: z(:)
       real(wp), intent(inout), contiguous :: f(:)
       type(kink_slopes_t), intent(inout), optional :: slopes
-      real(wp) :: added(left:right), by_values(before:beyond, left:right), share, share_slopes(size(self%n)), step
+      real(wp) :: added(left:right), by_values(before:beyond, left:right), share, share_slopes(most_tones), step
       type(neighbour_t) :: around(before:beyond), beside
       logical :: has_kink
       integer :: k, row, tone
 
       call correct_cell(values, jump, present(slopes), added, by_values, has_kink)
       if (.not. has_kink) return
-      around = [(self%neighbour(sample, m, k - left), k=before, beyond)]
+      do k = before, beyond
+         around(k) = self%neighbour(sample, m, k - left)
+      end do
       do row = left, right
          share = 1.0_wp
          if (size(self%n) > 1) call self%find_share(m, around(row)%sample, z, share, share_slopes)
@@ -291,8 +294,8 @@ contains
       integer, intent(in) :: m, sample
       real(wp), intent(in) :: z(:)
       real(wp), intent(out) :: share
-      real(wp), intent(out) :: slopes(:)                              !! [1/m], (n_tones)
-      real(wp) :: rates(size(self%n)), largest, total
+      real(wp), intent(out) :: slopes(most_tones)                     !! [1/m], (n_tones) of them
+      real(wp) :: rates(most_tones), largest, total
       type(neighbour_t) :: next, previous
       integer :: tone
 
@@ -301,16 +304,18 @@ contains
          previous = self%neighbour(sample, tone, -1)
          rates(tone) = 0.5_wp*(next%sign*z(next%sample) - previous%sign*z(previous%sample))
       end do
-      largest = maxval(abs(rates))
-      share = 1.0_wp/size(rates)
-      slopes = 0.0_wp
-      if (.not. largest > 0.0_wp) return
-      rates = rates/largest
-      total = sum(rates**2)
-      share = rates(m)**2/total
-      slopes = -2.0_wp*share*rates
-      slopes(m) = slopes(m) + 2.0_wp*rates(m)
-      slopes = slopes/(total*largest)
+      associate (d => size(self%n))
+         largest = maxval(abs(rates(:d)))
+         share = 1.0_wp/d
+         slopes(:d) = 0.0_wp
+         if (.not. largest > 0.0_wp) return
+         rates(:d) = rates(:d)/largest
+         total = sum(rates(:d)**2)
+         share = rates(m)**2/total
+         slopes(:d) = -2.0_wp*share*rates(:d)
+         slopes(m) = slopes(m) + 2.0_wp*rates(m)
+         slopes(:d) = slopes(:d)/(total*largest)
+      end associate
    end subroutine kink_grid_find_share
 
    !> Corrections of the roots of the cubic in one cell, with their derivatives by the four values; see the head of this module.
