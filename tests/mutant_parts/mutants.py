@@ -590,6 +590,51 @@ MUTANTS = [
         ),
     ),
     *of(
+        "hypertime/hb_kinks.f90",
+        (
+            "kinks_third",
+            "test_hb_kinks",
+            "corrections leave the third derivative out",
+            "(z_1*b2/2.0_wp - z_2*b3/6.0_wp + z_3*b4/24.0_wp)",
+            "(z_1*b2/2.0_wp - z_2*b3/6.0_wp)",
+        ),
+        (
+            "kinks_moment",
+            "test_hb_kinks",
+            "corrections leave the first moment out",
+            "moment = strength*(-z_1*b3/3.0_wp + z_2*b4/8.0_wp)",
+            "moment = 0.0_wp",
+        ),
+        (
+            "kinks_share",
+            "test_hb_kinks",
+            "all tones have the same share",
+            "share = rates(m)**2/total",
+            "share = 1.0_wp/d",
+        ),
+        (
+            "kinks_slope",
+            "test_hb_kinks",
+            "a slope does not know that the root moves",
+            "psi_3*b4/24.0_wp - psi*b1",
+            "psi_3*b4/24.0_wp",
+        ),
+        (
+            "kinks_half",
+            "test_hb_kinks",
+            "half a grid goes on with its own sign",
+            "there%sign = -1.0_wp",
+            "there%sign = 1.0_wp",
+        ),
+        (
+            "kinks_touch",
+            "test_hb_kinks",
+            "cells with two kinks are not looked at",
+            "furthest = 2.0_wp/27.0_wp",
+            "furthest = 0.0_wp",
+        ),
+    ),
+    *of(
         "hypertime/hb_torus.f90",
         (
             "torus_degree",
