@@ -35,7 +35,7 @@ contains
    !> of what is left, so that none takes it from all that follow.
    !>
    !> Not finite where the scales of the problem are out of range.
-   subroutine solve(problem, config, linear_solution, x, report)
+   recursive subroutine solve(problem, config, linear_solution, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
       real(wp), intent(in) :: linear_solution(:)                      !! of the problem without its nonlinearity
@@ -128,7 +128,7 @@ contains
 
    !> Solves the smallest problem that resembles this one by all ways, larger ones from its solution, and the problem at last. The
    !> status stays `pending` where there is no smaller problem or no solution of one; `rescue` says what led to the first solution.
-   subroutine climb(problem, config, chosen, x, report)
+   recursive subroutine climb(problem, config, chosen, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
