@@ -242,6 +242,7 @@ contains
       result%status = report%status
       result%iterations = report%iterations
       result%evaluations = report%evaluations
+      result%work = report%work
       result%residual = report%residual
       result%n_unknowns = balance%n_unknowns
       result%rescue = report%rescue

@@ -20,9 +20,10 @@ module hb_motion_result
    !> The result of one scene. What is not allocated is not known, and stays NaN in a file.
    type :: motion_result_t
       integer :: status = outcome%pending               !! hb_outcome
-      character(:), allocatable :: message              !! why the point failed; a file cuts it to 400 bytes
+      character(:), allocatable :: message              !! why the point failed, or what to know of it; a file cuts it to 400 bytes
       integer :: iterations = 0
       integer :: evaluations = 0                        !! of the residual
+      real(wp) :: work = 0.0_wp                         !! of the solver, in about a nanosecond of the processor, from counts
       integer :: rescue = 0                             !! what the solver needed, hb_solver_types
       real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
       real(wp) :: solve_seconds = 0.0_wp                !! wall time of the whole point
@@ -41,6 +42,7 @@ module hb_motion_result
       real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of certificate%wider, n_law_dofs)
       logical :: is_odd = .false.                       !! sought among motions of odd tuples alone
       real(wp) :: asymmetry = 0.0_wp                    !! of forces with memory, where only odd tuples are kept
+      logical :: leaves_branch = .false.                !! of the point before it in a chain, hb_chain_check
       integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
       type(certificate_t) :: certificate                !! zero and without combination where none was made
       logical :: is_near_commensurate = .false.

@@ -25,6 +25,7 @@ module hb_bench
    use hb_swept_point, only: run_point
    use hb_text, only: to_text
    use hb_timing, only: rank_times_t
+   use hb_watch, only: watch_t
    implicit none
    private
    public :: bench_options_t, part, point_cost_t, run_bench
@@ -142,6 +143,7 @@ contains
       type(neighbour_t) :: nobody
       type(motion_result_t) :: result
       type(rank_times_t) :: times
+      type(watch_t) :: watch
       real(wp) :: begun, ended, cpu_begun, cpu_ended, resident
       logical :: has_peak
 
@@ -152,7 +154,8 @@ contains
       call cpu_time(cpu_begun)
       begun = wall_clock()
       document = study%document
-      call run_point(document, nothing, study%available_memory, study%plan, layout, i, 0, nobody, times, result)
+      call run_point(document, nothing, study%available_memory, study%plan, layout, i, 0, nobody, times=times, result=result, &
+         watch=watch)
       ended = wall_clock()
       call cpu_time(cpu_ended)
       if (has_peak) cost%memory = max(cost%memory, memory_peak() - resident)

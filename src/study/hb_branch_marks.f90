@@ -1,7 +1,7 @@
 !> Marks the branches of a run in its result file, when all of its points are there: a jump is judged by the points on both
 !> sides of it, which different ranks may have solved.
 module hb_branch_marks
-   use hb_branches, only: jumps_between, line_t, new_line
+   use hb_branches, only: is_told, jumps_between, line_t, new_line
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_mpi, only: barrier, comm_t, max_over, rank_of, share_error, size_of, sum_over
@@ -18,9 +18,10 @@ contains
 
    !> Numbers the branches along each line of the sweep and writes them; collective, and an error is the same on all ranks.
    !> Does nothing where the fastest parameter has no order.
-   subroutine mark_branches(results, plan, comm, n_jumps, first_jump, error)
+   subroutine mark_branches(results, plan, chain, comm, n_jumps, first_jump, error)
       type(results_t), intent(inout) :: results
       type(sweep_plan_t), intent(in) :: plan
+      integer, intent(in) :: chain                                    !! points of a line that start from each other, at most
       type(comm_t), intent(in) :: comm
       integer, intent(out) :: n_jumps
       integer, intent(out) :: first_jump                              !! point from 1 to which it leads; 0: there is none
@@ -38,7 +39,7 @@ contains
       n = plan%n_fastest()
       allocate (branch(n))
       do line = rank_of(comm), plan%n_points/n - 1, size_of(comm)
-         call number_line(results, plan, line*n, branch, error)
+         call number_line(results, plan, chain, line*n, branch, error)
          if (.not. allocated(error)) call results%write_branches(line*n + 1, branch, error)
          if (allocated(error)) exit
          points = jumps_between(branch, n)
@@ -53,26 +54,36 @@ contains
    end subroutine mark_branches
 
    !> Numbers the branches of the line behind a point, whose motions are read in pieces.
-   subroutine number_line(results, plan, before, branch, error)
+   subroutine number_line(results, plan, chain, before, branch, error)
       type(results_t), intent(in) :: results
       type(sweep_plan_t), intent(in) :: plan
+      integer, intent(in) :: chain                                    !! length
       integer, intent(in) :: before                                   !! point
       integer, intent(out) :: branch(:)                               !! (points of the line)
       type(error_t), allocatable, intent(out) :: error
       type(line_t) :: line
       real(wp), allocatable :: motion(:, :)
-      integer, allocatable :: status(:)
-      integer :: first, i, n
+      integer, allocatable :: status(:), told(:)
+      integer :: first, i, last, last_branch, n
+      logical :: is_jump
 
       n = min(size(branch), max(1, most_numbers/max(1, results%motion_size())))
-      allocate (motion(results%motion_size(), n), status(n))
+      allocate (motion(results%motion_size(), n), status(n), told(n))
       call new_line(line, size(branch))
+      last = -chain
+      last_branch = 0
       do first = 1, size(branch), n
          n = min(n, size(branch) - first + 1)
-         call results%read_motions(before + first, status(:n), motion(:, :n), error)
+         call results%read_motions(before + first, status(:n), motion(:, :n), told(:n), error)
          if (allocated(error)) return
          do i = 1, n
-            if (is_solved(status(i))) call line%add(first + i - 1, plan%fastest_value(before + first + i - 1), motion(:, i))
+            if (.not. is_solved(status(i))) cycle
+            associate (place => first + i - 2)
+               is_jump = last/chain == place/chain .and. is_told(last_branch, told(i))
+               call line%add(place + 1, plan%fastest_value(before + place + 1), motion(:, i), is_jump)
+               last = place
+            end associate
+            last_branch = told(i)
          end do
       end do
       call line%number(branch)

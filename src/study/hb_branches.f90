@@ -7,14 +7,16 @@
 !> fold (steep) and behind the jump (flat), less is needed: the limit is taken of a mean of both that the larger one leads.
 module hb_branches
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_branch_walk, only: smallest_jump
    use hb_kinds, only: wp
    implicit none
    private
-   public :: is_far_above, jumps_between, line_t, new_line
+   public :: is_far_above, is_told, jumps_between, left_branch, line_t, new_line
+
+   integer, parameter :: left_branch = -1                             !! number of a point where a chain was seen to leave its branch
 
    real(wp), parameter :: least_ratio = 3.0_wp                        ! to the larger slope beside a jump
    real(wp), parameter :: mean_ratio = 6.0_wp                         ! to larger**(3/4)*smaller**(1/4)
-   real(wp), parameter :: smallest_jump = 1.0e-2_wp                   ! relative to the motion: less is no other branch to anybody
    real(wp), parameter :: return_ratio = 1.5_wp                       ! slope past points that lie elsewhere, to those beside it
    integer, parameter :: longest_run = 8                              ! steps to and fro between two branches
 
@@ -26,6 +28,7 @@ module hb_branches
       real(wp), allocatable :: parameter(:), norm(:)
       real(wp), allocatable :: step(:)                                ! to a point from that before it
       real(wp), allocatable :: cosine(:)                              ! of the angle between this step and that before it
+      logical, allocatable :: is_told(:)                              ! that the motion jumps to a point
       real(wp), allocatable :: last(:), direction(:)                  ! the last motion, and the step to it, of length 1
    contains
       procedure :: add => line_add
@@ -40,14 +43,16 @@ contains
       integer, intent(in) :: n_points                                 !! at most
 
       allocate (self%point(n_points), self%parameter(n_points), self%norm(n_points), self%step(n_points), self%cosine(n_points))
+      allocate (self%is_told(n_points), source=.false.)
    end subroutine new_line
 
    !> Adds the next solved point.
-   pure subroutine line_add(self, point, parameter, motion)
+   pure subroutine line_add(self, point, parameter, motion, is_told)
       class(line_t), intent(inout) :: self
       integer, intent(in) :: point                                    !! its place on the line, from 1
       real(wp), intent(in) :: parameter
       real(wp), intent(in) :: motion(:)                               !! coefficients; those that it lacks are no numbers
+      logical, intent(in), optional :: is_told                        !! whether it is known that the motion jumps to it
       real(wp) :: direction(size(motion)), x(size(motion))
       real(wp) :: cosine, step
 
@@ -67,6 +72,7 @@ contains
       self%norm(self%n) = norm2(x)
       self%step(self%n) = step
       self%cosine(self%n) = cosine
+      if (present(is_told)) self%is_told(self%n) = is_told
       self%direction = direction
       self%last = x
    end subroutine line_add
@@ -89,22 +95,27 @@ contains
       end do
    end subroutine line_number
 
-   !> Finds the steps that are jumps: single ones, and several in a row that lead to and fro.
+   !> Finds the steps that are jumps: those that are told, single ones, and several in a row that lead to and fro.
    pure subroutine find_jumps(self, is_jump)
       type(line_t), intent(in) :: self
       logical, intent(out) :: is_jump(2:)
       real(wp) :: after, before, slope(2:max(2, self%n))
       integer :: i, last, n
 
-      is_jump = .false.
       n = self%n
+      is_jump = .false.
+      is_jump(2:n) = self%is_told(2:n)
       if (n < 4) return
       slope = self%step(2:n)/abs(self%parameter(2:n) - self%parameter(:n - 1))
       i = 2
       do while (i <= n)
+         if (is_jump(i)) then
+            i = i + 1
+            cycle
+         end if
          do last = i, min(n, i + longest_run - 1)
             if (last > i) then
-               if (self%cosine(last) > 0.0_wp) exit
+               if (self%cosine(last) > 0.0_wp .or. is_jump(last)) exit
             end if
             before = slope(max(2, i - 1))
             after = slope(min(n, last + 1))
@@ -146,6 +157,14 @@ contains
       returns = across <= return_ratio*slope*abs(self%parameter(i + 1) - self%parameter(i - 1))
    end function returns
 
+   !> Whether numbers of two neighbours of a chain tell that the motion jumps between them: the mark of a point that was just solved,
+   !> or numbers of a run before.
+   elemental logical function is_told(before, branch)
+      integer, intent(in) :: before, branch
+
+      is_told = branch == left_branch .or. (before > 0 .and. branch > before)
+   end function is_told
+
    !> Points of a sweep, from 1, to which the motion jumps from the solved point before them on their line.
    pure function jumps_between(branch, line_length) result(points)
       integer, intent(in) :: branch(:)                                !! of all points
@@ -159,8 +178,8 @@ contains
       do i = 1, size(branch)
          if (modulo(i - 1, line_length) == 0) last = 0
          if (branch(i) == 0) cycle
-         is_jump(i) = last > 0 .and. branch(i) /= last
-         last = branch(i)
+         is_jump(i) = branch(i) == left_branch .or. (last > 0 .and. branch(i) /= last)
+         last = max(0, branch(i))
       end do
       points = pack([(i, i=1, size(branch))], is_jump)
    end function jumps_between

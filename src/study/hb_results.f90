@@ -6,6 +6,7 @@
 !> file in which a status other than 0 means complete.
 module hb_results
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_branches, only: left_branch
    use hb_certificate, only: certificate_t
    use hb_clock, only: wall_clock
    use hb_crash_watch, only: crash_place_t
@@ -233,6 +234,7 @@ contains
       if (allocated(point%displacement_samples)) call put(self, "displacement_samples", point%displacement_samples, error)
       if (allocated(point%corrected_samples)) call put(self, "corrected_samples", point%corrected_samples, error)
       if (allocated(point%force_samples)) call put(self, "force_samples", point%force_samples, error)
+      if (point%leaves_branch) call put(self, "branch", [left_branch], error)
       call put(self, "status", [point%status], error)
       if (.not. allocated(error)) call put(self, "checksum", [checksum_of_row(self)], error)
       call annotate(error, "point "//to_text(i))
@@ -344,18 +346,20 @@ contains
       end associate
    end function results_motion_size
 
-   !> Reads the statuses and motions of points that follow each other; independent of other ranks, after `share`.
-   subroutine results_read_motions(self, first, status, motion, error)
+   !> Reads the statuses, motions and branches of points that follow each other; independent of other ranks, after `share`.
+   subroutine results_read_motions(self, first, status, motion, branch, error)
       class(results_t), intent(in) :: self
       integer, intent(in) :: first                      !! point, from 1
       integer, intent(out) :: status(:)                 !! (points)
       real(wp), intent(out) :: motion(:, :)             !! (motion_size, points)
+      integer, intent(out) :: branch(:)                 !! (points), as `write_point` or `write_branches` left them
       type(error_t), allocatable, intent(out) :: error
 
       associate (variables => self%plan%variables)
          call variables(index_of(self, "status"))%dataset%read_rows(first, status, error)
          if (.not. allocated(error)) &
             call variables(index_of(self, "corrected_coefficients"))%dataset%read_rows(first, motion, error)
+         if (.not. allocated(error)) call variables(index_of(self, "branch"))%dataset%read_rows(first, branch, error)
       end associate
    end subroutine results_read_motions
 

@@ -25,9 +25,6 @@ module hb_study
    private
    public :: describe_layout, new_study, read_input, row_of_study, study_t
 
-   !> Groups whose numbers change the motion; the others say how it is sought, and `&start` which one.
-   character(*), parameter :: groups_of_motions(5) = [character(11) :: "structure", "tones", "load", "law", "normal_mode"]
-
    !> An input that was read without a problem, ready to run.
    type :: study_t
       type(document_t) :: document                                    !! the input after overrides
@@ -124,7 +121,7 @@ contains
       integer, parameter :: least_points = 8                          ! a few values far from each other are no curve
 
       is_chained = self%scene%chain%is_auto .and. size(self%scene%laws) > 0 .and. self%plan%n_fastest() >= least_points &
-         .and. self%plan%is_ordered() .and. self%plan%varies_reals(groups_of_motions)
+         .and. self%plan%is_way()
    end function is_chained
 
    !> Takes the text of an input file apart and applies its overrides.

@@ -6,6 +6,7 @@
 !> last digit).
 module hb_sweep
    use hb_branch_marks, only: mark_branches
+   use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
    use hb_crash_watch, only: begin_point, crash_place_t, end_point, end_watch, watch_crashes
    use hb_document, only: document_t
@@ -59,6 +60,7 @@ module hb_sweep
       type(rank_times_t) :: times
       type(document_t) :: document                                    !! with the values of the point read last
       type(scene_t) :: scene                                          !! of that point
+      logical :: is_checked = .false.                                 !! whether chains stay on their branches
       integer, allocatable :: crashed(:)                              !! points to pass by: they have ended a run before
       integer :: rank = 0
       logical :: is_resumed = .false.                                 !! the file may hold results of a run before
@@ -89,6 +91,8 @@ contains
       call describe_layout(self, size_of(comm), run%layout)
       call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
          length_of_units(self), size_of(comm), block_seconds=0.0_wp)
+      run%is_checked = self%scene%chain%is_on .and. .not. any(self%scene%tones%is_unknown)
+      if (run%is_checked) run%is_checked = self%plan%is_way()
       is_there = .false.
       allocate (run%crashed(0))
       if (options%resumes) then
@@ -116,7 +120,7 @@ contains
          call end_watch()
          call share_error(comm, error)
          if (summary%n_left == 0 .and. .not. allocated(error)) &
-            call mark_branches(run%results, self%plan, comm, summary%n_jumps, summary%first_jump, error)
+            call mark_branches(run%results, self%plan, length_of_units(self), comm, summary%n_jumps, summary%first_jump, error)
       end if
       call run%results%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
@@ -250,6 +254,7 @@ contains
       type(run_summary_t), intent(inout) :: summary
       type(error_t), allocatable, intent(out) :: error
       type(neighbour_t) :: neighbour
+      type(chain_check_t), allocatable :: check
       type(motion_result_t) :: result
       integer :: first, last, point
 
@@ -258,6 +263,7 @@ contains
          call run_curve(self, run, first, last, group, summary, error)
          return
       end if
+      if (run%is_checked) allocate (check)
       do point = first, last
          if (run%ending%is_due()) return
          if (any(run%crashed == point)) then                          ! of a chain that is solved again
@@ -266,7 +272,7 @@ contains
          end if
          call begin_point(point)
          call run_point(run%document, run%scene, self%available_memory, self%plan, run%layout, point, run%rank, neighbour, &
-            run%times, result, run%ending)
+            check, run%times, result, run%ending)
          call end_point()
          if (result%status == outcome%interrupted) return             ! pending in the file, for another run
          call keep_point(self, run, point, result, group, summary, error)

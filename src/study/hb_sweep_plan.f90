@@ -16,6 +16,8 @@ module hb_sweep_plan
    public :: read_sweep_plan, sweep_plan_t, swept_t
 
    integer(int64), parameter :: most_points = 2000000000_int64
+   !> Groups whose numbers change the motion; the others say how it is sought, and `&start` which one.
+   character(*), parameter :: groups_of_motions(5) = [character(11) :: "structure", "tones", "load", "law", "normal_mode"]
 
    !> One parameter and its values along its axis.
    type :: swept_t
@@ -53,10 +55,12 @@ module hb_sweep_plan
       procedure :: note_units => sweep_plan_note_units
       procedure :: point_of_combination => sweep_plan_point_of_combination
       procedure :: apply => sweep_plan_apply
+      procedure :: apply_between => sweep_plan_apply_between
       procedure :: describe => sweep_plan_describe
+      procedure :: describe_between => sweep_plan_describe_between
       procedure :: fastest_value => sweep_plan_fastest_value
       procedure :: is_ordered => sweep_plan_is_ordered
-      procedure :: varies_reals => sweep_plan_varies_reals
+      procedure :: is_way => sweep_plan_is_way
       procedure :: n_fastest => sweep_plan_n_fastest
    end type sweep_plan_t
 
@@ -359,18 +363,18 @@ contains
       end do
    end function sweep_plan_is_ordered
 
-   !> Whether all parameters along the axis that runs fastest are real numbers of some groups.
-   pure logical function sweep_plan_varies_reals(self, groups)
+   !> Whether motions may follow each other along the axis that runs fastest: all its parameters are real numbers of the physical
+   !> scene that change by and by.
+   pure logical function sweep_plan_is_way(self)
       class(sweep_plan_t), intent(in) :: self
-      character(*), intent(in) :: groups(:)                           !! lower case
       integer :: i
 
-      sweep_plan_varies_reals = .true.
+      sweep_plan_is_way = self%is_ordered()
       do i = 1, size(self%parameters)
-         if (self%parameters(i)%axis == size(self%length)) sweep_plan_varies_reals = sweep_plan_varies_reals .and. &
-            self%parameters(i)%is_real .and. any(groups == self%parameters(i)%group)
+         if (self%parameters(i)%axis == size(self%length)) sweep_plan_is_way = sweep_plan_is_way .and. &
+            self%parameters(i)%is_real .and. any(groups_of_motions == self%parameters(i)%group)
       end do
-   end function sweep_plan_varies_reals
+   end function sweep_plan_is_way
 
    !> Axes along which values of a group vary, (number of axes).
    pure function sweep_plan_axes_of(self, group) result(axes)
@@ -437,6 +441,33 @@ contains
       end if
    end subroutine sweep_plan_apply
 
+   !> Sets the values between two points of one line of the sweep, along which all parameters are numbers.
+   pure subroutine sweep_plan_apply_between(self, first, last, share, document)
+      class(sweep_plan_t), intent(in) :: self
+      integer, intent(in) :: first, last                              !! points
+      real(wp), intent(in) :: share                                   !! of the way from the first to the last, 0 to 1
+      type(document_t), intent(inout) :: document
+      integer :: i
+
+      call self%apply(first, document)
+      do i = 1, size(self%parameters)
+         if (self%parameters(i)%axis == size(self%length)) &
+            call document%set(self%parameters(i)%parameter, value_between(self, i, first, last, share))
+      end do
+   end subroutine sweep_plan_apply_between
+
+   !> Value of a parameter between two points.
+   pure real(wp) function value_between(self, i, first, last, share) result(value)
+      type(sweep_plan_t), intent(in) :: self
+      integer, intent(in) :: i                                        !! parameter
+      integer, intent(in) :: first, last                              !! points
+      real(wp), intent(in) :: share
+
+      associate (values => self%parameters(i)%values, from => self%index_on(i, first), to => self%index_on(i, last))
+         value = (1.0_wp - share)*values(from) + share*values(to)
+      end associate
+   end function value_between
+
    !> Notes units and kinds of the parameters, which a document knows from which a scene has been read.
    pure subroutine sweep_plan_note_units(self, document)
       class(sweep_plan_t), intent(inout) :: self
@@ -468,6 +499,24 @@ contains
       if (len(text) > 0) text = text//", "
       text = text//with_unit(self%curve%path//" = "//to_text(self%curve_values(point)), self%curve%units)
    end function sweep_plan_describe
+
+   !> Text such as `law(1)%gap = 0.00153 m` for the values between two points of one line.
+   function sweep_plan_describe_between(self, first, last, share) result(text)
+      class(sweep_plan_t), intent(in) :: self
+      integer, intent(in) :: first, last                              !! points
+      real(wp), intent(in) :: share                                   !! of the way from the first to the last, 0 to 1
+      character(:), allocatable :: text
+      character(16) :: value
+      integer :: i
+
+      text = ""
+      do i = 1, size(self%parameters)
+         if (self%parameters(i)%axis < size(self%length)) cycle
+         if (len(text) > 0) text = text//", "
+         write (value, "(g0.6)") value_between(self, i, first, last, share)
+         text = text//with_unit(self%parameters(i)%path//" = "//trim(value), self%parameters(i)%units)
+      end do
+   end function sweep_plan_describe_between
 
    pure integer function n_values(self)
       type(swept_t), intent(in) :: self

@@ -2,6 +2,7 @@
 !> file that it shares with the others.
 module hb_swept_point
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
@@ -19,7 +20,7 @@ module hb_swept_point
    use hb_scene_reader, only: update_scene
    use hb_sweep_plan, only: sweep_plan_t
    use hb_timing, only: rank_times_t
-   use hb_watch, only: watch_t
+   use hb_watch, only: verdict, watch_t
    implicit none
    private
    public :: check_layout, run_point, spread_result
@@ -27,7 +28,7 @@ module hb_swept_point
 contains
 
    !> Solves one point; whatever goes wrong becomes its status and message.
-   subroutine run_point(document, scene, available_memory, plan, layout, point, rank, neighbour, times, result, watch)
+   subroutine run_point(document, scene, available_memory, plan, layout, point, rank, neighbour, check, times, result, watch)
       type(document_t), intent(inout), target :: document             !! of this rank, with the values of the point before
       type(scene_t), intent(inout) :: scene                           !! likewise
       real(wp), intent(in) :: available_memory                        !! bytes
@@ -35,9 +36,10 @@ contains
       type(results_layout_t), intent(in) :: layout
       integer, intent(in) :: point, rank
       type(neighbour_t), intent(inout) :: neighbour                   !! solutions of the points before it in its chain
+      type(chain_check_t), intent(inout), optional :: check           !! of that chain
       type(rank_times_t), intent(inout) :: times
       type(motion_result_t), intent(out) :: result
-      class(watch_t), intent(inout), optional, target :: watch        !! may end the point
+      class(watch_t), intent(inout), target :: watch                  !! may end the point
       type(error_t), allocatable :: error
       real(wp), allocatable :: start(:), unknowns(:)
       real(wp) :: read, started
@@ -60,10 +62,13 @@ contains
          call spread_result(scene%harmonics, layout, result)
       end if
       if (.not. allocated(error) .and. allocated(unknowns)) then
+         if (present(check)) call check%look(document, scene, available_memory, plan, point, unknowns, result, watch)
+         if (result%leaves_branch) call neighbour%forget()
          call neighbour%keep(plan%fastest_value(point), scene%harmonics%tuples, unknowns)
       else
          call neighbour%forget()
       end if
+      if (watch%verdict == verdict%interrupted) result%status = outcome%interrupted
       result%rank = rank
       result%solve_seconds = wall_clock() - started
       times%reading = times%reading + read - started

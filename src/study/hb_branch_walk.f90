@@ -1,0 +1,157 @@
+!> Whether two motions, at two values of a parameter, lie on one branch: the first is followed towards the second in steps as
+!> small as the branch needs.
+!>
+!> Each step goes along the line through the last two motions and is taken where the motion found stays close to this line; else
+!> it is halved. Where halving leads nowhere, the branch ends there, at a fold as a rule. Corners of contact, where samples
+!> enter one by one, have folds of their own, too small for anybody to see: steps over them are long, and changes of the motion
+!> below `smallest_jump` are no other branch. Source: E. L. Allgower and K. Georg, Numerical Continuation Methods (1990),
+!> sections 2.2 and 6.1, with the parameter as the length.
+module hb_branch_walk
+   use hb_kinds, only: wp
+   implicit none
+   private
+   public :: difference_of, find_branch, finding, smallest_jump, stretch_t, walk_t
+
+   real(wp), parameter :: smallest_jump = 1.0e-2_wp                   !! relative to the motion: less is no other branch to anybody
+   real(wp), parameter :: first_step = 1.0_wp/16.0_wp, longest_step = 0.25_wp, shortest_step = 1.0_wp/1024.0_wp ! of the stretch
+   real(wp), parameter :: largest_turn = 0.3_wp                       ! distance to the line, relative to the step
+   real(wp), parameter :: small_turn = 0.1_wp                         ! steps grow below
+   real(wp), parameter :: leaps(3) = [4.0_wp, 16.0_wp, 64.0_wp]       ! over a fold of a corner, in shortest steps
+
+   !> What comes of it.
+   type :: finding_t
+      integer :: one_branch = 0
+      integer :: ends = 1                                             !! the branch of the first ends before the second
+      integer :: goes_on = 2                                          !! it does not, and the second motion is another
+      integer :: unclear = 3                                          !! the work was spent before
+   end type finding_t
+   type(finding_t), parameter :: finding = finding_t()
+
+   !> Motions between two values of a parameter, which is 0 at the first and 1 at the second.
+   type, abstract :: stretch_t
+      logical :: is_spent = .false.                                   !! no more motions can be sought
+   contains
+      procedure(solve_between), deferred :: solve
+   end type stretch_t
+
+   abstract interface
+      !> Finds the motion at a value of the parameter from a first guess close to it; says in `is_spent` whether it was the last.
+      subroutine solve_between(self, share, motion, is_solved)
+         import :: stretch_t, wp
+         class(stretch_t), intent(inout) :: self
+         real(wp), intent(in) :: share                                !! 0 to 1
+         real(wp), intent(inout) :: motion(:)                         !! coefficients; on entry the first guess
+         logical, intent(out) :: is_solved
+      end subroutine solve_between
+   end interface
+
+   !> A branch as far as it was followed.
+   type :: walk_t
+      integer :: finding = finding%unclear
+      real(wp) :: share = 0.0_wp                                      !! where it was left
+      real(wp), allocatable :: motion(:)                              !! there
+   end type walk_t
+
+contains
+
+   !> Says whether the motions at both ends of a stretch lie on one branch. A branch that seems to end is followed from the
+   !> other side too, and goes on after all if that leads back to it: it may have been lost at a corner.
+   subroutine find_branch(stretch, first, last, walk)
+      class(stretch_t), intent(inout) :: stretch
+      real(wp), intent(in) :: first(:), last(:)
+      type(walk_t), intent(out) :: walk
+      type(walk_t) :: back
+
+      call follow(stretch, 0.0_wp, first, last, walk)
+      if (walk%finding /= finding%ends) return
+      call follow(stretch, 1.0_wp, last, first, back)
+      if (back%finding == finding%one_branch) walk%finding = finding%one_branch
+   end subroutine find_branch
+
+   !> Follows the branch of one motion from one end of the stretch to the other.
+   subroutine follow(stretch, start, first, last, walk)
+      class(stretch_t), intent(inout) :: stretch
+      real(wp), intent(in) :: start                                   !! 0 or 1
+      real(wp), intent(in) :: first(:)                                !! motion there
+      real(wp), intent(in) :: last(:)                                 !! motion at the other end
+      type(walk_t), intent(out) :: walk
+      real(wp) :: allowed, done, next(size(first)), slope(size(first)), step, turn
+      logical :: has_slope, is_solved
+
+      walk%motion = first
+      done = 0.0_wp
+      step = first_step
+      has_slope = .false.
+      slope = 0.0_wp
+      do while (done < 1.0_wp)
+         step = min(step, 1.0_wp - done)
+         if (stretch%is_spent) exit
+         call go(step, is_solved)
+         turn = norm2(next - walk%motion - step*slope)
+         allowed = largest_turn*norm2(next - walk%motion)
+         if (.not. has_slope) allowed = 0.5_wp*largest_turn*norm2(last - first)
+         if (is_solved) is_solved = turn <= allowed .or. difference_of(next, walk%motion) <= smallest_jump
+         if (is_solved) then
+            call take(merge(2.0_wp, 1.0_wp, turn <= small_turn/largest_turn*allowed))
+         else if (step > shortest_step) then
+            step = 0.5_wp*step
+         else
+            call leap(is_solved)
+            if (.not. is_solved) exit
+         end if
+      end do
+      walk%share = abs(start - done)
+      if (done >= 1.0_wp) then
+         walk%finding = merge(finding%one_branch, finding%goes_on, difference_of(walk%motion, last) <= smallest_jump)
+      else if (.not. stretch%is_spent) then
+         walk%finding = finding%ends
+      end if
+
+   contains
+
+      !> Finds the motion a step further on.
+      subroutine go(length, is_found)
+         real(wp), intent(in) :: length
+         logical, intent(out) :: is_found
+
+         next = walk%motion + length*slope
+         call stretch%solve(abs(start - min(1.0_wp, done + length)), next, is_found)
+      end subroutine go
+
+      !> Takes the step, and makes the next one longer.
+      subroutine take(factor)
+         real(wp), intent(in) :: factor
+
+         slope = (next - walk%motion)/step
+         has_slope = .true.
+         walk%motion = next
+         done = done + step
+         if (1.0_wp - done < 0.5_wp*shortest_step) done = 1.0_wp
+         step = min(longest_step, factor*step)
+      end subroutine take
+
+      !> Goes over a corner to a motion that is hardly another.
+      subroutine leap(is_over)
+         logical, intent(out) :: is_over
+         integer :: i
+
+         is_over = .false.
+         do i = 1, size(leaps)
+            if (stretch%is_spent) return
+            step = min(leaps(i)*shortest_step, 1.0_wp - done)
+            call go(step, is_over)
+            if (is_over) is_over = difference_of(next, walk%motion) <= smallest_jump
+            if (.not. is_over) cycle
+            call take(1.0_wp)
+            return
+         end do
+      end subroutine leap
+   end subroutine follow
+
+   !> Distance of two motions relative to the larger one.
+   pure real(wp) function difference_of(a, b)
+      real(wp), intent(in) :: a(:), b(:)
+
+      difference_of = norm2(a - b)/max(norm2(a), norm2(b), tiny(1.0_wp))
+   end function difference_of
+end module hb_branch_walk
