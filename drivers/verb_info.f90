@@ -11,7 +11,7 @@ module verb_info
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, max_over, rank_of, share_error
    use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text
-   use hb_results_record, only: open_points, read_record, read_units, record_t
+   use hb_results_record, only: message_of, open_points, read_record, read_units, record_t
    use hb_run_summary, only: count_kept, found_frequency, run_summary_t, stability_text
    use hb_scene_tones, only: read_tones
    use hb_study, only: read_input
@@ -48,10 +48,10 @@ contains
             call note_curve_values(options%input, plan, error)
             call write_origin(record, options%input)
             call write_parameters(plan)
-            call write_statuses(record)
+            call write_statuses(record, options%input)
             call write_found(record, tones%is_unknown)
             call write_stability(record)
-            call write_jumps(record, plan)
+            call write_jumps(record, plan, options%input)
             if (allocated(plan%curve) .and. .not. allocated(error)) call write_curves(options%input, plan, error)
             call write_worst(record, plan)
             call write_times(record, plan)
@@ -92,8 +92,10 @@ contains
       if (size(plan%parameters) == 0) call write_fact("swept", "nothing")
    end subroutine write_parameters
 
-   subroutine write_statuses(record)
+   !> How many points ended how, and what the first of those without a motion says.
+   subroutine write_statuses(record, path)
       type(record_t), intent(in) :: record
+      character(*), intent(in) :: path                  !! of the result file
       integer :: n, status
 
       call write_fact("points", to_text(record%n_points))
@@ -102,6 +104,7 @@ contains
          if (n == 0) cycle
          call write_fact("", to_text(n)//" "//outcome_text(status)// &
             first_of(outcome_name(status), findloc(record%status, status, dim=1)))
+         if (.not. is_solved(status)) call write_message(path, findloc(record%status, status, dim=1))
       end do
       n = count(record%rescue > 0)
       if (n > 0) call write_fact("", to_text(n)//" needed more than the direct attempt (see 'rescue')")
@@ -131,9 +134,10 @@ contains
    end subroutine write_stability
 
    !> Where the motion jumps to another branch.
-   subroutine write_jumps(record, plan)
+   subroutine write_jumps(record, plan, path)
       type(record_t), intent(in) :: record
       type(sweep_plan_t), intent(in) :: plan
+      character(*), intent(in) :: path                  !! of the result file
       integer, allocatable :: points(:)
       integer, parameter :: most = 10
       integer :: i
@@ -142,9 +146,20 @@ contains
       do i = 1, min(size(points), most)
          call write_fact(merge("jumps", "     ", i == 1), "to another branch at point "//to_text(points(i) - 1)//" ("// &
             plan%describe(points(i))//")")
+         call write_message(path, points(i))
       end do
       if (size(points) > most) call write_fact("", "and "//to_text(size(points) - most)//" more (see 'branch')")
    end subroutine write_jumps
+
+   !> What a point says of itself.
+   subroutine write_message(path, point)
+      character(*), intent(in) :: path                  !! of the result file
+      integer, intent(in) :: point                      !! from 1
+      character(:), allocatable :: message
+
+      message = message_of(path, point)
+      if (len(message) > 0) call write_fact("", "  point "//to_text(point - 1)//": "//message)
+   end subroutine write_message
 
    !> Folds, peaks and ends of curves.
    subroutine write_curves(path, plan, error)

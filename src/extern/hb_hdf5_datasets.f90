@@ -30,6 +30,7 @@ module hb_hdf5_datasets
       procedure :: make_scale => dataset_make_scale
       generic :: read => read_integer, read_real, read_texts
       generic :: read_rows => read_integer_rows, read_real_rows
+      procedure :: read_text_row => dataset_read_text_row
       generic :: write => write_integer, write_real
       generic :: write_row => write_integer_row, write_real_row, write_text_row
       procedure, private :: read_integer => dataset_read_integer
@@ -257,6 +258,36 @@ contains
       type(error_t), allocatable, intent(out) :: error
       call transfer_values(self, .true., H5T_NATIVE_INTEGER, c_loc(values), size(values), error, first, size(values))
    end subroutine dataset_read_integer_rows
+
+   !> Reads a row of bytes as text without the zeros behind it.
+   subroutine dataset_read_text_row(self, row, text, error)
+      class(h5_dataset_t), intent(in) :: self
+      integer, intent(in) :: row                    !! from 1
+      character(:), allocatable, intent(out) :: text
+      type(error_t), allocatable, intent(out) :: error
+      character(c_char), allocatable, target :: bytes(:)
+      integer(hid_t) :: byte_type
+      integer :: i, n, status
+
+      text = ""
+      if (size(self%extents) == 0) then
+         call fail(error, self%place//" has no rows")
+         return
+      end if
+      allocate (bytes(self%extents(1)), source=c_null_char)
+      call new_byte_type(byte_type, status)
+      call check(status, "make the text type", error)
+      if (allocated(error)) return
+      call transfer_values(self, .true., byte_type, c_loc(bytes), size(bytes), error, row)
+      call h5tclose_f(byte_type, status)
+      n = findloc(bytes, c_null_char, dim=1) - 1
+      if (n < 0) n = size(bytes)
+      text = repeat(" ", n)
+      do i = 1, n
+         text(i:i) = bytes(i)
+      end do
+      text = trim(text)
+   end subroutine dataset_read_text_row
 
    !> Reads a whole vector of strings, or a whole matrix of bytes, as a vector of strings padded with
    !> blanks.

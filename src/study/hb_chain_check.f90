@@ -85,7 +85,7 @@ contains
             stretch%work_left = self%work_left
             call find_branch(stretch, self%last, motion, walk)
             self%work_left = stretch%work_left
-            call tell(walk, plan, stretch, result)
+            call tell(walk, plan%describe_between(self%last_point, point, walk%share), result)
          end if
          if (result%leaves_branch) then
             if (allocated(self%slope)) deallocate (self%slope)
@@ -126,17 +126,15 @@ contains
    end function is_doubtful
 
    !> Says what was found, if there is something to say.
-   subroutine tell(walk, plan, stretch, result)
+   subroutine tell(walk, place, result)
       type(walk_t), intent(in) :: walk
-      type(sweep_plan_t), intent(in) :: plan
-      type(swept_stretch_t), intent(in) :: stretch
+      character(*), intent(in) :: place                               !! where the walk was left
       type(motion_result_t), intent(inout) :: result
       character(:), allocatable :: text
 
       select case (walk%finding)
       case (finding%ends)
-         text = "another branch of motions than at the point before, whose branch ends near "// &
-            plan%describe_between(stretch%first, stretch%last, walk%share)
+         text = "another branch of motions than at the point before, whose branch ends near "//place
       case (finding%goes_on)
          text = "another branch of motions than at the point before, whose branch goes on here with another motion"
       case default

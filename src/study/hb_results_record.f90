@@ -14,7 +14,7 @@ module hb_results_record
    use hb_text, only: split, string_t, to_text
    implicit none
    private
-   public :: open_points, read_record, read_units, record_t
+   public :: message_of, open_points, read_record, read_units, record_t
 
    type :: record_t
       character(:), allocatable :: title, program_version, git_commit, created_utc
@@ -50,6 +50,24 @@ module hb_results_record
    end interface read_all
 
 contains
+
+   !> Reads the message of a point; empty where there is none, or the file does not tell.
+   function message_of(path, point) result(message)
+      character(*), intent(in) :: path                  !! of the result file
+      integer, intent(in) :: point                      !! from 1
+      character(:), allocatable :: message
+      type(error_t), allocatable :: error
+      type(h5_dataset_t) :: dataset
+      type(h5_file_t) :: file
+
+      message = ""
+      call raise_guard("'"//path//"': HDF5 died of this file; it is damaged")
+      call open_file(file, path, error)
+      if (.not. allocated(error)) call file%open_dataset("message", dataset, error)
+      if (.not. allocated(error)) call dataset%read_text_row(point, message, error)
+      call file%close(error)
+      call lower_guard()
+   end function message_of
 
    !> Reads the file; it may be that of a run which is still going on.
    subroutine read_record(self, path, error)

@@ -310,6 +310,28 @@ def test_jumps_are_told_and_stored(length, ranks, tmp_path):
     assert f"2 jumps between neighbours to another branch of motions (see 'branch'), the first to {place}" in done.stdout
     told = run("info", tmp_path / "case.h5", cwd=tmp_path).stdout
     assert f"jumps      to another branch at point {first} ({place})" in told
+    assert ("branch ends near" in told) == (length == 200), "known where a chain follows the branch alone"
+
+
+def test_fall_behind_a_peak_between_coarse_points(tmp_path):
+    """14 points, of which one alone is near the peak: no slope stands out. The branch ends where finer points end too."""
+    result = solve(DUFFING.replace("n = 200", "n = 14"), tmp_path)
+    branch, frequency = read(result, "branch", "tones_frequency")
+    jump = int(np.flatnonzero(np.diff(branch))[0]) + 1
+    assert branch.tolist() == [1] * jump + [2] * (14 - jump)
+    told = run("info", result, cwd=tmp_path).stdout
+    message = f"point {jump}: another branch of motions than at the point before, whose branch ends near tones%frequency = 2.211"
+    assert message in told
+    assert frequency[jump - 1] < 2.2115 < frequency[jump]
+    with h5py.File(result, "r") as file:
+        messages = file["message"][...].view("S400")[:, 0]
+    assert [i for i, message in enumerate(messages) if message] == [jump]
+
+
+def test_motions_that_are_steep_are_on_one_branch(tmp_path):
+    """A linear peak, narrower than the distance of the points: doubted and cleared."""
+    text = DUFFING.replace("stiffness = 1.0 /", "stiffness = 1.0e-9 /").replace("n = 200", "n = 14")
+    assert read(solve(text, tmp_path), "branch").tolist() == [1] * 14
 
 
 def test_no_branches_without_an_order(tmp_path):

@@ -44,7 +44,7 @@ class Curve:
     def line(self, has_place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """x, y and what has converged, with a gap at points without a value and where the motion jumps to another branch."""
         y = np.where(has_place(self.y), self.y, np.nan)
-        is_jump = (np.diff(self.branch) != 0) & (self.branch[1:] > 0) & (self.branch[:-1] > 0)
+        is_jump = (np.diff(self.branch) != 0) & (self.branch[1:] > 0) & (self.branch[:-1] > 0) | (self.branch[1:] < 0)
         jumps = np.flatnonzero(is_jump) + 1
         return np.insert(self.x, jumps, np.nan), np.insert(y, jumps, np.nan), np.insert(self.is_converged, jumps, False)
 
