@@ -11,6 +11,7 @@ module hb_chain_check
    use hb_motion_result, only: motion_result_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
+   use hb_stability, only: stability_method
    use hb_sweep_plan, only: sweep_plan_t
    use hb_watch, only: verdict, watch_t
    implicit none
@@ -167,6 +168,7 @@ contains
       bare%solver%rescue = .false.
       bare%solver%max_iterations = min(most_iterations, bare%solver%max_iterations)
       bare%certificate%is_on = .false.
+      bare%stability%method = stability_method%off
       bare%output%samples = [integer ::]
       guess = [motion, self%frequencies]
       call solve_motion(bare, result, error, guess, unknowns, self%watch)
