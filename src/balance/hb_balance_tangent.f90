@@ -142,6 +142,9 @@ contains
             do b = 1, size(shape, 2)
                h = 0
                do block = 1, self%law_set%n_blocks(law)
+                  if (associated(self%watch)) then
+                     if (self%watch%is_over()) return                 ! whoever asked for the tangent ends too
+                  end if
                   call self%law_set%answer_block(law, b, block)
                   do in_block = 1, min(width, self%harmonics%n_harmonics - h)
                      h = h + 1

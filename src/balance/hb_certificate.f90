@@ -109,6 +109,7 @@ contains
                                     wide_loads, error, drives=set%frequencies(balance%xi*balance%omega))
          if (allocated(error)) return
          call new_balance(wide, set, grid, balance%omega, stiffness, balance%law_set%laws, effort, error)
+         wide%watch => balance%watch
       end subroutine make_wide_balance
    end subroutine certify
 

@@ -9,6 +9,7 @@ module hb_memory_tangent
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: two_pi, wp
+   use hb_lapack, only: dgetrf, dgetrs
    use hb_slider_memory, only: memory_t, most_rounds, repeat_tolerance
    use hb_torus, only: torus_t
    implicit none
@@ -16,6 +17,7 @@ module hb_memory_tangent
    public :: memory_tangent_t, new_memory_tangent, width
 
    integer, parameter :: width = 16                                   !! harmonics of a block
+   real(wp), parameter :: largest_inverse = 1.0e6_wp                  ! of 1 - M; beyond, sliders hardly slip
 
    !> Complex numbers of a block stand as (width, 2): real parts, imaginary parts.
    type :: memory_tangent_t
@@ -26,6 +28,7 @@ module hb_memory_tangent
       real(wp), allocatable, private :: lead(:, :, :, :)              ! (width, 2, n_steps, n_blocks) exp of the tone that leads
       real(wp), allocatable, private :: across(:, :, :, :)            ! (width, 2, n_slice, n_blocks) exp of the others
       real(wp), allocatable, private :: first_slice(:, :, :, :, :, :) ! (width, 2, n_states, n_slice, n_blocks, n_coordinates)
+      real(wp), allocatable, private :: closing(:, :)                 ! (1 - M)**-1, (n_states, n_states), where that is known
       real(wp), allocatable, private :: now(:, :, :, :), before(:, :, :, :)   ! (width, 2, n_states, n_slice)
       real(wp), allocatable, private :: df_dz(:, :, :, :), df_ds(:, :, :, :)  ! (n_slice, n_coordinates, any, n_steps)
    contains
@@ -108,7 +111,8 @@ contains
       end function wave_across
    end subroutine new_memory_tangent
 
-   !> Takes all columns through the rounds that the states needed, but for the last one. The memory must have its path.
+   !> Takes the states, and where it takes that all columns, through the rounds that the states needed; the columns not through
+   !> the last one. The memory must have its path.
    subroutine memory_tangent_prepare(self, memory, law, characteristic)
       class(memory_tangent_t), intent(inout) :: self
       type(memory_t), intent(inout) :: memory
@@ -116,10 +120,40 @@ contains
       type(characteristic_t), intent(in) :: characteristic
       real(wp), allocatable :: f(:, :)
       real(wp) :: change, largest_move
-      integer :: block, c, i, round
+      integer :: i, round
 
       self%repeats = .true.
       call memory%differentiable()
+      if (allocated(self%closing)) deallocate (self%closing)
+      if (characteristic%n_slice == 1) then
+         call memory%load_from_rest(law, with_derivatives=.false.)
+         do round = 1, memory%rounds
+            call memory%go_round(law, characteristic, with_derivatives=round == memory%rounds, change=change, &
+                                 largest_move=largest_move)
+         end do
+         call find_closing(self, memory, characteristic)
+      end if
+      if (allocated(self%closing)) then
+         self%first_slice = 0.0_wp
+      else
+         call take_rounds(self, memory, law, characteristic)
+      end if
+      allocate (f(characteristic%n_slice, size(memory%path, 2)))
+      do i = 1, characteristic%n_steps
+         call law%force(memory%path(:, :, path_part%at_end, i), memory%states(:, :, i), f, self%df_dz(:, :, :, i), &
+                        self%df_ds(:, :, :, i))
+      end do
+   end subroutine memory_tangent_prepare
+
+   !> Takes states and columns from rest through all rounds.
+   subroutine take_rounds(self, memory, law, characteristic)
+      class(memory_tangent_t), intent(inout) :: self
+      type(memory_t), intent(inout) :: memory
+      class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp) :: change, largest_move
+      integer :: block, c, round
+
       call memory%load_from_rest(law, with_derivatives=.true.)
       call load_columns(self, memory)
       do round = 1, memory%rounds
@@ -133,12 +167,32 @@ contains
             end do
          end do
       end do
-      allocate (f(characteristic%n_slice, size(memory%path, 2)))
-      do i = 1, characteristic%n_steps
-         call law%force(memory%path(:, :, path_part%at_end, i), memory%states(:, :, i), f, self%df_dz(:, :, :, i), &
-                        self%df_ds(:, :, :, i))
+   end subroutine take_rounds
+
+   !> Finds `closing` from the steps of the last round of one line.
+   subroutine find_closing(self, memory, characteristic)
+      class(memory_tangent_t), intent(inout) :: self
+      type(memory_t), intent(in) :: memory
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), dimension(size(self%now, 3), size(self%now, 3)) :: identity, inverse, m
+      integer :: i, info, n, pivots(size(self%now, 3))
+
+      n = size(self%now, 3)
+      identity = 0.0_wp
+      do i = 1, n
+         identity(i, i) = 1.0_wp
       end do
-   end subroutine memory_tangent_prepare
+      m = identity
+      do i = 2, characteristic%n_steps + 1
+         m = matmul(memory%ds_ds_old(1, :, :, 1 + modulo(i - 1, characteristic%n_steps)), m)
+      end do
+      m = identity - characteristic%closing*m
+      inverse = identity
+      call dgetrf(n, n, m, n, pivots, info)
+      if (info /= 0) return
+      call dgetrs("N", n, n, m, n, pivots, inverse, n, info)
+      if (maxval(abs(inverse)) < largest_inverse) self%closing = inverse
+   end subroutine find_closing
 
    !> Columns of the first slice after loading from rest.
    subroutine load_columns(self, memory)
@@ -174,6 +228,7 @@ contains
       real(wp) :: change
 
       self%before = self%first_slice(:, :, :, :, block, coordinate)
+      if (allocated(self%closing)) call close_round(self, memory, characteristic, block, coordinate)
       do round = 1, most_rounds
          call go_round(self, memory, characteristic, block, coordinate, df)
          change = maxval(abs(self%before - self%first_slice(:, :, :, :, block, coordinate)))
@@ -182,6 +237,27 @@ contains
       end do
       self%repeats = .false.
    end subroutine memory_tangent_respond
+
+   !> Moves the columns `before` of the first slice to those that repeat.
+   subroutine close_round(self, memory, characteristic, block, coordinate)
+      class(memory_tangent_t), intent(inout) :: self
+      type(memory_t), intent(in) :: memory
+      type(characteristic_t), intent(in) :: characteristic
+      integer, intent(in) :: block, coordinate
+      real(wp) :: change(width, 2, size(self%now, 3))
+      integer :: k, old_state
+
+      call go_round(self, memory, characteristic, block, coordinate)
+      associate (start => self%first_slice(:, :, :, 1, block, coordinate))
+         change = self%before(:, :, :, 1) - start
+         do k = 1, size(start, 3)
+            do old_state = 1, size(start, 3)
+               start(:, :, k) = start(:, :, k) + self%closing(k, old_state)*change(:, :, old_state)
+            end do
+         end do
+         self%before(:, :, :, 1) = start
+      end associate
+   end subroutine close_round
 
    !> Takes the columns `before` of the first slice once round; with `df` keeps the forces on the way.
    subroutine go_round(self, memory, characteristic, block, coordinate, df)

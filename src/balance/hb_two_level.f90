@@ -50,6 +50,9 @@ contains
       improved = start
       least = huge(1.0_wp)
       do i = 0, n_steps
+         if (associated(narrow%watch)) then
+            if (narrow%watch%is_over()) return
+         end if
          call approximate_step(narrow, wide, tangent, start, motion, step, is_lost, error)
          if (allocated(error) .or. is_lost) return
          if (.not. all(ieee_is_finite(step))) return                  ! out of the range of a law

@@ -17,6 +17,7 @@ module hb_watch
 
    type :: watch_t
       integer :: verdict = verdict%go_on
+      logical :: is_patient = .false.                                 !! the time of the point does not count for now
       real(wp), private :: cpu_end = huge(1.0_wp)                     ! processor time at which the point has to end [s]
    contains
       procedure :: begin => watch_begin
@@ -33,6 +34,7 @@ contains
       real(wp) :: now
 
       self%verdict = verdict%go_on
+      self%is_patient = .false.
       self%cpu_end = huge(1.0_wp)
       if (time_limit >= huge(1.0_wp)) return
       call cpu_time(now)
@@ -47,7 +49,7 @@ contains
       if (self%verdict == verdict%go_on) then
          if (self%wants_end()) self%verdict = verdict%interrupted
       end if
-      if (self%verdict == verdict%go_on .and. self%cpu_end < huge(1.0_wp)) then
+      if (self%verdict == verdict%go_on .and. self%cpu_end < huge(1.0_wp) .and. .not. self%is_patient) then
          call cpu_time(now)
          if (now >= self%cpu_end) self%verdict = verdict%timed_out
       end if

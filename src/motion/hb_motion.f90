@@ -234,8 +234,9 @@ contains
          begun = wall_clock()
          call solve_unknowns(scene, balance, linear_solution, u, report)
       end if
-      nullify (balance%watch)                                         ! what a solution is worth is always found to its end
       if (watch%verdict /= verdict%go_on) report%status = status_of(watch)
+      watch%is_patient = report%status == outcome%converged           ! what a solution is worth is found, unless the run ends
+      if (.not. watch%is_patient) nullify (balance%watch)
       result%setup_seconds = begun - started
       result%solver_seconds = wall_clock() - begun
       if (report%status == outcome%converged) unknowns = [basis%expand(u), balance%omega]
@@ -260,6 +261,12 @@ contains
       end if
 
       call describe_motion(scene, basis, balance, u, result, error, search)
+      watch%is_patient = .false.
+      if (watch%verdict == verdict%interrupted) then
+         result%status = outcome%interrupted
+         if (allocated(error)) deallocate (error)                     ! of what was left half done
+         return
+      end if
       if (allocated(error)) return
       if (present(judge) .and. any(scene%tones%is_unknown) .and. scene%tones%n_tones > 1) &
          call look_for_locking(judge, scene, start, balance%stiffness%coordinates%dofs, watch, result)

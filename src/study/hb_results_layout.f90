@@ -39,9 +39,22 @@ module hb_results_layout
       integer :: n_ranks = 1
       character(:), allocatable :: program_version
       character(:), allocatable :: git_commit
+   contains
+      procedure :: forget_values => results_layout_forget_values
    end type results_layout_t
 
 contains
+
+   !> Gives the memory of the swept values back, once they stand in the file.
+   pure subroutine results_layout_forget_values(self)
+      class(results_layout_t), intent(inout) :: self
+      integer :: i
+
+      do i = 1, size(self%parameters)
+         if (allocated(self%parameters(i)%values)) deallocate (self%parameters(i)%values)
+         if (allocated(self%parameters(i)%text_values)) deallocate (self%parameters(i)%text_values)
+      end do
+   end subroutine results_layout_forget_values
 
    !> Refuses a layout with parts that are missing or do not fit each other.
    subroutine check_layout(layout, error)

@@ -218,7 +218,7 @@ contains
             else
                allocate (layout%parameters(i)%values(plan%n_points))
                do k = 1, plan%n_points
-                  layout%parameters(i)%values(k) = plan%parameters(i)%values(plan%index_on(i, k))
+                  layout%parameters(i)%values(k) = plan%parameters(i)%value(plan%index_on(i, k))
                end do
             end if
          end do

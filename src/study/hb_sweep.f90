@@ -109,6 +109,7 @@ contains
          call create_results(run%results, options%path, run%layout, options%overwrite, comm, error)
       end if
       if (allocated(error)) return
+      call run%layout%forget_values()
       run%schedule%block_seconds = run%results%hold_seconds()
       call new_interruption(run%ending, options%time_limit - (wall_clock() - started), comm, error)
       if (.not. allocated(error)) then

@@ -19,6 +19,13 @@ module hb_sweep_plan
    !> Groups whose numbers change the motion; the others say how it is sought, and `&start` which one.
    character(*), parameter :: groups_of_motions(5) = [character(11) :: "structure", "tones", "load", "law", "normal_mode"]
 
+   !> Values between two ends, which are made when they are needed: 100 million of them would take 800 MB.
+   type :: range_t
+      integer :: n = 0                                                ! number of values; 0: they are given one by one
+      real(wp) :: first = 0.0_wp, last = 0.0_wp
+      logical :: is_log = .false.
+   end type range_t
+
    !> One parameter and its values along its axis.
    type :: swept_t
       character(:), allocatable :: path                               !! in the input, such as law(1)%gap
@@ -29,18 +36,15 @@ module hb_sweep_plan
       integer :: axis = 0                                             !! index among the axes of the plan
       logical :: is_text = .false.
       logical :: is_real = .false.                                    !! as its reader takes it
-      real(wp), allocatable :: values(:)                              !! numbers, unless is_text
+      logical :: varies = .false.                                     !! numbers that are not the same everywhere
+      type(range_t), private :: range
+      real(wp), allocatable, private :: values(:)                     ! numbers, unless is_text or a range
       type(string_t), allocatable :: texts(:)
    contains
       procedure :: describe => swept_describe
+      procedure :: length => swept_length
+      procedure :: value => swept_value
    end type swept_t
-
-   !> Values between two ends, before they are made: 100 million of them take 800 MB.
-   type :: range_t
-      integer :: n = 0                                                ! number of values; 0: they are given one by one
-      real(wp) :: first = 0.0_wp, last = 0.0_wp
-      logical :: is_log = .false.
-   end type range_t
 
    type :: sweep_plan_t
       integer :: n_points = 1
@@ -72,23 +76,20 @@ contains
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       type(properties_t), pointer :: group
-      type(range_t), allocatable :: ranges(:)
       integer, allocatable :: axis_of(:)
       integer :: i, n
 
-      allocate (ranges(document%count("sweep")))
-      allocate (self%parameters(size(ranges)), self%length(0))
+      allocate (self%parameters(document%count("sweep")), self%length(0))
       call read_axes(document, axis_of)
-      do i = 1, size(ranges)
+      do i = 1, size(self%parameters)
          group => document%group("sweep", i)
          self%parameters(i)%place = group%place()
          self%parameters(i)%units = ""
-         call read_values(self%parameters(i), ranges(i), group)
+         call read_values(self%parameters(i), group)
          call refuse_twice(self%parameters(:i), group)
          call group%finish(error)
          if (allocated(error)) return
-         n = ranges(i)%n
-         if (n == 0) n = n_values(self%parameters(i))
+         n = self%parameters(i)%length()
          self%parameters(i)%axis = findloc(axis_of(1:i - 1), axis_of(i), dim=1)
          if (self%parameters(i)%axis > 0) then
             self%parameters(i)%axis = self%parameters(self%parameters(i)%axis)%axis
@@ -114,10 +115,10 @@ contains
          return
       end if
       self%n_points = product(self%length)
-      do i = 1, size(ranges)
-         if (ranges(i)%n > 0) call make_values(ranges(i), self%parameters(i)%values)
+      do i = 1, size(self%parameters)
+         self%parameters(i)%varies = has_several_values(self%parameters(i))
       end do
-      do i = 1, size(ranges)
+      do i = 1, size(self%parameters)
          associate (swept => self%parameters(i))
             call document%resolve(swept%path, swept%parameter, error)
             group => document%group("sweep", i)
@@ -186,9 +187,8 @@ contains
    end subroutine read_axes
 
    !> Reads `parameter` and either `values`, `texts`, or `from`, `to`, `n`, `spacing`.
-   subroutine read_values(self, range, group)
+   subroutine read_values(self, group)
       type(swept_t), intent(inout) :: self
-      type(range_t), intent(inout) :: range                           !! for `make_values`
       type(properties_t), intent(inout) :: group
       character(:), allocatable :: spacing
       character(6), parameter :: spacings(2) = [character(6) :: "linear", "log"]
@@ -212,43 +212,69 @@ contains
          call group%get("texts", self%texts)
          self%is_text = .true.
       else if (group%given("from")) then
-         range%n = 2
+         self%range%n = 2
          spacing = spacings(1)
-         call group%get("from", range%first, required=.true.)
-         call group%get("to", range%last, required=.true.)
-         call group%get("n", range%n, required=.true., minimum=1, maximum=100000000)
+         call group%get("from", self%range%first, required=.true.)
+         call group%get("to", self%range%last, required=.true.)
+         call group%get("n", self%range%n, required=.true., minimum=1, maximum=100000000)
          call group%get("spacing", spacing, choices=spacings)
-         range%is_log = spacing == "log"
-         if (range%is_log .and. .not. range%first*range%last > 0.0_wp) &
+         self%range%is_log = spacing == "log"
+         if (self%range%is_log .and. .not. self%range%first*self%range%last > 0.0_wp) &
             call group%problem("spacing", "a logarithmic range needs 'from' and 'to' of one sign, and not zero")
       end if
    end subroutine read_values
 
-   !> Makes the values of a range.
-   pure subroutine make_values(range, values)
-      type(range_t), intent(in) :: range
-      real(wp), allocatable, intent(out) :: values(:)
-      integer :: i
-      logical :: is_whole
+   !> Value i along the axis of a parameter.
+   pure real(wp) function swept_value(self, i) result(value)
+      class(swept_t), intent(in) :: self
+      integer, intent(in) :: i                                        !! 1 to its length
       real(wp) :: step
 
-      associate (first => range%first, last => range%last, n => range%n)
-         allocate (values(n))
-         values(1) = first
+      if (allocated(self%values)) then
+         value = self%values(i)
+         return
+      end if
+      associate (first => self%range%first, last => self%range%last, n => self%range%n)
          step = (last - first)/max(n - 1, 1)
-         is_whole = first == anint(first) .and. step == anint(step)
-         do i = 2, n
-            if (range%is_log) then
-               values(i) = first*(last/first)**(real(i - 1, wp)/(n - 1))
-            else if (is_whole) then                                    ! without the rounding of a quotient: orders are integers
-               values(i) = first + step*(i - 1)
-            else
-               values(i) = first + (last - first)*(real(i - 1, wp)/(n - 1))
-            end if
-         end do
-         if (n > 1) values(n) = last
+         if (i == 1) then
+            value = first
+         else if (i == n) then
+            value = last
+         else if (self%range%is_log) then
+            value = first*(last/first)**(real(i - 1, wp)/(n - 1))
+         else if (first == anint(first) .and. step == anint(step)) then ! without the rounding of a quotient: orders are integers
+            value = first + step*(i - 1)
+         else
+            value = first + (last - first)*(real(i - 1, wp)/(n - 1))
+         end if
       end associate
-   end subroutine make_values
+   end function swept_value
+
+   !> Whether a parameter is a range whose values are apart by much more than rounding.
+   pure logical function is_clear_range(self)
+      type(swept_t), intent(in) :: self
+      real(wp), parameter :: roundings = 16.0_wp
+
+      is_clear_range = .false.
+      if (self%is_text .or. allocated(self%values)) return
+      associate (first => self%range%first, last => self%range%last, n => self%range%n)
+         is_clear_range = abs(last - first) > roundings*n*epsilon(1.0_wp)*max(abs(first), abs(last))
+         if (self%range%is_log) is_clear_range = abs(log(last/first)) > roundings*n*epsilon(1.0_wp)*(1.0_wp + abs(log(last/first)))
+      end associate
+   end function is_clear_range
+
+   !> Whether a parameter has numbers that are not the same everywhere.
+   pure logical function has_several_values(self)
+      type(swept_t), intent(in) :: self
+      integer :: i
+
+      has_several_values = .not. self%is_text
+      if (self%is_text) return
+      do i = 2, self%length()
+         if (abs(self%value(i) - self%value(1)) > 0.0_wp) return
+      end do
+      has_several_values = .false.
+   end function has_several_values
 
    !> Reads the keys of all ways to give values, so that the group knows them beside the problem that it has.
    subroutine ask_for_all(self, group)
@@ -286,12 +312,16 @@ contains
       integer :: first, last
 
       first = 1
-      last = n_values(self)
+      last = self%length()
       if (.not. self%is_text) then
-         first = minloc(self%values, dim=1)
-         last = maxloc(self%values, dim=1)
+         first = merge(1, last, self%value(1) <= self%value(last))
+         last = last + 1 - first
+         if (allocated(self%values)) then
+            first = minloc(self%values, dim=1)
+            last = maxloc(self%values, dim=1)
+         end if
       end if
-      text = self%path//": "//number_of(n_values(self), "value")//", "//value_text(self, first)
+      text = self%path//": "//number_of(self%length(), "value")//", "//value_text(self, first)
       if (last /= first) text = text//" to "//value_text(self, last)
       if (.not. self%is_text) text = with_unit(text, self%units)
    end function swept_describe
@@ -327,8 +357,8 @@ contains
 
       do i = 1, size(self%parameters)
          if (self%parameters(i)%axis < size(self%length) .or. self%parameters(i)%is_text) cycle
-         if (minval(self%parameters(i)%values) < maxval(self%parameters(i)%values)) then
-            sweep_plan_fastest_value = self%parameters(i)%values(self%index_on(i, point))
+         if (self%parameters(i)%varies) then
+            sweep_plan_fastest_value = self%parameters(i)%value(self%index_on(i, point))
             return
          end if
       end do
@@ -339,26 +369,34 @@ contains
    !> down, one of them from point to point.
    pure logical function sweep_plan_is_ordered(self)
       class(sweep_plan_t), intent(in) :: self
-      integer :: i
+      integer :: direction, i, k
       logical :: is_first
+      real(wp) :: step
 
       sweep_plan_is_ordered = .false.
       is_first = .true.
       do i = 1, size(self%parameters)
-         if (self%parameters(i)%axis < size(self%length)) cycle
-         if (self%parameters(i)%is_text) then
-            sweep_plan_is_ordered = .false.
-            return
-         end if
-         associate (values => self%parameters(i)%values, n => size(self%parameters(i)%values))
-            if (.not. (all(values(2:) >= values(:n - 1)) .or. all(values(2:) <= values(:n - 1)))) then
+         associate (swept => self%parameters(i))
+            if (swept%axis < size(self%length)) cycle
+            if (swept%is_text) then
                sweep_plan_is_ordered = .false.
                return
             end if
-            if (is_first .and. minval(values) < maxval(values)) then  ! that of fastest_value
-               sweep_plan_is_ordered = all(abs(values(2:) - values(:n - 1)) > 0.0_wp)
+            if (is_first .and. swept%varies) sweep_plan_is_ordered = .true.
+            if (is_clear_range(swept)) then                           ! without looking at 100 million values
                is_first = .false.
+               cycle
             end if
+            direction = 0
+            do k = 2, swept%length()
+               step = swept%value(k) - swept%value(k - 1)
+               if (step*direction < 0.0_wp .or. (is_first .and. swept%varies .and. .not. abs(step) > 0.0_wp)) then
+                  sweep_plan_is_ordered = .false.
+                  return
+               end if
+               if (abs(step) > 0.0_wp) direction = nint(sign(1.0_wp, step))
+            end do
+            is_first = is_first .and. .not. swept%varies               ! that of fastest_value
          end associate
       end do
    end function sweep_plan_is_ordered
@@ -429,7 +467,7 @@ contains
             if (swept%is_text) then
                call document%set(swept%parameter, swept%texts(k)%value)
             else
-               call document%set(swept%parameter, swept%values(k))
+               call document%set(swept%parameter, swept%value(k))
             end if
          end associate
       end do
@@ -463,8 +501,8 @@ contains
       integer, intent(in) :: first, last                              !! points
       real(wp), intent(in) :: share
 
-      associate (values => self%parameters(i)%values, from => self%index_on(i, first), to => self%index_on(i, last))
-         value = (1.0_wp - share)*values(from) + share*values(to)
+      associate (swept => self%parameters(i))
+         value = (1.0_wp - share)*swept%value(self%index_on(i, first)) + share*swept%value(self%index_on(i, last))
       end associate
    end function value_between
 
@@ -518,15 +556,17 @@ contains
       end do
    end function sweep_plan_describe_between
 
-   pure integer function n_values(self)
-      type(swept_t), intent(in) :: self
+   pure integer function swept_length(self) result(n)
+      class(swept_t), intent(in) :: self
 
       if (self%is_text) then
-         n_values = size(self%texts)
+         n = size(self%texts)
+      else if (allocated(self%values)) then
+         n = size(self%values)
       else
-         n_values = size(self%values)
+         n = self%range%n
       end if
-   end function n_values
+   end function swept_length
 
    !> A value as it would stand in the input; whole numbers without a decimal point, so that they suit integers as well.
    function value_text(self, i) result(text)
@@ -536,10 +576,10 @@ contains
 
       if (self%is_text) then
          text = quote(self%texts(i)%value)
-      else if (self%values(i) == anint(self%values(i)) .and. abs(self%values(i)) <= real(huge(i), wp)) then
-         text = to_text(nint(self%values(i)))
+      else if (self%value(i) == anint(self%value(i)) .and. abs(self%value(i)) <= real(huge(i), wp)) then
+         text = to_text(nint(self%value(i)))
       else
-         text = to_text(self%values(i))
+         text = to_text(self%value(i))
       end if
    end function value_text
 end module hb_sweep_plan
