@@ -25,13 +25,13 @@ module hb_motion
    use hb_search, only: search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
-   use hb_stability, only: find_stability
+   use hb_stability, only: find_stability, stability_config_t, stability_t
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
    use hb_watch, only: verdict, watch_t
    implicit none
    private
-   public :: describe_motion, solve_motion
+   public :: describe_motion, solve_motion, stability_of
 
    real(wp), parameter :: largest_asymmetry = 1.0e-8_wp               ! of forces with memory of an odd motion, relative
 
@@ -301,10 +301,25 @@ contains
          if (allocated(error)) return
       end if
       if (is_solved(result%status)) &
-         call find_stability(result%stability, scene%stability, scene%structure, scene%laws, basis%harmonics%tuples, &
-                             balance%omega, scene%tones%is_unknown, c, usual_work(balance))
+         call stability_of(scene, balance, c, scene%stability%tolerance, result%stability)
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, basis, balance, u, result, error)
    end subroutine describe_motion
+
+   !> Stability of a motion of the scene, as its settings ask for it but for the tolerance; not that of normal modes.
+   subroutine stability_of(scene, balance, c, tolerance, stability)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(in) :: balance
+      complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
+      real(wp), intent(in) :: tolerance
+      type(stability_t), intent(out) :: stability
+      type(stability_config_t) :: config
+
+      if (scene%normal_mode%is_asked) return
+      config = scene%stability
+      config%tolerance = tolerance
+      call find_stability(stability, config, scene%structure, scene%laws, balance%harmonics%tuples, balance%omega, &
+                          scene%tones%is_unknown, c, usual_work(balance))
+   end subroutine stability_of
 
    !> About how many nanoseconds a point takes that needs nothing unusual, from counts alone: the same for all points of a sweep.
    pure real(wp) function usual_work(balance) result(work)

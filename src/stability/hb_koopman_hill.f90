@@ -14,10 +14,10 @@ module hb_koopman_hill
    use hb_variation, only: variation_t
    implicit none
    private
-   public :: find_hill_monodromy, hill_t, new_hill
+   public :: hill_t, new_hill
 
    integer, parameter :: beyond = 6                                   ! order of H above that of A
-   integer, parameter :: most_parts = 1024                            ! of a period
+   integer, parameter :: fewest_parts = 4, most_parts = 1024          ! of a stretch
    real(wp), parameter :: negligible = 1.0e-12_wp                     ! harmonic of A, relative to the largest
 
    !> The series of A and the matrix of Hill.
@@ -26,11 +26,13 @@ module hb_koopman_hill
       type(harmonics_t) :: set                                        !! of the products
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones)
       real(wp), allocatable :: matrix(:, :)                           !! H, (n*n_coefficients, n*n_coefficients)
+      integer, private :: n_parts = 0                                 ! of a stretch
       real(wp), allocatable, private :: part(:, :)                    ! rows of exp(H time) for k = 0, (n, n*n_coefficients)
       real(wp), allocatable, private :: whole(:, :)                   ! exp(H time)
    contains
       procedure :: prepare => hill_prepare
       procedure :: go_on => hill_go_on
+      procedure :: transfer => hill_transfer
    end type hill_t
 
 contains
@@ -203,33 +205,43 @@ contains
       x = matmul(step, x)
    end subroutine hill_go_on
 
-   !> Monodromy matrix of a periodic motion, from a time on; the parts are halved until the result does not change.
-   subroutine find_hill_monodromy(self, start, tolerance, matrix, estimate)
-      type(hill_t), intent(inout) :: self
-      real(wp), intent(in) :: start                                   !! [s]
+   !> What a stretch of time makes of disturbances. Its parts are halved until the result does not change; stretches of the same
+   !> length that follow have as many.
+   subroutine hill_transfer(self, start, length, tolerance, matrix, estimate)
+      class(hill_t), intent(inout) :: self
+      real(wp), intent(in) :: start, length                           !! [s]
       real(wp), intent(in) :: tolerance
       real(wp), allocatable, intent(out) :: matrix(:, :)
-      real(wp), intent(out) :: estimate
+      real(wp), intent(inout) :: estimate                             !! of the error, as the first stretch showed it
       real(wp), allocatable :: before(:, :)
-      real(wp) :: period
-      integer :: i, n_parts
 
-      period = two_pi/self%omega(1)
-      n_parts = 4
+      if (self%n_parts > 0) then
+         call take_parts()
+         return
+      end if
       estimate = huge(1.0_wp)
+      self%n_parts = fewest_parts
       do
-         call self%prepare(period/n_parts)
-         if (allocated(matrix)) call move_alloc(matrix, before)
+         call self%prepare(length/self%n_parts)
+         call take_parts()
+         if (allocated(before)) estimate = maxval(abs(matrix - before))/max(1.0_wp, maxval(abs(matrix)))
+         if (estimate <= tolerance .or. self%n_parts >= most_parts) exit
+         self%n_parts = 2*self%n_parts
+         call move_alloc(matrix, before)
+      end do
+
+   contains
+
+      subroutine take_parts()
+         integer :: i
+
          allocate (matrix(self%n, self%n), source=0.0_wp)
          do i = 1, self%n
             matrix(i, i) = 1.0_wp
          end do
-         do i = 0, n_parts - 1
-            call self%go_on(self%omega*(start + i*period/n_parts), matrix)
+         do i = 0, self%n_parts - 1
+            call self%go_on(self%omega*(start + i*length/self%n_parts), matrix)
          end do
-         if (allocated(before)) estimate = maxval(abs(matrix - before))/max(1.0_wp, maxval(abs(matrix)))
-         if (estimate <= tolerance .or. n_parts >= most_parts) exit
-         n_parts = 2*n_parts
-      end do
-   end subroutine find_hill_monodromy
+      end subroutine take_parts
+   end subroutine hill_transfer
 end module hb_koopman_hill

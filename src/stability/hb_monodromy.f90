@@ -1,4 +1,4 @@
-!> The monodromy matrix of a periodic motion, by the linearised equations over one period.
+!> What a stretch of time makes of disturbances of a motion, by the linearised equations; over a period, the monodromy matrix.
 !>
 !> Computed with a number of steps, twice and four times as many and so on, and extrapolated: the error of a symmetric method is a
 !> series in even powers of the step. Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I,
@@ -9,7 +9,7 @@ module hb_monodromy
    use hb_variation, only: piece_t, variation_t
    implicit none
    private
-   public :: find_monodromy, monodromy_t, work_of_monodromy
+   public :: find_monodromy, find_transfer, monodromy_t, n_looks_of, work_of_transfer
 
    integer, parameter :: fewest_steps = 8
    integer, parameter :: looks_a_harmonic = 8                         ! for events, in a period of the highest harmonic
@@ -28,25 +28,39 @@ module hb_monodromy
 
 contains
 
-   !> Takes a period from a time on; doubles its steps until the estimate is below the tolerance or the work is above its limit.
+   !> Monodromy matrix of a periodic motion, from a time on; sliders that never slip are left out.
    subroutine find_monodromy(self, variation, start, tolerance, work_limit)
       type(monodromy_t), intent(out) :: self
       type(variation_t), intent(inout) :: variation
       real(wp), intent(in) :: start                                   !! [s]
       real(wp), intent(in) :: tolerance
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+
+      associate (finish => start + two_pi/variation%motion%omega(1))
+         call variation%settle(start, finish, n_looks_of(variation, finish - start))
+         call find_transfer(self, variation, start, finish, tolerance, work_limit)
+      end associate
+      if (variation%n_states > 0) call drop_stuck(self, variation)
+   end subroutine find_monodromy
+
+   !> What a stretch of time makes of disturbances; doubles its steps until the estimate is below the tolerance or the work is above
+   !> its limit.
+   subroutine find_transfer(self, variation, start, finish, tolerance, work_limit)
+      type(monodromy_t), intent(out) :: self
+      type(variation_t), intent(inout) :: variation
+      real(wp), intent(in) :: start, finish                           !! [s]
+      real(wp), intent(in) :: tolerance
+      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
       type(piece_t), allocatable :: pieces(:)
       type(matrix_t) :: row(0:most_doublings)                         ! of the table of extrapolations
       real(wp), allocatable :: before(:, :), last(:, :)
-      real(wp) :: period, work
+      real(wp) :: work
       integer :: doubling, k
 
-      period = two_pi/variation%motion%omega(1)
-      call variation%settle(start, start + period, n_looks_of(variation))
-      call variation%cut(start, start + period, n_looks_of(variation), pieces)
+      call variation%cut(start, finish, n_looks_of(variation, finish - start), pieces)
       work = 0.0_wp
       do doubling = 0, most_doublings
-         call go_round(variation, pieces, period/first_steps(variation), 2**doubling, last, self%n_steps)
+         call go_round(variation, pieces, (finish - start)/first_steps(variation, finish - start), 2**doubling, last, self%n_steps)
          do k = 1, doubling                                           ! the error that is left is of order h**(2k + 2)
             before = last
             last = last + (last - row(k - 1)%entries)/(2.0_wp**(2*k + 2) - 1.0_wp)
@@ -54,41 +68,46 @@ contains
          end do
          row(doubling)%entries = last
          if (.not. all(ieee_is_finite(last))) exit
-         work = work + self%n_steps*(variation%work_of_step(period/self%n_steps) + variation%work_of_node())
+         work = work + self%n_steps*(variation%work_of_step((finish - start)/self%n_steps) + variation%work_of_node())
          if (doubling == 0) cycle
          self%estimate = maxval(abs(last - row(max(doubling, 1) - 1)%entries))/max(1.0_wp, maxval(abs(last)))
          if (self%estimate <= tolerance .or. 2.0_wp*work > work_limit) exit
       end do
       call move_alloc(last, self%matrix)
-      if (variation%n_states > 0) call drop_stuck(self, variation)
-   end subroutine find_monodromy
+   end subroutine find_transfer
 
-   !> About how many nanoseconds a usual motion takes: after three doublings the error is of order h**10.
-   pure real(wp) function work_of_monodromy(variation) result(work)
+   !> About how many nanoseconds a stretch of time takes usually: after three doublings the error is of order h**10.
+   pure real(wp) function work_of_transfer(variation, length) result(work)
       type(variation_t), intent(in) :: variation
+      real(wp), intent(in) :: length                                  !! [s]
       integer, parameter :: usual_doublings = 3
       integer :: doubling, n
 
       work = 0.0_wp
       do doubling = 0, usual_doublings
-         n = first_steps(variation)*2**doubling
-         work = work + n*variation%work_of_step(two_pi/variation%motion%omega(1)/n)
+         n = first_steps(variation, length)*2**doubling
+         work = work + n*variation%work_of_step(length/n)
       end do
       work = work + 2*n*variation%work_of_node()
-      if (.not. variation%is_smooth()) work = work + n_looks_of(variation)*variation%work_of_node()
-   end function work_of_monodromy
+      if (.not. variation%is_smooth()) work = work + n_looks_of(variation, length)*variation%work_of_node()
+   end function work_of_transfer
 
-   !> How often events are looked for in a period.
-   pure integer function n_looks_of(variation)
+   !> How often events are looked for.
+   pure integer function n_looks_of(variation, length)
       type(variation_t), intent(in) :: variation
+      real(wp), intent(in) :: length                                  !! [s]
 
-      n_looks_of = max(fewest_looks, looks_a_harmonic*first_steps(variation))
+      n_looks_of = max(fewest_looks, looks_a_harmonic*first_steps(variation, length))
    end function n_looks_of
 
-   pure integer function first_steps(variation)
+   !> One step for a period of the highest harmonic, and one more.
+   pure integer function first_steps(variation, length)
       type(variation_t), intent(in) :: variation
+      real(wp), intent(in) :: length                                  !! [s]
 
-      first_steps = max(fewest_steps, maxval(abs(variation%motion%tuples)) + 1)
+      associate (n_periods => maxval(abs(variation%motion%frequencies))*length/two_pi)
+         first_steps = max(fewest_steps, nint(n_periods) + 1)
+      end associate
    end function first_steps
 
    !> All pieces one after the other, in steps of about one length, each of them in so many parts.

@@ -1,15 +1,16 @@
 !> Whether a motion will be seen: what becomes of a small disturbance of it.
 !>
 !> One tone: Floquet multipliers, the eigenvalues of what a period makes of a disturbance; the motion is stable where all are smaller
-!> than 1 in magnitude. One multiplier of a motion with a tone of its own is 1, the shift along itself: it is left out, and its
-!> distance from 1 tells how good the motion is. Source: docs/user/theory.md, section 8.
+!> than 1 in magnitude. Several tones: Lyapunov exponents, stable where all are negative. What shifts a phase of the motion's own has
+!> the multiplier 1 or the exponent 0 and is left out. Source: docs/user/theory.md, section 8.
 module hb_stability
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
-   use hb_kinds, only: wp
-   use hb_koopman_hill, only: find_hill_monodromy, hill_t, new_hill
+   use hb_exponents, only: exponents_t, find_exponents, work_of_exponents
+   use hb_kinds, only: two_pi, wp
+   use hb_koopman_hill, only: hill_t, new_hill
    use hb_law, only: law_box_t
-   use hb_monodromy, only: find_monodromy, monodromy_t, work_of_monodromy
+   use hb_monodromy, only: find_monodromy, monodromy_t, work_of_transfer
    use hb_multipliers, only: deflate, eigenvalues_of
    use hb_structure, only: structure_t
    use hb_variation, only: new_variation, variation_t
@@ -20,6 +21,7 @@ module hb_stability
    integer, parameter :: most_multipliers = 16                        !! that are kept, the largest
    real(wp), parameter :: smallest_margin = 1.0e-9_wp                 ! of a multiplier from 1 that is sure
    real(wp), parameter :: safety = 10.0_wp                            ! on the estimate of the error
+   real(wp), parameter :: safety_of_spread = 3.0_wp                   ! on the difference of both halves of a record
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  ! in about a nanosecond: a minute
 
    type :: stability_method_t
@@ -45,10 +47,13 @@ module hb_stability
 
    type :: stability_t
       integer :: verdict = verdict%unknown
-      integer :: n_unstable = 0                                       !! multipliers outside of the unit circle
+      integer :: n_unstable = 0                                       !! multipliers outside of the unit circle, or exponents > 0
       integer :: method = stability_method%off                        !! that was used
-      real(wp) :: estimate = 0.0_wp                                   !! of the error of the monodromy matrix
-      complex(wp), allocatable :: multipliers(:)                      !! the largest first; not allocated where none were found
+      real(wp) :: estimate = 0.0_wp                                   !! of the error of the monodromy matrix, relative, or of what it
+                                                                      !! makes of a shift of the motion's own phase; of several
+                                                                      !! tones the spread of the largest exponent [1/s]
+      complex(wp), allocatable :: multipliers(:)                      !! of one tone, the largest first
+      real(wp), allocatable :: exponents(:)                           !! [1/s], the largest first; of one tone growth rates
    end type stability_t
 
 contains
@@ -73,60 +78,109 @@ contains
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin, (n_dofs, n_harmonics)
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(variation_t) :: variation
+      type(hill_t), allocatable :: hill
       type(error_t), allocatable :: error
-      real(wp) :: work_limit
+      real(wp) :: work
 
-      if (config%method == stability_method%off .or. size(omega) > 1) return
+      if (config%method == stability_method%off) return
       call new_variation(variation, structure, laws, tuples, omega, amplitudes, error)
       if (allocated(error)) return
-      work_limit = work_on_demand
-      if (config%method == stability_method%auto) then
-         if (work_of_monodromy(variation) > work_allowed) return
+      work = work_of_exponents(variation)
+      if (size(omega) == 1) work = work_of_transfer(variation, two_pi/omega(1))
+      if (config%method == stability_method%auto .and. work > work_allowed) return
+      self%method = stability_method%march
+      if (config%method == stability_method%hill .and. variation%is_smooth()) then
+         allocate (hill)
+         call new_hill(hill, variation, error)
+         if (allocated(error)) return
+         self%method = stability_method%hill
       end if
-      call judge_period(self, config, variation, amplitudes, is_unknown(1), work_limit)
+      if (size(omega) == 1) then
+         call judge_period(self, config, variation, amplitudes, is_unknown(1), hill)
+      else
+         call judge_torus(self, config, variation, amplitudes, is_unknown, max(work, work_allowed), hill)
+      end if
    end subroutine find_stability
 
+   !> Disturbances by shifts of the phases of unknown tones, as series, (size of the state, n_harmonics, any).
+   pure function shifts_of(variation, amplitudes, is_unknown) result(shifts)
+      type(variation_t), intent(in) :: variation
+      complex(wp), intent(in) :: amplitudes(:, :)
+      logical, intent(in) :: is_unknown(:)
+      complex(wp), allocatable :: shifts(:, :, :)
+      complex(wp), parameter :: i = (0.0_wp, 1.0_wp)
+      integer :: h, k, m, n
+
+      n = size(amplitudes, 1)
+      allocate (shifts(variation%size, size(amplitudes, 2), count(is_unknown)), source=(0.0_wp, 0.0_wp))
+      k = 0
+      do m = 1, size(is_unknown)
+         if (.not. is_unknown(m)) cycle
+         k = k + 1
+         do h = 1, size(amplitudes, 2)
+            shifts(:n, h, k) = i*variation%motion%tuples(m, h)*amplitudes(:, h)
+            shifts(n + 1:2*n, h, k) = i*variation%motion%frequencies(h)/variation%scale*shifts(:n, h, k)
+         end do
+      end do
+   end function shifts_of
+
+   !> Exponents of a motion of several tones.
+   subroutine judge_torus(self, config, variation, amplitudes, is_unknown, work_limit, hill)
+      type(stability_t), intent(inout) :: self
+      type(stability_config_t), intent(in) :: config
+      type(variation_t), intent(inout) :: variation
+      complex(wp), intent(in) :: amplitudes(:, :)
+      logical, intent(in) :: is_unknown(:)
+      real(wp), intent(in) :: work_limit
+      type(hill_t), allocatable, intent(inout) :: hill
+      type(exponents_t) :: found
+      real(wp) :: margin
+
+      call find_exponents(found, variation, shifts_of(variation, amplitudes, is_unknown), config%tolerance, work_limit, hill)
+      if (.not. allocated(found%rate)) return
+      self%exponents = found%rate(:min(size(found%rate), most_multipliers))
+      self%estimate = found%spread(1)
+      margin = max(safety_of_spread*found%spread(1), smallest_margin*minval(abs(variation%motion%omega)))
+      self%n_unstable = count(found%rate > safety_of_spread*found%spread .and. found%rate > margin)
+      if (self%n_unstable > 0) then
+         self%verdict = verdict%unstable
+      else if (maxval(found%rate) < -margin) then
+         self%verdict = verdict%stable
+      end if
+   end subroutine judge_torus
+
    !> Multipliers of a periodic motion.
-   subroutine judge_period(self, config, variation, amplitudes, is_free, work_limit)
+   subroutine judge_period(self, config, variation, amplitudes, is_free, hill)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout) :: variation
       complex(wp), intent(in) :: amplitudes(:, :)
       logical, intent(in) :: is_free                                  !! the tone is the motion's own
-      real(wp), intent(in) :: work_limit
-      type(error_t), allocatable :: error
-      type(hill_t) :: hill
+      type(hill_t), allocatable, intent(inout) :: hill
       type(monodromy_t) :: monodromy
-      complex(wp), allocatable :: multipliers(:)
+      complex(wp), allocatable :: multipliers(:), shifts(:, :, :)
       real(wp), allocatable :: shift(:)
       real(wp) :: margin
-      integer :: n
 
-      if (config%method == stability_method%hill .and. variation%is_smooth()) then
-         self%method = stability_method%hill
-         call new_hill(hill, variation, error)
-         if (allocated(error)) return
-         call find_hill_monodromy(hill, 0.0_wp, config%tolerance, monodromy%matrix, monodromy%estimate)
-      else
-         self%method = stability_method%march
-         call find_monodromy(monodromy, variation, 0.0_wp, config%tolerance, work_limit)
-      end if
+      associate (period => two_pi/variation%motion%omega(1))
+         if (allocated(hill)) then
+            call hill%transfer(0.0_wp, period, config%tolerance, monodromy%matrix, monodromy%estimate)
+         else
+            call find_monodromy(monodromy, variation, 0.0_wp, config%tolerance, work_on_demand)
+         end if
+      end associate
       self%estimate = monodromy%estimate
-      if (.not. all(ieee_is_finite(monodromy%matrix))) then
-         return
-      end if
+      if (.not. all(ieee_is_finite(monodromy%matrix))) return
       if (is_free) then
-         n = size(amplitudes, 1)
-         allocate (shift(size(monodromy%matrix, 1)), source=0.0_wp)
-         associate (frequencies => variation%motion%frequencies)
-            shift(:n) = matmul(-aimag(amplitudes), frequencies)
-            shift(n + 1:2*n) = matmul(-real(amplitudes), frequencies**2)/variation%scale
-         end associate
+         shifts = shifts_of(variation, amplitudes, [.true.])
+         shift = real(sum(shifts(:size(monodromy%matrix, 1), :, 1), dim=2))
+         if (variation%n_states > 0) shift = matmul(monodromy%matrix, shift)   ! sliders join
+         self%estimate = max(self%estimate, norm2(matmul(monodromy%matrix, shift) - shift)/norm2(shift))
          call deflate(monodromy%matrix, shift)
       end if
       call eigenvalues_of(monodromy%matrix, multipliers)
       if (size(multipliers) == 0) return
-      margin = max(smallest_margin, safety*monodromy%estimate)
+      margin = max(smallest_margin, safety*self%estimate)
       self%n_unstable = count(abs(multipliers) > 1.0_wp + margin)
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable
@@ -134,5 +188,6 @@ contains
          self%verdict = verdict%stable
       end if
       self%multipliers = multipliers(:min(size(multipliers), most_multipliers))
+      self%exponents = log(max(abs(self%multipliers), tiny(1.0_wp)))*variation%motion%omega(1)/two_pi
    end subroutine judge_period
 end module hb_stability

@@ -227,10 +227,7 @@ contains
       if (allocated(point%improved_coefficients)) call put(self, "improved_coefficients", point%improved_coefficients, error)
       if (allocated(point%certificate%combination)) call put_certificate(self, point, error)
       if (allocated(point%curve)) call put_curve(self, point%curve, error)
-      call put(self, "is_stable", [point%stability%verdict], error)
-      call put(self, "n_unstable", [point%stability%n_unstable], error)
-      call put(self, "stability_method", [point%stability%method], error)
-      if (allocated(point%stability%multipliers)) call put_multipliers(self, point%stability, error)
+      call put_stability(self, point%stability, error)
       if (allocated(point%displacement_samples)) call put(self, "displacement_samples", point%displacement_samples, error)
       if (allocated(point%corrected_samples)) call put(self, "corrected_samples", point%corrected_samples, error)
       if (allocated(point%force_samples)) call put(self, "force_samples", point%force_samples, error)
@@ -443,22 +440,31 @@ contains
       end associate
    end subroutine put_certificate
 
-   !> Multipliers that the structure does not have are no numbers.
-   subroutine put_multipliers(self, stability, error)
+   !> Multipliers and exponents that the structure does not have are no numbers.
+   subroutine put_stability(self, stability, error)
       class(results_t), intent(inout) :: self
       type(stability_t), intent(in) :: stability
       type(error_t), allocatable, intent(inout) :: error
       complex(wp) :: row(self%plan%axes(multiplier_axis)%length)
+      real(wp) :: rates(size(row))
       integer :: n
 
+      call put(self, "is_stable", [stability%verdict], error)
+      call put(self, "n_unstable", [stability%n_unstable], error)
+      call put(self, "stability_method", [stability%method], error)
+      if (.not. allocated(stability%exponents)) return
       call put(self, "stability_estimate", [stability%estimate], error)
       if (size(row) == 0) return
+      rates = ieee_value(1.0_wp, ieee_quiet_nan)
+      n = min(size(row), size(stability%exponents))
+      rates(:n) = stability%exponents(:n)
+      call put(self, "exponent", rates, error)
+      if (.not. allocated(stability%multipliers)) return
       row = cmplx(ieee_value(1.0_wp, ieee_quiet_nan), ieee_value(1.0_wp, ieee_quiet_nan), wp)
-      n = min(size(row), size(stability%multipliers))
       row(:n) = stability%multipliers(:n)
       call put(self, "multiplier_real", real(row), error)
       call put(self, "multiplier_imag", aimag(row), error)
-   end subroutine put_multipliers
+   end subroutine put_stability
 
    !> Writes what is held back and closes the file; collective, safe to call twice.
    subroutine results_close(self, error)

@@ -166,8 +166,11 @@ contains
             "1 where small disturbances of the motion die out, -1 where one grows, 0 where that is not known")
          call add("n_unstable", is_integer, [point_axis], "1", "disturbances that grow")
          call add("stability_method", is_integer, [point_axis], "1", "how stability was found")
-         call add("stability_estimate", is_real, [point_axis], "1", "estimated error of the monodromy matrix, relative")
-         if (layout%n_multipliers > 0) then
+         call add("stability_estimate", is_real, [point_axis], merge("1  ", "1/s", size(layout%tuples, 1) == 1), &
+            "estimated error of the monodromy matrix, relative; of several tones of the largest exponent")
+         if (layout%n_multipliers > 0) call add("exponent", is_real, [multiplier_axis, point_axis], "1/s", &
+            "rates at which disturbances grow, the largest first")
+         if (layout%n_multipliers > 0 .and. size(layout%tuples, 1) == 1) then
             call add("multiplier_real", is_real, [multiplier_axis, point_axis], "1", &
                "Floquet multipliers, the largest first: real parts")
             call add("multiplier_imag", is_real, [multiplier_axis, point_axis], "1", &
