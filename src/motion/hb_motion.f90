@@ -25,7 +25,7 @@ module hb_motion
    use hb_search, only: search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
-   use hb_stability, only: find_stability, stability_config_t, stability_t
+   use hb_stability, only: find_stability, stability_config_t, stability_t, stability_verdict => verdict
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
    use hb_watch, only: verdict, watch_t
@@ -302,6 +302,7 @@ contains
       end if
       if (is_solved(result%status)) &
          call stability_of(scene, balance, c, scene%stability%tolerance, result%stability)
+      if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, basis, balance, u, result, error)
    end subroutine describe_motion
 

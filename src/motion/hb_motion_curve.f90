@@ -1,5 +1,5 @@
-!> A curve of motions along one value of the input, by its arc length: round folds, exactly onto given values, with its folds and
-!> the maxima of responses located.
+!> A curve of motions along one value of the input, by its arc length: round folds, exactly onto given values, with its folds, the
+!> maxima of responses and, where multipliers are known, its bifurcations located.
 !>
 !> Lengths are counted in the range of the value, and in the largest motion met so far. Steps are as long as the tangent turns
 !> little on them, and shorter where the corrector has to work. A curve that starts between the ends of the range is followed both
@@ -8,6 +8,7 @@
 module hb_motion_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_basis, only: whole_basis
+   use hb_bifurcation, only: bifurcation, bifurcation_value, is_torus
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_clock, only: wall_clock
    use hb_curve, only: curve_config_t, curve_t, event_t, new_curve
@@ -15,7 +16,7 @@ module hb_motion_curve
    use hb_error, only: error_t
    use hb_judge, only: judge_t
    use hb_kinds, only: wp
-   use hb_motion, only: describe_motion, solve_motion
+   use hb_motion, only: describe_motion, solve_motion, stability_of
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
@@ -25,6 +26,7 @@ module hb_motion_curve
    use hb_scene_problem, only: moving_value_t, new_scene_problem, scene_problem_t
    use hb_search, only: fundamental
    use hb_solver_types, only: report_t, solver_config_t
+   use hb_stability, only: stability_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_text, only: to_text
    use hb_watch, only: verdict, watch_t
@@ -42,14 +44,19 @@ module hb_motion_curve
       integer :: value = 5                                            !! a value that was asked for
       integer :: end = 6                                              !! an end of the range, or where the curve closes
       integer :: branch = 7                                           !! another curve crosses: the determinant changes its sign
+      integer :: flip = 8                                             !! a multiplier passes -1: motions of twice the period
+      integer :: torus = 9                                            !! a pair of them passes the unit circle: a tone joins
+      integer :: split = 10                                           !! a multiplier passes 1, and nothing that is sought is there
    end type curve_kind_t
    type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
-   character(*), parameter :: curve_kind_names(0:7) = [character(7) :: "none", "regular", "start", "fold", "peak", "value", &
-      "end", "branch"]
+   character(*), parameter :: curve_kind_names(0:10) = [character(7) :: "none", "regular", "start", "fold", "peak", "value", &
+      "end", "branch", "flip", "torus", "split"]
 
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
    real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
    real(wp), parameter :: located = 1.0e-11_wp                        ! of a function that is zero at a fold or a peak
+   real(wp), parameter :: located_multiplier = 1.0e-9_wp              ! of a function that is zero at a bifurcation
+   real(wp), parameter :: sharp = 1.0e-11_wp                          ! tolerance of multipliers there
    real(wp), parameter :: least_motion = 1.0e-3_wp                    ! relative to the linear one: smaller is no unit of length
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
    integer, parameter :: most_corrections = 10
@@ -100,6 +107,7 @@ module hb_motion_curve
       integer, private :: first_waiting = 1
       type(waiting_t), allocatable, private :: waiting(:)
       real(wp), allocatable, private :: slopes(:)                     ! of the responses along the curve, at its point
+      complex(wp), allocatable, private :: multipliers(:)             ! at its point; not allocated where they are not looked for
       class(watch_t), pointer, private :: watch => null()
    contains
       procedure :: begin => motion_curve_begin
@@ -135,6 +143,15 @@ module hb_motion_curve
    contains
       procedure :: value => branch_event_value
    end type branch_event_t
+
+   !> Where a function of the multipliers is zero.
+   type, extends(event_t) :: bifurcation_event_t
+      type(scene_problem_t), pointer :: problem => null()
+      integer, allocatable :: which(:)
+      integer :: kind = 0                                             ! hb_bifurcation
+   contains
+      procedure :: value => bifurcation_event_value
+   end type bifurcation_event_t
 
    !> Where the value is a given one.
    type, extends(event_t) :: value_event_t
@@ -276,6 +293,7 @@ contains
       self%direction_start = self%curve%direction
       call self%renew()
       self%slopes = slopes_of(self)
+      call find_multipliers(self%problem, self%which, self%curve%x, self%problem%scene%stability%tolerance, self%multipliers)
    end subroutine set_out
 
    !> 1 on the first of two ways from one point, -1 on the other.
@@ -433,6 +451,7 @@ contains
       end associate
       call self%renew()
       self%slopes = slopes_of(self)
+      call find_multipliers(self%problem, self%which, self%curve%x, self%problem%scene%stability%tolerance, self%multipliers)
       self%is_done = self%n_told >= request%n_points
    end subroutine motion_curve_go_on_from
 
@@ -550,6 +569,7 @@ contains
    !> Goes one step, and puts what was found on it and its end into the list of those that wait.
    subroutine motion_curve_step(self)
       class(motion_curve_t), intent(inout), target :: self
+      complex(wp), allocatable :: multipliers(:)
       real(wp), allocatable :: slopes(:)
       real(wp) :: largest, units(size(self%curve%x))
       integer :: n_branch_points
@@ -585,8 +605,10 @@ contains
          deallocate (self%waiting)
          allocate (self%waiting(0))
          self%first_waiting = 1
-         call self%look_back(self%slopes, slopes, curve%n_branch_points > n_branch_points)
+         call find_multipliers(self%problem, self%which, curve%x, self%problem%scene%stability%tolerance, multipliers)
+         call self%look_back(self%slopes, slopes, curve%n_branch_points > n_branch_points, multipliers)
          self%slopes = slopes
+         call move_alloc(multipliers, self%multipliers)
       end associate
    end subroutine motion_curve_step
 
@@ -620,11 +642,13 @@ contains
       end do
    end subroutine try_end
 
-   !> Finds folds, peaks, wanted values and ends on the step behind the curve, in their order.
-   subroutine motion_curve_look_back(self, slopes_before, slopes, has_branched)
+   !> Finds folds, peaks, bifurcations, wanted values and ends on the step behind the curve, in their order.
+   subroutine motion_curve_look_back(self, slopes_before, slopes, has_branched, multipliers)
       class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: slopes_before(:), slopes(:)             !! of the responses
       logical, intent(in) :: has_branched                             !! a branch point was passed by
+      complex(wp), allocatable, intent(in) :: multipliers(:)          !! at the point of the curve
+      type(bifurcation_event_t) :: change
       type(branch_event_t) :: branch
       type(fold_event_t) :: fold
       type(peak_event_t) :: peak
@@ -662,6 +686,15 @@ contains
             if (.not. peak%unit > 0.0_wp) cycle
             call find(peak, [slopes_before(i), slopes(i)]/peak%unit, located, curve_kind%peak)
          end do
+         if (allocated(self%multipliers) .and. allocated(multipliers)) then
+            change%problem => self%problem
+            change%which = self%which
+            do i = bifurcation%branch, bifurcation%torus
+               if (i == bifurcation%branch .and. (n_pieces > 1 .or. has_branched)) cycle   ! that is known
+               change%kind = i
+               call find_bifurcation([bifurcation_value(i, self%multipliers), bifurcation_value(i, multipliers)])
+            end do
+         end if
          ends = [request%from, request%to]
          wanted = [ends, request%values]
          event%unit = abs(request%to - request%from)
@@ -697,6 +730,27 @@ contains
          call self%curve%find_zero(an_event, [0.0_wp, self%curve%last_step], at_ends, tolerance, x, place, is_found)
          if (is_found) call add(kind, place, x)
       end subroutine find
+
+      !> Between two points at which the function of `change` is known; two real multipliers that pass each other's inverse are none.
+      subroutine find_bifurcation(at_ends)
+         real(wp), intent(in) :: at_ends(2)
+         complex(wp), allocatable :: there(:)
+         real(wp) :: place
+
+         if (.not. at_ends(1)*at_ends(2) < 0.0_wp) return
+         call self%curve%find_zero(change, [0.0_wp, self%curve%last_step], at_ends, located_multiplier, x, place, is_found)
+         if (.not. is_found) return
+         if (change%kind == bifurcation%torus) then
+            call find_multipliers(self%problem, self%which, x, sharp, there)
+            if (.not. allocated(there)) return
+            if (.not. is_torus(there)) return
+         end if
+         select case (change%kind)
+         case (bifurcation%branch); call add(curve_kind%split, place, x)
+         case (bifurcation%doubling); call add(curve_kind%flip, place, x)
+         case default; call add(curve_kind%torus, place, x)
+         end select
+      end subroutine find_bifurcation
 
       subroutine add(kind, place, x_there)
          integer, intent(in) :: kind
@@ -875,6 +929,38 @@ contains
          end if
       end associate
    end function square_at
+
+   !> Multipliers of the motion at a point of the curve; not allocated where they are not looked for, or not found.
+   subroutine find_multipliers(problem, which, x, tolerance, multipliers)
+      type(scene_problem_t), intent(inout), target :: problem
+      integer, intent(in) :: which(:)                                 !! parameters that are unknown
+      real(wp), intent(in) :: x(:), tolerance
+      complex(wp), allocatable, intent(out) :: multipliers(:)
+      type(stability_t) :: stability
+      complex(wp), allocatable :: c(:, :)
+      logical :: is_possible
+
+      call problem%set_parameters(which, x(problem%n_unknowns + 1:), is_possible)
+      if (.not. is_possible) return
+      associate (scene => problem%scene, balance => problem%balance)
+         allocate (c(scene%structure%n_dofs, balance%harmonics%n_harmonics))
+         call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
+         call stability_of(scene, balance, c, tolerance, stability)
+      end associate
+      if (.not. allocated(stability%multipliers)) return
+      call move_alloc(stability%multipliers, multipliers)
+      if (modulo(count(abs(aimag(multipliers)) > 0.0_wp), 2) == 1) multipliers = multipliers(:size(multipliers) - 1)   ! half a pair
+   end subroutine find_multipliers
+
+   real(wp) function bifurcation_event_value(self, x) result(value)
+      class(bifurcation_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      complex(wp), allocatable :: multipliers(:)
+
+      call find_multipliers(self%problem, self%which, x, sharp, multipliers)
+      value = 0.0_wp
+      if (allocated(multipliers)) value = bifurcation_value(self%kind, multipliers)
+   end function bifurcation_event_value
 
    real(wp) function fold_event_value(self, x) result(value)
       class(fold_event_t), intent(inout) :: self
