@@ -731,7 +731,7 @@ contains
          if (is_found) call add(kind, place, x)
       end subroutine find
 
-      !> Between two points at which the function of `change` is known; two real multipliers that pass each other's inverse are none.
+      !> Between two points at which the function of `change` is known; real multipliers that pass each other's inverse are none.
       subroutine find_bifurcation(at_ends)
          real(wp), intent(in) :: at_ends(2)
          complex(wp), allocatable :: there(:)
