@@ -56,6 +56,7 @@ module hb_motion_curve
    real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
    real(wp), parameter :: located = 1.0e-11_wp                        ! of a function that is zero at a fold or a peak
    real(wp), parameter :: located_multiplier = 1.0e-9_wp              ! of a function that is zero at a bifurcation
+   real(wp), parameter :: left_behind = 1.0e-5_wp                     ! value of that function where a curve begins at its zero
    real(wp), parameter :: sharp = 1.0e-11_wp                          ! tolerance of multipliers there
    real(wp), parameter :: least_motion = 1.0e-3_wp                    ! relative to the linear one: smaller is no unit of length
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
@@ -737,7 +738,7 @@ contains
          complex(wp), allocatable :: there(:)
          real(wp) :: place
 
-         if (.not. at_ends(1)*at_ends(2) < 0.0_wp) return
+         if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) < left_behind) return
          call self%curve%find_zero(change, [0.0_wp, self%curve%last_step], at_ends, located_multiplier, x, place, is_found)
          if (.not. is_found) return
          if (change%kind == bifurcation%torus) then
