@@ -4,7 +4,7 @@
 # Everything that the build, the tests and the pictures need on Debian 12; the only list of packages in the project.
 hb_packages=(
    gcc gfortran cmake make
-   libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libfftw3-dev libopenblas-dev
+   libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libfftw3-dev libopenblas-dev libsuitesparse-dev
    libsundials-dev
    python3 python3-venv python3-setuptools python3-wheel
    python3-numpy python3-h5py python3-matplotlib python3-xarray python3-h5netcdf python3-netcdf4 python3-pytest

@@ -19,6 +19,7 @@ module verb_march
    use hb_record_tones, only: find_tones
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
+   use hb_structure, only: max_dofs, most_dense
    use hb_study, only: study_t
    use hb_text, only: to_text
    use result_place, only: place_result
@@ -103,6 +104,8 @@ contains
       associate (scene => study%scene)
          call guess_frequencies(scene, omega, error)
          if (allocated(error)) return
+         call scene%structure%refuse_large("marching", max_dofs, error)
+         if (allocated(error)) return
          frequencies = scene%harmonics%frequencies(omega)
          call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, omega)
          call first_state(scene, system, frequencies, state, error)
@@ -155,7 +158,8 @@ contains
       omega = scene%tones%omega
       if (all(omega > 0.0_wp)) return
       associate (structure => scene%structure)
-         call new_modes(modes, structure%mass, structure%damping, structure%stiffness, error)
+         call structure%refuse_large("a search for modes", most_dense, error)
+         if (.not. allocated(error)) call new_modes(modes, structure%mass, structure%damping, structure%stiffness, error)
       end associate
       n = 0
       do m = 1, size(omega)

@@ -453,7 +453,7 @@ contains
       do h = 1, balance%harmonics%n_harmonics
          associate (w => balance%frequencies(h))
             self%power_in = self%power_in - 0.5_wp*w*aimag(dot_product(loads(:, h), c(:, h)))
-            self%power_damping = self%power_damping + 0.5_wp*w**2*real(dot_product(c(:, h), matmul(structure%damping, c(:, h))))
+            self%power_damping = self%power_damping + 0.5_wp*w**2*real(dot_product(c(:, h), structure%damping_times(c(:, h))))
          end associate
       end do
    end subroutine find_structure_powers

@@ -97,6 +97,7 @@ contains
       real(wp), intent(out) :: mass, stiffness
       real(wp), parameter :: far = 1.0e4_wp                           ! times a bound of the resonances
       real(wp) :: largest_mass, highest
+      real(wp), allocatable :: dampings(:), masses(:), stiffnesses(:)
       real(wp), allocatable :: weights(:)
       integer, allocatable :: dofs(:)
       integer :: i
@@ -105,13 +106,13 @@ contains
       weights = pack(all_weights, abs(all_weights) > 0.0_wp)
       mass = 0.0_wp
       stiffness = max(0.0_wp, seen_at(0.0_wp))
-      largest_mass = maxval([(structure%mass(i, i), i=1, structure%n_dofs)])
+      call structure%diagonals(masses, dampings, stiffnesses)
+      largest_mass = maxval(masses)
       if (.not. largest_mass > 0.0_wp) return
       highest = 0.0_wp
       do i = 1, structure%n_dofs
-         if (structure%mass(i, i) > epsilon(1.0_wp)*largest_mass) &
-            highest = max(highest, sqrt(abs(structure%stiffness(i, i))/structure%mass(i, i)), &
-                          abs(structure%damping(i, i))/structure%mass(i, i))
+         if (masses(i) > epsilon(1.0_wp)*largest_mass) &
+            highest = max(highest, sqrt(abs(stiffnesses(i))/masses(i)), abs(dampings(i))/masses(i))
       end do
       if (.not. highest > 0.0_wp) highest = 1.0_wp
       mass = max(0.0_wp, -seen_at(far*highest)/(far*highest)**2)

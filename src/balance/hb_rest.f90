@@ -16,7 +16,7 @@ module hb_rest
    use hb_outcome, only: outcome
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_structure, only: structure_t
+   use hb_structure, only: most_dense, structure_t
    use hb_torus, only: default_samples, new_torus, torus_t
    implicit none
    private
@@ -112,6 +112,8 @@ contains
          real(wp), allocatable :: damping(:, :), stiffness(:, :)
          complex(wp), allocatable :: at_laws(:, :)
 
+         call structure%refuse_large("the search for unknown frequencies", most_dense, error)
+         if (allocated(error)) return
          call balance%mean_slopes(u, df_dq, df_dv, error)
          if (allocated(error)) return
          allocate (damping, source=structure%damping)

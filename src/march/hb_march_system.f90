@@ -43,13 +43,14 @@ contains
 
       self%n_dofs = structure%n_dofs
       self%structure = structure
+      call self%structure%unpack()
       call new_march_laws(self%laws, laws, structure%n_dofs, omega)
       call new_march_loads(self%loads, loads, frequencies)
       do i = 1, size(laws)
          self%length = max(self%length, laws(i)%law%length_scale)
       end do
       do i = 1, structure%n_dofs
-         associate (k => abs(structure%stiffness(i, i)) + maxval(self%loads%frequency**2)*structure%mass(i, i))
+         associate (k => abs(self%structure%stiffness(i, i)) + maxval(self%loads%frequency**2)*self%structure%mass(i, i))
             if (k > 0.0_wp) self%length = max(self%length, sum(abs(loads(i, :)))/k)
          end associate
       end do

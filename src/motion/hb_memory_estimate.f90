@@ -20,6 +20,7 @@ module hb_memory_estimate
    real(wp), parameter :: gib = 1024.0_wp**3
    real(wp), parameter :: of_program = 50.0e6_wp                      ! MPI, HDF5 and the program itself, measured
    real(wp), parameter :: real_bytes = 8.0_wp, complex_bytes = 16.0_wp, integer_bytes = 4.0_wp
+   real(wp), parameter :: fill = 40.0_wp                              ! of sparse factors, for each entry; solids have more
    real(wp), parameter :: copies_kept = 9.0_wp                        ! of a matrix: in the study, and while a point is read
 
    !> Bytes, by part.
@@ -46,7 +47,7 @@ contains
       integer, allocatable :: orders(:), samples(:)
 
       n = unknowns(s, s%n_harmonics)
-      bytes%structure = copies_kept*real_bytes*s%n_dofs**2 + interior_bytes(s)
+      bytes%structure = copies_kept*real_bytes*merge(3*s%n_entries, s%n_dofs**2, s%is_sparse) + interior_bytes(s)
       bytes%linear = linear_bytes(s, s%n_harmonics) + 2*complex_bytes*s%n_dofs*s%n_harmonics
       bytes%samples = sample_bytes(s, s%n_harmonics, s%samples, .true., .true.)
       bytes%results = complex_bytes*s%n_harmonics*(2*s%n_stored_dofs + 3*s%n_law_dofs + s%n_dofs)
@@ -273,6 +274,7 @@ contains
 
       n_rows = 3*s%bandwidth + 1
       if (2*n_rows > s%n_dofs) n_rows = s%n_dofs
+      if (s%is_sparse) n_rows = min(n_rows, fill*s%n_entries/s%n_dofs)
       interior_bytes = complex_bytes*s%n_dofs*(n_rows + s%n_coordinates + 2) + 88*s%n_entries
    end function interior_bytes
 

@@ -37,6 +37,7 @@ module hb_memory_sizes
       real(wp) :: n_stored_dofs = 0
       integer, allocatable :: highest(:), samples(:)                  !! (n_tones)
       integer, allocatable :: stored_samples(:)                       !! of surfaces, size 0: none
+      logical :: is_sparse = .false.                                  !! the matrices are
       logical :: has_certificate = .false.
       logical :: has_unknown_tones = .false.
       type(solver_config_t) :: solver
@@ -129,8 +130,20 @@ contains
    subroutine scan_structure(self, structure)
       type(sizes_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
-      integer :: first, i, j, last
+      integer :: e, first, i, j, last
 
+      self%is_sparse = allocated(structure%sparse)
+      if (self%is_sparse) then
+         associate (k => structure%sparse%stiffness)
+            self%n_entries = real(max(k%n_entries(), structure%sparse%damping%n_entries()), wp) + structure%sparse%mass%n_entries()
+            do i = 1, structure%n_dofs
+               do e = k%first(i), k%first(i + 1) - 1
+                  self%bandwidth = max(self%bandwidth, real(abs(i - k%column(e)), wp))
+               end do
+            end do
+         end associate
+         return
+      end if
       do j = 1, structure%n_dofs
          first = j
          last = j

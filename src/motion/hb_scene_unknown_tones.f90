@@ -8,6 +8,7 @@ module hb_scene_unknown_tones
    use hb_normal_mode, only: measure_names
    use hb_properties, only: properties_t
    use hb_scene, only: scene_t
+   use hb_structure, only: most_dense
    use hb_text, only: string_t
    implicit none
    private
@@ -108,6 +109,7 @@ contains
       type(scene_t), intent(in) :: self
       type(properties_t), intent(inout) :: group
       real(wp), parameter :: digits = 1.0e-12_wp                      ! relative to the largest stiffness
+      type(error_t), allocatable :: error
       integer :: h, i
 
       do i = 1, size(self%laws)
@@ -120,6 +122,11 @@ contains
             call group%problem("energy", "the energy of a motion under a &load that varies is not constant; give 'amplitude' "// &
                                "and 'dof'")
       end do
+      call self%structure%refuse_large("an energy", most_dense, error)
+      if (allocated(error)) then
+         call group%problem("energy", error%message)
+         return
+      end if
       associate (k => self%structure%stiffness)
          if (maxval(abs(k - transpose(k))) > digits*maxval(abs(k))) &
             call group%problem("energy", "the stiffness is not symmetric, so that there is no strain energy; give 'amplitude' "// &

@@ -16,7 +16,7 @@ module hb_variation
    use hb_law, only: law_box_t
    use hb_matrix_exponential, only: count_exponential, exponential_of, exponential_of_two
    use hb_motion_series, only: motion_series_t, new_motion_series
-   use hb_structure, only: structure_t
+   use hb_structure, only: most_dense, structure_t
    implicit none
    private
    public :: new_variation, piece_t, variation_t
@@ -92,6 +92,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: i, n
 
+      call structure%refuse_large("stability", most_dense, error)
+      if (allocated(error)) return
       n = structure%n_dofs
       self%n_dofs = n
       self%laws = laws

@@ -1,13 +1,14 @@
 !> Linear equations with a square block of the dynamic stiffness at one frequency after the other.
 !>
-!> Narrow blocks are factored as band matrices, others as dense ones (LAPACK, or hb_small_lu; with row exchanges). Rows and
-!> columns are scaled once with the sizes on the diagonal, so that the verdict "singular" does not depend on
-!> units.
+!> Narrow blocks are factored as band matrices, large ones with few entries as sparse ones (UMFPACK), others as dense ones (LAPACK,
+!> or hb_small_lu); all with row exchanges. Rows and columns are scaled once with the sizes on the diagonal, so that the verdict
+!> "singular" does not depend on units.
 module hb_block_solver
    use hb_kinds, only: wp
    use hb_lapack, only: zgbtrf, zgbtrs, zgetrf, zgetrs
    use hb_small_lu, only: factorise_small, largest_small, solve_small
    use hb_structure_block, only: structure_block_t
+   use hb_umfpack, only: umfpack_t
    implicit none
    private
    public :: block_solver_t, new_block_solver
@@ -15,9 +16,12 @@ module hb_block_solver
    !> Growth of the probe vector, relative to the matrix, above which the condition is looked at in earnest.
    real(wp), parameter :: suspicious_growth = 1.0e8_wp
 
+   integer, parameter :: least_sparse = 400                           ! order from which a block may be sparse
+   real(wp), parameter :: emptiness = 10.0_wp                         ! places of the band, or of the matrix, for each entry
+
    type :: block_solver_t
       integer :: n = 0                                       !! order of the block
-      logical :: is_banded = .false.
+      logical :: is_banded = .false., is_sparse = .false.
       complex(wp), allocatable :: rhs(:, :)                  !! (n, n_rhs + 1), right-hand sides, solutions
       integer, private :: n_lower = 0, n_upper = 0, n_rhs = 0
       type(structure_block_t), private :: entries            !! scaled
@@ -27,7 +31,12 @@ module hb_block_solver
       complex(wp), allocatable, private :: s(:)              !! values of the entries
       real(wp), allocatable, private :: magnitude(:), row_sum(:)
       integer, allocatable, private :: pivots(:)
+      integer, allocatable, private :: by_column(:)          !! entries column by column, of a sparse block
+      integer, allocatable, private :: first(:)              !! (n + 1), of each column among these
+      type(umfpack_t), private :: factors                    !! of a sparse block, between `begin` and `end`
    contains
+      procedure :: begin => block_solver_begin
+      procedure :: end => block_solver_end
       procedure :: solve => block_solver_solve
       procedure :: solve_again => block_solver_solve_again
       procedure, private :: assemble => block_solver_assemble
@@ -66,11 +75,70 @@ contains
       self%n_lower = max(0, maxval(block%row - block%column))
       self%n_upper = max(0, maxval(block%column - block%row))
       n_rows = 2*self%n_lower + self%n_upper + 1                      ! LAPACK keeps room for row exchanges
-      self%is_banded = 2*n_rows <= n
+      self%is_sparse = n >= least_sparse .and. real(min(n_rows, n), wp)*n > emptiness*block%n_entries
+      self%is_banded = 2*n_rows <= n .and. .not. self%is_sparse
       if (.not. self%is_banded) n_rows = max(1, n)
+      if (self%is_sparse) then
+         n_rows = 0
+         call sort_by_column(self)
+      end if
       self%probe = [(cmplx(cos(real(e, wp)), kind=wp), e=1, n)]
       allocate (self%matrix(n_rows, n), self%rhs(n, n_rhs + 1), self%pivots(n), self%row_sum(n))
    end subroutine new_block_solver
+
+   !> Order of the entries by columns, and by rows in each.
+   subroutine sort_by_column(self)
+      type(block_solver_t), intent(inout) :: self
+      integer, allocatable :: by_row(:), next(:)
+      integer :: e, i
+
+      associate (n_entries => self%entries%n_entries, row => self%entries%row, column => self%entries%column)
+         allocate (by_row(n_entries), self%by_column(n_entries))
+         next = starts(row, self%n)
+         do e = 1, n_entries
+            by_row(next(row(e))) = e
+            next(row(e)) = next(row(e)) + 1
+         end do
+         self%first = starts(column, self%n)
+         next = self%first
+         do i = 1, n_entries
+            e = by_row(i)
+            self%by_column(next(column(e))) = e
+            next(column(e)) = next(column(e)) + 1
+         end do
+      end associate
+   end subroutine sort_by_column
+
+   !> Where each of n classes begins when members are sorted by class; the end is that of class n + 1.
+   pure function starts(class_of, n)
+      integer, intent(in) :: class_of(:), n
+      integer, allocatable :: starts(:)
+      integer :: e, i
+
+      allocate (starts(n + 1), source=0)
+      do e = 1, size(class_of)
+         starts(class_of(e) + 1) = starts(class_of(e) + 1) + 1
+      end do
+      starts(1) = 1
+      do i = 1, n
+         starts(i + 1) = starts(i) + starts(i + 1)
+      end do
+   end function starts
+
+   !> Comes before the first `solve`: orders the rows of a sparse block, once for all frequencies. What it takes, `end` gives back.
+   subroutine block_solver_begin(self)
+      class(block_solver_t), intent(inout) :: self
+      logical :: is_done
+
+      if (self%is_sparse) is_done = self%factors%analyse(self%first, self%entries%row(self%by_column))
+   end subroutine block_solver_begin
+
+   !> Gives back what a sparse block took.
+   subroutine block_solver_end(self)
+      class(block_solver_t), intent(inout) :: self
+
+      call self%factors%destroy()
+   end subroutine block_solver_end
 
    !> Solves S(frequency, drive) X = rhs(:, 1:n_rhs) in place, and tells how close S is to a singular matrix.
    !>
@@ -91,7 +159,9 @@ contains
       if (self%n == 0) return
       call self%assemble(frequency, drive, norm)
       reciprocal_condition = 0.0_wp
-      if (self%is_banded) then
+      if (self%is_sparse) then
+         is_singular = .not. self%factors%factorise(self%s(self%by_column))
+      else if (self%is_banded) then
          call zgbtrf(self%n, self%n, self%n_lower, self%n_upper, self%matrix, size(self%matrix, 1), &
                      self%pivots, info)
          is_singular = info > 0
@@ -145,9 +215,13 @@ contains
       class(block_solver_t), intent(in) :: self
       character, intent(in) :: form
       complex(wp), contiguous, intent(inout) :: b(:, :)      !! (n, any)
-      integer :: info
+      integer :: i, info
 
-      if (self%is_banded) then
+      if (self%is_sparse) then
+         do i = 1, size(b, 2)
+            call self%factors%solve(b(:, i), form == "C")
+         end do
+      else if (self%is_banded) then
          call zgbtrs(form, self%n, self%n_lower, self%n_upper, size(b, 2), self%matrix, &
                      size(self%matrix, 1), self%pivots, b, self%n, info)
       else if (self%n <= largest_small .and. form == "N") then
@@ -181,7 +255,7 @@ contains
             do e = 1, self%entries%n_entries
                self%matrix(shift + row(e) - column(e), column(e)) = self%s(e)
             end do
-         else
+         else if (.not. self%is_sparse) then
             do e = 1, self%entries%n_entries
                self%matrix(row(e), column(e)) = self%s(e)
             end do

@@ -4,7 +4,8 @@ module hb_chain
    use hb_kinds, only: wp
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
-   use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t, unit_length
+   use hb_sparse, only: sparse_from_entries, sparse_sum, sparse_t
+   use hb_structure, only: check_room, label_length, max_sparse_dofs, most_dense, new_structure, structure_t, unit_length
    use hb_text, only: join, to_text
    implicit none
    private
@@ -29,7 +30,7 @@ contains
       ends = "fixed"
       ground_stiffness = [0.0_wp]
       n_masses = 0
-      call group%get("n_masses", n_masses, required=.true., minimum=1, maximum=max_dofs)
+      call group%get("n_masses", n_masses, required=.true., minimum=1, maximum=max_sparse_dofs)
       call group%get("ends", ends, choices=known_ends)
       call group%get("mass", mass, required=.true., unit="kg", minimum=0.0_wp)
       call group%get("coupling_stiffness", coupling_stiffness, required=.true., unit="N/m", minimum=0.0_wp)
@@ -42,7 +43,7 @@ contains
       end if
       call group%finish(error)
       if (allocated(error)) return
-      call check_room(n_masses, error, memory_limit)
+      call check_room(min(n_masses, most_dense), error, memory_limit)
       if (.not. allocated(error)) then
          call new_chain(structure, mass, coupling_stiffness, ground_stiffness, ends, damping, error)
       end if
@@ -58,7 +59,8 @@ contains
       character(*), intent(in) :: ends              !! `fixed`, `free`, or `fixed-free`: the left end is fixed
       type(proportional_damping_t), intent(in) :: damping
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: mass_matrix(:, :), stiffness(:, :)
+      type(sparse_t) :: mass_matrix, stiffness
+      integer, allocatable :: all_dofs(:)
       character(label_length), allocatable :: labels(:)
       character(unit_length), allocatable :: units(:)
       integer :: first, i, n
@@ -74,36 +76,53 @@ contains
          return
       end if
 
-      allocate (mass_matrix(n, n), stiffness(n, n), source=0.0_wp)
       allocate (labels(n), units(n))
       units = "m"
       do i = 1, n
          labels(i) = "x"//to_text(i)
-         mass_matrix(i, i) = mass(i)
-         stiffness(i, i) = ground_stiffness(i)
       end do
+      all_dofs = [(i, i=1, n)]
+      mass_matrix = sparse_from_entries(n, all_dofs, all_dofs, mass)
       first = merge(1, 0, ends == "free")                    ! 0 is the wall
-      do i = 1, size(coupling_stiffness)
-         call add_spring(stiffness, first + i - 1, coupling_stiffness(i))
-      end do
+      stiffness = sparse_sum(1.0_wp, sparse_from_entries(n, all_dofs, all_dofs, ground_stiffness), 1.0_wp, &
+                             springs(n, first, coupling_stiffness))
       call new_structure(structure, mass_matrix, damping%matrix(mass_matrix, stiffness), stiffness, labels, &
                          units, error)
    end subroutine new_chain
 
-   !> Adds a spring from mass `i` to mass `i + 1`; 0 and n_masses + 1 are walls.
-   pure subroutine add_spring(stiffness, i, k)
-      real(wp), intent(inout) :: stiffness(:, :)
-      integer, intent(in) :: i
-      real(wp), intent(in) :: k                              !! [N/m]
-      integer :: n
+   !> Stiffness of springs from mass `first` to the next and so on; 0 and n + 1 are walls.
+   function springs(n, first, k) result(stiffness)
+      integer, intent(in) :: n, first
+      real(wp), intent(in) :: k(:)                           !! [N/m]
+      type(sparse_t) :: stiffness
+      integer :: column(4*size(k)), row(4*size(k))
+      real(wp) :: value(4*size(k))
+      integer :: i, m
 
-      n = size(stiffness, 1)
-      if (i >= 1) stiffness(i, i) = stiffness(i, i) + k
-      if (i < n) stiffness(i + 1, i + 1) = stiffness(i + 1, i + 1) + k
-      if (i < 1 .or. i >= n) return
-      stiffness(i, i + 1) = stiffness(i, i + 1) - k
-      stiffness(i + 1, i) = stiffness(i + 1, i) - k
-   end subroutine add_spring
+      m = 0
+      do i = 1, size(k)
+         associate (left => first + i - 1, right => first + i)
+            call add(left, left, k(i))
+            call add(right, right, k(i))
+            call add(left, right, -k(i))
+            call add(right, left, -k(i))
+         end associate
+      end do
+      stiffness = sparse_from_entries(n, row(:m), column(:m), value(:m))
+
+   contains
+
+      subroutine add(i, j, k)
+         integer, intent(in) :: i, j
+         real(wp), intent(in) :: k
+
+         if (min(i, j) < 1 .or. max(i, j) > n) return
+         m = m + 1
+         row(m) = i
+         column(m) = j
+         value(m) = k
+      end subroutine add
+   end function springs
 
    !> Number of coupling springs, those to a wall included.
    pure integer function n_springs(n_masses, ends)

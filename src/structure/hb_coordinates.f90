@@ -9,6 +9,7 @@
 module hb_coordinates
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
+   use hb_sparse, only: sparse_from_entries, sparse_product, sparse_t, sparse_transpose
    use hb_structure, only: structure_t
    implicit none
    private
@@ -58,7 +59,11 @@ contains
       real(wp) :: stiffness(size(dofs))
       integer :: i
 
-      stiffness = [(abs(structure%stiffness(dofs(i), dofs(i))), i=1, size(dofs))]
+      if (allocated(structure%sparse)) then
+         stiffness = [(abs(structure%sparse%stiffness%at(dofs(i), dofs(i))), i=1, size(dofs))]
+      else
+         stiffness = [(abs(structure%stiffness(dofs(i), dofs(i))), i=1, size(dofs))]
+      end if
       stiffness = max(stiffness, softest*maxval(stiffness))
       softness = 1.0_wp
       where (stiffness > 0.0_wp) softness = 1.0_wp/stiffness
@@ -223,6 +228,12 @@ contains
 
       turned = structure
       if (self%are_dofs) return
+      if (allocated(structure%sparse)) then
+         call turn_sparse(turned%sparse%mass)
+         call turn_sparse(turned%sparse%damping)
+         call turn_sparse(turned%sparse%stiffness)
+         return
+      end if
       call turn(turned%mass)
       call turn(turned%damping)
       call turn(turned%stiffness)
@@ -242,7 +253,45 @@ contains
             matrix(p, :) = matmul(transpose(self%of_z), at_pivots)
          end associate
       end subroutine turn
+
+      subroutine turn_sparse(matrix)
+         type(sparse_t), intent(inout) :: matrix
+         type(sparse_t) :: t
+
+         t = transformation(self, structure%n_dofs)
+         matrix = sparse_product(sparse_transpose(t), sparse_product(matrix, t))
+      end subroutine turn_sparse
    end function coordinates_structure_in
+
+   !> T as a sparse matrix.
+   function transformation(self, n_dofs) result(t)
+      class(coordinates_t), intent(in) :: self
+      integer, intent(in) :: n_dofs
+      type(sparse_t) :: t
+      integer, allocatable :: column(:), row(:)
+      real(wp), allocatable :: value(:)
+      logical :: is_place(n_dofs)
+      integer :: i, k
+
+      is_place = .false.
+      is_place(self%places) = .true.
+      row = pack([(i, i=1, n_dofs)], .not. is_place)
+      column = row
+      value = spread(1.0_wp, 1, size(row))
+      associate (p => self%places, r => self%dofs(self%others))
+         do k = 1, size(p)
+            row = [row, p]
+            column = [column, spread(p(k), 1, size(p))]
+            value = [value, self%of_z(:, k)]
+         end do
+         do k = 1, size(r)
+            row = [row, p]
+            column = [column, spread(r(k), 1, size(p))]
+            value = [value, self%of_others(:, k)]
+         end do
+      end associate
+      t = sparse_from_entries(n_dofs, row, column, value)
+   end function transformation
 
    !> Forces, or gradients, in these coordinates from those on all degrees of freedom: T^T f.
    pure function coordinates_forces_in(self, forces) result(turned)

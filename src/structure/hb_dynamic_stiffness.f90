@@ -210,6 +210,18 @@ contains
       type(parts_t), intent(inout) :: parts
       real(wp), intent(in) :: frequencies(:), drives(:)
       type(error_t), allocatable, intent(out) :: error
+
+      call parts%solver%begin()
+      call condense_all(self, parts, frequencies, drives, error)
+      call parts%solver%end()
+   end subroutine condense
+
+   !> The same, with a solver that has begun.
+   subroutine condense_all(self, parts, frequencies, drives, error)
+      class(dynamic_stiffness_t), intent(inout) :: self
+      type(parts_t), intent(inout) :: parts
+      real(wp), intent(in) :: frequencies(:), drives(:)
+      type(error_t), allocatable, intent(out) :: error
       complex(wp), allocatable :: s_ll(:), s_lr(:), s_rl(:)
       real(wp), allocatable :: magnitude(:)
       real(wp) :: reciprocal_condition
@@ -262,7 +274,7 @@ contains
             end if
          end do
       end associate
-   end subroutine condense
+   end subroutine condense_all
 
    !> Derivatives of S_c and P_c of harmonic h by the frequency or by the drive, from its T and y and with the factors that
    !> gave these.

@@ -9,8 +9,8 @@ module hb_model
    use hb_path, only: beside
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
-   use hb_sparse, only: sparse_t
-   use hb_structure, only: check_room, max_dofs, new_structure, structure_t
+   use hb_sparse, only: sparse_sum, sparse_t
+   use hb_structure, only: check_room, max_sparse_dofs, most_dense, new_structure, structure_t
    use hb_text, only: to_text
    implicit none
    private
@@ -70,7 +70,7 @@ contains
       else
          call source%fetch(beside(group%file_name, file), model, error)
       end if
-      if (.not. allocated(error)) call check_room(model%n_dofs, error, memory_limit)
+      if (.not. allocated(error)) call check_room(min(model%n_dofs, most_dense), error, memory_limit)
       if (.not. allocated(error)) call new_model_structure(structure, model, proportional, structural_frequency, error)
       call annotate(error, group%place())
    end subroutine read_model
@@ -83,11 +83,10 @@ contains
       type(proportional_damping_t), intent(in) :: proportional
       real(wp), intent(in) :: structural_frequency                    !! [rad/s], > 0 where there is structural damping
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: damping(:, :), mass(:, :), part(:, :), stiffness(:, :)
-      integer :: worst(2)
+      type(sparse_t) :: damping
 
-      if (model%n_dofs > max_dofs) then
-         call fail(error, "the model has "//to_text(model%n_dofs)//" degrees of freedom, at most "//to_text(max_dofs)// &
+      if (model%n_dofs > max_sparse_dofs) then
+         call fail(error, "the model has "//to_text(model%n_dofs)//" degrees of freedom, at most "//to_text(max_sparse_dofs)// &
                    " are taken as they are; 'nhbm-model reduce' makes a small model of a large one")
          return
       else if (model%structural%n_rows > 0 .and. .not. structural_frequency > 0.0_wp) then
@@ -95,25 +94,38 @@ contains
                    "H/frequency that takes its place is to be the same")
          return
       end if
-      mass = model%mass%dense()
-      stiffness = model%stiffness%dense()
-      damping = proportional%matrix(mass, stiffness)
-      if (model%damping%n_rows > 0) damping = damping + model%damping%dense()
-      if (model%structural%n_rows > 0) damping = damping + model%structural%dense()/structural_frequency
+      damping = proportional%matrix(model%mass, model%stiffness)
+      if (model%damping%n_rows > 0) damping = sparse_sum(1.0_wp, damping, 1.0_wp, model%damping)
+      if (model%structural%n_rows > 0) damping = sparse_sum(1.0_wp, damping, 1.0_wp/structural_frequency, model%structural)
       if (model%gyroscopic%n_rows > 0) then
-         part = model%gyroscopic%dense()
-         worst = maxloc(abs(part + transpose(part)))
-         if (abs(part(worst(1), worst(2)) + part(worst(2), worst(1))) > 1.0e-10_wp*maxval(abs(part))) then
-            call fail(error, "the gyroscopic matrix must be skew-symmetric, between "//trim(model%labels(worst(1)))//" and "// &
-                      trim(model%labels(worst(2)))//" it is "//to_text(part(worst(1), worst(2)))//" one way and "// &
-                      to_text(part(worst(2), worst(1)))//" the other")
-            return
-         end if
-         damping = damping + part
+         call check_skew(model%gyroscopic, model%labels, error)
+         if (allocated(error)) return
+         damping = sparse_sum(1.0_wp, damping, 1.0_wp, model%gyroscopic)
       end if
-      call new_structure(structure, mass, damping, stiffness, model%labels, model%units, error)
+      call new_structure(structure, model%mass, damping, model%stiffness, model%labels, model%units, error)
       if (allocated(error)) return
       structure%sets = model%sets
       structure%vectors = model%vectors
    end subroutine new_model_structure
+
+   subroutine check_skew(matrix, labels, error)
+      type(sparse_t), intent(in) :: matrix
+      character(*), intent(in) :: labels(:)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: tolerance
+      integer :: e, i
+
+      tolerance = 1.0e-10_wp*maxval(abs(matrix%value))
+      do i = 1, matrix%n_rows
+         do e = matrix%first(i), matrix%first(i + 1) - 1
+            associate (j => matrix%column(e))
+               if (abs(matrix%value(e) + matrix%at(j, i)) <= tolerance) cycle
+               call fail(error, "the gyroscopic matrix must be skew-symmetric, between "//trim(labels(i))//" and "// &
+                         trim(labels(j))//" it is "//to_text(matrix%value(e))//" one way and "//to_text(matrix%at(j, i))// &
+                         " the other")
+               return
+            end associate
+         end do
+      end do
+   end subroutine check_skew
 end module hb_model

@@ -2,6 +2,7 @@
 module hb_proportional_damping
    use hb_kinds, only: wp
    use hb_properties, only: properties_t
+   use hb_sparse, only: sparse_identity, sparse_sum, sparse_t
    implicit none
    private
    public :: proportional_damping_t, read_proportional_damping
@@ -11,7 +12,9 @@ module hb_proportional_damping
       real(wp) :: mass = 0.0_wp                              !! [1/s], Rayleigh
       real(wp) :: stiffness = 0.0_wp                         !! [s], Rayleigh
    contains
-      procedure :: matrix => proportional_damping_matrix
+      generic :: matrix => dense_matrix, sparse_matrix
+      procedure, private :: dense_matrix => proportional_damping_matrix
+      procedure, private :: sparse_matrix => proportional_damping_sparse_matrix
    end type proportional_damping_t
 
 contains
@@ -39,4 +42,14 @@ contains
          damping(i, i) = damping(i, i) + self%diagonal
       end do
    end function proportional_damping_matrix
+
+   !> The same of sparse matrices.
+   function proportional_damping_sparse_matrix(self, mass, stiffness) result(damping)
+      class(proportional_damping_t), intent(in) :: self
+      type(sparse_t), intent(in) :: mass, stiffness
+      type(sparse_t) :: damping
+
+      damping = sparse_sum(self%mass, mass, self%stiffness, stiffness)
+      damping = sparse_sum(1.0_wp, damping, self%diagonal, sparse_identity(mass%n_rows))
+   end function proportional_damping_sparse_matrix
 end module hb_proportional_damping

@@ -6,7 +6,7 @@ module hb_sparse
    use hb_text, only: to_text
    implicit none
    private
-   public :: new_sparse, sparse_t
+   public :: new_sparse, sparse_from_entries, sparse_identity, sparse_product, sparse_sum, sparse_t, sparse_transpose
 
    type :: sparse_t
       integer :: n_rows = 0, n_columns = 0
@@ -14,8 +14,11 @@ module hb_sparse
       integer, allocatable :: column(:)                               !! (n_entries)
       real(wp), allocatable :: value(:)                               !! (n_entries)
    contains
+      procedure :: at => sparse_at
       procedure :: dense => sparse_dense
+      procedure :: diagonal => sparse_diagonal
       procedure :: n_entries => sparse_n_entries
+      procedure :: n_in_row => sparse_n_in_row
    end type sparse_t
 
 contains
@@ -71,6 +74,155 @@ contains
       self%value = values
    end subroutine new_sparse
 
+   !> Square matrix from entries in any order; those of one place add up.
+   function sparse_from_entries(n, row, column, value) result(self)
+      integer, intent(in) :: n
+      integer, intent(in) :: row(:), column(:)                        !! from 1
+      real(wp), intent(in) :: value(:)
+      type(sparse_t) :: self
+      type(sparse_t) :: raw
+      integer, allocatable :: next(:)
+      integer :: e
+
+      allocate (next(n + 1))
+      raw%n_rows = n
+      raw%n_columns = n
+      allocate (raw%first(n + 1), raw%column(size(row)), raw%value(size(row)))
+      next = 0
+      do e = 1, size(row)
+         next(row(e) + 1) = next(row(e) + 1) + 1
+      end do
+      next(1) = 1
+      do e = 1, n
+         next(e + 1) = next(e) + next(e + 1)
+      end do
+      raw%first = next
+      do e = 1, size(row)
+         raw%column(next(row(e))) = column(e)
+         raw%value(next(row(e))) = value(e)
+         next(row(e)) = next(row(e)) + 1
+      end do
+      self = sparse_sum(1.0_wp, raw, 0.0_wp, raw)
+   end function sparse_from_entries
+
+   !> The unit matrix.
+   function sparse_identity(n) result(self)
+      integer, intent(in) :: n
+      type(sparse_t) :: self
+      integer :: i
+
+      self = sparse_from_entries(n, [(i, i=1, n)], [(i, i=1, n)], spread(1.0_wp, 1, n))
+   end function sparse_identity
+
+   !> The sum of a times one matrix and b times another, of one shape, with the entries of both; a factor of 0 leaves one out.
+   function sparse_sum(a, one, b, other) result(total)
+      real(wp), intent(in) :: a, b
+      type(sparse_t), intent(in) :: one, other
+      type(sparse_t) :: total
+      integer, allocatable :: place(:)                                ! of a column among the entries of the row so far
+      integer :: i, n
+
+      total%n_rows = one%n_rows
+      total%n_columns = one%n_columns
+      n = merge(one%n_entries(), 0, abs(a) > 0.0_wp) + merge(other%n_entries(), 0, abs(b) > 0.0_wp)
+      allocate (total%first(one%n_rows + 1), total%column(n), total%value(n))
+      allocate (place(one%n_columns), source=0)
+      n = 0
+      do i = 1, one%n_rows
+         total%first(i) = n + 1
+         if (abs(a) > 0.0_wp) call add_row(a, one)
+         if (abs(b) > 0.0_wp) call add_row(b, other)
+      end do
+      total%first(one%n_rows + 1) = n + 1
+      total%column = total%column(:n)
+      total%value = total%value(:n)
+
+   contains
+
+      subroutine add_row(factor, matrix)
+         real(wp), intent(in) :: factor
+         type(sparse_t), intent(in) :: matrix
+         integer :: e
+
+         do e = matrix%first(i), matrix%first(i + 1) - 1
+            associate (at => place(matrix%column(e)))
+               if (at < total%first(i)) then
+                  n = n + 1
+                  at = n
+                  total%column(n) = matrix%column(e)
+                  total%value(n) = 0.0_wp
+               end if
+               total%value(at) = total%value(at) + factor*matrix%value(e)
+            end associate
+         end do
+      end subroutine add_row
+   end function sparse_sum
+
+   !> The transpose of a square matrix.
+   function sparse_transpose(matrix) result(turned)
+      type(sparse_t), intent(in) :: matrix
+      type(sparse_t) :: turned
+      integer, allocatable :: row(:)
+      integer :: e, i
+
+      allocate (row(matrix%n_entries()))
+      do i = 1, matrix%n_rows
+         do e = matrix%first(i), matrix%first(i + 1) - 1
+            row(e) = i
+         end do
+      end do
+      turned = sparse_from_entries(matrix%n_rows, matrix%column, row, matrix%value)
+   end function sparse_transpose
+
+   !> The product of two square matrices.
+   function sparse_product(one, other) result(product)
+      type(sparse_t), intent(in) :: one, other
+      type(sparse_t) :: product
+      integer, allocatable :: column(:), row(:)
+      real(wp), allocatable :: value(:)
+      integer :: e, f, i, k, n
+
+      n = 0
+      do e = 1, one%n_entries()
+         n = n + other%first(one%column(e) + 1) - other%first(one%column(e))
+      end do
+      allocate (row(n), column(n), value(n))
+      n = 0
+      do i = 1, one%n_rows
+         do e = one%first(i), one%first(i + 1) - 1
+            k = one%column(e)
+            do f = other%first(k), other%first(k + 1) - 1
+               n = n + 1
+               row(n) = i
+               column(n) = other%column(f)
+               value(n) = one%value(e)*other%value(f)
+            end do
+         end do
+      end do
+      product = sparse_from_entries(one%n_rows, row, column, value)
+   end function sparse_product
+
+   !> One entry, zero where none is stored.
+   pure real(wp) function sparse_at(self, i, j) result(value)
+      class(sparse_t), intent(in) :: self
+      integer, intent(in) :: i, j
+      integer :: e
+
+      value = 0.0_wp
+      do e = self%first(i), self%first(i + 1) - 1
+         if (self%column(e) == j) value = self%value(e)
+      end do
+   end function sparse_at
+
+   !> The diagonal of a square matrix.
+   pure function sparse_diagonal(self) result(diagonal)
+      class(sparse_t), intent(in) :: self
+      real(wp), allocatable :: diagonal(:)
+      integer :: i
+
+      diagonal = [(self%at(i, i), i=1, self%n_rows)]
+   end function sparse_diagonal
+
    !> Number of stored entries.
    pure integer function sparse_n_entries(self) result(n)
       class(sparse_t), intent(in) :: self
@@ -78,6 +230,14 @@ contains
       n = 0
       if (allocated(self%value)) n = size(self%value)
    end function sparse_n_entries
+
+   !> Number of stored entries of a row.
+   pure integer function sparse_n_in_row(self, i) result(n)
+      class(sparse_t), intent(in) :: self
+      integer, intent(in) :: i
+
+      n = self%first(i + 1) - self%first(i)
+   end function sparse_n_in_row
 
    !> The whole matrix.
    pure function sparse_dense(self) result(matrix)

@@ -9,29 +9,46 @@ module hb_structure
    use hb_lapack, only: dpotrf
    use hb_name_table, only: name_table_t
    use hb_node_sets, only: named_vectors_t, node_sets_t
+   use hb_sparse, only: sparse_t
    use hb_text, only: join, parse_integer, to_text
    implicit none
    private
-   public :: check_room, label_length, max_dofs, new_structure, structure_t, unit_length
+   public :: check_room, label_length, max_dofs, max_sparse_dofs, most_dense, new_structure, structure_t, unit_length
 
    integer, parameter :: label_length = 16                   !! longest name of a degree of freedom
    integer, parameter :: unit_length = 8
    integer, parameter :: max_dofs = 10000                    !! for readers: dense matrices then take 2.4 GB
+   integer, parameter :: max_sparse_dofs = 1000000           !! for readers that make sparse matrices
+   integer, parameter :: most_dense = 1000                   !! degrees of freedom up to which sparse matrices become dense ones
+
+   !> The matrices of a large structure, as those of `structure_t`.
+   type :: sparse_matrices_t
+      type(sparse_t) :: mass, damping, stiffness
+   end type sparse_matrices_t
 
    type :: structure_t
       integer :: n_dofs = 0
       real(wp), allocatable :: mass(:, :)                    !! [kg], (n_dofs, n_dofs), symmetric
       real(wp), allocatable :: damping(:, :)                 !! [N s/m], (n_dofs, n_dofs)
       real(wp), allocatable :: stiffness(:, :)               !! [N/m], (n_dofs, n_dofs)
+      type(sparse_matrices_t), allocatable :: sparse         !! in place of these three matrices, where there are many dofs
       character(label_length), allocatable :: labels(:)      !! (n_dofs), unique, such as `v3`
       character(unit_length), allocatable :: units(:)        !! (n_dofs), of the coordinate: `m`, `rad`
       type(node_sets_t) :: sets                              !! names for many degrees of freedom; of models alone
       type(named_vectors_t) :: vectors                       !! named loads; of models alone
    contains
+      procedure :: damping_times => structure_damping_times
+      procedure :: diagonals => structure_diagonals
       procedure :: dof_index => structure_dof_index
       procedure :: find_dof => structure_find_dof
       procedure :: find_dofs => structure_find_dofs
+      procedure :: refuse_large => structure_refuse_large
+      procedure :: unpack => structure_unpack
    end type structure_t
+
+   interface new_structure
+      procedure :: new_dense_structure, new_sparse_structure
+   end interface new_structure
 
 contains
 
@@ -64,7 +81,7 @@ contains
    !>
    !> Fails, saying where, unless all sizes agree, all numbers are finite, the mass is symmetric and positive
    !> semi-definite, and the labels are unique and begin with a letter.
-   subroutine new_structure(self, mass, damping, stiffness, labels, units, error)
+   subroutine new_dense_structure(self, mass, damping, stiffness, labels, units, error)
       type(structure_t), intent(out) :: self
       real(wp), intent(in) :: mass(:, :)                              !! [kg], (n_dofs, n_dofs)
       real(wp), intent(in) :: damping(:, :)                           !! [N s/m], (n_dofs, n_dofs)
@@ -92,7 +109,128 @@ contains
       allocate (self%labels(self%n_dofs), self%units(self%n_dofs))
       self%labels = labels
       self%units = units
-   end subroutine new_structure
+   end subroutine new_dense_structure
+
+   !> Makes a structure from sparse matrices, which it keeps as they are where there are more than `most_dense` degrees of freedom.
+   !> Fails as for dense ones; whether a large mass is indefinite is seen at its diagonal and at pairs of degrees of freedom alone.
+   subroutine new_sparse_structure(self, mass, damping, stiffness, labels, units, error)
+      type(structure_t), intent(out) :: self
+      type(sparse_t), intent(in) :: mass, damping, stiffness          !! (n_dofs, n_dofs), [kg], [N s/m], [N/m], finite
+      character(*), intent(in) :: labels(:), units(:)                 !! (n_dofs)
+      type(error_t), allocatable, intent(out) :: error
+
+      if (mass%n_rows <= most_dense) then
+         call new_dense_structure(self, mass%dense(), damping%dense(), stiffness%dense(), labels, units, error)
+         return
+      end if
+      if (any([damping%n_rows, stiffness%n_rows, size(labels), size(units)] /= mass%n_rows)) then
+         call fail(error, "matrices, labels and units are not all for "//to_text(mass%n_rows)//" degrees of freedom")
+         return
+      end if
+      call check_names(labels, units, error)
+      if (.not. allocated(error)) call check_sparse_mass(mass, labels, error)
+      if (allocated(error)) return
+      self%n_dofs = mass%n_rows
+      allocate (self%sparse)
+      self%sparse%mass = mass
+      self%sparse%damping = damping
+      self%sparse%stiffness = stiffness
+      allocate (self%labels(self%n_dofs), self%units(self%n_dofs))
+      self%labels = labels
+      self%units = units
+   end subroutine new_sparse_structure
+
+   !> Fails unless the mass is symmetric, its diagonal nowhere negative and no entry larger than the diagonal allows.
+   subroutine check_sparse_mass(mass, labels, error)
+      type(sparse_t), intent(in) :: mass
+      character(*), intent(in) :: labels(:)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), parameter :: asymmetry = 1.0e-10_wp
+      real(wp), allocatable :: diagonal(:)
+      integer :: e, i
+
+      diagonal = mass%diagonal()
+      do i = 1, mass%n_rows
+         if (diagonal(i) < 0.0_wp) then
+            call fail(error, "the mass of "//trim(labels(i))//" is negative: "//to_text(diagonal(i)))
+            return
+         end if
+      end do
+      do i = 1, mass%n_rows
+         do e = mass%first(i), mass%first(i + 1) - 1
+            associate (j => mass%column(e), m => mass%value(e))
+               if (abs(m - mass%at(j, i)) > asymmetry*sqrt(diagonal(i)*diagonal(j))) then
+                  call fail(error, "the mass matrix must be symmetric; between "//trim(labels(i))//" and "//trim(labels(j))// &
+                            " it is "//to_text(m)//" one way and "//to_text(mass%at(j, i))//" the other")
+               else if (abs(m) > (1.0_wp + asymmetry)*sqrt(diagonal(i)*diagonal(j))) then
+                  call fail(error, "the mass matrix is indefinite: the mass between "//trim(labels(i))//" and "//trim(labels(j))// &
+                            " is larger than their own")
+               end if
+            end associate
+            if (allocated(error)) return
+         end do
+      end do
+   end subroutine check_sparse_mass
+
+   !> Diagonals of the matrices.
+   pure subroutine structure_diagonals(self, mass, damping, stiffness)
+      class(structure_t), intent(in) :: self
+      real(wp), allocatable, intent(out) :: mass(:), damping(:), stiffness(:)   !! (n_dofs)
+      integer :: i
+
+      if (allocated(self%sparse)) then
+         mass = self%sparse%mass%diagonal()
+         damping = self%sparse%damping%diagonal()
+         stiffness = self%sparse%stiffness%diagonal()
+      else
+         mass = [(self%mass(i, i), i=1, self%n_dofs)]
+         damping = [(self%damping(i, i), i=1, self%n_dofs)]
+         stiffness = [(self%stiffness(i, i), i=1, self%n_dofs)]
+      end if
+   end subroutine structure_diagonals
+
+   !> Damping times an amplitude.
+   pure function structure_damping_times(self, c) result(force)
+      class(structure_t), intent(in) :: self
+      complex(wp), intent(in) :: c(:)                                 !! (n_dofs)
+      complex(wp), allocatable :: force(:)
+      integer :: e, i
+
+      if (.not. allocated(self%sparse)) then
+         force = matmul(self%damping, c)
+         return
+      end if
+      allocate (force(self%n_dofs), source=(0.0_wp, 0.0_wp))
+      associate (d => self%sparse%damping)
+         do i = 1, self%n_dofs
+            do e = d%first(i), d%first(i + 1) - 1
+               force(i) = force(i) + d%value(e)*c(d%column(e))
+            end do
+         end do
+      end associate
+   end function structure_damping_times
+
+   !> Fails where something cannot be done for as many degrees of freedom.
+   pure subroutine structure_refuse_large(self, what, most, error)
+      class(structure_t), intent(in) :: self
+      character(*), intent(in) :: what
+      integer, intent(in) :: most                                     !! degrees of freedom
+      type(error_t), allocatable, intent(out) :: error
+
+      if (self%n_dofs > most) call fail(error, what//" takes structures of at most "//to_text(most)// &
+                                        " degrees of freedom, this one has "//to_text(self%n_dofs))
+   end subroutine structure_refuse_large
+
+   !> Makes the matrices dense.
+   subroutine structure_unpack(self)
+      class(structure_t), intent(inout) :: self
+
+      if (.not. allocated(self%sparse)) return
+      self%mass = self%sparse%mass%dense()
+      self%damping = self%sparse%damping%dense()
+      self%stiffness = self%sparse%stiffness%dense()
+      deallocate (self%sparse)
+   end subroutine structure_unpack
 
    !> Number of the degree of freedom with this label, or with this number as text (`5`); 0 if there is none.
    pure integer function structure_dof_index(self, label) result(dof)

@@ -5,6 +5,7 @@
 !> O(n_dofs).
 module hb_structure_block
    use hb_kinds, only: wp
+   use hb_sparse, only: sparse_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -30,6 +31,10 @@ contains
       integer, intent(in) :: rows(:), columns(:)                      !! numbers of degrees of freedom
       integer :: e, i, j, pass
 
+      if (allocated(structure%sparse)) then
+         call collect_sparse(self, structure, rows, columns)
+         return
+      end if
       do pass = 1, 2                                         ! count, then fill
          e = 0
          do j = 1, size(columns)
@@ -52,6 +57,64 @@ contains
          allocate (self%row(e), self%column(e), self%mass(e), self%damping(e), self%stiffness(e))
       end do
    end subroutine new_structure_block
+
+   !> The same of sparse matrices, row by row.
+   pure subroutine collect_sparse(self, structure, rows, columns)
+      type(structure_block_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: rows(:), columns(:)
+      integer, allocatable :: number(:), place(:)                     ! of a column in the block; of its entry in the row
+      integer :: first, i, n
+
+      allocate (number(structure%n_dofs), source=0)
+      do i = 1, size(columns)
+         number(columns(i)) = i
+      end do
+      associate (m => structure%sparse%mass, d => structure%sparse%damping, k => structure%sparse%stiffness)
+         n = 0
+         do i = 1, size(rows)
+            n = n + m%n_in_row(rows(i)) + d%n_in_row(rows(i)) + k%n_in_row(rows(i))
+         end do
+         allocate (self%row(n), self%column(n), place(size(columns)))
+         allocate (self%mass(n), self%damping(n), self%stiffness(n), source=0.0_wp)
+         place = 0
+         n = 0
+         do i = 1, size(rows)
+            first = n + 1
+            call add_row(m, rows(i), i, first, number, place, n, self%row, self%column, self%mass)
+            call add_row(d, rows(i), i, first, number, place, n, self%row, self%column, self%damping)
+            call add_row(k, rows(i), i, first, number, place, n, self%row, self%column, self%stiffness)
+         end do
+      end associate
+      self%n_entries = n
+      self%row = self%row(:n)
+      self%column = self%column(:n)
+      self%mass = self%mass(:n)
+      self%damping = self%damping(:n)
+      self%stiffness = self%stiffness(:n)
+   end subroutine collect_sparse
+
+   !> Adds a row of one of the matrices to row `i` of the block, whose entries begin with `first`.
+   pure subroutine add_row(matrix, dof, i, first, number, place, n, row, column, values)
+      type(sparse_t), intent(in) :: matrix
+      integer, intent(in) :: dof, i, first
+      integer, intent(in) :: number(:)
+      integer, intent(inout) :: place(:), n, row(:), column(:)
+      real(wp), intent(inout) :: values(:)
+      integer :: e, j
+
+      do e = matrix%first(dof), matrix%first(dof + 1) - 1
+         j = number(matrix%column(e))
+         if (j == 0 .or. .not. abs(matrix%value(e)) > 0.0_wp) cycle
+         if (place(j) < first) then
+            n = n + 1
+            place(j) = n
+            row(n) = i
+            column(n) = j
+         end if
+         values(place(j)) = matrix%value(e)
+      end do
+   end subroutine add_row
 
    !> Values of the entries, s = k - (w**2 + i drive) m + i w d.
    pure subroutine structure_block_evaluate(self, frequency, drive, s)

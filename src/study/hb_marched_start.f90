@@ -13,6 +13,7 @@ module hb_marched_start
    use hb_march_system, only: march_system_t, new_march_system
    use hb_record_tones, only: find_tones
    use hb_scene, only: scene_t
+   use hb_structure, only: max_dofs
    use hb_watch, only: watch_t
    implicit none
    private
@@ -88,6 +89,8 @@ contains
       integer :: i
 
       frequencies = scene%harmonics%frequencies(omega)
+      call scene%structure%refuse_large("marching", max_dofs, error)
+      if (allocated(error)) return
       call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, omega)
       call new_march_state(state, system%n_dofs, system%laws%n_states)
       if (any(abs(scene%start) > 0.0_wp)) then

@@ -26,7 +26,7 @@ module hb_verify
    use hb_results_record, only: read_record, record_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
-   use hb_structure, only: structure_t
+   use hb_structure, only: max_dofs, most_dense, structure_t
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
    implicit none
@@ -197,6 +197,8 @@ contains
          amplitudes(:, scene%output%dofs) = cmplx(stored%coefficients(1, :, :, point), -stored%coefficients(2, :, :, point), wp)
          where (.not. ieee_is_finite(real(amplitudes, wp))) amplitudes = (0.0_wp, 0.0_wp)
          frequencies = matmul(omega, real(stored%tuples, wp))
+         call scene%structure%refuse_large("marching", max_dofs, error)
+         if (allocated(error)) return
          call new_march_system(system, scene%structure, scene%laws, scene%loads, scene%harmonics%frequencies(omega), omega)
          call choose_length(length, scene, omega, n_periods)
          step = length%period/length%n_samples
@@ -319,6 +321,8 @@ contains
       type(modes_t) :: modes
 
       rate = 0.0_wp
+      call structure%refuse_large("a search for modes", most_dense, error)
+      if (allocated(error)) return
       call new_modes(modes, structure%mass, structure%damping, structure%stiffness, error)
       if (allocated(error)) return
       if (any(modes%growth < 0.0_wp)) rate = minval(-modes%growth, mask=modes%growth < -1.0e-9_wp*modes%frequency)

@@ -36,6 +36,23 @@ def test_products_take_little(tmp_path):
     assert estimated / 2 < measured < 2 * estimated
 
 
+LONG_CHAIN = """&structure type = 'chain', n_masses = 10000, mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.01 /
+&tones frequency = 0.02 /
+&harmonics order = 5 /
+&load dof = 'x1', tuple = 1, cos = 0.1 /
+&law type = 'elastic_stop', dof = 'x9000', stiffness = 0.1, gap = 1e-3 /
+"""
+
+
+def test_memory_of_a_chain_grows_with_its_length(tmp_path):
+    """10,000 masses; as dense matrices they would take 2.4 GB."""
+    source = tmp_path / "chain.nml"
+    source.write_text(LONG_CHAIN)
+    estimated, measured = estimate_and_measurement(source, tmp_path)
+    assert measured < 100e6
+    assert estimated / 2 < measured < 2 * estimated
+
+
 def estimate_and_measurement(source, tmp_path):
     """What `check` says of one point, and the largest resident memory of a run, in bytes."""
     estimate = re.search(r"^memory +(\d+) MiB", run("check", source, cwd=tmp_path).stdout, re.MULTILINE)
