@@ -195,7 +195,7 @@ def deflection(arguments):
         shape = structure.displacement(coefficients[:, h].real) + 1j * structure.displacement(coefficients[:, h].imag)
         largest = shape.ravel()[np.argmax(np.abs(shape))]
         moment = (shape * np.exp(-1j * np.angle(largest))).real
-        words = f"harmonic ({','.join(map(str, tuples[h]))}), {abs(frequencies[h]):.6g} rad/s"
+        words = f"harmonic ({','.join(str(k) for k in tuples[h])}), {abs(frequencies[h]):.6g} rad/s"
         fig = draw.draw_deflection(structure, moment, np.linalg.norm(np.abs(shape), axis=1), words)
     _save(fig, arguments)
 
@@ -211,7 +211,7 @@ def vtk(arguments):
         slowest = float(np.abs(results.frequency(point)).min())
     path = stem.with_name(f"{stem.name}_harmonics.vtu")
     written = write_harmonics(structure, tuples, coefficients, path, arguments.tuples, arguments.harmonics)
-    print(f"{path}: {len(written)} harmonics, {list_text([','.join(map(str, j)) for j in written])}")
+    print(f"{path}: {len(written)} harmonics, {list_text([','.join(str(k) for k in j) for j in written])}")
     if arguments.frames == 0:
         return
     end = arguments.t_from + 2 * np.pi / slowest if arguments.t_to is None else arguments.t_to
