@@ -218,7 +218,7 @@ MUTANTS = [
             "motion_curve_landing",
             "test_hb_motion_curve",
             "a point at a wanted value is another motion than that of the value",
-            "               call land(self, x)",
+            "               call land(self, x, is_there)",
             "               x(:n - 1) = 1.001_wp*x(:n - 1)",
         ),
         (
