@@ -466,7 +466,9 @@ contains
       allocate (words(size(order)))
       do k = 1, size(order)
          problem = ""
-         if (self%content%values(order(k))%kind /= kind_of%word) then
+         if (self%content%values(order(k))%kind == kind_of%whole .and. .not. present(choices)) then
+            words(k)%value = self%content%shown(order(k))    ! a name that is a number, such as that of a degree of freedom
+         else if (self%content%values(order(k))%kind /= kind_of%word) then
             problem = "needs quotes: "//quote(shown(self%content%shown(order(k))))
          else
             word = self%content%word(order(k))
