@@ -18,8 +18,9 @@ module hb_balance
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
-   use hb_law_set, only: law_set_t, new_law_set
+   use hb_law_samples, only: law_samples_t
    use hb_problem, only: deformation, problem_t
+   use hb_sampled_laws, only: new_sampled_laws, sampled_laws_t
    use hb_solver_types, only: report_t, solver_config_t
    use hb_tangent_choice, only: largest_dense_tangent
    use hb_thin_product, only: new_thin_product, thin_product_t
@@ -40,7 +41,7 @@ module hb_balance
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
       real(wp), allocatable :: xi(:)                                  !! artificial damping, negative, per tone [1/s], (n_tones)
       integer :: n_dofs = 0                                           !! coordinates on which laws act
-      type(law_set_t) :: law_set
+      type(sampled_laws_t) :: law_set
       type(transform_t), private :: transform
       type(product_table_t), private :: table
       real(wp), private :: law_factor = 1.0_wp                        ! of a problem on the way to the one asked for
@@ -309,7 +310,7 @@ contains
       self%has_moved = .false.
       call new_transform(self%transform, harmonics, torus, self%n_dofs, effort, error)
       if (allocated(error)) return
-      call new_law_set(self%law_set, laws, self%n_dofs, torus, omega, error)
+      call new_sampled_laws(self%law_set, laws, self%n_dofs, torus, omega, error)
       if (allocated(error)) return
       call choose_tangent_pattern(self)
       call factorise_linear_part(self)
@@ -372,7 +373,7 @@ contains
 
       call balance_sample(self, u)
       call self%law_set%evaluate()
-      call self%transform%to_coefficients(self%law_set%f%values, self%force)
+      call self%transform%to_coefficients(self%law_set%samples%f%values, self%force)
       if (.not. all(ieee_is_finite(self%force(1, :)))) call self%law_set%listen()
       r = self%law_factor*self%force - self%reaction
       call add_support(self, u, r)
@@ -404,9 +405,7 @@ contains
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
 
       call find_reaction(self, u, self%load_factor)
-      associate (set => self%law_set)
-         call sample_onto(self, u, set%q, set%v, set%s, set%q_before, set%step_rate, set%step_rate_before)
-      end associate
+      call sample_onto(self, u, self%law_set%samples)
       self%sampled = u
       self%has_samples = .true.
    end subroutine balance_sample
@@ -424,16 +423,16 @@ contains
 
    !> Samples of a motion, or of a direction of it, with `reaction` found before: q, and what else the laws ask for. Laws with
    !> memory need the steps of time that end at the samples: motion at their start, rates at both ends.
-   subroutine sample_onto(self, u, q, v, s, q_before, step_rate, step_rate_before)
+   subroutine sample_onto(self, u, samples)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(:, :)                                 !! (n_coefficients, n_dofs)
-      type(real_block_t), intent(in) :: q, v, s, q_before, step_rate, step_rate_before !! what they point to is filled
+      type(law_samples_t), intent(inout) :: samples                   !! all but forces
       real(wp) :: angle(self%harmonics%n_harmonics)
       integer :: h, i
 
-      call self%transform%to_samples(u, q%values)
-      if (self%law_set%needs_velocity) call self%transform%to_rate_samples(u, self%frequencies, v%values)
-      if (self%law_set%needs_reaction) call self%transform%to_samples(self%reaction, s%values)
+      call self%transform%to_samples(u, samples%q%values)
+      if (self%law_set%needs_velocity) call self%transform%to_rate_samples(u, self%frequencies, samples%v%values)
+      if (self%law_set%needs_reaction) call self%transform%to_samples(self%reaction, samples%s%values)
       if (.not. self%law_set%has_memory) return
       angle = self%frequencies*self%law_set%characteristic%step
       do i = 1, self%n_dofs
@@ -442,9 +441,9 @@ contains
                                               self%harmonics%amplitude(u(:, i), h)*cmplx(cos(angle(h)), -sin(angle(h)), wp))
          end do
       end do
-      call self%transform%to_samples(self%u_before, q_before%values)
-      call self%transform%to_rate_samples(u, angle, step_rate%values)
-      call self%transform%to_rate_samples(self%u_before, angle, step_rate_before%values)
+      call self%transform%to_samples(self%u_before, samples%q_before%values)
+      call self%transform%to_rate_samples(u, angle, samples%step_rate%values)
+      call self%transform%to_rate_samples(self%u_before, angle, samples%step_rate_before%values)
    end subroutine sample_onto
 
    !> s = F_ext - S u, per harmonic, with the loads multiplied by a factor.
@@ -540,13 +539,13 @@ contains
 
       call find_reaction(self, u, 0.0_wp)
       if (self%uses_thin) then
-         call self%thin%apply(self%law_set, self%frequencies, u, self%reaction, self%force)
+         call self%thin%apply(self%frequencies, u, self%reaction, self%force)
       else
          allocate (weight_slope(0))
          if (self%law_set%has_memory) weight_slope = 0.0_wp*self%law_set%characteristic%weight
          associate (along => self%law_set%along)
-            call sample_onto(self, u, along%q, along%v, along%s, along%q_before, along%step_rate, along%step_rate_before)
-            call self%law_set%differentiate_along(weight_slope, error)
+            call sample_onto(self, u, along)
+            call self%law_set%differentiate_along(error, weight_slope)
             call self%transform%to_coefficients(along%f%values, self%force)
          end associate
       end if

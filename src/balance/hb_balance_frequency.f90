@@ -164,7 +164,7 @@ contains
             along%q%values = 0.0_wp
             if (self%law_set%needs_velocity) along%v%values = 0.0_wp
             call self%transform%to_samples(reaction, along%s%values)
-            call self%law_set%differentiate_without_memory()
+            call self%law_set%differentiate_along(error)
             call self%transform%to_coefficients(along%f%values, self%force)
             derivative = self%law_factor*self%force
          end if
@@ -218,7 +218,7 @@ contains
          if (self%law_set%needs_velocity) call self%transform%to_rate_samples(u, turns, along%v%values)
          if (self%law_set%needs_reaction) call self%transform%to_samples(reaction, along%s%values)
          if (self%law_set%has_memory) call sample_step_slopes(self, u, m, turns, weight_slope)
-         call self%law_set%differentiate_along(weight_slope, error)
+         call self%law_set%differentiate_along(error, weight_slope)
          if (allocated(error)) return
          call self%transform%to_coefficients(along%f%values, self%force)
       end associate

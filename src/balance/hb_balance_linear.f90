@@ -13,7 +13,7 @@ contains
       integer :: law, linear, reach
 
       linear = self%stiffness%pattern%reach
-      law = max(0, maxval(abs(self%law_set%row - self%law_set%column)), self%law_set%memory_reach())
+      law = max(0, maxval(abs(self%law_set%jacobian%row - self%law_set%jacobian%column)), self%law_set%memory_reach())
       reach = max(linear, law)
       if (self%law_set%needs_reaction) reach = linear + law
       call new_block_pattern(self%tangent_pattern, self%n_dofs, min(self%n_dofs, reach))
@@ -237,12 +237,14 @@ contains
       call balance_sample(self, u)
       call self%law_set%differentiate(error)
       if (.not. allocated(error)) then                                ! without memory the first part must do
-         do i = 1, self%law_set%n_pairs
-            associate (slope => self%law_set%df_dq%values(:, i), q => self%law_set%q%values(:, self%law_set%column(i)))
-               terms = norm2(slope)/sqrt(real(size(slope), wp))*maxval(abs(q))
-            end associate
-            total = total + (self%law_factor*terms/scale_of(self%law_set%row(i)))**2
-         end do
+         associate (jacobian => self%law_set%jacobian)
+            do i = 1, jacobian%n_pairs
+               associate (slope => jacobian%df_dq%values(:, i), q => self%law_set%samples%q%values(:, jacobian%column(i)))
+                  terms = norm2(slope)/sqrt(real(size(slope), wp))*maxval(abs(q))
+               end associate
+               total = total + (self%law_factor*terms/scale_of(jacobian%row(i)))**2
+            end do
+         end associate
          if (self%law_set%has_memory) total = total + sum((self%law_factor*self%law_set%spring_forces() &
                                                            /[(scale_of(i), i=1, self%n_dofs)])**2)
       end if

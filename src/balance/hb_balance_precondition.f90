@@ -26,7 +26,7 @@ contains
       df_dq = self%law_factor*df_dq
       df_dv = self%law_factor*df_dv
       df_ds = self%law_factor*df_ds
-      call self%law_set%slope_variations(varies_q, varies_v, varies_s)
+      call self%law_set%jacobian%variation(varies_q, varies_v, varies_s)
       if (.not. allocated(self%alone)) then
          allocate (self%alone)
          call new_block_factors(self%alone, self%tangent_pattern, self%harmonics%n_harmonics)
@@ -153,16 +153,17 @@ contains
                call coupled%add(i, k, block)
             end do
          end do
-         do i = 1, self%law_set%n_pairs
-            associate (row => self%law_set%row(i), column => self%law_set%column(i))
-               call self%transform%tabulate_product(self%law_set%df_dq%values, i, self%table, by_motion, self%law_factor)
+         do i = 1, self%law_set%jacobian%n_pairs
+            associate (jacobian => self%law_set%jacobian, row => self%law_set%jacobian%row(i), &
+                       column => self%law_set%jacobian%column(i))
+               call self%transform%tabulate_product(jacobian%df_dq%values, i, self%table, by_motion, self%law_factor)
                do h = 1, set%n_harmonics
                   call find_columns(h)
                   block(:, set%cos_at(h)) = cosine
                   if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = sine
                end do
                if (self%law_set%needs_velocity) then
-                  call self%transform%tabulate_product(self%law_set%df_dv%values, i, self%table, by_motion, self%law_factor)
+                  call self%transform%tabulate_product(jacobian%df_dv%values, i, self%table, by_motion, self%law_factor)
                   do h = merge(2, 1, set%has_zero), set%n_harmonics
                      call find_columns(h)
                      associate (w => self%frequencies(coupled%kept(h)))
@@ -173,7 +174,7 @@ contains
                end if
                call coupled%add(row, column, block)
                if (.not. self%law_set%needs_reaction) cycle
-               call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table, by_motion, self%law_factor)
+               call self%transform%tabulate_product(jacobian%df_ds%values, i, self%table, by_motion, self%law_factor)
                do k = pattern%first(column), pattern%last(column)
                   do h = 1, set%n_harmonics
                      call find_columns(h)

@@ -2,6 +2,7 @@
 !>
 !> Source: docs/user/theory.md, section 5.4.
 submodule (hb_balance) hb_balance_tangent
+   use hb_law_response, only: find_response, responding_dofs
    use hb_memory_tangent, only: width
    implicit none
 
@@ -35,8 +36,8 @@ contains
       end if
       is_filled = .false.                                             ! by the products of a pair, before anything is added
       if (self%n_dofs == 1 .or. .not. self%law_set%needs_reaction) then
-         do i = 1, self%law_set%n_pairs
-            is_filled(self%law_set%row(i), self%law_set%column(i)) = .true.
+         do i = 1, self%law_set%jacobian%n_pairs
+            is_filled(self%law_set%jacobian%row(i), self%law_set%jacobian%column(i)) = .true.
          end do
       end if
       do k = 1, self%n_dofs
@@ -44,13 +45,13 @@ contains
             if (.not. is_filled(i, k)) jacobian(:, i, :, k) = 0.0_wp
          end do
       end do
-      do i = 1, self%law_set%n_pairs
-         associate (row => self%law_set%row(i), column => self%law_set%column(i))
-            call self%transform%tabulate_product(self%law_set%df_dq%values, i, self%table, by_motion, self%law_factor)
+      do i = 1, self%law_set%jacobian%n_pairs
+         associate (row => self%law_set%jacobian%row(i), column => self%law_set%jacobian%column(i))
+            call self%transform%tabulate_product(self%law_set%jacobian%df_dq%values, i, self%table, by_motion, self%law_factor)
             if (self%law_set%needs_velocity) &
-               call self%transform%tabulate_product(self%law_set%df_dv%values, i, self%table, by_rate, self%law_factor)
+               call self%transform%tabulate_product(self%law_set%jacobian%df_dv%values, i, self%table, by_rate, self%law_factor)
             if (self%law_set%needs_reaction) &
-               call self%transform%tabulate_product(self%law_set%df_ds%values, i, self%table, by_reaction, self%law_factor)
+               call self%transform%tabulate_product(self%law_set%jacobian%df_ds%values, i, self%table, by_reaction, self%law_factor)
             call put_products(self, row, column, is_filled(row, column), jacobian)
          end associate
       end do
@@ -121,42 +122,46 @@ contains
       end subroutine add
    end subroutine add_kinks
 
-   !> Adds what the forces with memory answer to each coefficient: through coordinate b of a law, cos or sin of harmonic h of
+   !> Adds how the forces with memory respond to each coefficient: through coordinate b of a law, cos or sin of harmonic h of
    !> the degree of freedom k moves it by shape(k, b) times that of the coordinate.
    subroutine add_memory(self, jacobian)
       type(balance_t), intent(inout) :: self
       real(wp), intent(inout) :: jacobian(:, :, :, :)
-      logical :: has_answers, has_line
+      integer, allocatable :: responding(:)
+      logical :: has_line
       integer :: b, block, h, i, in_block, k, law, part, place
 
-      do law = 1, size(self%law_set%laws)
-         call self%law_set%prepare_line(law, self%harmonics, self%frequencies, has_line)
-         if (has_line) then
-            call add_line(self, law, jacobian)
-            cycle
-         end if
-         call self%law_set%prepare_answers(law, self%harmonics, self%transform%torus, self%frequencies, has_answers)
-         if (.not. has_answers) cycle
-         associate (moved => self%law_set%laws(law)%law%dofs, answering => self%law_set%answering_dofs(law), &
-                    shape => self%law_set%laws(law)%law%shape)
+      do law = 1, size(self%law_set%sampled)
+         if (.not. allocated(self%law_set%sampled(law)%hysteresis)) cycle
+         associate (laws => self%law_set, hysteresis => self%law_set%sampled(law)%hysteresis, &
+                    moved => self%law_set%sampled(law)%columns, shape => self%law_set%sampled(law)%law%shape)
+            responding = responding_dofs(laws%sampled, law, self%n_dofs)
+            has_line = .false.
+            if (.not. laws%needs_reaction) &                          ! no multiplier law may pass the response on
+               call hysteresis%prepare_line(laws%characteristic, self%harmonics, self%frequencies, has_line)
+            if (has_line) then
+               call add_line(self, law, jacobian)
+               cycle
+            end if
+            call hysteresis%prepare_response(laws%characteristic, self%harmonics, self%transform%torus, self%frequencies)
             do b = 1, size(shape, 2)
                h = 0
-               do block = 1, self%law_set%n_blocks(law)
+               do block = 1, hysteresis%n_blocks()
                   if (associated(self%watch)) then
                      if (self%watch%is_over()) return                 ! whoever asked for the tangent ends too
                   end if
-                  call self%law_set%answer_block(law, b, block)
+                  call hysteresis%find_block_response(laws%characteristic, b, block)
                   do in_block = 1, min(width, self%harmonics%n_harmonics - h)
                      h = h + 1
                      do part = 1, 2
                         place = merge(self%harmonics%cos_at(h), self%harmonics%sin_at(h), part == 1)
                         if (place == 0) cycle
-                        do i = 1, size(answering)
-                           call self%law_set%answer(law, in_block, part, answering(i), self%answer%values(:, 1))
+                        do i = 1, size(responding)
+                           call find_response(laws%sampled, law, in_block, part, responding(i), self%answer%values(:, 1))
                            call self%transform%to_coefficients_of_one(self%answer%values, self%columns(:, 1))
                            do k = 1, size(moved)
-                              jacobian(:, answering(i), place, moved(k)) = jacobian(:, answering(i), place, moved(k)) &
-                                                                           + self%law_factor*shape(k, b)*self%columns(:, 1)
+                              jacobian(:, responding(i), place, moved(k)) = jacobian(:, responding(i), place, moved(k)) &
+                                                                            + self%law_factor*shape(k, b)*self%columns(:, 1)
                            end do
                         end do
                      end do
@@ -167,7 +172,7 @@ contains
       end do
    end subroutine add_memory
 
-   !> Adds the answers of one law under one tone: for each pair of its coordinates T[g], and for each time that a slider sticks
+   !> Adds the response of one law under one tone: for each pair of its coordinates T[g], and for each time that a slider sticks
    !> the projection of the samples while it does so times the row of the motion where it was pushed last.
    subroutine add_line(self, law, jacobian)
       type(balance_t), intent(inout) :: self
@@ -181,7 +186,8 @@ contains
       associate (columns => self%law_set%laws(law)%law%dofs, shape => self%law_set%laws(law)%law%shape)
          do b = 1, size(shape, 2)
             do a = 1, size(shape, 2)
-               call self%law_set%find_line(law, a, b, self%answer%values(:, 1), stuck, pushed)
+               call self%law_set%sampled(law)%hysteresis%find_line(self%law_set%characteristic, a, b, &
+                                                                   self%answer%values(:, 1), stuck, pushed)
                answer = 0.0_wp
                call self%transform%tabulate_product(self%answer%values, 1, self%table, by_motion, 1.0_wp)
                call add_motion(self, answer)

@@ -335,10 +335,10 @@ contains
          acts_rigidly = has_multipliers(balance)
          if (acts_rigidly .or. all([(set%laws(i)%law%degree > 0, i=1, size(set%laws))])) return
          fastest = maxloc(abs(balance%frequencies), dim=1)
-         do i = 1, set%n_pairs
-            associate (dof => set%row(i), shift => stiffness%pattern%shift)
-               if (set%column(i) /= dof) cycle
-               acts_rigidly = acts_rigidly .or. maxval(abs(set%df_dq%values(:, i))) > &
+         do i = 1, set%jacobian%n_pairs
+            associate (dof => set%jacobian%row(i), shift => stiffness%pattern%shift)
+               if (set%jacobian%column(i) /= dof) cycle
+               acts_rigidly = acts_rigidly .or. maxval(abs(set%jacobian%df_dq%values(:, i))) > &
                               much*abs(stiffness%condensed(shift(dof) + dof, dof, fastest))
             end associate
          end do

@@ -114,7 +114,7 @@ contains
 
          by_u = u
          associate (set => balance%harmonics)
-            call balance%project(balance%law_set%f%values, by_u)      ! of a function of mean f, f_c and f_s: f, f_c/2, f_s/2
+            call balance%project(balance%law_set%samples%f%values, by_u) ! of a function of mean f, f_c and f_s: f, f_c/2, f_s/2
             call balance%stiffness%hand_to_laws(gradient, at_laws)
             do i = 1, balance%n_dofs
                do h = 1, set%n_harmonics

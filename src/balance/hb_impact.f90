@@ -37,7 +37,7 @@ contains
          associate (set => balance%law_set, law => balance%law_set%laws(i)%law, coordinates => balance%stiffness%coordinates)
             if (.not. is_wall(law)) cycle
             force => set%force_of(i)
-            v = reshape(set%coordinates_of(i, set%q%values), [size(force, 1)])
+            v = reshape(set%coordinates_of(i, set%samples%q%values), [size(force, 1)])
             speed = max(0.0_wp, merge(v, -v, force(:, 1) > 0.0_wp))
             where (abs(force(:, 1)) <= 0.0_wp) speed = 0.0_wp
             if (all(speed <= 0.0_wp)) cycle

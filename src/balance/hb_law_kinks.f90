@@ -7,8 +7,9 @@ module hb_law_kinks
    use hb_fftw, only: real_block_t
    use hb_kinds, only: wp
    use hb_kinks, only: kink_grid_t, kink_slopes_t, new_kink_grid
-   use hb_law, only: kink_t, law_box_t
-   use hb_law_slot, only: slot_t
+   use hb_law, only: kink_t
+   use hb_law_samples, only: law_samples_t
+   use hb_sampled_law, only: sampled_law_t
    use hb_torus, only: torus_t
    implicit none
    private
@@ -37,10 +38,9 @@ module hb_law_kinks
 contains
 
    !> Collects the kinks of all laws.
-   subroutine new_law_kinks(self, laws, slots, torus)
+   subroutine new_law_kinks(self, laws, torus)
       type(law_kinks_t), intent(out) :: self
-      type(law_box_t), intent(in) :: laws(:)
-      type(slot_t), intent(in) :: slots(:)
+      type(sampled_law_t), intent(in) :: laws(:)
       type(torus_t), intent(in) :: torus
       integer :: i, k, n
 
@@ -55,7 +55,7 @@ contains
          do k = 1, n_lines(i)
             n = n + 1
             associate (line => self%lines(n), law => laws(i)%law)
-               line%columns = slots(i)%columns
+               line%columns = laws(i)%columns
                line%kink = law%kinks(k)
                line%motion = matmul(law%shape, line%kink%form)
                line%force = matmul(law%shape, line%kink%direction)
@@ -78,22 +78,21 @@ contains
          n_lines = size(laws(i)%law%kinks)
          do m = 1, size(laws)
             if (.not. laws(m)%law%is_multiplier) cycle
-            if (any([(any(slots(m)%columns == slots(i)%columns(k)), k=1, size(slots(i)%columns))])) n_lines = 0
+            if (any([(any(laws(m)%columns == laws(i)%columns(k)), k=1, size(laws(i)%columns))])) n_lines = 0
          end do
       end function n_lines
    end subroutine new_law_kinks
 
    !> Adds what sampling misses to the forces; with derivatives their dependence on the motion is kept.
-   subroutine law_kinks_correct(self, q, f, with_derivatives)
+   subroutine law_kinks_correct(self, samples, with_derivatives)
       class(law_kinks_t), intent(inout) :: self
-      type(real_block_t), intent(in) :: q                             !! motion [m], (n_samples, n_dofs)
-      type(real_block_t), intent(in) :: f                             !! forces [N], what it points to is added to; as q
+      type(law_samples_t), intent(inout) :: samples
       logical, intent(in) :: with_derivatives
       integer :: i, k
 
       do i = 1, size(self%lines)
-         associate (line => self%lines(i))
-            call combine(line, q, self%z)
+         associate (line => self%lines(i), f => samples%f%values)
+            call combine(line, samples%q, self%z)
             self%f = 0.0_wp
             call line%slopes%forget()
             if (with_derivatives) then
@@ -102,7 +101,7 @@ contains
                call self%grid%correct(self%z, line%kink%places, line%kink%jumps, self%f)
             end if
             do k = 1, size(line%columns)
-               f%values(:, line%columns(k)) = f%values(:, line%columns(k)) + line%force(k)*self%f
+               f(:, line%columns(k)) = f(:, line%columns(k)) + line%force(k)*self%f
             end do
          end associate
       end do
@@ -153,7 +152,7 @@ contains
    subroutine law_kinks_add_own_slopes(self, pair_at, df_dq)
       class(law_kinks_t), intent(in) :: self
       integer, intent(in) :: pair_at(:, :)                            !! (n_dofs, n_dofs)
-      type(real_block_t), intent(in) :: df_dq                         !! what it points to is added to, (n_samples, n_pairs)
+      type(real_block_t), intent(inout) :: df_dq                      !! (n_samples, n_pairs)
       integer :: a, b, i, k
 
       do i = 1, size(self%lines)
@@ -172,26 +171,26 @@ contains
       end do
    end subroutine law_kinks_add_own_slopes
 
-   !> Adds what forces answer to a direction of the motion at the neighbours of each sample; see `add_own_slopes` for the rest.
-   subroutine law_kinks_add_along(self, q, f)
+   !> Adds the derivative of the forces along a direction by the motion at the neighbours of each sample to its `f`; see
+   !> `add_own_slopes` for the rest.
+   subroutine law_kinks_add_along(self, along)
       class(law_kinks_t), intent(inout) :: self
-      type(real_block_t), intent(in) :: q                             !! (n_samples, n_dofs)
-      type(real_block_t), intent(in) :: f                             !! what it points to is added to, as q
+      type(law_samples_t), intent(inout) :: along
       integer :: i, k
 
       do i = 1, size(self%lines)
-         associate (line => self%lines(i), slopes => self%lines(i)%slopes)
+         associate (line => self%lines(i), slopes => self%lines(i)%slopes, f => along%f%values)
             if (slopes%n == 0) cycle
-            call combine(line, q, self%z)
+            call combine(line, along%q, self%z)
             self%f = 0.0_wp
             do k = 1, slopes%n
                if (slopes%part(k) == 0) cycle
-               associate (answer => self%f(slopes%row(k)), column => slopes%column(k))
-                  answer = answer + slopes%value(k)*sign(1, column)*self%z(abs(column))
+               associate (force => self%f(slopes%row(k)), column => slopes%column(k))
+                  force = force + slopes%value(k)*sign(1, column)*self%z(abs(column))
                end associate
             end do
             do k = 1, size(line%columns)
-               f%values(:, line%columns(k)) = f%values(:, line%columns(k)) + line%force(k)*self%f
+               f(:, line%columns(k)) = f(:, line%columns(k)) + line%force(k)*self%f
             end do
          end associate
       end do

@@ -10,7 +10,7 @@ module hb_line_tangent
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: two_pi, wp
-   use hb_slider_memory, only: memory_t
+   use hb_slider_states, only: slider_states_t
    implicit none
    private
    public :: line_tangent_t, new_line_tangent
@@ -69,7 +69,7 @@ contains
    !> step, pushed at least once, and felt by the force alike in all.
    subroutine line_tangent_prepare(self, memory, law, characteristic)
       class(line_tangent_t), intent(inout) :: self
-      type(memory_t), intent(inout) :: memory
+      type(slider_states_t), intent(inout) :: memory
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp) :: change, largest_move
@@ -110,7 +110,7 @@ contains
 
    !> Whether what pushes state k in a step is more than the bound at its end.
    pure function is_turned(memory, k)
-      type(memory_t), intent(in) :: memory
+      type(slider_states_t), intent(in) :: memory
       integer, intent(in) :: k
       logical :: is_turned(size(memory%ds_dpath, 5))
       integer :: i
@@ -125,7 +125,7 @@ contains
    !> The product g and the runs of sticking by which force `a` answers to coordinate `c`, after `prepare`.
    subroutine line_tangent_find(self, memory, a, c)
       class(line_tangent_t), intent(inout) :: self
-      type(memory_t), intent(in) :: memory
+      type(slider_states_t), intent(in) :: memory
       integer, intent(in) :: a, c
       logical :: turned(self%n_steps)
       integer :: first, i, k, last_push, n_stuck, step
@@ -162,7 +162,7 @@ contains
    !> Adds a run of `n` samples from `from` (perhaps below 1) during which state k stays where step `push` left it.
    subroutine add_run(self, memory, slope, k, c, push, from, n)
       type(line_tangent_t), intent(inout) :: self
-      type(memory_t), intent(in) :: memory
+      type(slider_states_t), intent(in) :: memory
       real(wp), intent(in) :: slope
       integer, intent(in) :: k, c, push, from, n
       complex(wp) :: path

@@ -10,7 +10,7 @@ module hb_memory_tangent
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgetrf, dgetrs
-   use hb_slider_memory, only: memory_t, most_rounds, repeat_tolerance
+   use hb_slider_states, only: slider_states_t, most_rounds, repeat_tolerance
    use hb_torus, only: torus_t
    implicit none
    private
@@ -115,7 +115,7 @@ contains
    !> the last one. The memory must have its path.
    subroutine memory_tangent_prepare(self, memory, law, characteristic)
       class(memory_tangent_t), intent(inout) :: self
-      type(memory_t), intent(inout) :: memory
+      type(slider_states_t), intent(inout) :: memory
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp), allocatable :: f(:, :)
@@ -148,7 +148,7 @@ contains
    !> Takes states and columns from rest through all rounds.
    subroutine take_rounds(self, memory, law, characteristic)
       class(memory_tangent_t), intent(inout) :: self
-      type(memory_t), intent(inout) :: memory
+      type(slider_states_t), intent(inout) :: memory
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp) :: change, largest_move
@@ -172,7 +172,7 @@ contains
    !> Finds `closing` from the steps of the last round of one line.
    subroutine find_closing(self, memory, characteristic)
       class(memory_tangent_t), intent(inout) :: self
-      type(memory_t), intent(in) :: memory
+      type(slider_states_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       real(wp), dimension(size(self%now, 3), size(self%now, 3)) :: identity, inverse, m
       integer :: i, info, n, pivots(size(self%now, 3))
@@ -197,7 +197,7 @@ contains
    !> Columns of the first slice after loading from rest.
    subroutine load_columns(self, memory)
       class(memory_tangent_t), intent(inout) :: self
-      type(memory_t), intent(in) :: memory
+      type(slider_states_t), intent(in) :: memory
       real(wp) :: slope, wave(width, 2)
       integer :: block, c, k, p
 
@@ -220,7 +220,7 @@ contains
    !> steps of the last round of the states, taken until the columns repeat.
    subroutine memory_tangent_respond(self, memory, characteristic, block, coordinate, df)
       class(memory_tangent_t), intent(inout) :: self
-      type(memory_t), intent(in) :: memory
+      type(slider_states_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: block, coordinate
       real(wp), intent(out), contiguous :: df(:, :, :, :)             !! [N/m], (width, 2, n_coordinates, n_samples)
@@ -241,7 +241,7 @@ contains
    !> Moves the columns `before` of the first slice to those that repeat.
    subroutine close_round(self, memory, characteristic, block, coordinate)
       class(memory_tangent_t), intent(inout) :: self
-      type(memory_t), intent(in) :: memory
+      type(slider_states_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: block, coordinate
       real(wp) :: change(width, 2, size(self%now, 3))
@@ -262,7 +262,7 @@ contains
    !> Takes the columns `before` of the first slice once round; with `df` keeps the forces on the way.
    subroutine go_round(self, memory, characteristic, block, coordinate, df)
       class(memory_tangent_t), intent(inout) :: self
-      type(memory_t), intent(in) :: memory
+      type(slider_states_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: block, coordinate
       real(wp), intent(inout), contiguous, optional :: df(:, :, :, :)
@@ -284,7 +284,7 @@ contains
    !> Derivative of one step of one sample: from `before` into `now`.
    subroutine step(self, memory, characteristic, slice, p, coordinate, factor, wave)
       class(memory_tangent_t), intent(inout) :: self
-      type(memory_t), intent(in) :: memory
+      type(slider_states_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: slice, p, coordinate
       real(wp), intent(in) :: factor(width, 2, n_path_parts), wave(width, 2)

@@ -2,7 +2,7 @@
 !> friction slider.
 !>
 !> On the torus time runs along the characteristic d tau/dt = omega. The law knows one step of it: the state at a sample from
-!> the state one step earlier and the path of its coordinates in between. Walking over the torus is hb_slider_memory's.
+!> the state one step earlier and the path of its coordinates in between. Walking over the torus is hb_slider_states's.
 !> Source: docs/user/theory.md, section 5.5.
 module hb_hysteretic_law
    use hb_kinds, only: wp

@@ -52,7 +52,7 @@ contains
             length = law%length_scale
             if (law%n_states > 0) then
                if (length <= 0.0_wp) cycle
-               ratio = maxval(abs(set%coordinates_of(i, set%q%values)))/length
+               ratio = maxval(abs(set%coordinates_of(i, set%samples%q%values)))/length
                if (ratio >= found%slip_ratio) cycle
                found%slip_ratio = ratio
                found%slider = law%label

@@ -1,6 +1,6 @@
 !> How much memory a point takes, from the sizes of its scene alone, before anything large is allocated.
 !>
-!> Counted is what lives at the same time in the worst moment, array by array as hb_balance, hb_law_set, the solvers and
+!> Counted is what lives at the same time in the worst moment, array by array as hb_balance, hb_sampled_laws, the solvers and
 !> hb_certificate allocate it. A point first stands in its balance (linear part, samples); on top of that comes the
 !> costliest of three: the tangent of the direct attempt, the rescue, the certificate with its own wider balance. Products
 !> with a tangent bring their preconditioner, which a hard problem makes stronger; the strongest one counts as rescue.
@@ -239,7 +239,7 @@ contains
    end function gmres_bytes
 
    !> Samples of products, factors of each harmonic by itself and those of some or of the strongest coupling; see
-   !> hb_thin_product, hb_direction_samples, hb_balance and hb_coarse_tangent.
+   !> hb_thin_product, hb_law_samples, hb_balance and hb_coarse_tangent.
    pure real(wp) function preconditioner_bytes(s, is_strongest)
       type(sizes_t), intent(in) :: s
       logical, intent(in) :: is_strongest                             !! else of the level that easy problems stay below

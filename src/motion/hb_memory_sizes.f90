@@ -157,7 +157,7 @@ contains
       end do
    end subroutine scan_structure
 
-   !> Adds what law i keeps for itself, see hb_law_slot, hb_slider_memory and hb_memory_tangent.
+   !> Adds what law i keeps for itself, see hb_sampled_law, hb_slider_states and hb_memory_tangent.
    subroutine add_law(self, laws, i, n_laws_on)
       type(sizes_t), intent(inout) :: self
       type(law_box_t), intent(in) :: laws(:)

@@ -453,15 +453,15 @@ contains
       end if
       associate (torus => basis%torus)
          if (balance%law_set%has_memory .and. .not. torus%is_half .and. all(modulo(sum(basis%harmonics%tuples, dim=1), 2) == 1) &
-             .and. all(modulo(torus%n_samples, 2) == 0)) result%asymmetry = asymmetry(torus, balance%law_set%f%values)
+             .and. all(modulo(torus%n_samples, 2) == 0)) result%asymmetry = asymmetry(torus, balance%law_set%samples%f%values)
       end associate
       result%n_full_stick = count([(balance%law_set%full_stick(i), i=1, size(balance%law_set%laws))])
-      call balance%project(balance%law_set%f%values, coefficients)
+      call balance%project(balance%law_set%samples%f%values, coefficients)
       result%force_coefficients = &
          as_pairs(basis%whole, basis%expand(balance%stiffness%coordinates%spread_forces(coefficients)))
       moved = balance%at_law_dofs(u)
       if (balance%law_set%needs_reaction) then
-         call new_real_block(correction, size(balance%law_set%q%values, 1), size(moved, 2), error)
+         call new_real_block(correction, size(balance%law_set%samples%q%values, 1), size(moved, 2), error)
          if (allocated(error)) return
          correction%values = 0.0_wp
          call balance%law_set%correct(balance%stiffness%coordinates, correction%values)
@@ -563,7 +563,7 @@ contains
             call shown%law_set%evaluate()
             call transform%to_samples(balance%at_law_dofs(u), samples%values)
             result%displacement_samples = samples%values
-            result%force_samples = coordinates%spread_forces(shown%law_set%f%values)
+            result%force_samples = coordinates%spread_forces(shown%law_set%samples%f%values)
             result%corrected_samples = result%displacement_samples
             call shown%law_set%correct(coordinates, result%corrected_samples)
          end if

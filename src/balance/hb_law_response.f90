@@ -1,27 +1,25 @@
-!> How forces answer to the motion of a law with memory, and what multiplier laws that share degrees of freedom with it then
+!> How forces respond to the motion of a law with memory, and what multiplier laws that share degrees of freedom with it then
 !> have to supply.
 !>
 !> Source: docs/user/theory.md, sections 5.3 to 5.6.
-module hb_law_answers
+module hb_law_response
    use hb_fftw, only: real_block_t
    use hb_kinds, only: wp
-   use hb_law, only: law_box_t
-   use hb_law_slot, only: slot_t
+   use hb_sampled_law, only: sampled_law_t
    implicit none
    private
-   public :: answer_on, answering_dofs, pass_on_to_multipliers
+   public :: add_multiplier_response, find_response, responding_dofs
 
 contains
 
-   !> Finds the answer, at all samples, of the forces on degree of freedom k to cos (part 1) or sin (part 2) of harmonic h of
+   !> Finds the response, at all samples, of the forces on degree of freedom k to cos (part 1) or sin (part 2) of harmonic h of
    !> the block that was found last. A multiplier law there supplies what equilibrium then asks of it.
-   subroutine answer_on(laws, slots, i, h, part, k, samples)
-      type(law_box_t), intent(in) :: laws(:)
-      type(slot_t), intent(in) :: slots(:)
+   subroutine find_response(laws, i, h, part, k, samples)
+      type(sampled_law_t), intent(in) :: laws(:)
       integer, intent(in) :: i                                        !! law with memory
       integer, intent(in) :: h                                        !! within the block
       integer, intent(in) :: part
-      integer, intent(in) :: k                                        !! one of `answering_dofs`
+      integer, intent(in) :: k                                        !! one of `responding_dofs`
       real(wp), intent(out) :: samples(:)                             !! [N/m], (n_samples)
       real(wp), allocatable :: asked(:)
       integer :: a, b, m, n, own
@@ -30,17 +28,17 @@ contains
       call add_force_on(k, 1.0_wp, samples)
       do m = 1, size(laws)
          if (.not. laws(m)%law%is_multiplier) cycle
-         own = findloc(slots(m)%columns, k, dim=1)
+         own = findloc(laws(m)%columns, k, dim=1)
          if (own == 0) cycle
          allocate (asked(size(samples)))
-         associate (shape => laws(m)%law%shape, columns => slots(m)%columns)
+         associate (shape => laws(m)%law%shape, columns => laws(m)%columns)
             do b = 1, size(shape, 2)
                asked = 0.0_wp
                do n = 1, size(columns)
                   if (shape(n, b) /= 0.0_wp) call add_force_on(columns(n), -shape(n, b)/sum(shape(:, b)**2), asked)
                end do
                do a = 1, size(shape, 2)
-                  if (shape(own, a) /= 0.0_wp) samples = samples + shape(own, a)*slots(m)%df_dp(:, a, b)*asked
+                  if (shape(own, a) /= 0.0_wp) samples = samples + shape(own, a)*laws(m)%df_dp(:, a, b)*asked
                end do
             end do
          end associate
@@ -55,49 +53,47 @@ contains
          real(wp), intent(inout) :: to(:)
          integer :: a, row
 
-         row = findloc(slots(i)%columns, dof, dim=1)
+         row = findloc(laws(i)%columns, dof, dim=1)
          if (row == 0) return
          associate (shape => laws(i)%law%shape)
             do a = 1, size(shape, 2)
-               if (abs(shape(row, a)) > 0.0_wp) to = to + weight*shape(row, a)*slots(i)%memory%answer(h, part, a, :)
+               if (abs(shape(row, a)) > 0.0_wp) to = to + weight*shape(row, a)*laws(i)%hysteresis%response(h, part, a, :)
             end do
          end associate
       end subroutine add_force_on
-   end subroutine answer_on
+   end subroutine find_response
 
-   !> Degrees of freedom, among those of all laws, whose forces answer to the motion of law i, which has memory: its own and
+   !> Degrees of freedom, among those of all laws, whose forces respond to the motion of law i, which has memory: its own and
    !> those of multiplier laws that share one with it.
-   pure function answering_dofs(laws, slots, i, n_dofs) result(dofs)
-      type(law_box_t), intent(in) :: laws(:)
-      type(slot_t), intent(in) :: slots(:)
+   pure function responding_dofs(laws, i, n_dofs) result(dofs)
+      type(sampled_law_t), intent(in) :: laws(:)
       integer, intent(in) :: i
       integer, intent(in) :: n_dofs                                   !! of all laws
       integer, allocatable :: dofs(:)
-      logical :: answers(n_dofs)
+      logical :: responds(n_dofs)
       integer :: k, m
 
-      answers = .false.
-      answers(slots(i)%columns) = .true.
+      responds = .false.
+      responds(laws(i)%columns) = .true.
       do m = 1, size(laws)
          if (.not. laws(m)%law%is_multiplier) cycle
-         associate (columns => slots(m)%columns)
-            if (any([(any(columns(k) == slots(i)%columns), k=1, size(columns))])) answers(columns) = .true.
+         associate (columns => laws(m)%columns)
+            if (any([(any(columns(k) == laws(i)%columns), k=1, size(columns))])) responds(columns) = .true.
          end associate
       end do
-      dofs = pack([(k, k=1, n_dofs)], answers)
-   end function answering_dofs
+      dofs = pack([(k, k=1, n_dofs)], responds)
+   end function responding_dofs
 
    !> Adds what multiplier laws have to supply to slopes of the forces, as long as only those of laws with memory stand there.
-   subroutine pass_on_to_multipliers(laws, slots, f)
-      type(law_box_t), intent(in) :: laws(:)
-      type(slot_t), intent(in) :: slots(:)
+   subroutine add_multiplier_response(laws, f)
+      type(sampled_law_t), intent(in) :: laws(:)
       type(real_block_t), intent(inout) :: f                          !! (n_samples, n_dofs)
       real(wp), allocatable :: asked(:, :)
       integer :: a, b, k, m
 
       do m = 1, size(laws)
          if (.not. laws(m)%law%is_multiplier) cycle
-         associate (shape => laws(m)%law%shape, columns => slots(m)%columns)
+         associate (shape => laws(m)%law%shape, columns => laws(m)%columns)
             if (allocated(asked)) deallocate (asked)
             allocate (asked(size(f%values, 1), size(shape, 2)), source=0.0_wp)
             do b = 1, size(shape, 2)
@@ -110,11 +106,11 @@ contains
                do a = 1, size(shape, 2)
                   do k = 1, size(columns)
                      if (shape(k, a) /= 0.0_wp) &
-                        f%values(:, columns(k)) = f%values(:, columns(k)) + shape(k, a)*slots(m)%df_dp(:, a, b)*asked(:, b)
+                        f%values(:, columns(k)) = f%values(:, columns(k)) + shape(k, a)*laws(m)%df_dp(:, a, b)*asked(:, b)
                   end do
                end do
             end do
          end associate
       end do
-   end subroutine pass_on_to_multipliers
-end module hb_law_answers
+   end subroutine add_multiplier_response
+end module hb_law_response

@@ -4,21 +4,23 @@
 !> no other law acts on it: each pass over the samples costs as much as an easy law.
 !>
 !> Source: docs/user/theory.md, sections 5.3 and 5.4.
-module hb_law_slot
+module hb_sampled_law
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_characteristic, only: characteristic_t
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
+   use hb_hysteresis, only: hysteresis_t, new_hysteresis
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_law_memory, only: law_memory_t, new_law_memory
+   use hb_law_samples, only: law_samples_t
    implicit none
    private
-   public :: new_slot, slot_t
+   public :: new_sampled_law, sampled_law_t
 
-   !> The law itself is passed to each procedure; it is always the one of `new_slot`. Owner of outside resources: call `destroy`.
-   type :: slot_t
+   !> Owner of outside resources: call `destroy`.
+   type :: sampled_law_t
+      class(law_t), pointer :: law => null()                          !! of `new_sampled_law`, which outlives this
       integer, allocatable :: columns(:)                              !! coordinates on which it acts, as law%dofs
       logical :: reads_in_place = .false.                             !! z and v are samples of its degree of freedom
       logical :: writes_in_place = .false.                            !! f as well, and p
@@ -27,53 +29,53 @@ module hb_law_slot
       real(wp), pointer, contiguous :: p(:, :) => null()              !! reaction [N], as z or no columns
       real(wp), pointer, contiguous :: f(:, :) => null()              !! forces [N], as z
       real(wp), allocatable :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :) !! last axis: what is differentiated by
-      type(law_memory_t), allocatable :: memory                       !! of a law that has one
+      type(hysteresis_t), allocatable :: hysteresis                   !! of a law with memory
       type(real_block_t), private :: own_z, own_v, own_p, own_f       ! where these do not stand in place
    contains
-      procedure :: make_derivatives => slot_make_derivatives
-      procedure :: gather => slot_gather
-      procedure :: evaluate => slot_evaluate
-      procedure :: differentiate => slot_differentiate
-      procedure :: listen => slot_listen
-      procedure :: scatter => slot_scatter
-      procedure :: destroy => slot_destroy
-   end type slot_t
+      procedure :: make_derivatives => sampled_law_make_derivatives
+      procedure :: gather => sampled_law_gather
+      procedure :: evaluate => sampled_law_evaluate
+      procedure :: differentiate => sampled_law_differentiate
+      procedure :: listen => sampled_law_listen
+      procedure :: scatter => sampled_law_scatter
+      procedure :: destroy => sampled_law_destroy
+   end type sampled_law_t
 
 contains
 
    !> Makes room for the samples of a law. Derivatives get theirs by `make_derivatives`.
-   subroutine new_slot(self, law, columns, is_alone, q, v, s, f, characteristic, error)
-      type(slot_t), intent(inout) :: self
-      class(law_t), intent(in) :: law
-      integer, intent(in) :: columns(:)                               !! of its degrees of freedom among those of all laws
+   subroutine new_sampled_law(self, law, is_alone, samples, characteristic, error)
+      type(sampled_law_t), intent(inout) :: self
+      class(law_t), pointer, intent(in) :: law
       logical, intent(in) :: is_alone                                 !! no other law acts on any of them
-      type(real_block_t), intent(in) :: q, v, s, f                    !! (n_samples, n_dofs); v, s empty where no law needs them
+      type(law_samples_t), intent(in) :: samples
       type(characteristic_t), intent(in) :: characteristic            !! any for a law without memory
       type(error_t), allocatable, intent(out) :: error
       integer :: c
 
       call self%destroy()
-      self%columns = columns
+      self%law => law
+      self%columns = law%dofs
       c = size(law%shape, 2)
       self%reads_in_place = .false.
       if (size(law%shape) == 1) self%reads_in_place = law%shape(1, 1) == 1.0_wp
       self%writes_in_place = self%reads_in_place .and. is_alone
-      call place(self%z, self%own_z, q, self%reads_in_place, c)
-      call place(self%v, self%own_v, v, self%reads_in_place, merge(c, 0, law%needs_velocity))
-      call place(self%p, self%own_p, s, self%writes_in_place, merge(c, 0, law%is_multiplier))
-      call place(self%f, self%own_f, f, self%writes_in_place, c)
+      call place(self%z, self%own_z, samples%q, self%reads_in_place, c)
+      call place(self%v, self%own_v, samples%v, self%reads_in_place, merge(c, 0, law%needs_velocity))
+      call place(self%p, self%own_p, samples%s, self%writes_in_place, merge(c, 0, law%is_multiplier))
+      call place(self%f, self%own_f, samples%f, self%writes_in_place, c)
       if (allocated(error)) return
       select type (law)
       class is (hysteretic_law_t)
-         allocate (self%memory)
-         call new_law_memory(self%memory, law, characteristic)
+         allocate (self%hysteresis)
+         call new_hysteresis(self%hysteresis, law, characteristic)
       end select
 
    contains
 
       !> Where samples stand: those of the only degree of freedom, or those of the law alone.
-      subroutine place(samples, own, all_dofs, is_in_place, n_columns)
-         real(wp), pointer, contiguous, intent(inout) :: samples(:, :)
+      subroutine place(values, own, all_dofs, is_in_place, n_columns)
+         real(wp), pointer, contiguous, intent(inout) :: values(:, :)
          type(real_block_t), intent(inout) :: own
          type(real_block_t), intent(in) :: all_dofs
          logical, intent(in) :: is_in_place
@@ -81,34 +83,34 @@ contains
 
          if (allocated(error)) return
          if (is_in_place .and. n_columns > 0) then
-            samples => all_dofs%values(:, columns(1):columns(1))
+            values => all_dofs%values(:, self%columns(1):self%columns(1))
          else
-            call new_real_block(own, size(q%values, 1), n_columns, error)
-            samples => own%values
+            call new_real_block(own, size(samples%q%values, 1), n_columns, error)
+            values => own%values
          end if
       end subroutine place
-   end subroutine new_slot
+   end subroutine new_sampled_law
 
    !> Makes room for the derivatives of a law without memory.
-   subroutine slot_make_derivatives(self)
-      class(slot_t), intent(inout) :: self
+   subroutine sampled_law_make_derivatives(self)
+      class(sampled_law_t), intent(inout) :: self
 
       associate (n => size(self%z, 1), c => size(self%z, 2))
          allocate (self%df_dz(n, c, c))
          allocate (self%df_dv(n, c, size(self%v, 2)))
          allocate (self%df_dp(n, c, size(self%p, 2)))
       end associate
-   end subroutine slot_make_derivatives
+   end subroutine sampled_law_make_derivatives
 
    !> Finds coordinates, their rates and the reaction from samples of the degrees of freedom of all laws.
-   subroutine slot_gather(self, law, q, v, s, f)
-      class(slot_t), intent(inout) :: self
-      class(law_t), intent(in) :: law
-      type(real_block_t), intent(in) :: q, v, s, f                    !! (n_samples, n_dofs); v, s empty where no law needs them
+   subroutine sampled_law_gather(self, samples)
+      class(sampled_law_t), intent(inout) :: self
+      type(law_samples_t), intent(in) :: samples
       integer :: c, k
 
       if (self%writes_in_place) return
-      associate (shape => law%shape, columns => self%columns)
+      associate (shape => self%law%shape, columns => self%columns, q => samples%q, v => samples%v, s => samples%s, &
+                 f => samples%f)
          do c = 1, merge(0, size(shape, 2), self%reads_in_place)
             self%z(:, c) = shape(1, c)*q%values(:, columns(1))
             do k = 2, size(columns)
@@ -134,28 +136,25 @@ contains
             end do
          end if
       end associate
-   end subroutine slot_gather
+   end subroutine sampled_law_gather
 
    !> Evaluates the force of a law without memory on what was gathered.
-   subroutine slot_evaluate(self, law)
-      class(slot_t), intent(inout) :: self
-      class(law_t), intent(in) :: law
+   subroutine sampled_law_evaluate(self)
+      class(sampled_law_t), intent(inout) :: self
 
-      call law%evaluate(self%z, self%v, self%p, self%f)
-   end subroutine slot_evaluate
+      call self%law%evaluate(self%z, self%v, self%p, self%f)
+   end subroutine sampled_law_evaluate
 
    !> Evaluates the force of a law without memory, and its derivatives, on what was gathered.
-   subroutine slot_differentiate(self, law)
-      class(slot_t), intent(inout) :: self
-      class(law_t), intent(in) :: law
+   subroutine sampled_law_differentiate(self)
+      class(sampled_law_t), intent(inout) :: self
 
-      call law%evaluate(self%z, self%v, self%p, self%f, self%df_dz, self%df_dv, self%df_dp)
-   end subroutine slot_differentiate
+      call self%law%evaluate(self%z, self%v, self%p, self%f, self%df_dz, self%df_dv, self%df_dp)
+   end subroutine sampled_law_differentiate
 
    !> Remembers what the law says when its forces or derivatives are not finite, for the message of the point.
-   subroutine slot_listen(self, law, with_derivatives, complaint, is_given_up)
-      class(slot_t), intent(in) :: self
-      class(law_t), intent(in) :: law
+   subroutine sampled_law_listen(self, with_derivatives, complaint, is_given_up)
+      class(sampled_law_t), intent(in) :: self
       logical, intent(in) :: with_derivatives
       character(:), allocatable, intent(inout) :: complaint           !! the first one stays, unless this law cannot go on
       logical, intent(inout) :: is_given_up                           !! true where the law cannot go on
@@ -171,11 +170,11 @@ contains
          end do
       end if
       if (is_finite) return
-      call law%explain(self%z, self%v, text, is_fatal)
+      call self%law%explain(self%z, self%v, text, is_fatal)
       if (len(text) == 0) text = "forces or derivatives are not finite"
-      if (is_fatal .or. .not. allocated(complaint)) complaint = "law '"//law%label//"': "//text
+      if (is_fatal .or. .not. allocated(complaint)) complaint = "law '"//self%law%label//"': "//text
       is_given_up = is_fatal
-   end subroutine slot_listen
+   end subroutine sampled_law_listen
 
    !> Whether all values are finite; counting them, with no way out at the first that is not, runs several at once.
    pure logical function are_finite(values)
@@ -185,30 +184,29 @@ contains
    end function are_finite
 
    !> Adds the force of the law to those of its degrees of freedom.
-   subroutine slot_scatter(self, law, f)
-      class(slot_t), intent(in) :: self
-      class(law_t), intent(in) :: law
+   subroutine sampled_law_scatter(self, f)
+      class(sampled_law_t), intent(in) :: self
       type(real_block_t), intent(inout) :: f                          !! [N], (n_samples, n_dofs)
       integer :: c, k
 
       if (self%writes_in_place) return
-      associate (shape => law%shape)
+      associate (shape => self%law%shape)
          do c = 1, size(shape, 2)
             do k = 1, size(self%columns)
                f%values(:, self%columns(k)) = f%values(:, self%columns(k)) + shape(k, c)*self%f(:, c)
             end do
          end do
       end associate
-   end subroutine slot_scatter
+   end subroutine sampled_law_scatter
 
    !> Frees the samples of the law; safe to call twice.
-   subroutine slot_destroy(self)
-      class(slot_t), intent(inout) :: self
+   subroutine sampled_law_destroy(self)
+      class(sampled_law_t), intent(inout) :: self
 
       call self%own_z%destroy()
       call self%own_v%destroy()
       call self%own_p%destroy()
       call self%own_f%destroy()
-      nullify (self%z, self%v, self%p, self%f)
-   end subroutine slot_destroy
-end module hb_law_slot
+      nullify (self%law, self%z, self%v, self%p, self%f)
+   end subroutine sampled_law_destroy
+end module hb_sampled_law

@@ -1,24 +1,23 @@
-!> The memory of one hysteretic law over the torus: its states at all samples, found by going round along time until they
-!> repeat.
+!> The states of one hysteretic law over the torus, at all samples, found by going round along time until they repeat.
 !>
 !> The first slice starts from rest, loaded straight to where the motion is there. Where all sliders slip, the start is
 !> forgotten and the states that repeat are the only ones. A slider that never slips keeps its place for ever, and any
 !> place would do: starting from rest is the rule that picks one, `full_stick` tells of it. Source: docs/user/theory.md,
 !> section 5.5.
-module hb_slider_memory
+module hb_slider_states
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    implicit none
    private
-   public :: memory_t, most_rounds, new_memory, repeat_tolerance
+   public :: slider_states_t, most_rounds, new_slider_states, repeat_tolerance
 
    integer, parameter :: most_rounds = 1000
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
 
    !> Samples stand slice by slice: (n_slice, ..., n_steps).
-   type :: memory_t
+   type :: slider_states_t
       real(wp), allocatable :: path(:, :, :, :)                       !! [m], (n_slice, n_coordinates, n_path_parts, n_steps)
       real(wp), allocatable :: states(:, :, :)                        !! (n_slice, n_states, n_steps)
       real(wp), allocatable :: force(:, :)                            !! of one slice [N], (n_slice, n_coordinates)
@@ -30,18 +29,18 @@ module hb_slider_memory
       real(wp), allocatable :: before(:, :)                           !! first slice before the last round, (n_slice, n_states)
       real(wp), allocatable, private :: start(:, :)                   ! (n_slice, n_states)
    contains
-      procedure :: march => memory_march
-      procedure :: differentiable => memory_differentiable
-      procedure :: load_from_rest => memory_load_from_rest
-      procedure :: go_round => memory_go_round
-      procedure :: mean_slope => memory_mean_slope
-   end type memory_t
+      procedure :: march => slider_states_march
+      procedure :: differentiable => slider_states_differentiable
+      procedure :: load_from_rest => slider_states_load_from_rest
+      procedure :: go_round => slider_states_go_round
+      procedure :: mean_slope => slider_states_mean_slope
+   end type slider_states_t
 
 contains
 
    !> Makes room for the states of a law.
-   subroutine new_memory(self, characteristic, n_coordinates, n_states)
-      type(memory_t), intent(out) :: self
+   subroutine new_slider_states(self, characteristic, n_coordinates, n_states)
+      type(slider_states_t), intent(out) :: self
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: n_coordinates, n_states
 
@@ -49,22 +48,22 @@ contains
          allocate (self%path(n, n_coordinates, n_path_parts, n_steps), self%states(n, n_states, n_steps))
          allocate (self%before(n, n_states), self%start(n, n_states), self%force(n, n_coordinates))
       end associate
-   end subroutine new_memory
+   end subroutine new_slider_states
 
    !> Makes room for derivatives, at their first use.
-   subroutine memory_differentiable(self)
-      class(memory_t), intent(inout) :: self
+   subroutine slider_states_differentiable(self)
+      class(slider_states_t), intent(inout) :: self
 
       if (allocated(self%ds_ds_old)) return
       associate (n => size(self%path, 1), n_coordinates => size(self%path, 2), n_steps => size(self%path, 4), &
                  n_states => size(self%states, 2))
          allocate (self%ds_ds_old(n, n_states, n_states, n_steps), self%ds_dpath(n, n_states, n_coordinates, n_path_parts, n_steps))
       end associate
-   end subroutine memory_differentiable
+   end subroutine slider_states_differentiable
 
-   !> Finds the states that repeat on the path. A motion that is not finite ends the walk; it is not judged here.
-   subroutine memory_march(self, law, characteristic)
-      class(memory_t), intent(inout) :: self
+   !> Finds the states that repeat on the path. A motion that is not finite ends the rounds; it is not judged here.
+   subroutine slider_states_march(self, law, characteristic)
+      class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp) :: change, largest, largest_move, rounding
@@ -80,11 +79,11 @@ contains
          if (self%repeats .or. self%rounds >= most_rounds .or. .not. ieee_is_finite(change)) exit
       end do
       self%full_stick = largest_move <= rounding
-   end subroutine memory_march
+   end subroutine slider_states_march
 
    !> States of the first slice after loading from rest straight to its motion; their derivatives if asked for.
-   subroutine memory_load_from_rest(self, law, with_derivatives)
-      class(memory_t), intent(inout) :: self
+   subroutine slider_states_load_from_rest(self, law, with_derivatives)
+      class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
       logical, intent(in) :: with_derivatives
       real(wp) :: straight(size(self%path, 1), size(self%path, 2), n_path_parts)
@@ -97,11 +96,11 @@ contains
       else
          call law%advance(self%start, straight, self%states(:, :, 1))
       end if
-   end subroutine memory_load_from_rest
+   end subroutine slider_states_load_from_rest
 
    !> Goes once round from the states of the first slice back to it.
-   subroutine memory_go_round(self, law, characteristic, with_derivatives, change, largest_move)
-      class(memory_t), intent(inout) :: self
+   subroutine slider_states_go_round(self, law, characteristic, with_derivatives, change, largest_move)
+      class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       logical, intent(in) :: with_derivatives                         !! of every step
@@ -132,12 +131,12 @@ contains
          end associate
       end do
       change = maxval(abs(self%states(:, :, 1) - self%before))
-   end subroutine memory_go_round
+   end subroutine slider_states_go_round
 
    !> Mean over all samples of how the force follows the motion within a step: the spring where sliders stick, nothing where
    !> they slip. After `march`.
-   subroutine memory_mean_slope(self, law, characteristic, slope)
-      class(memory_t), intent(inout) :: self
+   subroutine slider_states_mean_slope(self, law, characteristic, slope)
+      class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(out) :: slope(:, :)                            !! [N/m], (n_coordinates, n_coordinates)
@@ -162,5 +161,5 @@ contains
          end do
       end do
       slope = slope/real(size(self%path, 1)*characteristic%n_steps, wp)
-   end subroutine memory_mean_slope
-end module hb_slider_memory
+   end subroutine slider_states_mean_slope
+end module hb_slider_states

@@ -1,93 +1,93 @@
 !> How the states of one hysteretic law answer to one direction, of the motion or by a base frequency: the exact derivative of
-!> the discrete walk over the torus.
+!> the discrete march over the torus.
 !>
 !> A direction of the motion changes the paths of the steps; a frequency changes these, and the weights by which states are
-!> interpolated at their starts. The derivative takes the same walk as the states, from rest and through all rounds, then
+!> interpolated at their starts. The derivative takes the steps of the states, from rest and through all rounds, then
 !> further rounds until it repeats as well. Source: docs/user/theory.md, sections 5.6 and 6.6.
-module hb_direction_walk
+module hb_slider_derivative
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
-   use hb_slider_memory, only: memory_t, most_rounds, repeat_tolerance
+   use hb_slider_states, only: most_rounds, repeat_tolerance, slider_states_t
    implicit none
    private
-   public :: direction_walk_t, new_direction_walk
+   public :: slider_derivative_t, new_slider_derivative
 
-   !> Derivatives, slice by slice as in hb_slider_memory.
-   type :: direction_walk_t
+   !> Derivatives, slice by slice as in hb_slider_states.
+   type :: slider_derivative_t
       real(wp), allocatable :: path(:, :, :, :)                       !! (n_slice, n_coordinates, n_path_parts, n_steps)
       real(wp), allocatable :: states(:, :, :)                        !! (n_slice, n_states, n_steps)
       logical :: repeats = .true.                                     !! false: not within `most_rounds`
       real(wp), allocatable, private :: start(:, :), first(:, :)      ! (n_slice, n_states)
    contains
-      procedure :: walk => direction_walk_walk
-      procedure :: force => direction_walk_force
-      procedure, private :: load_from_rest => direction_walk_load_from_rest
-      procedure, private :: go_round => direction_walk_go_round
-   end type direction_walk_t
+      procedure :: march => slider_derivative_march
+      procedure :: force => slider_derivative_force
+      procedure, private :: load_from_rest => slider_derivative_load_from_rest
+      procedure, private :: go_round => slider_derivative_go_round
+   end type slider_derivative_t
 
 contains
 
-   !> Makes room for the derivatives of a memory.
-   subroutine new_direction_walk(self, memory)
-      type(direction_walk_t), intent(out) :: self
-      type(memory_t), intent(in) :: memory
+   !> Makes room for the derivatives of the states of a law.
+   subroutine new_slider_derivative(self, sliders)
+      type(slider_derivative_t), intent(out) :: self
+      type(slider_states_t), intent(in) :: sliders
 
-      allocate (self%path, mold=memory%path)
-      allocate (self%states, mold=memory%states)
+      allocate (self%path, mold=sliders%path)
+      allocate (self%states, mold=sliders%states)
       allocate (self%start(size(self%states, 1), size(self%states, 2)), self%first(size(self%states, 1), size(self%states, 2)))
       self%path = 0.0_wp
-   end subroutine new_direction_walk
+   end subroutine new_slider_derivative
 
-   !> Finds the derivatives of the states from those of the paths; the memory must have its own path and `rounds`.
-   subroutine direction_walk_walk(self, memory, law, characteristic, weight_slope)
-      class(direction_walk_t), intent(inout) :: self
-      type(memory_t), intent(inout) :: memory
+   !> Finds the derivatives of the states from those of the paths; these must have their own path and `rounds`.
+   subroutine slider_derivative_march(self, sliders, law, characteristic, weight_slope)
+      class(slider_derivative_t), intent(inout) :: self
+      type(slider_states_t), intent(inout) :: sliders
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(in) :: weight_slope(:)                         !! derivative of the weights, (n_neighbours)
       real(wp) :: change, largest_move
       integer :: round
 
-      call memory%differentiable()
-      call memory%load_from_rest(law, with_derivatives=.true.)
-      call self%load_from_rest(memory)
-      do round = 1, memory%rounds
-         call memory%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
-         if (round < memory%rounds) call self%go_round(memory, characteristic, weight_slope)
+      call sliders%differentiable()
+      call sliders%load_from_rest(law, with_derivatives=.true.)
+      call self%load_from_rest(sliders)
+      do round = 1, sliders%rounds
+         call sliders%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+         if (round < sliders%rounds) call self%go_round(sliders, characteristic, weight_slope)
       end do
       self%repeats = .false.
       do round = 1, most_rounds                                       ! in the steps of the last round of the states
          self%first = self%states(:, :, 1)
-         call self%go_round(memory, characteristic, weight_slope)
+         call self%go_round(sliders, characteristic, weight_slope)
          change = maxval(abs(self%states(:, :, 1) - self%first))
          self%repeats = change <= repeat_tolerance*max(maxval(abs(self%path)), maxval(abs(self%states)))
          if (self%repeats) return
       end do
-   end subroutine direction_walk_walk
+   end subroutine slider_derivative_march
 
    !> The first slice after loading from rest straight to its motion.
-   subroutine direction_walk_load_from_rest(self, memory)
-      class(direction_walk_t), intent(inout) :: self
-      type(memory_t), intent(in) :: memory
+   subroutine slider_derivative_load_from_rest(self, sliders)
+      class(slider_derivative_t), intent(inout) :: self
+      type(slider_states_t), intent(in) :: sliders
       integer :: c, k
 
       self%states = 0.0_wp
       do c = 1, size(self%path, 2)
          do k = 1, size(self%states, 2)
-            associate (slope => memory%ds_dpath(:, k, c, :, 1))
+            associate (slope => sliders%ds_dpath(:, k, c, :, 1))
                self%states(:, k, 1) = self%states(:, k, 1) + (slope(:, path_part%at_end) + slope(:, path_part%end_rate) &
                                                               + slope(:, path_part%start_rate)) &
                                       *self%path(:, c, path_part%at_end, 1)
             end associate
          end do
       end do
-   end subroutine direction_walk_load_from_rest
+   end subroutine slider_derivative_load_from_rest
 
-   !> Goes once round in the steps that the memory took last.
-   subroutine direction_walk_go_round(self, memory, characteristic, weight_slope)
-      class(direction_walk_t), intent(inout) :: self
-      type(memory_t), intent(in) :: memory
+   !> Goes once round in the steps that the states took last.
+   subroutine slider_derivative_go_round(self, sliders, characteristic, weight_slope)
+      class(slider_derivative_t), intent(inout) :: self
+      type(slider_states_t), intent(in) :: sliders
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(in) :: weight_slope(:)
       integer :: c, i, k, last, old_state, part
@@ -99,20 +99,20 @@ contains
             call characteristic%interpolate(self%states(:, :, last), self%start)
             if (slice == 1) self%start = characteristic%closing*self%start
             if (last == 1) then
-               call add_shift(memory%before)
+               call add_shift(sliders%before)
             else
-               call add_shift(memory%states(:, :, last))
+               call add_shift(sliders%states(:, :, last))
             end if
             now = 0.0_wp
             do old_state = 1, size(now, 2)
                do k = 1, size(now, 2)
-                  now(:, k) = now(:, k) + memory%ds_ds_old(:, k, old_state, slice)*self%start(:, old_state)
+                  now(:, k) = now(:, k) + sliders%ds_ds_old(:, k, old_state, slice)*self%start(:, old_state)
                end do
             end do
             do part = 1, n_path_parts
                do c = 1, size(self%path, 2)
                   do k = 1, size(now, 2)
-                     now(:, k) = now(:, k) + memory%ds_dpath(:, k, c, part, slice)*self%path(:, c, part, slice)
+                     now(:, k) = now(:, k) + sliders%ds_dpath(:, k, c, part, slice)*self%path(:, c, part, slice)
                   end do
                end do
             end do
@@ -136,12 +136,12 @@ contains
             end do
          end do
       end subroutine add_shift
-   end subroutine direction_walk_go_round
+   end subroutine slider_derivative_go_round
 
-   !> Derivatives of the forces, at the samples of the torus, after `walk`.
-   subroutine direction_walk_force(self, memory, law, characteristic, df)
-      class(direction_walk_t), intent(in) :: self
-      type(memory_t), intent(in) :: memory
+   !> Derivatives of the forces, at the samples of the torus, after `march`.
+   subroutine slider_derivative_force(self, sliders, law, characteristic, df)
+      class(slider_derivative_t), intent(in) :: self
+      type(slider_states_t), intent(in) :: sliders
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(out) :: df(:, :)                               !! (n_samples, n_coordinates)
@@ -152,7 +152,7 @@ contains
       allocate (f(n, size(df, 2)), df_dz(n, size(df, 2), size(df, 2)), df_ds(n, size(df, 2), size(self%states, 2)))
       df = 0.0_wp
       do i = 1, characteristic%n_steps
-         call law%force(memory%path(:, :, path_part%at_end, i), memory%states(:, :, i), f, df_dz, df_ds)
+         call law%force(sliders%path(:, :, path_part%at_end, i), sliders%states(:, :, i), f, df_dz, df_ds)
          do b = 1, size(df, 2)
             do a = 1, size(df, 2)
                df(characteristic%sample(:, i), a) = df(characteristic%sample(:, i), a) &
@@ -165,5 +165,5 @@ contains
             end do
          end do
       end do
-   end subroutine direction_walk_force
-end module hb_direction_walk
+   end subroutine slider_derivative_force
+end module hb_slider_derivative

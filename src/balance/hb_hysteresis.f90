@@ -1,0 +1,280 @@
+!> The memory of one law on the samples of one torus: its forces from states that repeat, and how these forces respond to the
+!> motion, coefficient by coefficient or along a direction, and to a base frequency.
+!>
+!> Source: docs/user/theory.md, sections 5.5 and 5.6.
+module hb_hysteresis
+   use hb_characteristic, only: characteristic_t
+   use hb_error, only: error_t, fail
+   use hb_harmonics, only: harmonics_t
+   use hb_hysteretic_law, only: hysteretic_law_t, path_part
+   use hb_kinds, only: wp
+   use hb_law_samples, only: law_samples_t
+   use hb_line_tangent, only: line_tangent_t, new_line_tangent
+   use hb_memory_tangent, only: memory_tangent_t, new_memory_tangent, width
+   use hb_slider_derivative, only: new_slider_derivative, slider_derivative_t
+   use hb_slider_states, only: new_slider_states, slider_states_t
+   use hb_text, only: to_text
+   use hb_torus, only: torus_t
+   implicit none
+   private
+   public :: hysteresis_t, new_hysteresis
+
+   type :: hysteresis_t
+      class(hysteretic_law_t), pointer :: law => null()               !! of `new_hysteresis`, which outlives this
+      type(slider_states_t) :: sliders                                !! over the torus
+      real(wp), allocatable :: response(:, :, :, :)                   !! (width, 2, n_coordinates, n_samples) to a block of
+                                                                      !! columns
+      type(line_tangent_t), allocatable, private :: line           ! under one tone, from the first `prepare_line` on
+      type(memory_tangent_t), allocatable, private :: tangent         ! from the first use on
+      type(slider_derivative_t), allocatable, private :: derivative ! from the first use on
+      real(wp), allocatable, private :: f_along(:, :)                 ! (n_samples, n_coordinates)
+   contains
+      procedure :: forget_tones => hysteresis_forget_tones
+      procedure :: evaluate => hysteresis_evaluate
+      procedure :: add_slope => hysteresis_add_slope
+      procedure :: prepare_line => hysteresis_prepare_line
+      procedure :: find_line => hysteresis_find_line
+      procedure :: prepare_response => hysteresis_prepare_response
+      procedure :: n_blocks => hysteresis_n_blocks
+      procedure :: find_block_response => hysteresis_find_block_response
+      procedure :: trouble => hysteresis_trouble
+      procedure :: add_spring_forces => hysteresis_add_spring_forces
+      procedure :: add_mean_slope => hysteresis_add_mean_slope
+   end type hysteresis_t
+
+contains
+
+   !> Makes room for the states of a law.
+   subroutine new_hysteresis(self, law, characteristic)
+      type(hysteresis_t), intent(out) :: self
+      class(hysteretic_law_t), pointer, intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+
+      self%law => law
+      call new_slider_states(self%sliders, characteristic, size(law%shape, 2), law%n_states)
+   end subroutine new_hysteresis
+
+   !> Drops what was made for the base frequencies, when these change.
+   pure subroutine hysteresis_forget_tones(self)
+      class(hysteresis_t), intent(inout) :: self
+
+      if (allocated(self%tangent)) deallocate (self%tangent, self%response)
+      if (allocated(self%line)) deallocate (self%line)
+   end subroutine hysteresis_forget_tones
+
+   !> Finds the forces: the states that repeat on the path of the law, then the force sample by sample.
+   subroutine hysteresis_evaluate(self, characteristic, samples, f)
+      class(hysteresis_t), intent(inout) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      type(law_samples_t), intent(in) :: samples
+      real(wp), intent(inout) :: f(:, :)                              !! [N], (n_samples, n_coordinates)
+      real(wp), allocatable :: z(:, :), s(:, :), force(:, :)
+      integer :: slice
+
+      associate (path => self%sliders%path, states => self%sliders%states)
+         call gather_path(self, characteristic, samples, path)
+         call self%sliders%march(self%law, characteristic)
+         if (characteristic%n_slice == 1) then                        ! all samples form one line: their forces at once
+            z = transpose(path(1, :, path_part%at_end, :))
+            s = transpose(states(1, :, :))
+            allocate (force, mold=z)
+            call self%law%force(z, s, force)
+            f(characteristic%sample(1, :), :) = force
+            return
+         end if
+         do slice = 1, characteristic%n_steps
+            call self%law%force(path(:, :, path_part%at_end, slice), states(:, :, slice), self%sliders%force)
+            f(characteristic%sample(:, slice), :) = self%sliders%force
+         end do
+      end associate
+   end subroutine hysteresis_evaluate
+
+   !> The paths of all coordinates of the law along the steps, from samples of the degrees of freedom.
+   subroutine gather_path(self, characteristic, samples, path)
+      type(hysteresis_t), intent(in) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      type(law_samples_t), intent(in) :: samples
+      real(wp), intent(inout) :: path(:, :, :, :)                     !! (n_slice, n_coordinates, n_path_parts, n_steps)
+
+      call gather_part(self, characteristic, samples%q%values, path(:, :, path_part%at_end, :))
+      call gather_part(self, characteristic, samples%q_before%values, path(:, :, path_part%at_start, :))
+      call gather_part(self, characteristic, samples%step_rate%values, path(:, :, path_part%end_rate, :))
+      call gather_part(self, characteristic, samples%step_rate_before%values, path(:, :, path_part%start_rate, :))
+   end subroutine gather_path
+
+   !> One part of these paths.
+   subroutine gather_part(self, characteristic, values, path)
+      type(hysteresis_t), intent(in) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), intent(in) :: values(:, :)                            !! (n_samples, n_dofs)
+      real(wp), intent(out) :: path(:, :, :)                          !! (n_slice, n_coordinates, n_steps)
+      integer :: c, k, slice
+
+      associate (shape => self%law%shape, columns => self%law%dofs, sample => characteristic%sample)
+         if (size(sample, 1) == 1) then                                ! one line: all steps at once
+            do c = 1, size(shape, 2)
+               path(1, c, :) = 0.0_wp
+               do k = 1, size(columns)
+                  if (abs(shape(k, c)) <= 0.0_wp) cycle
+                  path(1, c, :) = path(1, c, :) + shape(k, c)*values(sample(1, :), columns(k))
+               end do
+            end do
+            return
+         end if
+         do slice = 1, size(sample, 2)
+            do c = 1, size(shape, 2)
+               path(:, c, slice) = 0.0_wp
+               do k = 1, size(columns)
+                  if (abs(shape(k, c)) <= 0.0_wp) cycle
+                  path(:, c, slice) = path(:, c, slice) + shape(k, c)*values(sample(:, slice), columns(k))
+               end do
+            end do
+         end do
+      end associate
+   end subroutine gather_part
+
+   !> Adds the derivative of the forces along a direction to its `f`, from the derivatives of what steps know of the motion.
+   !>
+   !> Fails where the derivative of the states does not repeat from round to round.
+   subroutine hysteresis_add_slope(self, characteristic, weight_slope, along, error)
+      class(hysteresis_t), intent(inout) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), intent(in) :: weight_slope(:)                         !! of `characteristic`
+      type(law_samples_t), intent(inout) :: along
+      type(error_t), allocatable, intent(out) :: error
+      integer :: c, k
+
+      if (.not. allocated(self%derivative)) then
+         allocate (self%derivative)
+         call new_slider_derivative(self%derivative, self%sliders)
+         allocate (self%f_along(size(along%f%values, 1), size(self%law%shape, 2)))
+      end if
+      call gather_path(self, characteristic, along, self%derivative%path)
+      call self%derivative%march(self%sliders, self%law, characteristic, weight_slope)
+      if (.not. self%derivative%repeats) then
+         call fail(error, "law '"//self%law%label//"': the derivative of its memory does not repeat "// &
+                   "from round to round of the torus")
+         return
+      end if
+      call self%derivative%force(self%sliders, self%law, characteristic, self%f_along)
+      associate (shape => self%law%shape, columns => self%law%dofs, f => along%f%values)
+         do c = 1, size(shape, 2)
+            do k = 1, size(columns)
+               f(:, columns(k)) = f(:, columns(k)) + shape(k, c)*self%f_along(:, c)
+            end do
+         end do
+      end associate
+   end subroutine hysteresis_add_slope
+
+   !> Prepares the response to coefficients of the motion, after `evaluate`.
+   subroutine hysteresis_prepare_response(self, characteristic, harmonics, torus, frequencies)
+      class(hysteresis_t), intent(inout) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      type(harmonics_t), intent(in) :: harmonics
+      type(torus_t), intent(in) :: torus
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+
+      if (.not. allocated(self%tangent)) then
+         allocate (self%tangent)
+         call new_memory_tangent(self%tangent, characteristic, harmonics, torus, frequencies, size(self%law%shape, 2), &
+                                 self%law%n_states)
+         allocate (self%response(width, 2, size(self%law%shape, 2), torus%n_total))
+      end if
+      call self%tangent%prepare(self%sliders, self%law, characteristic)
+   end subroutine hysteresis_prepare_response
+
+   !> Prepares `line`, if the law is of the kind that it treats, after `evaluate`.
+   subroutine hysteresis_prepare_line(self, characteristic, harmonics, frequencies, is_available)
+      class(hysteresis_t), intent(inout) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      type(harmonics_t), intent(in) :: harmonics
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      logical, intent(out) :: is_available
+
+      is_available = .false.
+      if (harmonics%n_tones /= 1) return
+      if (.not. allocated(self%line)) then
+         allocate (self%line)
+         call new_line_tangent(self%line, characteristic, harmonics, frequencies)
+      end if
+      call self%line%prepare(self%sliders, self%law, characteristic)
+      is_available = self%line%is_available
+   end subroutine hysteresis_prepare_line
+
+   !> How force a of the law responds to its coordinate c, after `prepare_line`: the product with the motion at the same sample,
+   !> and for each run of sticking the samples and the motion, see hb_line_tangent.
+   subroutine hysteresis_find_line(self, characteristic, a, c, product, stuck, pushed)
+      class(hysteresis_t), intent(inout) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      integer, intent(in) :: a, c
+      real(wp), intent(out) :: product(:)                             !! [N/m], (n_samples)
+      complex(wp), allocatable, intent(out) :: stuck(:, :), pushed(:, :)   !! (n_harmonics, n_runs)
+
+      associate (line => self%line)
+         call line%find(self%sliders, a, c)
+         product(characteristic%sample(1, :)) = line%g
+         stuck = line%stuck(:, :line%n_runs)
+         pushed = line%pushed(:, :line%n_runs)
+      end associate
+   end subroutine hysteresis_find_line
+
+   !> Number of blocks of at most hb_memory_tangent%width harmonics in which the response comes.
+   pure integer function hysteresis_n_blocks(self)
+      class(hysteresis_t), intent(in) :: self
+
+      hysteresis_n_blocks = self%tangent%n_blocks
+   end function hysteresis_n_blocks
+
+   !> Finds `response`, to cos and sin of a block of harmonics of one coordinate.
+   subroutine hysteresis_find_block_response(self, characteristic, coordinate, block)
+      class(hysteresis_t), intent(inout) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      integer, intent(in) :: coordinate, block
+
+      call self%tangent%respond(self%sliders, characteristic, block, coordinate, self%response)
+   end subroutine hysteresis_find_block_response
+
+   !> What is wrong with the states after `evaluate`; empty when they repeat.
+   pure function hysteresis_trouble(self) result(text)
+      class(hysteresis_t), intent(in) :: self
+      character(:), allocatable :: text
+
+      text = ""
+      if (self%sliders%repeats) return
+      text = "the sliders of law '"//self%law%label//"' do not come back to their places within "// &
+             to_text(self%sliders%rounds)//" rounds of the torus: they hardly slip"
+   end function hysteresis_trouble
+
+   !> Adds the largest forces that the springs of the law would have without their sliders.
+   subroutine hysteresis_add_spring_forces(self, forces)
+      class(hysteresis_t), intent(in) :: self
+      real(wp), intent(inout) :: forces(:)                            !! [N], (n_dofs)
+      real(wp), allocatable :: df_dz(:, :, :), df_ds(:, :, :), f(:, :)
+      integer :: c
+
+      associate (path => self%sliders%path, states => self%sliders%states, shape => self%law%shape, &
+                 columns => self%law%dofs)
+         allocate (f(size(path, 1), size(path, 2)), df_dz(size(path, 1), size(path, 2), size(path, 2)))
+         allocate (df_ds(size(path, 1), size(path, 2), size(states, 2)))
+         call self%law%force(path(:, :, path_part%at_end, 1), states(:, :, 1), f, df_dz, df_ds)
+         do c = 1, size(shape, 2)
+            forces(columns) = forces(columns) + matmul(abs(shape), maxval(abs(df_dz(:, :, c)), dim=1)) &
+                              *maxval(abs(path(:, c, path_part%at_end, :)))
+         end do
+      end associate
+   end subroutine hysteresis_add_spring_forces
+
+   !> Adds the mean over the torus of the derivative of the force by the motion, after `evaluate`.
+   subroutine hysteresis_add_mean_slope(self, characteristic, df_dq)
+      class(hysteresis_t), intent(inout) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), intent(inout) :: df_dq(:, :)                          !! [N/m], (n_dofs, n_dofs)
+      real(wp), allocatable :: slope(:, :)
+
+      associate (shape => self%law%shape, columns => self%law%dofs)
+         allocate (slope(size(shape, 2), size(shape, 2)))
+         call self%sliders%mean_slope(self%law, characteristic, slope)
+         df_dq(columns, columns) = df_dq(columns, columns) + matmul(shape, matmul(slope, transpose(shape)))
+      end associate
+   end subroutine hysteresis_add_mean_slope
+end module hb_hysteresis

@@ -1,0 +1,296 @@
+!> How the forces of all laws depend on the motion at the same sample: the pairs (i, k) of degrees of freedom with
+!> d force_i/d motion_k not zero, and these derivatives.
+!>
+!> Explicit laws come first. A multiplier law then sees the reaction p = w.(s - f_explicit)/w.w of each of its coordinates,
+!> with the weights w; it passes on what the explicit laws beside it depend on. Laws with memory have no pairs: their forces
+!> depend on all samples. Source: docs/user/theory.md, sections 5.3 and 5.4.
+module hb_law_jacobian
+   use hb_error, only: error_t
+   use hb_fftw, only: new_real_block, real_block_t
+   use hb_kinds, only: wp
+   use hb_law_samples, only: law_samples_t
+   use hb_sampled_law, only: sampled_law_t
+   implicit none
+   private
+   public :: law_jacobian_t, new_law_jacobian
+
+   !> Owner of outside resources: call `destroy`.
+   type :: law_jacobian_t
+      integer :: n_pairs = 0
+      integer, allocatable :: row(:), column(:)                       !! (n_pairs) i and k of each pair
+      integer, allocatable :: pair_at(:, :)                           !! (n_dofs, n_dofs), 0: no pair
+      logical :: needs_velocity = .false., needs_reaction = .false.   !! of any law
+      type(real_block_t) :: df_dq                                     !! [N/m], (n_samples, n_pairs), after `make_room`
+      type(real_block_t) :: df_dv                                     !! [N s/m], as df_dq where a law needs it
+      type(real_block_t) :: df_ds                                     !! as df_dq where a law needs it
+   contains
+      procedure :: pattern => law_jacobian_pattern
+      procedure :: has_room => law_jacobian_has_room
+      procedure :: make_room => law_jacobian_make_room
+      procedure :: clear => law_jacobian_clear
+      procedure :: add => law_jacobian_add
+      procedure :: add_product => law_jacobian_add_product
+      procedure :: mean => law_jacobian_mean
+      procedure :: variation => law_jacobian_variation
+      procedure :: destroy => law_jacobian_destroy
+   end type law_jacobian_t
+
+contains
+
+   !> Finds which forces depend on which motions. Derivatives get their memory by `make_room`.
+   subroutine new_law_jacobian(self, laws, n_dofs, needs_velocity, needs_reaction)
+      type(law_jacobian_t), intent(inout) :: self
+      type(sampled_law_t), intent(in) :: laws(:)
+      integer, intent(in) :: n_dofs                                   !! on which they act
+      logical, intent(in) :: needs_velocity, needs_reaction           !! of any law
+      logical, allocatable :: coupled(:, :)
+      integer :: a, b, i, pass
+
+      call self%destroy()
+      self%needs_velocity = needs_velocity
+      self%needs_reaction = needs_reaction
+      allocate (coupled(n_dofs, n_dofs), source=.false.)
+      do pass = 1, 2                                                   ! explicit laws, then multipliers
+         do i = 1, size(laws)
+            if (laws(i)%law%is_multiplier .neqv. pass == 2) cycle
+            if (allocated(laws(i)%hysteresis)) cycle
+            associate (columns => laws(i)%columns)
+               do b = 1, size(columns)
+                  do a = 1, size(columns)
+                     coupled(columns(a), columns(b)) = .true.
+                     if (pass == 2) coupled(columns(a), :) = coupled(columns(a), :) .or. coupled(columns(b), :)
+                  end do
+               end do
+            end associate
+         end do
+      end do
+      self%n_pairs = count(coupled)
+      allocate (self%row(self%n_pairs), self%column(self%n_pairs))
+      allocate (self%pair_at(n_dofs, n_dofs), source=0)
+      i = 0
+      do b = 1, n_dofs
+         do a = 1, n_dofs
+            if (.not. coupled(a, b)) cycle
+            i = i + 1
+            self%row(i) = a
+            self%column(i) = b
+            self%pair_at(a, b) = i
+         end do
+      end do
+   end subroutine new_law_jacobian
+
+   !> A Jacobian of these pairs, without room for derivatives.
+   pure type(law_jacobian_t) function law_jacobian_pattern(self) result(pattern)
+      class(law_jacobian_t), intent(in) :: self
+
+      pattern%n_pairs = self%n_pairs
+      pattern%row = self%row
+      pattern%column = self%column
+      pattern%pair_at = self%pair_at
+      pattern%needs_velocity = self%needs_velocity
+      pattern%needs_reaction = self%needs_reaction
+   end function law_jacobian_pattern
+
+   !> Whether there is memory for derivatives.
+   pure logical function law_jacobian_has_room(self)
+      class(law_jacobian_t), intent(in) :: self
+
+      law_jacobian_has_room = associated(self%df_dq%values)
+   end function law_jacobian_has_room
+
+   !> Makes room for derivatives on a grid.
+   subroutine law_jacobian_make_room(self, n_samples, error)
+      class(law_jacobian_t), intent(inout) :: self
+      integer, intent(in) :: n_samples
+      type(error_t), allocatable, intent(out) :: error
+
+      if (self%needs_velocity) call new_real_block(self%df_dv, n_samples, self%n_pairs, error)
+      if (allocated(error)) return
+      if (self%needs_reaction) call new_real_block(self%df_ds, n_samples, self%n_pairs, error)
+      if (allocated(error)) return
+      call new_real_block(self%df_dq, n_samples, self%n_pairs, error) ! the last one: `has_room` asks for it
+   end subroutine law_jacobian_make_room
+
+   !> Sets all derivatives to zero.
+   subroutine law_jacobian_clear(self)
+      class(law_jacobian_t), intent(inout) :: self
+
+      self%df_dq%values = 0.0_wp
+      if (self%needs_velocity) self%df_dv%values = 0.0_wp
+      if (self%needs_reaction) self%df_ds%values = 0.0_wp
+   end subroutine law_jacobian_clear
+
+   !> Adds the derivatives of one law without memory; multiplier laws come after all others.
+   subroutine law_jacobian_add(self, law)
+      class(law_jacobian_t), intent(inout) :: self
+      type(sampled_law_t), intent(in) :: law                          !! differentiated
+
+      if (law%law%is_multiplier) then
+         call add_multiplier(self, law)
+      else
+         call add_explicit(self, law)
+      end if
+   end subroutine law_jacobian_add
+
+   !> d force_i/d motion_k += sum over coordinates a, b of shape(i, a) df_a/dz_b shape(k, b), and likewise for rates.
+   subroutine add_explicit(self, law)
+      type(law_jacobian_t), intent(inout) :: self
+      type(sampled_law_t), intent(in) :: law
+      integer :: a, b, i, k, pair
+      real(wp) :: weight
+
+      associate (shape => law%law%shape, df_dq => self%df_dq%values, df_dv => self%df_dv%values)
+         do k = 1, size(law%columns)
+            do i = 1, size(law%columns)
+               pair = self%pair_at(law%columns(i), law%columns(k))
+               do b = 1, size(shape, 2)
+                  do a = 1, size(shape, 2)
+                     weight = shape(i, a)*shape(k, b)
+                     if (weight == 0.0_wp) cycle                       ! most of them where coordinates are degrees of freedom
+                     df_dq(:, pair) = df_dq(:, pair) + weight*law%df_dz(:, a, b)
+                     if (size(law%v, 2) > 0) df_dv(:, pair) = df_dv(:, pair) + weight*law%df_dv(:, a, b)
+                  end do
+               end do
+            end do
+         end do
+      end associate
+   end subroutine add_explicit
+
+   !> Chain rule through p_b = w_b.(s - f_explicit)/w_b.w_b for a law of coordinates with the weights w_b, orthogonal to each
+   !> other. Its degrees of freedom belong to no other multiplier, so what stands in their rows so far is explicit.
+   subroutine add_multiplier(self, law)
+      type(law_jacobian_t), intent(inout) :: self
+      type(sampled_law_t), intent(in) :: law
+      integer :: a, b, i, k, own, pair
+      real(wp), dimension(size(law%law%shape, 2)) :: square, w_k
+      real(wp), allocatable :: explicit_q(:, :), explicit_v(:, :), slope_q(:), slope_v(:), slope_s(:)
+
+      associate (shape => law%law%shape, columns => law%columns, needs_velocity => self%needs_velocity)
+         square = sum(shape**2, dim=1)
+         do k = 1, size(self%pair_at, 2)
+            if (self%pair_at(columns(1), k) == 0) cycle
+            own = findloc(columns, k, dim=1)
+            w_k = 0.0_wp
+            if (own > 0) w_k = shape(own, :)
+            explicit_q = explicit_slopes(self%df_dq%values, k)
+            if (needs_velocity) explicit_v = explicit_slopes(self%df_dv%values, k)
+            do a = 1, size(shape, 2)
+               slope_q = spread(0.0_wp, 1, size(law%f, 1))
+               slope_s = slope_q
+               if (needs_velocity) slope_v = slope_q
+               do b = 1, size(shape, 2)
+                  slope_q = slope_q - law%df_dp(:, a, b)*explicit_q(:, b)
+                  if (needs_velocity) slope_v = slope_v - law%df_dp(:, a, b)*explicit_v(:, b)
+                  if (w_k(b) == 0.0_wp) cycle                          ! most of them where coordinates are degrees of freedom
+                  slope_q = slope_q + w_k(b)*law%df_dz(:, a, b)
+                  if (size(law%v, 2) > 0) slope_v = slope_v + w_k(b)*law%df_dv(:, a, b)
+                  slope_s = slope_s + w_k(b)/square(b)*law%df_dp(:, a, b)
+               end do
+               do i = 1, size(columns)
+                  if (shape(i, a) == 0.0_wp) cycle
+                  pair = self%pair_at(columns(i), k)
+                  self%df_dq%values(:, pair) = self%df_dq%values(:, pair) + shape(i, a)*slope_q
+                  if (needs_velocity) self%df_dv%values(:, pair) = self%df_dv%values(:, pair) + shape(i, a)*slope_v
+                  self%df_ds%values(:, pair) = self%df_ds%values(:, pair) + shape(i, a)*slope_s
+               end do
+            end do
+         end do
+      end associate
+
+   contains
+
+      !> w_b.(d f_explicit/d motion_k)/w_b.w_b of all coordinates b.
+      function explicit_slopes(derivative, k) result(slopes)
+         real(wp), intent(in) :: derivative(:, :)
+         integer, intent(in) :: k
+         real(wp) :: slopes(size(derivative, 1), size(law%law%shape, 2))
+         integer :: c, m
+
+         slopes = 0.0_wp
+         associate (shape => law%law%shape, columns => law%columns)
+            do c = 1, size(shape, 2)
+               do m = 1, size(columns)
+                  if (shape(m, c) == 0.0_wp) cycle
+                  slopes(:, c) = slopes(:, c) + shape(m, c)/square(c)*derivative(:, self%pair_at(columns(m), k))
+               end do
+            end do
+         end associate
+      end function explicit_slopes
+   end subroutine add_multiplier
+
+   !> Adds the derivative of the forces along a direction to its `f`: the sum over pairs (i, k) of df_i/dq_k q_k + df_i/dv_k v_k +
+   !> df_i/ds_k s_k.
+   subroutine law_jacobian_add_product(self, along)
+      class(law_jacobian_t), intent(in) :: self
+      type(law_samples_t), intent(inout) :: along
+      integer :: i
+
+      do i = 1, self%n_pairs
+         associate (f => along%f%values(:, self%row(i)), k => self%column(i))
+            f = f + self%df_dq%values(:, i)*along%q%values(:, k)
+            if (self%needs_velocity) f = f + self%df_dv%values(:, i)*along%v%values(:, k)
+            if (self%needs_reaction) f = f + self%df_ds%values(:, i)*along%s%values(:, k)
+         end associate
+      end do
+   end subroutine law_jacobian_add_product
+
+   !> Finds the means over the torus of all derivatives.
+   subroutine law_jacobian_mean(self, df_dq, df_dv, df_ds)
+      class(law_jacobian_t), intent(in) :: self
+      real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (n_dofs, n_dofs)
+      real(wp) :: weight
+      integer :: i
+
+      df_dq = 0.0_wp
+      df_dv = 0.0_wp
+      df_ds = 0.0_wp
+      weight = 1.0_wp/real(size(self%df_dq%values, 1), wp)
+      do i = 1, self%n_pairs
+         associate (row => self%row(i), column => self%column(i))
+            df_dq(row, column) = weight*sum(self%df_dq%values(:, i))
+            if (self%needs_velocity) df_dv(row, column) = weight*sum(self%df_dv%values(:, i))
+            if (self%needs_reaction) df_ds(row, column) = weight*sum(self%df_ds%values(:, i))
+         end associate
+      end do
+   end subroutine law_jacobian_mean
+
+   !> Finds the standard deviations over the torus of the derivatives of each force by the motion of its own degree of freedom.
+   subroutine law_jacobian_variation(self, df_dq, df_dv, df_ds)
+      class(law_jacobian_t), intent(in) :: self
+      real(wp), intent(out) :: df_dq(:), df_dv(:), df_ds(:)           !! (n_dofs)
+      integer :: i
+
+      df_dq = 0.0_wp
+      df_dv = 0.0_wp
+      df_ds = 0.0_wp
+      do i = 1, self%n_pairs
+         associate (dof => self%row(i))
+            if (self%column(i) /= dof) cycle
+            df_dq(dof) = deviation(self%df_dq%values(:, i))
+            if (self%needs_velocity) df_dv(dof) = deviation(self%df_dv%values(:, i))
+            if (self%needs_reaction) df_ds(dof) = deviation(self%df_ds%values(:, i))
+         end associate
+      end do
+
+   contains
+
+      pure real(wp) function deviation(values)
+         real(wp), intent(in) :: values(:)
+
+         associate (n => real(size(values), wp))
+            deviation = sqrt(sum((values - sum(values)/n)**2)/n)
+         end associate
+      end function deviation
+   end subroutine law_jacobian_variation
+
+   !> Frees all derivatives and forgets the pairs; safe to call twice.
+   subroutine law_jacobian_destroy(self)
+      class(law_jacobian_t), intent(inout) :: self
+
+      call self%df_dq%destroy()
+      call self%df_dv%destroy()
+      call self%df_ds%destroy()
+      if (allocated(self%row)) deallocate (self%row, self%column, self%pair_at)
+      self%n_pairs = 0
+   end subroutine law_jacobian_destroy
+end module hb_law_jacobian

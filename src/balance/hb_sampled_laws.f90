@@ -1,0 +1,421 @@
+!> All laws of a scene on the samples of one torus: their forces, derivatives of these, their response to a direction or to single
+!> coefficients of the motion, and what holds of them on the torus as a whole.
+!>
+!> Explicit laws come first; a multiplier law then sees the reaction p = s - (explicit forces) that equilibrium asks of it
+!> at each sample, s = (loads - S u)(tau). Laws with memory are explicit; their states come from marching along time.
+!> Source: docs/user/theory.md, sections 5.3 to 5.5.
+module hb_sampled_laws
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_characteristic, only: characteristic_t, new_characteristic
+   use hb_coordinates, only: coordinates_t
+   use hb_error, only: error_t
+   use hb_hysteretic_law, only: has_memory
+   use hb_kinds, only: wp
+   use hb_law, only: defects_t, law_box_t, law_t
+   use hb_law_jacobian, only: law_jacobian_t, new_law_jacobian
+   use hb_law_kinks, only: law_kinks_t, new_law_kinks
+   use hb_law_response, only: add_multiplier_response
+   use hb_law_samples, only: law_samples_t, new_law_samples
+   use hb_sampled_law, only: new_sampled_law, sampled_law_t
+   use hb_torus, only: torus_t
+   implicit none
+   private
+   public :: new_sampled_laws, sampled_laws_t
+
+   !> Owner of outside resources: call `destroy`.
+   type :: sampled_laws_t
+      integer :: n_dofs = 0                                           !! coordinates on which laws act
+      logical :: needs_velocity = .false.
+      logical :: needs_reaction = .false.
+      logical :: has_memory = .false.                                 !! then samples hold the steps of time before each
+      type(characteristic_t) :: characteristic                        !! steps along time, for laws with memory
+      type(law_box_t), allocatable :: laws(:)
+      character(:), allocatable :: complaint                          !! why a law had no finite force so far
+      logical :: is_given_up = .false.                                !! a law cannot go on: all forces are NaN from then on
+      type(law_samples_t) :: samples                                  !! of the motion
+      type(law_samples_t) :: along                                    !! of a direction, made at their first use
+      type(law_jacobian_t) :: jacobian                                !! derivatives at the same sample, after `differentiate`
+      type(law_kinks_t) :: kinks                                      !! of the laws between samples
+      type(sampled_law_t), allocatable :: sampled(:)                  !! (laws) each law with its samples
+      logical, allocatable, private :: is_summed(:)                   ! (n_dofs) whose force is a sum; else one law writes it
+   contains
+      procedure :: move => sampled_laws_move
+      procedure :: coordinates_of => sampled_laws_coordinates_of
+      procedure :: evaluate => sampled_laws_evaluate
+      procedure :: listen => sampled_laws_listen
+      procedure :: differentiate => sampled_laws_differentiate
+      procedure :: force_of => sampled_laws_force_of
+      procedure :: make_direction_samples => sampled_laws_make_direction_samples
+      procedure :: differentiate_along => sampled_laws_differentiate_along
+      procedure :: memory_reach => sampled_laws_memory_reach
+      procedure :: memory_trouble => sampled_laws_memory_trouble
+      procedure :: full_stick => sampled_laws_full_stick
+      procedure :: all_stick => sampled_laws_all_stick
+      procedure :: spring_forces => sampled_laws_spring_forces
+      procedure :: correct => sampled_laws_correct
+      procedure :: defects => sampled_laws_defects
+      procedure :: potential => sampled_laws_potential
+      procedure :: mean_slopes => sampled_laws_mean_slopes
+      procedure :: destroy => sampled_laws_destroy
+   end type sampled_laws_t
+
+contains
+
+   !> Prepares the samples of all laws on a grid. Derivatives get their memory at their first use.
+   subroutine new_sampled_laws(self, laws, n_coordinates, torus, omega, error)
+      type(sampled_laws_t), intent(inout), target :: self
+      type(law_box_t), intent(in) :: laws(:)                          !! on coordinates; no two multipliers on one
+      integer, intent(in) :: n_coordinates
+      type(torus_t), intent(in) :: torus
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      call self%destroy()
+      self%has_memory = has_memory(laws)
+      if (self%has_memory) call new_characteristic(self%characteristic, torus, omega)
+      self%is_given_up = .false.
+      if (allocated(self%complaint)) deallocate (self%complaint)
+      self%laws = laws
+      call set_phases(self%laws, torus)
+      self%n_dofs = n_coordinates
+      self%needs_velocity = any([(laws(i)%law%needs_velocity, i=1, size(laws))])
+      self%needs_reaction = any([(laws(i)%law%is_multiplier, i=1, size(laws))])
+      call new_law_samples(self%samples, torus%n_total, self%n_dofs, self%needs_velocity, self%needs_reaction, &
+                           self%has_memory, error)
+      if (allocated(error)) return
+      call sample_laws(self, error)
+      if (allocated(error)) return
+      call new_law_jacobian(self%jacobian, self%sampled, self%n_dofs, self%needs_velocity, self%needs_reaction)
+      call new_law_kinks(self%kinks, self%sampled, torus)
+   end subroutine new_sampled_laws
+
+   !> Gives each law its samples, and finds the degrees of freedom whose force has to be summed.
+   subroutine sample_laws(self, error)
+      type(sampled_laws_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+      class(law_t), pointer :: law
+      integer :: i, k, n_laws(self%n_dofs)
+
+      n_laws = 0
+      do i = 1, size(self%laws)
+         associate (columns => self%laws(i)%law%dofs)
+            n_laws(columns) = n_laws(columns) + 1
+         end associate
+      end do
+      allocate (self%sampled(size(self%laws)))
+      self%is_summed = [(.true., k=1, self%n_dofs)]
+      do i = 1, size(self%laws)
+         law => self%laws(i)%law
+         call new_sampled_law(self%sampled(i), law, all(n_laws(law%dofs) == 1), self%samples, self%characteristic, error)
+         if (allocated(error)) return
+         if (self%sampled(i)%writes_in_place) self%is_summed(law%dofs) = .false.
+      end do
+   end subroutine sample_laws
+
+   !> Tells the laws that ask for it the phases of their tones on the grid.
+   pure subroutine set_phases(laws, torus)
+      type(law_box_t), intent(inout) :: laws(:)
+      type(torus_t), intent(in) :: torus
+      real(wp), allocatable :: tau(:, :)
+      integer :: i
+
+      do i = 1, size(laws)
+         if (laws(i)%law%phase_tone < 1) cycle
+         if (.not. allocated(tau)) tau = torus%phases()
+         call laws(i)%law%set_phase(tau(laws(i)%law%phase_tone, :))
+      end do
+   end subroutine set_phases
+
+   !> Changes the base frequencies; the tone that leads the steps of laws with memory stays.
+   subroutine sampled_laws_move(self, torus, omega)
+      class(sampled_laws_t), intent(inout) :: self
+      type(torus_t), intent(in) :: torus
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones), > 0
+      integer :: i, tone
+
+      if (.not. self%has_memory) return
+      tone = self%characteristic%tone
+      call new_characteristic(self%characteristic, torus, omega, tone)
+      do i = 1, size(self%sampled)
+         if (allocated(self%sampled(i)%hysteresis)) call self%sampled(i)%hysteresis%forget_tones()
+      end do
+   end subroutine sampled_laws_move
+
+   !> Coordinates of law i from values of all coordinates.
+   pure function sampled_laws_coordinates_of(self, i, values) result(z)
+      class(sampled_laws_t), intent(in) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: values(:, :)                            !! (any, n_dofs)
+      real(wp) :: z(size(values, 1), size(self%laws(i)%law%shape, 2))
+
+      z = matmul(values(:, self%laws(i)%law%dofs), self%laws(i)%law%shape)
+   end function sampled_laws_coordinates_of
+
+   !> Forces f from the samples q, v and s. Where they are not finite, `listen` tells why.
+   subroutine sampled_laws_evaluate(self)
+      class(sampled_laws_t), intent(inout) :: self
+
+      call run_laws(self, with_derivatives=.false.)
+   end subroutine sampled_laws_evaluate
+
+   !> Remembers what laws say about forces that are not finite, after `evaluate`. Who looks at coefficients of the forces sees
+   !> whether they are: one sample that is not spoils them all.
+   subroutine sampled_laws_listen(self)
+      class(sampled_laws_t), intent(inout) :: self
+      integer :: i
+
+      if (self%is_given_up) return
+      do i = 1, size(self%laws)
+         if (allocated(self%sampled(i)%hysteresis)) cycle
+         call self%sampled(i)%listen(.false., self%complaint, self%is_given_up)
+         if (self%is_given_up) return
+      end do
+   end subroutine sampled_laws_listen
+
+   !> Forces and derivatives of all pairs from the samples.
+   subroutine sampled_laws_differentiate(self, error)
+      class(sampled_laws_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      if (.not. self%jacobian%has_room()) then
+         call self%jacobian%make_room(size(self%samples%q%values, 1), error)
+         if (allocated(error)) return
+         do i = 1, size(self%sampled)
+            if (.not. allocated(self%sampled(i)%hysteresis)) call self%sampled(i)%make_derivatives()
+         end do
+      end if
+      call run_laws(self, with_derivatives=.true.)
+   end subroutine sampled_laws_differentiate
+
+   subroutine run_laws(self, with_derivatives)
+      class(sampled_laws_t), intent(inout) :: self
+      logical, intent(in) :: with_derivatives
+      integer :: i, pass
+
+      associate (samples => self%samples)
+         do i = 1, self%n_dofs
+            if (self%is_summed(i)) samples%f%values(:, i) = 0.0_wp
+         end do
+         if (with_derivatives) call self%jacobian%clear()
+         if (self%is_given_up) then
+            samples%f%values = ieee_value(1.0_wp, ieee_quiet_nan)
+            return
+         end if
+         do pass = 1, 2                                                ! explicit laws, then multipliers
+            do i = 1, size(self%laws)
+               if (self%laws(i)%law%is_multiplier .neqv. pass == 2) cycle
+               associate (law => self%sampled(i))
+                  if (allocated(law%hysteresis)) then
+                     call law%hysteresis%evaluate(self%characteristic, samples, law%f)
+                  else
+                     call law%gather(samples)
+                     if (with_derivatives) then
+                        call law%differentiate()
+                        call self%jacobian%add(law)
+                        call law%listen(with_derivatives, self%complaint, self%is_given_up)
+                     else
+                        call law%evaluate()
+                     end if
+                  end if
+                  call law%scatter(samples%f)
+               end associate
+            end do
+         end do
+         call self%kinks%correct(samples, with_derivatives)
+         if (with_derivatives) call self%kinks%add_own_slopes(self%jacobian%pair_at, self%jacobian%df_dq)
+      end associate
+   end subroutine run_laws
+
+   !> Force of law i alone at its coordinates, as `evaluate` left it.
+   function sampled_laws_force_of(self, i) result(force)
+      class(sampled_laws_t), intent(in) :: self
+      integer, intent(in) :: i
+      real(wp), pointer, contiguous :: force(:, :)                    !! [N], (n_samples, n_coordinates)
+
+      force => self%sampled(i)%f
+   end function sampled_laws_force_of
+
+   !> Makes room for the samples `along` a direction, at their first use.
+   subroutine sampled_laws_make_direction_samples(self, error)
+      class(sampled_laws_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      if (associated(self%along%f%values)) return
+      call new_law_samples(self%along, size(self%samples%q%values, 1), self%n_dofs, self%needs_velocity, &
+                           self%needs_reaction, self%has_memory, error)
+   end subroutine sampled_laws_make_direction_samples
+
+   !> Derivative along a direction of the forces, `along%f`, from the others there, after `differentiate`.
+   !>
+   !> Fails where the derivative of a law with memory does not repeat from round to round.
+   subroutine sampled_laws_differentiate_along(self, error, weight_slope)
+      class(sampled_laws_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: weight_slope(:)               !! of `characteristic`; not present: laws with memory give
+                                                                      !! nothing, as steps along time do not change
+      integer :: i
+
+      self%along%f%values = 0.0_wp
+      if (present(weight_slope) .and. self%has_memory) then
+         do i = 1, size(self%sampled)
+            if (.not. allocated(self%sampled(i)%hysteresis)) cycle
+            call self%sampled(i)%hysteresis%add_slope(self%characteristic, weight_slope, self%along, error)
+            if (allocated(error)) return
+         end do
+         call add_multiplier_response(self%sampled, self%along%f)
+      end if
+      call self%jacobian%add_product(self%along)
+      call self%kinks%add_along(self%along)
+   end subroutine sampled_laws_differentiate_along
+
+   !> Finds the means over the torus of df/dq, df/dv and df/ds, after `differentiate`.
+   subroutine sampled_laws_mean_slopes(self, df_dq, df_dv, df_ds)
+      class(sampled_laws_t), intent(inout) :: self
+      real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (n_dofs, n_dofs)
+      integer :: i
+
+      call self%jacobian%mean(df_dq, df_dv, df_ds)
+      do i = 1, size(self%sampled)
+         if (allocated(self%sampled(i)%hysteresis)) &
+            call self%sampled(i)%hysteresis%add_mean_slope(self%characteristic, df_dq)
+      end do
+   end subroutine sampled_laws_mean_slopes
+
+   !> Largest distance between degrees of freedom, among those of all laws, that one law with memory couples.
+   pure integer function sampled_laws_memory_reach(self) result(reach)
+      class(sampled_laws_t), intent(in) :: self
+      integer :: i
+
+      reach = 0
+      do i = 1, size(self%sampled)
+         if (.not. allocated(self%sampled(i)%hysteresis)) cycle
+         reach = max(reach, maxval(self%sampled(i)%columns) - minval(self%sampled(i)%columns))
+      end do
+   end function sampled_laws_memory_reach
+
+   !> What is wrong with the memory of a law after `evaluate`; empty when the states of all laws repeat.
+   pure function sampled_laws_memory_trouble(self) result(text)
+      class(sampled_laws_t), intent(in) :: self
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ""
+      do i = 1, size(self%laws)
+         if (.not. allocated(self%sampled(i)%hysteresis)) cycle
+         text = self%sampled(i)%hysteresis%trouble()
+         if (len(text) > 0) return
+      end do
+   end function sampled_laws_memory_trouble
+
+   !> Largest forces [N] that the springs of laws with memory would have without their sliders: errors of rounding are units
+   !> in their last place.
+   function sampled_laws_spring_forces(self) result(forces)
+      class(sampled_laws_t), intent(in) :: self
+      real(wp) :: forces(self%n_dofs)
+      integer :: i
+
+      forces = 0.0_wp
+      do i = 1, size(self%laws)
+         if (.not. allocated(self%sampled(i)%hysteresis)) cycle
+         call self%sampled(i)%hysteresis%add_spring_forces(forces)
+      end do
+   end function sampled_laws_spring_forces
+
+   !> Whether no slider of law i slipped anywhere, after `evaluate`: then it stays where loading from rest put it, which is
+   !> one of many solutions. False for laws without memory.
+   pure logical function sampled_laws_full_stick(self, i)
+      class(sampled_laws_t), intent(in) :: self
+      integer, intent(in) :: i
+
+      sampled_laws_full_stick = .false.
+      if (allocated(self%sampled(i)%hysteresis)) sampled_laws_full_stick = self%sampled(i)%hysteresis%sliders%full_stick
+   end function sampled_laws_full_stick
+
+   !> Whether no slider of any law slipped anywhere, after `evaluate`.
+   pure logical function sampled_laws_all_stick(self) result(all_stick)
+      class(sampled_laws_t), intent(in) :: self
+      integer :: i
+
+      all_stick = all([(self%full_stick(i) .or. .not. allocated(self%sampled(i)%hysteresis), i=1, size(self%laws))])
+   end function sampled_laws_all_stick
+
+   !> Adds to the motion of degrees of freedom what makes it as the laws allow it, from the samples q. A law moves its degrees of
+   !> freedom by w (corrected - z)/w.w for each of its coordinates z, w its weights.
+   subroutine sampled_laws_correct(self, coordinates, motion)
+      class(sampled_laws_t), intent(inout) :: self
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp), intent(inout) :: motion(:, :)                         !! [m], (n_samples, size(coordinates%dofs))
+      real(wp), allocatable :: weights(:), z(:, :)
+      integer :: c, i, k
+
+      do i = 1, size(self%laws)
+         if (.not. self%laws(i)%law%is_multiplier) cycle
+         associate (law => self%laws(i)%law, sampled => self%sampled(i))
+            call sampled%gather(self%samples)
+            z = sampled%z
+            call law%correct(sampled%z, z)
+            do c = 1, size(law%shape, 2)
+               weights = coordinates%weights_of(law%dofs, law%shape(:, c))
+               weights = weights/sum(weights**2)
+               do k = 1, size(weights)
+                  if (abs(weights(k)) > 0.0_wp) motion(:, k) = motion(:, k) + weights(k)*(z(:, c) - sampled%z(:, c))
+               end do
+            end do
+         end associate
+      end do
+   end subroutine sampled_laws_correct
+
+   !> Largest defects of all rigid contacts and rigid friction over the samples q, v and s, after `evaluate`.
+   pure function sampled_laws_defects(self) result(largest)
+      class(sampled_laws_t), intent(in) :: self
+      type(defects_t) :: largest
+      type(defects_t) :: found
+      integer :: i
+
+      do i = 1, size(self%laws)
+         if (.not. self%laws(i)%law%is_multiplier) cycle
+         found = self%laws(i)%law%defects(self%sampled(i)%z, self%sampled(i)%v, self%sampled(i)%p)
+         largest%penetration = max(largest%penetration, found%penetration)
+         largest%tension = max(largest%tension, found%tension)
+         largest%complementarity = max(largest%complementarity, found%complementarity)
+         largest%slip = max(largest%slip, found%slip)
+      end do
+   end function sampled_laws_defects
+
+   !> Mean over the torus of the potentials of all laws at the samples q; their gradients take the place of the force f.
+   subroutine sampled_laws_potential(self, mean_energy)
+      class(sampled_laws_t), intent(inout) :: self
+      real(wp), intent(out) :: mean_energy                            !! [J]
+      real(wp) :: energy(size(self%samples%q%values, 1))
+      integer :: i
+
+      mean_energy = 0.0_wp
+      self%samples%f%values = 0.0_wp
+      do i = 1, size(self%laws)
+         associate (law => self%laws(i)%law, sampled => self%sampled(i))
+            call sampled%gather(self%samples)
+            call law%potential(sampled%z, energy, sampled%f)
+            call sampled%scatter(self%samples%f)
+         end associate
+         mean_energy = mean_energy + sum(energy)/size(energy)
+      end do
+   end subroutine sampled_laws_potential
+
+   !> Frees all samples; safe to call twice.
+   subroutine sampled_laws_destroy(self)
+      class(sampled_laws_t), intent(inout) :: self
+      integer :: i
+
+      if (allocated(self%sampled)) then
+         do i = 1, size(self%sampled)
+            call self%sampled(i)%destroy()
+         end do
+         deallocate (self%sampled)
+      end if
+      call self%samples%destroy()
+      call self%along%destroy()
+      call self%jacobian%destroy()
+   end subroutine sampled_laws_destroy
+end module hb_sampled_laws
