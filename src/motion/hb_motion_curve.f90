@@ -4,7 +4,8 @@
 !> Lengths are counted in the range of the value, and in the largest motion met so far. Steps are as long as the tangent turns
 !> little on them, and shorter where the corrector has to work. A curve that starts between the ends of the range is followed both
 !> ways. Each point has all that a motion has. Frequencies that are unknown are unknowns of the curve, each with a condition for its
-!> phase; of a normal mode the artificial damping as well, with a condition for the amplitude. Source: docs/user/curves.md; docs/user/theory.md, section 6.7.
+!> phase; of a normal mode the artificial damping as well, with a condition for the amplitude.
+!> Source: docs/user/curves.md; docs/user/theory.md, section 6.7.
 module hb_motion_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_basis, only: whole_basis
@@ -12,67 +13,36 @@ module hb_motion_curve
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_clock, only: wall_clock
    use hb_curve, only: curve_config_t, curve_t, event_t, new_curve
+   use hb_curve_conditions, only: is_mirrored, set_conditions
+   use hb_curve_events, only: bifurcation_event_t, branch_event_t, find_multipliers, fold_event_t, peak_event_t, sharp, slope_at, &
+      square_at, value_event_t
+   use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_judge, only: judge_t
    use hb_kinds, only: wp
-   use hb_motion, only: describe_motion, solve_motion, stability_of
+   use hb_motion, only: describe_motion, solve_motion
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
-   use hb_phase, only: coefficient_form, peak_form, peak_rate_form, shift_form
-   use hb_response, only: response_t
    use hb_scene, only: scene_t
-   use hb_scene_problem, only: moving_value_t, new_scene_problem, scene_problem_t
-   use hb_search, only: fundamental
+   use hb_scene_problem, only: new_scene_problem, scene_problem_t
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_stability, only: stability_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_text, only: to_text
    use hb_watch, only: verdict, watch_t
    implicit none
    private
-   public :: curve_kind, curve_kind_names, curve_request_t, motion_curve_t, state_size
-
-   !> What a point of a curve is; numbers as in the result file.
-   type :: curve_kind_t
-      integer :: none = 0
-      integer :: regular = 1                                          !! a step of the curve
-      integer :: start = 2                                            !! from where it is followed
-      integer :: fold = 3                                             !! the value turns back
-      integer :: peak = 4                                             !! maximum of a response
-      integer :: value = 5                                            !! a value that was asked for
-      integer :: end = 6                                              !! an end of the range, or where the curve closes
-      integer :: branch = 7                                           !! another curve crosses: the determinant changes its sign
-      integer :: flip = 8                                             !! a multiplier passes -1: motions of twice the period
-      integer :: torus = 9                                            !! a pair of them passes the unit circle: a tone joins
-      integer :: split = 10                                           !! a multiplier passes 1, and nothing that is sought is there
-   end type curve_kind_t
-   type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
-   character(*), parameter :: curve_kind_names(0:10) = [character(7) :: "none", "regular", "start", "fold", "peak", "value", &
-      "end", "branch", "flip", "torus", "split"]
+   public :: motion_curve_t, state_size
 
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
    real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
    real(wp), parameter :: located = 1.0e-11_wp                        ! of a function that is zero at a fold or a peak
    real(wp), parameter :: located_multiplier = 1.0e-9_wp              ! of a function that is zero at a bifurcation
    real(wp), parameter :: left_behind = 1.0e-5_wp                     ! value of that function where a curve begins at its zero
-   real(wp), parameter :: sharp = 1.0e-11_wp                          ! tolerance of multipliers there
    real(wp), parameter :: least_motion = 1.0e-3_wp                    ! relative to the linear one: smaller is no unit of length
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
    integer, parameter :: most_corrections = 10
-
-   !> What is asked for.
-   type :: curve_request_t
-      type(moving_value_t) :: moving
-      real(wp) :: from = 0.0_wp, to = 0.0_wp                          !! range of the value
-      real(wp) :: start = 0.0_wp                                      !! value of the first motion, in the range
-      real(wp), allocatable :: values(:)                              !! to be met exactly
-      real(wp) :: longest_step = 0.04_wp                              !! in units of the range and of the largest motion
-      integer :: n_points = 0                                         !! at most
-      logical :: switches = .false.                                   !! at branch points: the other curve is followed as well
-      type(response_t), allocatable :: peaks(:)                       !! whose maxima are looked for
-   end type curve_request_t
 
    !> Where another curve crosses.
    type :: origin_t
@@ -120,46 +90,6 @@ module hb_motion_curve
       procedure, private :: look_back => motion_curve_look_back
       procedure, private :: tell => motion_curve_tell
    end type motion_curve_t
-
-   !> Where the value turns back: its part of the tangent.
-   type, extends(event_t) :: fold_event_t
-      type(curve_t) :: curve                                          ! a copy, for tangents
-   contains
-      procedure :: value => fold_event_value
-   end type fold_event_t
-
-   !> Where a response does not change along the curve.
-   type, extends(event_t) :: peak_event_t
-      type(curve_t) :: curve
-      type(scene_problem_t), pointer :: problem => null()
-      type(response_t) :: response
-      real(wp) :: unit = 1.0_wp                                       ! of its square
-   contains
-      procedure :: value => peak_event_value
-   end type peak_event_t
-
-   !> Where the determinant of the tangent, bordered by the direction, changes its sign.
-   type, extends(event_t) :: branch_event_t
-      type(curve_t) :: curve
-   contains
-      procedure :: value => branch_event_value
-   end type branch_event_t
-
-   !> Where a function of the multipliers is zero.
-   type, extends(event_t) :: bifurcation_event_t
-      type(scene_problem_t), pointer :: problem => null()
-      integer, allocatable :: which(:)
-      integer :: kind = 0                                             ! hb_bifurcation
-   contains
-      procedure :: value => bifurcation_event_value
-   end type bifurcation_event_t
-
-   !> Where the value is a given one.
-   type, extends(event_t) :: value_event_t
-      real(wp) :: wanted = 0.0_wp, unit = 1.0_wp
-   contains
-      procedure :: value => value_event_value
-   end type value_event_t
 
 contains
 
@@ -281,7 +211,7 @@ contains
       self%curve%x = self%x_start
       self%curve%problem = bordered
       call self%renew()
-      call set_conditions(self)
+      call set_conditions(self%problem, self%which, self%curve, self%weights)
       bordered = self%curve%problem
       units = self%curve%units
       call new_curve(self%curve, bordered, self%x_start, direction, units, config, corrector)
@@ -304,8 +234,8 @@ contains
       sense_of = merge(1.0_wp, -1.0_wp, modulo(self%way, 2) == 1)
    end function sense_of
 
-   !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve across this one, by
-   !> inverse iteration.
+   !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve across this one,
+   !> by inverse iteration.
    subroutine turn_off(self, direction)
       class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(inout), contiguous :: direction(:)             !! of the curve; of the other one
@@ -352,57 +282,6 @@ contains
 
       call self%problem%set_parameters(self%which, x(self%problem%n_unknowns + 1:), is_possible)
    end subroutine move
-
-   !> The conditions for the phases of unknown tones, by the motion at hand, and for the amplitude of a normal mode.
-   subroutine set_conditions(self)
-      class(motion_curve_t), intent(inout), target :: self
-      integer :: dof, h, i, n
-      real(wp) :: scale(self%problem%scene%harmonics%n_coefficients, self%problem%balance%n_dofs)
-
-      n = self%problem%n_unknowns
-      scale = reshape(self%weights, shape(scale))
-      associate (scene => self%problem%scene, set => self%problem%scene%harmonics, forms => self%curve%problem%forms, &
-                 n_dofs => self%problem%balance%n_dofs)
-         if (scene%normal_mode%is_asked) then
-            dof = self%problem%balance%stiffness%coordinates%number_of(scene%normal_mode%dof)
-            h = fundamental(set, self%which(1))
-            if (scene%normal_mode%is_peak) then
-               forms(:n, 1) = peak_rate_form(set, n_dofs, dof, self%which(1))
-               forms(:n, 2) = peak_form(set, n_dofs, dof)
-            else
-               forms(:n, 1) = coefficient_form(set, n_dofs, set%sin_at(h), dof)
-               forms(:n, 2) = coefficient_form(set, n_dofs, set%cos_at(h), dof)
-            end if
-            self%curve%problem%values(2) = scene%normal_mode%amplitude
-         else
-            do i = 1, size(self%which) - 1
-               forms(:n, i) = shift_form(set, self%which(i), reshape(self%curve%x(:n), shape(scale)), scale)
-            end do
-         end if
-      end associate
-   end subroutine set_conditions
-
-   !> Whether the motion of an unknown tone has gone through zero on the step: what follows is its mirror image.
-   logical function is_mirrored(self)
-      class(motion_curve_t), intent(in) :: self
-      real(wp) :: u(self%problem%scene%harmonics%n_coefficients, self%problem%balance%n_dofs), before(size(u, 1), size(u, 2))
-      integer :: h, i
-
-      is_mirrored = .false.
-      associate (set => self%problem%scene%harmonics)
-         u = reshape(self%curve%x(:size(u))/self%weights, shape(u))
-         before = reshape(self%curve%last_x(:size(u))/self%weights, shape(u))
-         do i = 1, size(self%which) - 1
-            if (self%which(i) > set%n_tones) cycle
-            do h = 1, set%n_harmonics
-               if (set%tuples(self%which(i), h) /= 0) cycle
-               u(set%cos_at(h), :) = 0.0_wp
-               if (set%sin_at(h) > 0) u(set%sin_at(h), :) = 0.0_wp
-            end do
-            is_mirrored = is_mirrored .or. sum(u*before) <= 0.0_wp
-         end do
-      end associate
-   end function is_mirrored
 
    !> All that the curve needs to go on from its point, as one row of numbers.
    function state_of(self) result(state)
@@ -579,7 +458,7 @@ contains
       if (allocated(self%problem%complaint)) deallocate (self%problem%complaint)
       call move(self, self%curve%x, is_possible)
       call self%problem%renew()                                       ! a stored curve, too, goes on from there
-      call set_conditions(self)
+      call set_conditions(self%problem, self%which, self%curve, self%weights)
       associate (curve => self%curve)
          do
             largest = self%largest
@@ -597,7 +476,7 @@ contains
             self%largest = largest
             curve%units = units
          end do
-         self%has_collapsed = is_mirrored(self)
+         self%has_collapsed = is_mirrored(self%problem, self%which, self%curve, self%weights)
          if (self%has_collapsed) then
             curve%status = outcome%collapsed
             return
@@ -887,119 +766,6 @@ contains
          slopes(i) = slope_at(self%problem, self%which, self%request%peaks(i), self%curve%x, self%curve%direction)
       end do
    end function slopes_of
-
-   !> Slope of the square of a response along a direction, by a difference of fourth order.
-   real(wp) function slope_at(problem, which, response, x, direction) result(slope)
-      type(scene_problem_t), intent(inout), target :: problem
-      integer, intent(in) :: which(:)                                 !! parameters that are unknown
-      type(response_t), intent(in) :: response
-      real(wp), intent(in) :: x(:), direction(:)
-      real(wp), parameter :: apart = 1.0e-3_wp
-      real(wp) :: near, far
-
-      near = square_at(problem, which, response, x + apart*direction) - &
-             square_at(problem, which, response, x - apart*direction)
-      far = square_at(problem, which, response, x + 2.0_wp*apart*direction) - &
-            square_at(problem, which, response, x - 2.0_wp*apart*direction)
-      slope = (8.0_wp*near - far)/(12.0_wp*apart)
-   end function slope_at
-
-   !> Square of a response.
-   real(wp) function square_at(problem, which, response, x) result(square)
-      type(scene_problem_t), intent(inout), target :: problem
-      integer, intent(in) :: which(:)                                 !! parameters that are unknown
-      type(response_t), intent(in) :: response
-      real(wp), intent(in) :: x(:)
-      complex(wp), allocatable :: c(:, :)
-      real(wp) :: u(problem%scene%harmonics%n_coefficients, problem%balance%n_dofs)
-      logical :: is_possible
-      integer :: h, i
-
-      u = reshape(x(:size(u)), shape(u))
-      associate (set => problem%scene%harmonics)
-         i = response%column
-         if (i > 0) then
-            square = response%of(set, [(set%amplitude(u(:, i), h), h=1, set%n_harmonics)])
-         else
-            call problem%set_parameters(which, x(size(u) + 1:), is_possible)
-            square = 0.0_wp
-            if (.not. is_possible) return
-            allocate (c(problem%scene%structure%n_dofs, set%n_harmonics))
-            call problem%balance%all_dofs(u, c)
-            square = response%of(set, c(response%dof, :))
-         end if
-      end associate
-   end function square_at
-
-   !> Multipliers of the motion at a point of the curve; not allocated where they are not looked for, or not found.
-   subroutine find_multipliers(problem, which, x, tolerance, multipliers)
-      type(scene_problem_t), intent(inout), target :: problem
-      integer, intent(in) :: which(:)                                 !! parameters that are unknown
-      real(wp), intent(in) :: x(:), tolerance
-      complex(wp), allocatable, intent(out) :: multipliers(:)
-      type(stability_t) :: stability
-      complex(wp), allocatable :: c(:, :)
-      logical :: is_possible
-
-      call problem%set_parameters(which, x(problem%n_unknowns + 1:), is_possible)
-      if (.not. is_possible) return
-      associate (scene => problem%scene, balance => problem%balance)
-         allocate (c(scene%structure%n_dofs, balance%harmonics%n_harmonics))
-         call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
-         call stability_of(scene, balance, c, tolerance, stability)
-      end associate
-      if (.not. allocated(stability%multipliers)) return
-      call move_alloc(stability%multipliers, multipliers)
-      if (modulo(count(abs(aimag(multipliers)) > 0.0_wp), 2) == 1) multipliers = multipliers(:size(multipliers) - 1)   ! half a pair
-   end subroutine find_multipliers
-
-   real(wp) function bifurcation_event_value(self, x) result(value)
-      class(bifurcation_event_t), intent(inout) :: self
-      real(wp), intent(in) :: x(:)
-      complex(wp), allocatable :: multipliers(:)
-
-      call find_multipliers(self%problem, self%which, x, sharp, multipliers)
-      value = 0.0_wp
-      if (allocated(multipliers)) value = bifurcation_value(self%kind, multipliers)
-   end function bifurcation_event_value
-
-   real(wp) function fold_event_value(self, x) result(value)
-      class(fold_event_t), intent(inout) :: self
-      real(wp), intent(in) :: x(:)
-      real(wp) :: tangent(size(x)), determinant_sign
-      logical :: is_singular
-
-      call self%curve%tangent_at(x, tangent, determinant_sign, is_singular)
-      value = tangent(size(x))/self%curve%units(size(x))
-      if (is_singular) value = 0.0_wp
-   end function fold_event_value
-
-   real(wp) function peak_event_value(self, x) result(value)
-      class(peak_event_t), intent(inout) :: self
-      real(wp), intent(in) :: x(:)
-      real(wp) :: tangent(size(x)), determinant_sign
-      logical :: is_singular
-
-      call self%curve%tangent_at(x, tangent, determinant_sign, is_singular)
-      value = 0.0_wp
-      if (.not. is_singular) value = slope_at(self%problem, self%curve%problem%which, self%response, x, tangent)/self%unit
-   end function peak_event_value
-
-   real(wp) function branch_event_value(self, x) result(value)
-      class(branch_event_t), intent(inout) :: self
-      real(wp), intent(in) :: x(:)
-      real(wp) :: tangent(size(x))
-      logical :: is_singular
-
-      call self%curve%tangent_at(x, tangent, value, is_singular)
-   end function branch_event_value
-
-   real(wp) function value_event_value(self, x) result(value)
-      class(value_event_t), intent(inout) :: self
-      real(wp), intent(in) :: x(:)
-
-      value = (x(size(x)) - self%wanted)/self%unit
-   end function value_event_value
 
    !> Frees the balance; safe to call twice.
    subroutine motion_curve_destroy(self)

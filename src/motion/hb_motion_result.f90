@@ -10,7 +10,7 @@ module hb_motion_result
 
    !> Where on a curve a motion is, hb_motion_curve.
    type :: curve_place_t
-      integer :: kind = 0                               !! hb_motion_curve%curve_kind
+      integer :: kind = 0                               !! hb_curve_request%curve_kind
       real(wp) :: parameter = 0.0_wp                    !! in the unit of the input
       real(wp) :: length = 0.0_wp                       !! of the arc from the start, negative on the second way from there
       integer :: branch = 0                             !! number of the branch point where this curve starts; 0: none

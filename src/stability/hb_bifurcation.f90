@@ -4,7 +4,8 @@
 !> where a branch begins (or at a fold, where the curve itself turns back), that of 1 - m n over all pairs where two leave the unit
 !> circle together, or where two real ones are the inverse of each other, which is nothing: `is_torus` tells. Each factor is divided
 !> by the larger of 1 and what it is made of, so that no product overflows.
-!> Source: Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, 3rd edition, Springer 2004, section 10.2 (for the matrix itself).
+!> Source: Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, 3rd edition, Springer 2004, section 10.2
+!> (for the matrix itself).
 module hb_bifurcation
    use hb_kinds, only: wp
    implicit none

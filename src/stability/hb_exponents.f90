@@ -1,9 +1,9 @@
 !> Lyapunov exponents along a motion of several tones: the rates at which disturbances grow, on average over the torus.
 !>
-!> Disturbances are followed lap by lap, a period of the slowest tone each, and made orthogonal after each (Benettin). The logarithms
-!> of what they have grown by are averaged with a smooth window, which converges faster than any power of the length where the linear
-!> equations can be reduced to constant ones; what both halves of the record say apart is the spread. A phase of the motion's own can
-!> be shifted: such disturbances, known at each time, are taken out.
+!> Disturbances are followed lap by lap, a period of the slowest tone each, and made orthogonal after each (Benettin). The
+!> logarithms of what they have grown by are averaged with a smooth window, which converges faster than any power of the length
+!> where the linear equations can be reduced to constant ones; what both halves of the record say apart is the spread. A phase of
+!> the motion's own can be shifted: such disturbances, known at each time, are taken out.
 !> Sources: G. Benettin, L. Galgani, A. Giorgilli and J.-M. Strelcyn, Meccanica 15 (1980) 9-20; S. Das, Y. Saiki, E. Sander and
 !> J. A. Yorke, Nonlinearity 30 (2017) 4111-4140.
 module hb_exponents
@@ -13,6 +13,7 @@ module hb_exponents
    use hb_koopman_hill, only: hill_t
    use hb_monodromy, only: find_transfer, monodromy_t, n_looks_of, work_of_transfer
    use hb_variation, only: piece_t, variation_t
+   use hb_variation_pieces, only: cut_time
    implicit none
    private
    public :: exponents_t, find_exponents, work_of_exponents
@@ -58,7 +59,7 @@ contains
       end do
       if (variation%n_states > 0) then                                ! sliders find their places
          do i = -n_forgotten, -1
-            call variation%cut(i*length, (i + 1)*length, n_looks_of(variation, length), pieces)
+            call cut_time(variation, i*length, (i + 1)*length, n_looks_of(variation, length), pieces)
          end do
       end if
       allocate (growth(n, 0))

@@ -7,6 +7,8 @@ module hb_monodromy
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: two_pi, wp
    use hb_variation, only: piece_t, variation_t
+   use hb_variation_pieces, only: cut_time, settle_sliders
+   use hb_variation_steps, only: propagate
    implicit none
    private
    public :: find_monodromy, find_transfer, monodromy_t, n_looks_of, work_of_transfer
@@ -37,7 +39,7 @@ contains
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
 
       associate (finish => start + two_pi/variation%motion%omega(1))
-         call variation%settle(start, finish, n_looks_of(variation, finish - start))
+         call settle_sliders(variation, start, finish, n_looks_of(variation, finish - start))
          call find_transfer(self, variation, start, finish, tolerance, work_limit)
       end associate
       if (variation%n_states > 0) call drop_stuck(self, variation)
@@ -57,7 +59,7 @@ contains
       real(wp) :: work
       integer :: doubling, k
 
-      call variation%cut(start, finish, n_looks_of(variation, finish - start), pieces)
+      call cut_time(variation, start, finish, n_looks_of(variation, finish - start), pieces)
       work = 0.0_wp
       do doubling = 0, most_doublings
          call go_round(variation, pieces, (finish - start)/first_steps(variation, finish - start), 2**doubling, last, self%n_steps)
@@ -127,7 +129,7 @@ contains
       n_steps = 0
       do i = 1, size(pieces)
          n = n_parts*max(1, ceiling((pieces(i)%finish - pieces(i)%start)/step*(1.0_wp - 1.0e-9_wp)))
-         call variation%propagate(pieces(i), n, x)
+         call propagate(variation, pieces(i), n, x)
          n_steps = n_steps + n
       end do
    end subroutine go_round

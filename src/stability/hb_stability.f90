@@ -1,8 +1,8 @@
 !> Whether a motion will be seen: what becomes of a small disturbance of it.
 !>
-!> One tone: Floquet multipliers, the eigenvalues of what a period makes of a disturbance; the motion is stable where all are smaller
-!> than 1 in magnitude. Several tones: Lyapunov exponents, stable where all are negative. What shifts a phase of the motion's own has
-!> the multiplier 1 or the exponent 0 and is left out. Source: docs/user/theory.md, section 8.
+!> One tone: Floquet multipliers, the eigenvalues of what a period makes of a disturbance; the motion is stable where all are
+!> smaller than 1 in magnitude. Several tones: Lyapunov exponents, stable where all are negative. What shifts a phase of the
+!> motion's own has the multiplier 1 or the exponent 0 and is left out. Source: docs/user/theory.md, section 8.
 module hb_stability
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
@@ -49,8 +49,8 @@ module hb_stability
       integer :: verdict = verdict%unknown
       integer :: n_unstable = 0                                       !! multipliers outside of the unit circle, or exponents > 0
       integer :: method = stability_method%off                        !! that was used
-      real(wp) :: estimate = 0.0_wp                                   !! of the error of the monodromy matrix, relative, or of what it
-                                                                      !! makes of a shift of the motion's own phase; of several
+      real(wp) :: estimate = 0.0_wp                                   !! of the error of the monodromy matrix, relative, or of what
+                                                                      !! it makes of a shift of the motion's own phase; of several
                                                                       !! tones the spread of the largest exponent [1/s]
       complex(wp), allocatable :: multipliers(:)                      !! of one tone, the largest first
       real(wp), allocatable :: exponents(:)                           !! [1/s], the largest first; of one tone growth rates

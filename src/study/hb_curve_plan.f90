@@ -1,9 +1,9 @@
 !> What an input asks for with `&curve`: which value moves, where, how far, and what is to be found on the way.
 module hb_curve_plan
+   use hb_curve_request, only: curve_request_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_motion_curve, only: curve_request_t
    use hb_properties, only: properties_t
    use hb_response, only: new_response
    use hb_scene, only: scene_t

@@ -1,9 +1,9 @@
 !> What was found along the curves of a result file: folds, peaks, values and ends, as lines for people.
 module hb_curve_table
+   use hb_curve_request, only: curve_kind, curve_kind_names
    use hb_error, only: error_t
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
-   use hb_motion_curve, only: curve_kind, curve_kind_names
    use hb_outcome, only: is_solved, outcome_text
    use hb_results_plan, only: identifier
    use hb_sweep_plan, only: sweep_plan_t

@@ -1,11 +1,11 @@
 !> Making a result file whole, before the first point is solved; by one process.
 module hb_results_file
+   use hb_curve_request, only: curve_kind_names
    use hb_error, only: error_t, fail
    use hb_file_place, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t
    use hb_kinds, only: int64, two_pi
    use hb_march_verdict, only: verdict_names
-   use hb_motion_curve, only: curve_kind_names
    use hb_outcome, only: outcome_names
    use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_results_plan, only: axis_t, component_axis, curve_entries, dof_axis, harmonic_axis, identifier, is_characters, &

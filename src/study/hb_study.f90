@@ -2,13 +2,14 @@
 !> harmonics of all points, and the layout of its result file.
 module hb_study
    use hb_coordinates, only: coordinates_t
+   use hb_curve_request, only: curve_request_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_model_file, only: model_file_t
    use hb_namelist, only: complete_text, read_namelist, set_text
-   use hb_motion_curve, only: curve_request_t, state_size
+   use hb_motion_curve, only: state_size
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row, new_plan, plan_t
    use hb_scene, only: scene_t

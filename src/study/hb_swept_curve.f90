@@ -3,12 +3,13 @@
 module hb_swept_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_clock, only: wall_clock
+   use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_marching_judge, only: marching_judge_t
    use hb_model_file, only: model_file_t
-   use hb_motion_curve, only: curve_kind, curve_request_t, motion_curve_t
+   use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_outcome, only: is_solved, outcome
    use hb_results, only: results_layout_t, results_t

@@ -1,0 +1,171 @@
+!> Functions along a curve of motions whose zeros are of interest: folds, peaks of responses, branch points, bifurcations, values.
+module hb_curve_events
+   use hb_bifurcation, only: bifurcation_value
+   use hb_curve, only: curve_t, event_t
+   use hb_kinds, only: wp
+   use hb_motion, only: stability_of
+   use hb_response, only: response_t
+   use hb_scene_problem, only: scene_problem_t
+   use hb_stability, only: stability_t
+   implicit none
+   private
+   public :: bifurcation_event_t, branch_event_t, find_multipliers, fold_event_t, peak_event_t, sharp, slope_at, square_at
+   public :: value_event_t
+
+   real(wp), parameter :: sharp = 1.0e-11_wp                          !! tolerance of multipliers at a bifurcation
+
+   !> Where the value turns back: its part of the tangent.
+   type, extends(event_t) :: fold_event_t
+      type(curve_t) :: curve                                          ! a copy, for tangents
+   contains
+      procedure :: value => fold_event_value
+   end type fold_event_t
+
+   !> Where a response does not change along the curve.
+   type, extends(event_t) :: peak_event_t
+      type(curve_t) :: curve
+      type(scene_problem_t), pointer :: problem => null()
+      type(response_t) :: response
+      real(wp) :: unit = 1.0_wp                                       ! of its square
+   contains
+      procedure :: value => peak_event_value
+   end type peak_event_t
+
+   !> Where the determinant of the tangent, bordered by the direction, changes its sign.
+   type, extends(event_t) :: branch_event_t
+      type(curve_t) :: curve
+   contains
+      procedure :: value => branch_event_value
+   end type branch_event_t
+
+   !> Where a function of the multipliers is zero.
+   type, extends(event_t) :: bifurcation_event_t
+      type(scene_problem_t), pointer :: problem => null()
+      integer, allocatable :: which(:)
+      integer :: kind = 0                                             ! hb_bifurcation
+   contains
+      procedure :: value => bifurcation_event_value
+   end type bifurcation_event_t
+
+   !> Where the value is a given one.
+   type, extends(event_t) :: value_event_t
+      real(wp) :: wanted = 0.0_wp, unit = 1.0_wp
+   contains
+      procedure :: value => value_event_value
+   end type value_event_t
+
+contains
+
+   real(wp) function bifurcation_event_value(self, x) result(value)
+      class(bifurcation_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      complex(wp), allocatable :: multipliers(:)
+
+      call find_multipliers(self%problem, self%which, x, sharp, multipliers)
+      value = 0.0_wp
+      if (allocated(multipliers)) value = bifurcation_value(self%kind, multipliers)
+   end function bifurcation_event_value
+
+   real(wp) function fold_event_value(self, x) result(value)
+      class(fold_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp) :: tangent(size(x)), determinant_sign
+      logical :: is_singular
+
+      call self%curve%tangent_at(x, tangent, determinant_sign, is_singular)
+      value = tangent(size(x))/self%curve%units(size(x))
+      if (is_singular) value = 0.0_wp
+   end function fold_event_value
+
+   real(wp) function peak_event_value(self, x) result(value)
+      class(peak_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp) :: tangent(size(x)), determinant_sign
+      logical :: is_singular
+
+      call self%curve%tangent_at(x, tangent, determinant_sign, is_singular)
+      value = 0.0_wp
+      if (.not. is_singular) value = slope_at(self%problem, self%curve%problem%which, self%response, x, tangent)/self%unit
+   end function peak_event_value
+
+   real(wp) function branch_event_value(self, x) result(value)
+      class(branch_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp) :: tangent(size(x))
+      logical :: is_singular
+
+      call self%curve%tangent_at(x, tangent, value, is_singular)
+   end function branch_event_value
+
+   real(wp) function value_event_value(self, x) result(value)
+      class(value_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+
+      value = (x(size(x)) - self%wanted)/self%unit
+   end function value_event_value
+
+   !> Slope of the square of a response along a direction, by a difference of fourth order.
+   real(wp) function slope_at(problem, which, response, x, direction) result(slope)
+      type(scene_problem_t), intent(inout), target :: problem
+      integer, intent(in) :: which(:)                                 !! parameters that are unknown
+      type(response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:), direction(:)
+      real(wp), parameter :: apart = 1.0e-3_wp
+      real(wp) :: near, far
+
+      near = square_at(problem, which, response, x + apart*direction) - &
+             square_at(problem, which, response, x - apart*direction)
+      far = square_at(problem, which, response, x + 2.0_wp*apart*direction) - &
+            square_at(problem, which, response, x - 2.0_wp*apart*direction)
+      slope = (8.0_wp*near - far)/(12.0_wp*apart)
+   end function slope_at
+
+   !> Square of a response.
+   real(wp) function square_at(problem, which, response, x) result(square)
+      type(scene_problem_t), intent(inout), target :: problem
+      integer, intent(in) :: which(:)                                 !! parameters that are unknown
+      type(response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:)
+      complex(wp), allocatable :: c(:, :)
+      real(wp) :: u(problem%scene%harmonics%n_coefficients, problem%balance%n_dofs)
+      logical :: is_possible
+      integer :: h, i
+
+      u = reshape(x(:size(u)), shape(u))
+      associate (set => problem%scene%harmonics)
+         i = response%column
+         if (i > 0) then
+            square = response%of(set, [(set%amplitude(u(:, i), h), h=1, set%n_harmonics)])
+         else
+            call problem%set_parameters(which, x(size(u) + 1:), is_possible)
+            square = 0.0_wp
+            if (.not. is_possible) return
+            allocate (c(problem%scene%structure%n_dofs, set%n_harmonics))
+            call problem%balance%all_dofs(u, c)
+            square = response%of(set, c(response%dof, :))
+         end if
+      end associate
+   end function square_at
+
+   !> Multipliers of the motion at a point of the curve; not allocated where they are not looked for, or not found.
+   subroutine find_multipliers(problem, which, x, tolerance, multipliers)
+      type(scene_problem_t), intent(inout), target :: problem
+      integer, intent(in) :: which(:)                                 !! parameters that are unknown
+      real(wp), intent(in) :: x(:), tolerance
+      complex(wp), allocatable, intent(out) :: multipliers(:)
+      type(stability_t) :: stability
+      complex(wp), allocatable :: c(:, :)
+      logical :: is_possible
+
+      call problem%set_parameters(which, x(problem%n_unknowns + 1:), is_possible)
+      if (.not. is_possible) return
+      associate (scene => problem%scene, balance => problem%balance)
+         allocate (c(scene%structure%n_dofs, balance%harmonics%n_harmonics))
+         call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
+         call stability_of(scene, balance, c, tolerance, stability)
+      end associate
+      if (.not. allocated(stability%multipliers)) return
+      call move_alloc(stability%multipliers, multipliers)
+      if (modulo(count(abs(aimag(multipliers)) > 0.0_wp), 2) == 1) multipliers = multipliers(:size(multipliers) - 1)   ! half a pair
+   end subroutine find_multipliers
+end module hb_curve_events

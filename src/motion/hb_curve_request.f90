@@ -1,0 +1,39 @@
+!> What a curve of motions is asked for, and what its points are.
+module hb_curve_request
+   use hb_kinds, only: wp
+   use hb_response, only: response_t
+   use hb_scene_problem, only: moving_value_t
+   implicit none
+   private
+   public :: curve_kind, curve_kind_names, curve_request_t
+
+   !> What a point of a curve is; numbers as in the result file.
+   type :: curve_kind_t
+      integer :: none = 0
+      integer :: regular = 1                                          !! a step of the curve
+      integer :: start = 2                                            !! from where it is followed
+      integer :: fold = 3                                             !! the value turns back
+      integer :: peak = 4                                             !! maximum of a response
+      integer :: value = 5                                            !! a value that was asked for
+      integer :: end = 6                                              !! an end of the range, or where the curve closes
+      integer :: branch = 7                                           !! another curve crosses: the determinant changes its sign
+      integer :: flip = 8                                             !! a multiplier passes -1: motions of twice the period
+      integer :: torus = 9                                            !! a pair of them passes the unit circle: a tone joins
+      integer :: split = 10                                           !! a multiplier passes 1, and nothing that is sought is there
+   end type curve_kind_t
+   type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
+   character(*), parameter :: curve_kind_names(0:10) = [character(7) :: "none", "regular", "start", "fold", "peak", "value", &
+      "end", "branch", "flip", "torus", "split"]
+
+   !> What is asked for.
+   type :: curve_request_t
+      type(moving_value_t) :: moving
+      real(wp) :: from = 0.0_wp, to = 0.0_wp                          !! range of the value
+      real(wp) :: start = 0.0_wp                                      !! value of the first motion, in the range
+      real(wp), allocatable :: values(:)                              !! to be met exactly
+      real(wp) :: longest_step = 0.04_wp                              !! in units of the range and of the largest motion
+      integer :: n_points = 0                                         !! at most
+      logical :: switches = .false.                                   !! at branch points: the other curve is followed as well
+      type(response_t), allocatable :: peaks(:)                       !! whose maxima are looked for
+   end type curve_request_t
+end module hb_curve_request

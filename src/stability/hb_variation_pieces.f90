@@ -1,0 +1,370 @@
+!> Time cut at the events of a motion: where a switch of a law changes its sign, or a slider begins or ends to slip.
+!>
+!> On each piece the coefficients of the linearised equations are smooth, so that it is integrated at high order. No force jumps at
+!> an event, so that the state does not either (its saltation matrix is the identity: R. I. Leine and H. Nijmeijer, Dynamics and
+!> Bifurcations of Non-Smooth Mechanical Systems, Springer 2004, section 7.4).
+module hb_variation_pieces
+   use hb_hysteretic_law, only: hysteretic_law_t
+   use hb_kinds, only: wp
+   use hb_variation, only: piece_t, variation_t
+   implicit none
+   private
+   public :: cut_time, settle_sliders
+
+   integer, parameter :: most_halvings = 60
+   integer, parameter :: most_passes = 3                              ! events of a slider between two looks
+   integer, parameter :: most_laps = 4                                ! of a period, until sliders repeat their places
+   real(wp), parameter :: same_place = 1.0e-9_wp                      ! of a slider, relative to its motion
+
+   type :: event_t
+      real(wp) :: time = 0.0_wp
+      integer :: slider = 0                                           ! 0: a switch of a law
+      integer :: slip = 0                                             ! of the slider from then on
+      real(wp) :: held = 0.0_wp                                       ! its place
+   end type event_t
+
+contains
+
+   !> Cuts a stretch of time at its events, which are looked for between so many instants.
+   subroutine cut_time(self, start, finish, n_looks, pieces)
+      type(variation_t), intent(inout) :: self
+      real(wp), intent(in) :: start, finish                           !! [s]
+      integer, intent(in) :: n_looks
+      type(piece_t), allocatable, intent(out) :: pieces(:)
+      type(event_t), allocatable :: events(:), found(:)
+      real(wp), allocatable :: times(:), v(:, :), z(:, :)
+      integer, allocatable :: first_slip(:)
+      real(wp), allocatable :: first_held(:)
+      integer :: i
+
+      allocate (events(0))
+      call place_sliders(self, start)
+      first_slip = self%slip
+      first_held = self%held
+      if (.not. self%is_smooth()) then
+         times = [(start + (finish - start)*i/n_looks, i=0, n_looks)]
+         allocate (z(size(times), self%n_coordinates), v(size(times), self%n_coordinates))
+         call self%motion%at(self%motion%phases(times), z, v)
+         do i = 1, size(self%laws)
+            if (self%laws(i)%law%n_switches > 0) then
+               call find_switching(self, i, times, z, v, found)
+               events = [events, found]
+            end if
+            if (self%places(i)%last_state >= self%places(i)%first_state) then
+               call find_slipping(self, i, times, z, v, found)
+               events = [events, found]
+            end if
+         end do
+         call sort(events)
+      end if
+      call make_pieces(self, start, finish, first_slip, first_held, events, pieces)
+   end subroutine cut_time
+
+   !> Follows sliders round a period until they repeat their places.
+   subroutine settle_sliders(self, start, finish, n_looks)
+      type(variation_t), intent(inout) :: self
+      real(wp), intent(in) :: start, finish                           !! [s]
+      integer, intent(in) :: n_looks
+      type(piece_t), allocatable :: pieces(:)
+      real(wp), allocatable :: before(:)
+      integer :: lap
+
+      if (self%n_states == 0) return
+      do lap = 1, most_laps
+         before = self%held
+         call cut_time(self, start, finish, n_looks, pieces)
+         if (lap > 1 .and. all(abs(self%held - before) <= same_place*maxval(self%reach))) exit
+      end do
+      self%has_slipped = .false.
+   end subroutine settle_sliders
+
+   !> Changes of sign of the switches of law i.
+   subroutine find_switching(self, i, times, z, v, events)
+      type(variation_t), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: times(:), z(:, :), v(:, :)
+      type(event_t), allocatable, intent(out) :: events(:)
+      type(event_t), allocatable :: list(:)
+      real(wp) :: after(self%laws(i)%law%n_switches), before(size(after))
+      integer :: k, n, s
+
+      n = 0
+      allocate (list(size(times)*size(after)))
+      associate (place => self%places(i), law => self%laws(i)%law)
+         call switches_at(self, i, times(1), before)
+         do k = 2, size(times)
+            call set_time(self, i, times(k))
+            call law%switches(z(k, place%first:place%last), v(k, place%first:place%last), after)
+            do s = 1, size(after)
+               if (before(s) > 0.0_wp .eqv. after(s) > 0.0_wp) cycle
+               n = n + 1
+               list(n)%time = root(times(k - 1), times(k), before(s), after(s), s)
+            end do
+            before = after
+         end do
+      end associate
+      events = list(:n)
+
+   contains
+
+      !> By false position (Illinois).
+      real(wp) function root(from, to, value_from, value_to, s) result(middle)
+         real(wp), intent(in) :: from, to, value_from, value_to
+         integer, intent(in) :: s
+         real(wp) :: high, low, value_high, value_low, value(size(after))
+         integer :: pass, side
+
+         low = from
+         high = to
+         value_low = value_from
+         value_high = value_to
+         side = 0
+         do pass = 1, most_halvings
+            middle = (low*value_high - high*value_low)/(value_high - value_low)
+            if (.not. (middle > low .and. middle < high)) middle = 0.5_wp*(low + high)
+            if (high - low <= 4.0_wp*epsilon(1.0_wp)*max(abs(from), abs(to))) exit
+            call switches_at(self, i, middle, value)
+            if (value(s) > 0.0_wp .eqv. value_low > 0.0_wp) then
+               low = middle
+               value_low = value(s)
+               if (side == 1) value_high = 0.5_wp*value_high
+               side = 1
+            else
+               high = middle
+               value_high = value(s)
+               if (side == 2) value_low = 0.5_wp*value_low
+               side = 2
+            end if
+         end do
+      end function root
+   end subroutine find_switching
+
+   !> Values of the switches of law i at one time.
+   subroutine switches_at(self, i, time, values)
+      type(variation_t), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: time
+      real(wp), intent(out) :: values(:)
+      real(wp) :: v(1, self%n_coordinates), z(1, self%n_coordinates)
+
+      call self%motion%at(self%motion%phases([time]), z, v)
+      call set_time(self, i, time)
+      associate (place => self%places(i))
+         call self%laws(i)%law%switches(z(1, place%first:place%last), v(1, place%first:place%last), values)
+      end associate
+   end subroutine switches_at
+
+   !> Lets sliders stand where they were left, but within their bounds.
+   subroutine place_sliders(self, time)
+      type(variation_t), intent(inout) :: self
+      real(wp), intent(in) :: time
+      real(wp) :: v(1, self%n_coordinates), z(1, self%n_coordinates)
+      real(wp), dimension(self%n_states) :: lower, lower_rate, upper, upper_rate
+      integer :: i
+
+      if (self%n_states == 0) return
+      call self%motion%at(self%motion%phases([time]), z, v)
+      do i = 1, size(self%laws)
+         select type (law => self%laws(i)%law)
+         class is (hysteretic_law_t)
+            associate (a => self%places(i)%first, b => self%places(i)%last, m => self%places(i)%first_state, &
+                       n => self%places(i)%last_state)
+               call law%bounds(z(1, a:b), v(1, a:b), lower(m:n), upper(m:n), lower_rate(m:n), upper_rate(m:n))
+            end associate
+         end select
+      end do
+      where (self%held < lower .or. (self%slip > 0 .and. lower_rate > 0.0_wp))
+         self%slip = 1
+      elsewhere (self%held > upper .or. (self%slip < 0 .and. upper_rate < 0.0_wp))
+         self%slip = -1
+      elsewhere
+         self%slip = 0
+      end where
+      self%held = min(max(self%held, lower), upper)
+      self%has_slipped = self%has_slipped .or. self%slip /= 0
+   end subroutine place_sliders
+
+   !> Follows the sliders of law i, and notes where each begins or ends to slip.
+   subroutine find_slipping(self, i, times, z, v, events)
+      type(variation_t), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: times(:), z(:, :), v(:, :)
+      type(event_t), allocatable, intent(out) :: events(:)
+      type(event_t), allocatable :: list(:)
+      real(wp), dimension(self%places(i)%last_state - self%places(i)%first_state + 1) :: lower, lower_rate, upper, upper_rate
+      real(wp) :: margin
+      integer :: k, n, pass, s, slider
+
+      n = 0
+      allocate (list(most_passes*size(times)*size(lower)))
+      associate (place => self%places(i))
+         do k = 2, size(times)
+            call bounds_of(z(k, place%first:place%last), v(k, place%first:place%last))
+            do s = 1, size(lower)
+               slider = place%first_state + s - 1
+               do pass = 1, most_passes
+                  margin = 8.0_wp*epsilon(1.0_wp)*max(abs(lower(s)), abs(upper(s)))
+                  if (self%slip(slider) == 0 .and. self%held(slider) < lower(s) - margin) then
+                     call note(1, slip_time(1))
+                  else if (self%slip(slider) == 0 .and. self%held(slider) > upper(s) + margin) then
+                     call note(-1, slip_time(-1))
+                  else if (self%slip(slider) == 1 .and. lower_rate(s) < 0.0_wp) then
+                     call note(0, stop_time(1))
+                  else if (self%slip(slider) == -1 .and. upper_rate(s) > 0.0_wp) then
+                     call note(0, stop_time(-1))
+                  else
+                     exit
+                  end if
+                  call bounds_of(z(k, place%first:place%last), v(k, place%first:place%last))
+               end do
+               if (self%slip(slider) == 1) self%held(slider) = lower(s)
+               if (self%slip(slider) == -1) self%held(slider) = upper(s)
+            end do
+         end do
+      end associate
+      events = list(:n)
+
+   contains
+
+      subroutine bounds_of(z, v)
+         real(wp), intent(in) :: z(:), v(:)
+
+         select type (law => self%laws(i)%law)
+         class is (hysteretic_law_t)
+            call law%bounds(z, v, lower, upper, lower_rate, upper_rate)
+         end select
+      end subroutine bounds_of
+
+      !> Notes an event at a time; one that ends a slip keeps the place of the slider there.
+      subroutine note(slip, time)
+         integer, intent(in) :: slip
+         real(wp), intent(in) :: time
+
+         n = n + 1
+         list(n)%time = time
+         list(n)%slider = slider
+         list(n)%slip = slip
+         if (slip == 0) self%held(slider) = merge(lower(s), upper(s), self%slip(slider) == 1)   ! as `stop_time` left them
+         list(n)%held = self%held(slider)
+         self%slip(slider) = slip
+         if (slip /= 0) self%has_slipped(slider) = .true.
+      end subroutine note
+
+      !> When a bound reaches the slider.
+      real(wp) function slip_time(side) result(middle)
+         integer, intent(in) :: side
+         real(wp) :: high, low
+
+         call bracket(low, high)
+         do
+            middle = 0.5_wp*(low + high)
+            if (high - low <= 4.0_wp*epsilon(1.0_wp)*max(abs(times(k - 1)), abs(times(k)))) exit
+            call look(middle)
+            if (merge(lower(s) - self%held(slider), self%held(slider) - upper(s), side == 1) > 0.0_wp) then
+               high = middle
+            else
+               low = middle
+            end if
+         end do
+      end function slip_time
+
+      !> When the bound that pushes the slider turns back.
+      real(wp) function stop_time(side) result(middle)
+         integer, intent(in) :: side
+         real(wp) :: high, low
+
+         call bracket(low, high)
+         do
+            middle = 0.5_wp*(low + high)
+            call look(middle)
+            if (high - low <= 4.0_wp*epsilon(1.0_wp)*max(abs(times(k - 1)), abs(times(k)))) exit
+            if (merge(-lower_rate(s), upper_rate(s), side == 1) > 0.0_wp) then
+               high = middle
+            else
+               low = middle
+            end if
+         end do
+      end function stop_time
+
+      !> From the last event of this slider, or the last look, to this look.
+      subroutine bracket(low, high)
+         real(wp), intent(out) :: low, high
+         integer :: e
+
+         low = times(k - 1)
+         high = times(k)
+         do e = n, 1, -1
+            if (list(e)%slider /= slider) cycle
+            low = max(low, list(e)%time)
+            exit
+         end do
+      end subroutine bracket
+
+      subroutine look(time)
+         real(wp), intent(in) :: time
+         real(wp) :: v_there(1, self%n_coordinates), z_there(1, self%n_coordinates)
+
+         call self%motion%at(self%motion%phases([time]), z_there, v_there)
+         associate (place => self%places(i))
+            call bounds_of(z_there(1, place%first:place%last), v_there(1, place%first:place%last))
+         end associate
+      end subroutine look
+   end subroutine find_slipping
+
+   !> Puts events into the order of time.
+   pure subroutine sort(events)
+      type(event_t), intent(inout) :: events(:)
+      type(event_t) :: kept
+      integer :: i, k
+
+      do i = 2, size(events)
+         kept = events(i)
+         do k = i - 1, 1, -1
+            if (events(k)%time <= kept%time) exit
+            events(k + 1) = events(k)
+         end do
+         events(k + 1) = kept
+      end do
+   end subroutine sort
+
+   !> The pieces between events.
+   subroutine make_pieces(self, start, finish, slip, held, events, pieces)
+      type(variation_t), intent(inout) :: self
+      real(wp), intent(in) :: start, finish
+      integer, intent(in) :: slip(:)                                  !! at the start
+      real(wp), intent(in) :: held(:)
+      type(event_t), intent(in) :: events(:)
+      type(piece_t), allocatable, intent(out) :: pieces(:)
+      integer :: e
+
+      allocate (pieces(size(events) + 1))
+      pieces(1)%start = start
+      pieces(1)%slip = slip
+      pieces(1)%held = held
+      do e = 1, size(events)
+         associate (event => events(e), before => pieces(e), after => pieces(e + 1))
+            before%finish = event%time
+            before%is_before_event = .true.
+            after%start = event%time
+            after%is_after_event = .true.
+            after%slip = before%slip
+            after%held = before%held
+            if (event%slider == 0) cycle
+            after%slip(event%slider) = event%slip
+            after%held(event%slider) = event%held
+         end associate
+      end do
+      pieces(size(pieces))%finish = finish
+   end subroutine make_pieces
+
+   !> Tells law i the phase of the tone with which it turns.
+   subroutine set_time(self, i, time)
+      type(variation_t), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: time
+
+      associate (law => self%laws(i)%law)
+         if (law%phase_tone > 0) call law%set_phase([self%motion%omega(law%phase_tone)*time])
+      end associate
+   end subroutine set_time
+end module hb_variation_pieces
