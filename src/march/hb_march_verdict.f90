@@ -17,6 +17,7 @@ module hb_march_verdict
    real(wp), parameter :: growing = 3.0_wp                            ! of the distance: before the motion was left, growth
    real(wp), parameter :: forgotten = 100.0_wp                        ! fall of the distance after which the start does not matter
    real(wp), parameter :: falling = 1.3_wp                            ! of the difference, from one stretch of periods to the next
+   real(wp), parameter :: half_decay = 1.5_wp                         ! likewise over `decay` periods, as a logarithm: half of its fall
    real(wp), parameter :: halved = 2.0_wp                             ! fall of the distance that is one
    real(wp), parameter :: neutral = 1.2_wp                            ! rise of the distance that is none
    real(wp), parameter :: sheared = 4.5_wp                            ! likewise where nothing decays: like the square of time
@@ -64,7 +65,7 @@ contains
       integer, intent(in) :: fewest                                   !! periods that show all of the motion
       integer, intent(in) :: decay                                    !! periods in which the structure forgets, 0: it does not
       logical, intent(in) :: is_last                                  !! no more periods
-      integer :: kept, n, tail
+      integer :: kept, n, stretch, tail
       logical :: has_forgotten, has_left, is_falling
       real(wp) :: gain, rise, start
 
@@ -87,7 +88,11 @@ contains
       if (gain >= log(grown) .and. rise >= log(growing)) then
          kind = verdict%unstable
       else if (has_left) then
-         is_falling = n >= 2*tail .and. mean_of(n - tail + 1, n) < mean_of(max(1, n - 2*tail + 1), n - tail) - log(falling)
+         stretch = tail
+         if (is_last) stretch = max(tail, n/4)                        ! what wanders falls from time to time
+         is_falling = n >= 2*stretch
+         if (is_falling) is_falling = mean_of(n - stretch + 1, n) < mean_of(n - 2*stretch + 1, n - stretch) &
+                                      - min(log(falling), half_decay*stretch/max(1, decay))
          if (is_last .and. n >= 2*decay .and. decay > 0) is_falling = .false.
          if (is_falling) then
             if (is_last) kind = verdict%undecided

@@ -37,6 +37,7 @@ module hb_verify
    integer, parameter :: fewest_periods = 20                          ! of the slowest tone; of several twice that, and two beats
    integer, parameter :: most_periods_of_beats = 100
    integer, parameter :: least_bound = 100, greatest_bound = 1000     ! periods at which a march ends without a decision
+   integer, parameter :: longest_decay = 1000000                      ! periods; a slower one is none to be told from it
    integer, parameter :: usual_bound = 150                            ! where nothing in the structure decays
    integer, parameter :: most_samples = 400000                        ! of one march, beyond the fewest periods
    integer, parameter :: periods_at_once = 5
@@ -307,7 +308,7 @@ contains
       rate = slowest_decay(scene%structure)*self%period
       self%bound = usual_bound
       if (rate > 0.0_wp) then
-         self%decay = ceiling(min(most_decay/rate, real(greatest_bound, wp)))
+         self%decay = ceiling(min(most_decay/rate, real(longest_decay, wp)))
          self%bound = max(least_bound, ceiling(min(enough_decay/rate, real(greatest_bound, wp))))
       end if
       self%bound = max(self%fewest, min(self%bound, most_samples/self%n_samples))

@@ -841,6 +841,13 @@ MUTANTS = [
             "if (gain >= log(grown) .and. rise >= log(growing)) then",
             "if (gain >= 1.0e3_wp*log(grown) .and. rise >= log(growing)) then",
         ),
+        (
+            "verdict_wanders",
+            "test_hb_march_verdict",
+            "a few periods in which a march is by chance nearer than before count as decay",
+            "if (is_last) stretch = max(tail, n/4)",
+            "if (is_last) stretch = tail",
+        ),
     ),
     *of(
         "hypertime/hb_basis.f90",
