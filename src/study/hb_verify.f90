@@ -36,7 +36,8 @@ module hb_verify
    integer, parameter :: periods_of_sliders = 20                      ! of the motion, in which sliders find their places
    integer, parameter :: fewest_periods = 20                          ! of the slowest tone; of several twice that, and two beats
    integer, parameter :: most_periods_of_beats = 100
-   integer, parameter :: least_bound = 100, greatest_bound = 1000     ! periods at which a march ends without a decision
+   integer, parameter :: least_bound = 100, greatest_bound = 1000     ! periods at which a march ends without a decision, at least
+                                                                      ! and at last
    integer, parameter :: longest_decay = 1000000                      ! periods; a slower one is none to be told from it
    integer, parameter :: usual_bound = 150                            ! where nothing in the structure decays
    integer, parameter :: most_samples = 400000                        ! of one march, beyond the fewest periods
@@ -69,6 +70,7 @@ module hb_verify
       real(wp) :: period = 0.0_wp                                     !! [s]
       integer :: n_samples = 0                                        !! in a period
       integer :: fewest = 0, bound = 0                                !! periods
+      integer :: most = 0                                             !! to which the bound is raised where nothing is decided
       integer :: decay = 0                                            !! in which the linear structure forgets; 0: it does not
    end type length_t
 
@@ -219,7 +221,7 @@ contains
          other%q = other%q + nearness*scale*directions(system%n_dofs, 0)
          other%v = other%v + nearness*speed*directions(system%n_dofs, system%n_dofs)
          call new_march_difference(difference, amplitudes, stored%tuples, omega, scene%tones%is_unknown, system%laws%shape, &
-                                   scene%structure%units, max(system%length, nearness), n_settled(length%bound, length%fewest))
+                                   scene%structure%units, max(system%length, nearness), n_settled(length%most, length%fewest))
          estimate = scene%certificate%truncation
          if (ieee_is_finite(stored%estimates(point))) estimate = stored%estimates(point)
          share = velocity_share(amplitudes, frequencies)
@@ -245,6 +247,9 @@ contains
             ratio = [(maxval(difference%largest(:, i)/limit_of(expected, difference%share)), i=1, difference%n_periods)]
             call bring_back(state, other, scale, speed, moved_back)
             result%kind = decide(ratio, distance, length%fewest, length%decay, difference%n_periods >= length%bound)
+            if (result%kind /= verdict%undecided .or. length%bound >= length%most) cycle
+            length%bound = min(2*length%bound, length%most)
+            result%kind = verdict%not_done
          end do
          call write_up()
       end associate
@@ -311,8 +316,11 @@ contains
          self%decay = ceiling(min(most_decay/rate, real(longest_decay, wp)))
          self%bound = max(least_bound, ceiling(min(enough_decay/rate, real(greatest_bound, wp))))
       end if
-      self%bound = max(self%fewest, min(self%bound, most_samples/self%n_samples))
-      if (n_periods > 0) self%bound = n_periods
+      self%most = max(self%fewest, min(greatest_bound, most_samples/self%n_samples))
+      self%bound = max(self%fewest, min(self%bound, self%most))
+      if (n_periods == 0) return
+      self%bound = n_periods
+      self%most = n_periods
    end subroutine choose_length
 
    !> Rate [1/s] at which the slowest mode of the linear structure decays; 0 where none does, or where nothing is known.

@@ -338,6 +338,18 @@ DEPARTING = {
 &load dof='x1', tuple=1, cos=0.965677, sin=0.18018 /
 """,
     ),  # 110 % of the motion of x1
+    "grows more slowly than the structure forgets": (
+        UNSTABLE,
+        """
+&structure type='modal_beam', length=1.0, bending_stiffness=0.010265982254684338, mass_per_length=1.0, n_modes=2,
+   damping_stiffness=0.0414588 /
+&tones frequency=1.6847037733 /
+&harmonics order=7 /
+&law type='coulomb_rigid', dofs='q1','q2', weights=0.985860607,0.330396373, limit=0.0845810128 /
+&law type='cubic_spring', dofs='q1','q2', weights=0.908617370,-0.758930999, stiffness=9.29254771 /
+&load dof='q1', tuple=1, cos=-0.453907734, sin=-0.467877773 /
+""",
+    ),  # 25 % of the motion of the friction
     "two stops": (
         UNSTABLE,
         """
