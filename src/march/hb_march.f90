@@ -36,6 +36,7 @@ module hb_march
       real(wp), allocatable :: force(:, :)                            !! of the laws [N], (n_stored, n_coordinates)
       real(wp) :: cpu_seconds = 0.0_wp                                !! of processor, set-up of the method included [s]
       logical :: is_under_way = .false.                               !! the method was begun: an error is one of the motion
+      logical :: is_out_of_work = .false.                             !! the error is that of the budget
    end type march_record_t
 
    !> What a record says of the steady motion.
@@ -162,7 +163,7 @@ contains
          call integrator%advance(state, 1, error)
          if (allocated(error)) return
          call keep(i)
-         if (modulo(i, steps_between_looks) > 0 .and. i < n_steps) cycle
+         if (modulo(i, steps_between_looks) > 0 .and. i < n_steps .and. system%laws%n_gathered <= config%most_looks) cycle
          call check_finite(state, config%largest, error)
          if (.not. allocated(error)) call look()
          if (allocated(error)) return
@@ -172,7 +173,9 @@ contains
    contains
 
       subroutine look()
-         if (.not. present(watch)) return
+         record%is_out_of_work = system%laws%n_gathered > config%most_looks
+         if (record%is_out_of_work) call fail(error, "the march has had its budget of work")
+         if (record%is_out_of_work .or. .not. present(watch)) return
          if (watch%is_over()) call fail(error, "the march was ended before its time")
       end subroutine look
 

@@ -1,6 +1,6 @@
 !> The group `&march`: how the scene is followed through time. The component initialisers are the defaults.
 module hb_march_config
-   use hb_kinds, only: two_pi, wp
+   use hb_kinds, only: int64, two_pi, wp
    use hb_properties, only: properties_t
    implicit none
    private
@@ -38,6 +38,7 @@ module hb_march_config
       character(:), allocatable :: record                             !! file with the record to be continued
       integer :: n_peaks = 0                                          !! frequencies searched for, per degree of freedom
       real(wp) :: largest = huge(1.0_wp)                              !! displacement at which to give up [m], no key
+      integer(int64) :: most_looks = huge(1_int64)                    !! at the motion, after which to give up, no key
    end type march_config_t
 
 contains

@@ -4,7 +4,7 @@
 !> left-hand side. Rigid laws get no force here: that is for the methods that can hold a constraint.
 module hb_march_laws
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
-   use hb_kinds, only: wp
+   use hb_kinds, only: int64, wp
    use hb_law, only: law_box_t
    implicit none
    private
@@ -34,6 +34,7 @@ module hb_march_laws
       real(wp), allocatable :: f(:)                                   !! forces [N], (n_coordinates)
       real(wp), allocatable :: s_start(:), s(:)                       !! states at the start of the step and now, (n_states)
       real(wp) :: time_start = 0.0_wp                                 !! of the step [s]
+      integer(int64) :: n_gathered = 0_int64                          !! times that a motion was looked at: what a march costs
       real(wp), allocatable :: omega(:)                               !! tones whose phases laws want [rad/s]
       logical :: has_turning = .false.                                !! whether a law wants one
    contains
@@ -100,6 +101,7 @@ contains
       real(wp), intent(in), contiguous :: q(:), v(:)                  !! [m], [m/s], (n_dofs)
       integer :: c, i, k
 
+      self%n_gathered = self%n_gathered + 1_int64
       do i = 1, size(self%places)
          associate (law => self%laws(i)%law, first => self%places(i)%first)
             do c = 1, size(law%shape, 2)

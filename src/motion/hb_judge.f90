@@ -1,15 +1,16 @@
-!> What a solution may ask of somebody who follows motions through time: a first guess, and whether tones lock.
+!> What a solution may ask of somebody who follows motions through time: a first guess, whether tones lock, and where it all ends.
 !>
 !> Who that is need not be known here; without a judge such questions have no answer.
 module hb_judge
    use hb_error, only: error_t
    use hb_kinds, only: wp
+   use hb_outcome, only: outcome
    use hb_scene, only: scene_t
    use hb_text, only: to_text
    use hb_watch, only: watch_t
    implicit none
    private
-   public :: highest_part, judge_t, locking_t, may_be_locked
+   public :: highest_part, judge_t, locking_t, may_be_locked, settled_t
 
    integer, parameter :: highest_part = 6                             !! of a tone that a common base frequency is
    real(wp), parameter :: close = 0.05_wp                             ! |q w_m - p w_l| relative to the larger tone
@@ -23,13 +24,35 @@ module hb_judge
       procedure :: message => locking_message
    end type locking_t
 
+   !> Where a scene ends that is followed through time.
+   type :: settled_t
+      integer :: status = outcome%pending                             !! marched, subharmonic, broadband, more_tones; or not known
+      character(:), allocatable :: message                            !! what was found, or why nothing was
+      complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_dofs, n_harmonics); where marched
+      real(wp) :: spread = 0.0_wp                                     !! of the coordinates of the laws between windows, relative
+      real(wp) :: work = 0.0_wp                                       !! in about a nanosecond, from counts
+   end type settled_t
+
    type, abstract :: judge_t
    contains
+      procedure(settle), deferred :: settle
       procedure(first_guess), deferred :: first_guess
       procedure(find_locking), deferred :: find_locking
    end type judge_t
 
    abstract interface
+      !> Follows the scene until it is steady or the budget of work ends. An error is one of marching, such as a law that it cannot
+      !> follow.
+      subroutine settle(self, scene, law_dofs, watch, settled, error)
+         import :: error_t, judge_t, scene_t, settled_t, watch_t
+         class(judge_t), intent(in) :: self
+         type(scene_t), intent(in) :: scene                           !! all of its tones given
+         integer, intent(in) :: law_dofs(:)
+         class(watch_t), intent(inout) :: watch                       !! may end the march, with an error
+         type(settled_t), intent(out) :: settled
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine settle
+
       !> Gives a first guess as hb_motion takes it: coefficients at the laws, then all base frequencies. Not
       !> allocated where nothing is left to move, or where the motion has no tone of its own.
       subroutine first_guess(self, scene, omega, law_dofs, watch, guess, error)

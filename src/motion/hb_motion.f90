@@ -15,7 +15,8 @@ module hb_motion
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
-   use hb_judge, only: judge_t, locking_t, may_be_locked
+   use hb_judge, only: judge_t, locking_t, may_be_locked, settled_t
+   use hb_marched_result, only: guess_from, is_lost, keep_marched
    use hb_motion_result, only: motion_result_t
    use hb_odd_symmetry, only: asymmetry
    use hb_outcome, only: is_solved, outcome
@@ -24,7 +25,7 @@ module hb_motion
    use hb_scene_coordinates, only: coordinates_of
    use hb_search, only: search_t
    use hb_solver, only: solve
-   use hb_solver_types, only: report_t
+   use hb_solver_types, only: report_t, rescue
    use hb_stability, only: find_stability, stability_config_t, stability_t, stability_verdict => verdict
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
@@ -33,6 +34,7 @@ module hb_motion
    private
    public :: describe_motion, solve_motion, stability_of
 
+   integer, parameter :: steps_from_march = 20                        ! of the balance, from a motion that is known
    real(wp), parameter :: largest_asymmetry = 1.0e-8_wp               ! of forces with memory of an odd motion, relative
 
 contains
@@ -70,12 +72,81 @@ contains
             call solve_scene(scene, whole_basis(scene%harmonics, scene%torus), its_watch, result, error, first_guess, found, judge)
          end if
       end if
+      if (present(judge) .and. scene%solver%rescue_by_march .and. .not. allocated(error)) &
+         call rescue_by_march(scene, its_watch, judge, result, found)
       if (allocated(error)) then
          call forget_motion(result)
       else if (present(unknowns)) then
          call move_alloc(found, unknowns)
       end if
    end subroutine solve_motion
+
+   !> The last way: where the balance has found no motion the scene is marched, and what that ends in is the answer: the balance
+   !> solved from there, the motion marched, or what there is instead.
+   subroutine rescue_by_march(scene, watch, judge, result, unknowns)
+      type(scene_t), intent(in) :: scene
+      class(watch_t), intent(inout), target :: watch
+      class(judge_t), intent(in) :: judge
+      type(motion_result_t), intent(inout) :: result
+      real(wp), allocatable, intent(inout) :: unknowns(:)
+      type(coordinates_t) :: coordinates
+      type(error_t), allocatable :: error
+      type(settled_t) :: settled
+
+      if (.not. is_lost(result%status) .or. any(scene%tones%is_unknown) .or. scene%normal_mode%is_asked) return
+      coordinates = coordinates_of(scene)
+      if (coordinates%n == 0) return
+      call judge%settle(scene, coordinates%dofs, watch, settled, error)
+      result%work = result%work + settled%work
+      if (allocated(error)) settled%message = "marching: "//error%message
+      if (watch%verdict == verdict%go_on .and. settled%status == outcome%marched) &
+         call balance_from(scene, guess_from(scene, coordinates, settled), watch, result, unknowns)
+      if (watch%verdict /= verdict%go_on) then
+         result%status = status_of(watch)
+      else if (result%rescue == rescue%march) then
+         return                                                       ! the balance has its motion after all
+      else if (settled%status == outcome%pending) then
+         if (allocated(result%message)) settled%message = settled%message//"; "//result%message
+         result%message = settled%message
+      else
+         call forget_motion(result)
+         result%status = settled%status
+         result%message = settled%message
+         if (settled%status == outcome%marched) call keep_marched(scene, coordinates, settled, result)
+      end if
+   end subroutine rescue_by_march
+
+   !> Solves the balance in a few steps from the motion marched; the result is that of the balance where it converges.
+   subroutine balance_from(scene, guess, watch, result, unknowns)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: guess(:)                                !! as that of `solve_motion`
+      class(watch_t), intent(inout), target :: watch
+      type(motion_result_t), intent(inout) :: result
+      real(wp), allocatable, intent(inout) :: unknowns(:)
+      type(error_t), allocatable :: error
+      type(motion_result_t) :: found
+      type(scene_t) :: near
+      real(wp), allocatable :: first_guess(:), solution(:)
+
+      near = scene
+      near%solver%rescue = .false.
+      near%solver%max_iterations = min(scene%solver%max_iterations, steps_from_march)
+      first_guess = guess
+      call solve_scene(near, whole_basis(scene%harmonics, scene%torus), watch, found, error, first_guess, solution)
+      if (allocated(error)) return
+      found%iterations = found%iterations + result%iterations
+      found%evaluations = found%evaluations + result%evaluations
+      found%work = found%work + result%work
+      if (found%status == outcome%converged) then
+         result = found
+         result%rescue = rescue%march
+         call move_alloc(solution, unknowns)
+      else
+         result%iterations = found%iterations
+         result%evaluations = found%evaluations
+         result%work = found%work
+      end if
+   end subroutine balance_from
 
    !> Whether a motion of odd tuples balances the even ones too. Of laws with memory this shows in their forces: a slider that
    !> starts at rest and never slips again stays on one side.

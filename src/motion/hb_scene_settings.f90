@@ -36,6 +36,7 @@ contains
          call group%get("max_iterations", solver%max_iterations, minimum=0)
          call group%get("line_search", solver%line_search)
          call group%get("rescue", solver%rescue)
+         call group%get("rescue_by_march", solver%rescue_by_march)
          call group%get("homotopy_iterations", solver%homotopy_iterations, minimum=0)
          call group%get("memory", solver%memory, minimum=1, maximum=10000)
          call group%get("first_jacobian", first_jacobian, choices=start_names)

@@ -27,18 +27,22 @@ module hb_outcome
       integer :: timed_out = 15                        !! the point has had its processor time
       integer :: impact = 16                           !! solved, but a rigid wall is struck: a law of impact is missing
       integer :: unused = 17                           !! room for a point of a curve that has ended before
+      integer :: marched = 18                          !! no balance was found; the motion is that in which marching ends
+      integer :: subharmonic = 19                      !! marching ends in a motion that takes several periods
+      integer :: broadband = 20                        !! marching ends in a motion without order
+      integer :: more_tones = 21                       !! marching ends in a motion with a tone of its own
       integer :: interrupted = -1                      !! the run ends: never in a file, where the point stays pending
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:17) = [character(13) :: &
+   character(*), parameter :: outcome_names(0:21) = [character(13) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
       "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed", "diverged", "locked", &
-      "timed_out", "impact", "unused"]
+      "timed_out", "impact", "unused", "marched", "subharmonic", "broadband", "more_tones"]
 
-   character(*), parameter :: texts(0:17) = [character(64) :: &
+   character(*), parameter :: texts(0:21) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
@@ -56,7 +60,11 @@ module hb_outcome
       "locked: the tones are multiples of one, the motion has one tone", &
       "timed out: the point has had its processor time", &
       "impact: solved, but a wall is struck: a law of impact is missing", &
-      "unused: room for a point of a curve that has ended before"]
+      "unused: room for a point of a curve that has ended before", &
+      "marched: no balance was found, the motion is from marching", &
+      "subharmonic: the motion takes several periods, see the message", &
+      "broadband: marching finds no motion of the tones", &
+      "more tones: the motion has a tone of its own, see the message"]
 
 contains
 
@@ -78,12 +86,12 @@ contains
       if (is_status(status)) text = trim(texts(status))
    end function outcome_text
 
-   !> Says whether the balance is solved, well enough for the thresholds of the certificate or not.
+   !> Says whether there is a motion: from the balance, well enough for the thresholds of the certificate or not, or from marching.
    elemental logical function is_solved(status)
       integer, intent(in) :: status
 
       is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating, &
-                               outcome%impact])
+                               outcome%impact, outcome%marched])
    end function is_solved
 
    !> Whether a number is one of the statuses.

@@ -30,11 +30,12 @@ module hb_solver_types
       integer :: load = 5                                             !! homotopy in the loads
       integer :: several_guesses = 6                                  !! from shares of the linear motion
       integer :: fewer_harmonics = 7                                  !! from the solution of a smaller problem
+      integer :: march = 8                                            !! from where marching ends
    end type rescue_t
    type(rescue_t), parameter :: rescue = rescue_t()
-   character(*), parameter :: rescue_names(0:7) = [character(22) :: &
+   character(*), parameter :: rescue_names(0:8) = [character(22) :: &
       "none", "other_guess", "other_method", "other_guess_and_method", "nonlinearity_homotopy", "load_homotopy", &
-      "several_guesses", "fewer_harmonics"]
+      "several_guesses", "fewer_harmonics", "march"]
 
    !> Settings of a solver; the component initialisers are the defaults of the input group `&solver`.
    type :: solver_config_t
@@ -48,6 +49,7 @@ module hb_solver_types
       integer :: memory = 40                                          !! updates that Broyden keeps before it takes a new tangent
       logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: tangent, else linear part
       logical :: rescue = .true.                                      !! try other ways when the direct attempt fails
+      logical :: rescue_by_march = .true.                             !! march where none of them finds a motion
       integer :: krylov_vectors = 150                                 !! of GMRES until it restarts
       integer :: krylov_products = 1000                               !! with the tangent, at most, for one step
       integer :: homotopy_iterations = 500                            !! of all corrections on the way

@@ -1,0 +1,111 @@
+!> What is kept of a motion that was marched: the result of a point for which the balance has found none.
+module hb_marched_result
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_certificate, only: near_commensurate
+   use hb_coordinates, only: coordinates_t
+   use hb_judge, only: settled_t
+   use hb_kinds, only: wp
+   use hb_motion_result, only: motion_result_t
+   use hb_outcome, only: outcome
+   use hb_scene, only: scene_t
+   use hb_stability, only: stability_method, verdict
+   implicit none
+   private
+   public :: guess_from, is_lost, keep_marched
+
+contains
+
+   !> Whether a search has ended without a motion, and with time left.
+   elemental logical function is_lost(status)
+      integer, intent(in) :: status
+
+      is_lost = any(status == [outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%not_finite, outcome%diverged])
+   end function is_lost
+
+   !> First guess of the balance, as hb_motion takes it: coefficients at the coordinates, then all base frequencies.
+   function guess_from(scene, coordinates, settled) result(guess)
+      type(scene_t), intent(in) :: scene
+      type(coordinates_t), intent(in) :: coordinates
+      type(settled_t), intent(in) :: settled
+      real(wp), allocatable :: guess(:)
+      complex(wp) :: z(coordinates%n, scene%harmonics%n_harmonics)
+      real(wp) :: u(scene%harmonics%n_coefficients, coordinates%n)
+      integer :: h
+
+      z = coordinates%amplitudes_of(settled%amplitudes)
+      u = 0.0_wp
+      associate (set => scene%harmonics)
+         do h = 1, set%n_harmonics
+            u(set%cos_at(h), :) = real(z(:, h), wp)
+            if (set%sin_at(h) > 0) u(set%sin_at(h), :) = -aimag(z(:, h))
+         end do
+      end associate
+      guess = [u, scene%tones%omega]
+   end function guess_from
+
+   !> Puts a motion that was marched into a result. The forces of the laws are what its inertia, damping, stiffness and loads leave.
+   subroutine keep_marched(scene, coordinates, settled, result)
+      type(scene_t), intent(in) :: scene
+      type(coordinates_t), intent(in) :: coordinates
+      type(settled_t), intent(in) :: settled
+      type(motion_result_t), intent(inout) :: result
+      complex(wp), dimension(size(scene%loads, 1), scene%harmonics%n_harmonics) :: c, forces
+      real(wp) :: w(scene%harmonics%n_harmonics)
+      integer :: h
+
+      c = settled%amplitudes
+      w = scene%harmonics%frequencies(scene%tones%omega)
+      do h = 1, size(w)
+         forces(:, h) = scene%loads(:, h) - forces_of(scene, c(:, h), w(h))
+      end do
+      result%frequency = scene%tones%omega
+      result%n_harmonics = scene%harmonics%n_harmonics
+      result%is_odd = .false.
+      result%coefficients = pairs_of(c(scene%output%dofs, :))
+      result%force_coefficients = pairs_of(forces(coordinates%dofs, :))
+      result%corrected_coefficients = pairs_of(c(coordinates%dofs, :))
+      result%stability%verdict = verdict%stable             ! marching came there
+      result%stability%method = stability_method%march
+      associate (found => result%certificate, nan => ieee_value(1.0_wp, ieee_quiet_nan))
+         call near_commensurate(scene%tones, found%combination, found%combination_frequency)
+         result%is_near_commensurate = scene%tones%n_tones > 1 .and. &
+            found%combination_frequency < scene%certificate%commensurability*maxval(scene%tones%omega)
+         found%truncation = settled%spread
+         found%aliasing = 0.0_wp
+         found%impact = nan
+         found%defects%penetration = nan
+         found%defects%tension = nan
+         found%defects%complementarity = nan
+         found%defects%slip = nan
+         found%power_laws = spread(nan, 1, size(scene%laws))
+         found%power_in = 0.0_wp
+         found%power_damping = 0.0_wp
+         do h = 1, size(w)
+            found%power_in = found%power_in - 0.5_wp*w(h)*aimag(dot_product(scene%loads(:, h), c(:, h)))
+            found%power_damping = found%power_damping + &
+                                  0.5_wp*w(h)**2*real(dot_product(c(:, h), scene%structure%damping_times(c(:, h))))
+         end do
+      end associate
+   end subroutine keep_marched
+
+   !> Forces that a motion takes without laws.
+   function forces_of(scene, c, w) result(forces)
+      type(scene_t), intent(in) :: scene
+      complex(wp), intent(in) :: c(:)                                 !! [m], (n_dofs)
+      real(wp), intent(in) :: w                                       !! [rad/s]
+      complex(wp) :: forces(size(c))
+
+      associate (s => scene%structure)
+         forces = matmul(s%stiffness - w**2*s%mass, c) + cmplx(0.0_wp, w, wp)*s%damping_times(c)
+      end associate
+   end function forces_of
+
+   !> Amplitudes cos - i sin as (cos and sin, harmonic, any).
+   pure function pairs_of(c) result(pairs)
+      complex(wp), intent(in) :: c(:, :)                              !! (any, n_harmonics)
+      real(wp) :: pairs(2, size(c, 2), size(c, 1))
+
+      pairs(1, :, :) = real(transpose(c), wp)
+      pairs(2, :, :) = -aimag(transpose(c))
+   end function pairs_of
+end module hb_marched_result

@@ -1,0 +1,212 @@
+!> The last way to a motion: the scene is followed through time until it is steady.
+!>
+!> Windows twice as long one after the other follow each other. The averages over each (hb_birkhoff) are coefficients at all tuples of
+!> the set; how far they differ from those of the window before, which is shorter and nearer to the start, is the spread, and where it
+!> no longer falls the motion has no order or is still on its way. Averages see nothing of lines between the tuples: what the series leaves of the
+!> record has to repeat as the tones do (hb_recurrence), or in several periods of them. Where it does neither the largest line is
+!> told (hb_frequency_analysis).
+module hb_marched_motion
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_birkhoff, only: coefficients_at
+   use hb_coordinates, only: coordinates_t
+   use hb_error, only: error_t, fail
+   use hb_judge, only: settled_t
+   use hb_kinds, only: int64, two_pi, wp
+   use hb_march, only: march_from, march_record_t
+   use hb_march_config, only: march_config_t, step_of
+   use hb_march_state, only: march_state_t, new_march_state
+   use hb_march_system, only: march_system_t, new_march_system
+   use hb_outcome, only: outcome
+   use hb_recurrence, only: defect_of
+   use hb_scene, only: scene_t
+   use hb_scene_coordinates, only: coordinates_of
+   use hb_structure, only: most_dense
+   use hb_text, only: to_text
+   use hb_watch, only: watch_t
+   implicit none
+   private
+   public :: settle
+
+   integer, parameter :: first_window = 50                            ! periods of the slowest tone
+   integer, parameter :: most_windows = 7
+   integer, parameter :: least_windows = 4                            ! before the spread counts as one that does not fall
+   integer, parameter :: samples_of_harmonic = 16                     ! of the highest one in its period, at least
+   integer, parameter :: most_parts = 8                               ! periods that a subharmonic motion may take
+   integer, parameter :: largest_record = 40000000                    ! numbers
+   real(wp), parameter :: largest_spread = 1.0e-2_wp                  ! of a steady motion, relative
+   real(wp), parameter :: aim = 1.0e-2_wp                             ! spread at which the march ends, relative to that allowed
+   real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the one before
+   real(wp), parameter :: kick = 1.0e-6_wp                            ! of the length of the system, at the start
+   real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the length of the system
+   real(wp), parameter :: share_of_rescues = 0.25_wp                  ! of the work allowed to them
+
+contains
+
+   !> Marches from the `&start` amplitudes, else from rest, a little beside it: no symmetry then holds a motion that nobody would see.
+   subroutine settle(scene, law_dofs, watch, settled, error)
+      type(scene_t), intent(in) :: scene                              !! all of its tones given
+      integer, intent(in) :: law_dofs(:)
+      class(watch_t), intent(inout) :: watch                          !! may end the march, with an error
+      type(settled_t), intent(out) :: settled
+      type(error_t), allocatable, intent(out) :: error
+      type(coordinates_t) :: coordinates
+      type(march_config_t) :: config
+      type(march_record_t) :: record
+      type(march_state_t) :: state
+      type(march_system_t), target :: system
+      complex(wp), allocatable :: before(:, :), now(:, :)
+      real(wp), allocatable :: z(:, :)
+      real(wp) :: allowed, look, period, spread, spread_before, step
+      integer :: i, n_periods, window
+      integer, allocatable :: dofs(:)
+
+      associate (omega => scene%tones%omega, frequencies => scene%harmonics%frequencies(scene%tones%omega))
+         coordinates = coordinates_of(scene)
+         call scene%structure%refuse_large("marching", most_dense, error)
+         if (allocated(error)) return
+         call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, omega)
+         call begin(scene, frequencies, system, state)
+         period = two_pi/minval(omega)
+         step = min(step_of(scene%march, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies))))
+         config = scene%march
+         config%transient = 0.0_wp
+         config%decimation = huge(1)
+         config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
+         look = 30.0_wp + 2.0_wp*real(system%n_dofs, wp)**2 + 30.0_wp*system%laws%n_coordinates
+         config%most_looks = int(min(share_of_rescues*scene%solver%rescue_work/look, 0.5_wp*huge(1_int64)), int64)
+         allowed = min(scene%certificate%truncation, largest_spread)
+         dofs = [(i, i=1, system%n_dofs)]
+         spread = huge(1.0_wp)
+         n_periods = 0
+         do window = 1, most_windows
+            config%duration = first_window*2**(window - 1)*period
+            if (config%duration/step*system%n_dofs > largest_record) exit
+            call march_from(system, config, step, dofs, state, record, error, watch=watch)
+            if (record%is_out_of_work .and. window > least_windows) then
+               deallocate (error)
+               exit
+            end if
+            if (allocated(error)) return
+            n_periods = n_periods + first_window*2**(window - 1)
+            z = coordinates%values_of(record%every_displacement(:, law_dofs))
+            now = averages_of(z, record, frequencies)
+            spread_before = spread
+            if (window > 1) spread = maxval(distance_of(now, before))
+            before = now
+            if (spread <= aim*allowed) exit
+            if (window >= least_windows .and. spread > falling*spread_before) exit
+         end do
+         settled%spread = spread
+         settled%work = look*system%laws%n_gathered
+         call tell(scene, settled, z, now, record, n_periods, allowed)
+         if (settled%status == outcome%marched) &
+            settled%amplitudes = transpose(averages_of(record%every_displacement, record, frequencies))
+      end associate
+   end subroutine settle
+
+   subroutine begin(scene, frequencies, system, state)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
+      type(march_system_t), intent(in) :: system
+      type(march_state_t), intent(out) :: state
+      integer :: i
+
+      call new_march_state(state, system%n_dofs, system%laws%n_states)
+      if (any(abs(scene%start) > 0.0_wp)) then
+         state%q = sum(real(scene%start, wp), 2)
+         state%v = matmul(-aimag(scene%start), frequencies)
+      end if
+      state%q = state%q + kick*system%length*[(2.0_wp*modulo(i*0.6180339887498949_wp, 1.0_wp) - 1.0_wp, i=1, system%n_dofs)]
+   end subroutine begin
+
+   !> Says what a steady record is.
+   subroutine tell(scene, settled, z, c, record, n_periods, allowed)
+      type(scene_t), intent(in) :: scene
+      type(settled_t), intent(inout) :: settled
+      real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
+      complex(wp), intent(in) :: c(:, :)                              !! its averages, (n_harmonics, n_coordinates)
+      type(march_record_t), intent(in) :: record
+      integer, intent(in) :: n_periods
+      real(wp), intent(in) :: allowed                                 !! largest spread of a steady motion
+      real(wp), allocatable :: rest(:, :)
+      real(wp) :: left_out, scale(size(z, 2)), turns(scene%tones%n_tones)
+      character(:), allocatable :: marched_for
+      integer :: k, part
+
+      marched_for = "marched for "//to_text(n_periods)//" periods of the slowest tone"
+      rest = rest_of(z, c, record, scene%harmonics%frequencies(scene%tones%omega))
+      scale = [(norm2(z(:, k) - sum(z(:, k))/size(z, 1))/sqrt(real(size(z, 1), wp)), k=1, size(z, 2))]
+      where (scale <= 0.0_wp) scale = max(1.0_wp, tiny(1.0_wp))
+      left_out = maxval([(norm2(rest(:, k))/(scale(k)*sqrt(real(size(z, 1), wp))), k=1, size(z, 2))])
+      turns = scene%tones%omega*record%step/two_pi
+      settled%status = outcome%broadband
+      if (left_out <= allowed) then
+         settled%status = outcome%marched
+      else
+         do part = 1, most_parts
+            if (abs(defect_of(rest, scale, turns, part)) > allowed) cycle
+            settled%status = merge(outcome%marched, outcome%subharmonic, part == 1)
+            exit
+         end do
+      end if
+      if (settled%spread > allowed .and. settled%status == outcome%marched) settled%status = outcome%pending
+      select case (settled%status)
+      case (outcome%marched)
+         settled%message = marched_for//": the averages spread by "//to_text(settled%spread)// &
+                           ", harmonics beyond the set carry "//to_text(left_out)//" of the motion"
+      case (outcome%subharmonic)
+         settled%message = marched_for//": the motion repeats after "//to_text(part)//" periods; use tones "//to_text(part)// &
+                           " times lower"
+      case (outcome%broadband)
+         settled%message = marched_for//": the motion does not repeat, its averages spread by "//to_text(settled%spread)
+      case default
+         settled%message = marched_for//": the averages still spread by "//to_text(settled%spread)
+      end select
+   end subroutine tell
+
+   !> Averages at all tuples, cos - i sin, (n_harmonics, any).
+   function averages_of(x, record, frequencies) result(c)
+      real(wp), intent(in) :: x(:, :)                                 !! (n_samples, any)
+      type(march_record_t), intent(in) :: record                      !! that x is of
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
+      complex(wp) :: c(size(frequencies), size(x, 2))
+      integer :: k
+
+      do k = 1, size(x, 2)
+         call coefficients_at(x(:, k), record%start, record%step, frequencies, c(:, k))
+      end do
+   end function averages_of
+
+   !> Differences of motions relative to the first, by coordinate.
+   pure function distance_of(c, other) result(distance)
+      complex(wp), intent(in) :: c(:, :), other(:, :)                 !! (n_harmonics, n_coordinates)
+      real(wp) :: distance(size(c, 2))
+      integer :: k
+
+      distance = [(norm2(abs(c(:, k) - other(:, k)))/max(norm2(abs(c(:, k))), tiny(1.0_wp)), k=1, size(c, 2))]
+   end function distance_of
+
+   !> What a series leaves of its record.
+   function rest_of(x, c, record, frequencies) result(rest)
+      real(wp), intent(in) :: x(:, :)                                 !! (n_samples, any)
+      complex(wp), intent(in) :: c(:, :)                              !! (n_harmonics, any)
+      type(march_record_t), intent(in) :: record
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s]
+      real(wp) :: rest(size(x, 1), size(x, 2))
+      integer, parameter :: steps_between_cosines = 256
+      complex(wp) :: phasor(size(frequencies)), rotation(size(frequencies))
+      integer :: i, k
+
+      rotation = exp(cmplx(0.0_wp, frequencies*record%step, wp))
+      do i = 1, size(x, 1)
+         if (modulo(i - 1, steps_between_cosines) == 0) then
+            phasor = exp(cmplx(0.0_wp, frequencies*(record%start + (i - 1)*record%step), wp))
+         else
+            phasor = phasor*rotation
+         end if
+         do k = 1, size(x, 2)
+            rest(i, k) = x(i, k) - sum(real(c(:, k)*phasor, wp))
+         end do
+      end do
+   end function rest_of
+end module hb_marched_motion
