@@ -121,8 +121,9 @@ contains
             samples = samples//" x "//to_text(scene%torus%n_samples(i))
          end do
          call say("tones       "//tones)
-         call say("harmonics   "//to_text(scene%harmonics%n_harmonics))
-         call say("samples     "//samples)
+         call describe_accuracy(scene)
+         call say("harmonics   "//to_text(scene%harmonics%n_harmonics)//on_lowest(scene%accuracy%grows_set))
+         call say("samples     "//samples//on_lowest(scene%accuracy%refines_grid .and. scene%accuracy%is_on))
          call say("unknowns    "//to_text(scene%harmonics%n_coefficients*coordinates%n))
          call describe_symmetry(scene, coordinates%n)
          call describe_memory(scene)
@@ -131,6 +132,26 @@ contains
          end do
       end associate
    end subroutine describe
+
+   !> Says how accurate motions are to be, and what may be spent on it.
+   subroutine describe_accuracy(scene)
+      type(scene_t), intent(in) :: scene
+
+      associate (accuracy => scene%accuracy)
+         if (.not. accuracy%is_on) return
+         call say("accuracy    "//to_text(accuracy%tolerance)//" of the motion that the laws feel; at most "// &
+                  to_text(accuracy%max_harmonics)//" harmonics, "//to_text(accuracy%max_samples)//" samples")
+      end associate
+   end subroutine describe_accuracy
+
+   !> What is behind a size that only the lowest rung has.
+   pure function on_lowest(is_chosen) result(text)
+      logical, intent(in) :: is_chosen
+      character(:), allocatable :: text
+
+      text = ""
+      if (is_chosen) text = " to begin with"
+   end function on_lowest
 
    !> Says how many unknowns are left where the motion is sought among odd ones.
    subroutine describe_symmetry(scene, n_coordinates)

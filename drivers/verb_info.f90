@@ -76,7 +76,11 @@ contains
          record%created_utc)
       call write_fact("run on", number_of(record%n_ranks, "MPI rank"))
       call write_fact("tones", to_text(size(record%tuples, 1)))
-      call write_fact("harmonics", to_text(size(record%tuples, 2))//" in the union of all points")
+      if (record%has_own_tuples) then
+         call write_fact("harmonics", "chosen by each point for its tolerance, at most "//to_text(size(record%tuples, 2)))
+      else
+         call write_fact("harmonics", to_text(size(record%tuples, 2))//" in the union of all points")
+      end if
       call write_fact("dofs", list_of(record%dofs))
       if (size(record%laws) > 0) call write_fact("laws", list_of(record%laws))
    end subroutine write_origin

@@ -85,7 +85,7 @@ contains
       is_told = rank_of(comm) == 0 .and. options%level >= log_level%normal
       if (is_told) call say("nhbm "//options%verb//" "//options%input//": "// &
          room_text(study)//" on "//number_of(size_of(comm), "rank")//", "// &
-         number_of(study%scene%tones%n_tones, "tone")//", "//number_of(size(study%tuples, 2), "harmonic"))
+         number_of(study%scene%tones%n_tones, "tone")//", "//set_text(study))
       if (is_told .and. study%n_chains() > 0 .and. study%n_chains() < size_of(comm)) call say("note: "// &
          number_of(study%n_chains(), "chain")//" of points for "//number_of(size_of(comm), "rank")// &
          "; a smaller &solver chain_length makes more of them")
@@ -263,4 +263,16 @@ contains
 
       memory_share = -max_over(comm, -available_memory()/ranks_on_node(comm))
    end function memory_share
+
+   !> How many harmonics the points have, or how accurate they are to be.
+   function set_text(study) result(text)
+      type(study_t), intent(in) :: study
+      character(:), allocatable :: text
+
+      text = number_of(size(study%tuples, 2), "harmonic")
+      if (study%scene%accuracy%is_on) then
+         if (study%scene%accuracy%grows_set) text = "harmonics"
+         text = text//" for a tolerance of "//to_text(study%scene%accuracy%tolerance)
+      end if
+   end function set_text
 end module verb_solve

@@ -49,6 +49,9 @@ module hb_certificate
       real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
       integer, allocatable :: combination(:)                          !! its k, (n_tones)
       type(harmonics_t) :: wider                                      !! the set of the improved motion
+      type(harmonics_t) :: around                                     !! the wider set in which the motion was looked at
+      real(wp), allocatable :: neglected(:)                           !! first-order answer of each of its tuples that is not kept,
+                                                                      !! relative to the motion; not allocated where not known
       real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_law_dofs);
                                                                       !! not allocated where it was not asked for
    end type certificate_t
@@ -272,6 +275,8 @@ contains
       if (allocated(error)) return
       is_rigid = acts_rigidly(balance, wide)
       call clear_kept(balance%harmonics, wide%harmonics, answer)
+      self%around = wide%harmonics
+      self%neglected = amplitudes(wide%harmonics, answer)/size_of_motion
       call residual_of(wide, big - answer, defect)
       change = restricted(defect, big - answer)
       call solve_tangent(change)
@@ -322,6 +327,18 @@ contains
          end if
       end subroutine solve_tangent
    end subroutine estimate_errors
+
+   !> Norm of the coefficients of each harmonic over all coordinates.
+   pure function amplitudes(set, u) result(sizes)
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: u(:, :)                                 !! (n_coefficients, any)
+      real(wp) :: sizes(set%n_harmonics)
+      integer :: h
+
+      do h = 1, set%n_harmonics
+         sizes(h) = norm2(u(set%cos_at(h):max(set%cos_at(h), set%sin_at(h)), :))
+      end do
+   end function amplitudes
 
    !> Whether a law that is not smooth is rigid, or so much stiffer than the structure in the fastest kept harmonic that it acts
    !> as if it were: such a blow is shorter than what the set can follow.

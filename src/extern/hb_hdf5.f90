@@ -19,7 +19,8 @@ module hb_hdf5
    use hb_kinds, only: wp
    use hb_mpi, only: comm_handle, comm_t, no_info_handle
    use hb_text, only: to_text
-   use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, h5dcreate_f, h5dget_space_f, h5dopen_f, h5dwrite_f, &
+   use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, H5D_FILL_TIME_NEVER_F, &
+      h5dcreate_f, h5dget_space_f, h5dopen_f, h5dwrite_f, &
       H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, H5F_LIBVER_EARLIEST_F, &
       H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, h5fflush_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, &
       H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, h5pset_alloc_time_f, h5pset_fapl_mpio_f, h5pset_fclose_degree_f, &
@@ -172,30 +173,37 @@ contains
 
    ! Making and opening datasets
 
-   !> Adds a dataset of float64, filled with NaN, its space taken on the disk.
-   subroutine file_add_real(self, name, extents, dataset, error)
+   !> Adds a dataset of float64, filled with NaN, its space taken on the disk; or `as_hole`, zero until it is written, which
+   !> takes no space where the file system knows holes.
+   subroutine file_add_real(self, name, extents, dataset, error, as_hole)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       integer, intent(in) :: extents(:)                !! fastest first; empty for a scalar
       type(h5_dataset_t), intent(out) :: dataset
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: as_hole         !! default false
       real(wp), target :: fill
+      logical :: is_hole
 
+      is_hole = .false.
+      if (present(as_hole)) is_hole = as_hole
       fill = ieee_value(fill, ieee_quiet_nan)
-      call add_dataset(self, name, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, extents, c_loc(fill), dataset, error)
+      if (is_hole) fill = 0.0_wp
+      call add_dataset(self, name, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, extents, c_loc(fill), dataset, error, is_hole)
    end subroutine file_add_real
 
-   !> Adds a dataset of int32, filled with zero, its space taken on the disk.
-   subroutine file_add_integer(self, name, extents, dataset, error)
+   !> Adds a dataset of int32, filled with zero, its space taken on the disk unless it is made `as_hole`.
+   subroutine file_add_integer(self, name, extents, dataset, error, as_hole)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       integer, intent(in) :: extents(:)                !! fastest first; empty for a scalar
       type(h5_dataset_t), intent(out) :: dataset
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: as_hole         !! default false
       integer, target :: fill
 
       fill = 0
-      call add_dataset(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, extents, c_loc(fill), dataset, error)
+      call add_dataset(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, extents, c_loc(fill), dataset, error, as_hole)
    end subroutine file_add_integer
 
    !> Adds a dataset of single bytes, all null, its space taken on the disk: the first extent is the room
@@ -283,7 +291,7 @@ contains
 
    !> Adds a dataset of any type with early allocation; without an address of a fill value the fill is zero
    !> bytes.
-   subroutine add_dataset(file, name, file_type, fill_type, extents, fill, dataset, error)
+   subroutine add_dataset(file, name, file_type, fill_type, extents, fill, dataset, error, as_hole)
       class(h5_file_t), intent(in) :: file
       character(*), intent(in) :: name
       integer(hid_t), intent(in) :: file_type, fill_type
@@ -291,15 +299,20 @@ contains
       type(c_ptr), intent(in) :: fill
       type(h5_dataset_t), intent(out) :: dataset
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: as_hole
       integer(hid_t) :: properties, space
-      integer :: status
+      integer :: fill_time, status
 
+      fill_time = H5D_FILL_TIME_ALLOC_F
+      if (present(as_hole)) then
+         if (as_hole) fill_time = H5D_FILL_TIME_NEVER_F
+      end if
       dataset%place = file%place//": dataset '"//name//"'"
       dataset%extents = int(extents, hsize_t)
       call new_space(space, dataset%extents, status)
       if (status >= 0) call h5pcreate_f(H5P_DATASET_CREATE_F, properties, status)
       if (status >= 0) call h5pset_alloc_time_f(properties, H5D_ALLOC_TIME_EARLY_F, status)
-      if (status >= 0) call h5pset_fill_time_f(properties, H5D_FILL_TIME_ALLOC_F, status)
+      if (status >= 0) call h5pset_fill_time_f(properties, fill_time, status)
       if (status >= 0 .and. fill_type /= no_id) call h5pset_fill_value_f(properties, fill_type, fill, status)
       if (status >= 0) call h5dcreate_f(file%id, name, file_type, space, dataset%id, status, properties)
       call check(status, "create", error, dataset%place)

@@ -32,6 +32,7 @@ module hb_hdf5_datasets
       generic :: read_rows => read_integer_rows, read_real_rows
       procedure :: read_text_row => dataset_read_text_row
       generic :: write => write_integer, write_real
+      generic :: write_part => write_integer_part, write_real_part
       generic :: write_row => write_integer_row, write_real_row, write_text_row
       procedure, private :: read_integer => dataset_read_integer
       procedure, private :: read_integer_rows => dataset_read_integer_rows
@@ -39,8 +40,10 @@ module hb_hdf5_datasets
       procedure, private :: read_real_rows => dataset_read_real_rows
       procedure, private :: read_texts => dataset_read_texts
       procedure, private :: write_integer => dataset_write_integer
+      procedure, private :: write_integer_part => dataset_write_integer_part
       procedure, private :: write_integer_row => dataset_write_integer_row
       procedure, private :: write_real => dataset_write_real
+      procedure, private :: write_real_part => dataset_write_real_part
       procedure, private :: write_real_row => dataset_write_real_row
       procedure, private :: write_text_row => dataset_write_text_row
    end type h5_dataset_t
@@ -128,6 +131,24 @@ contains
       call transfer_values(self, .false., H5T_NATIVE_INTEGER, c_loc(values), size(values), error, row, n_rows)
    end subroutine dataset_write_integer_row
 
+   !> Writes the first `n_used` values along the second axis of one row, counted from 1; the others stay as they are.
+   subroutine dataset_write_real_part(self, row, n_used, values, error)
+      class(h5_dataset_t), intent(in) :: self
+      integer, intent(in) :: row, n_used
+      real(wp), intent(in), contiguous, target :: values(..)
+      type(error_t), allocatable, intent(out) :: error
+      call transfer_values(self, .false., H5T_NATIVE_DOUBLE, c_loc(values), size(values), error, row, n_used=n_used)
+   end subroutine dataset_write_real_part
+
+   !> Writes the first `n_used` values along the second axis of one row, counted from 1; the others stay as they are.
+   subroutine dataset_write_integer_part(self, row, n_used, values, error)
+      class(h5_dataset_t), intent(in) :: self
+      integer, intent(in) :: row, n_used
+      integer, intent(in), contiguous, target :: values(..)
+      type(error_t), allocatable, intent(out) :: error
+      call transfer_values(self, .false., H5T_NATIVE_INTEGER, c_loc(values), size(values), error, row, n_used=n_used)
+   end subroutine dataset_write_integer_part
+
    !> Writes a string into row `row`, counted from 1, of a matrix of bytes; what is too long is cut.
    !> Independent of other ranks.
    subroutine dataset_write_text_row(self, row, text, error)
@@ -155,7 +176,7 @@ contains
    end subroutine dataset_write_text_row
 
    !> Writes or reads the values of the dataset: all of them, or rows that follow each other; independent of other ranks.
-   subroutine transfer_values(self, is_reading, memory_type, address, n_values, error, row, n_rows)
+   subroutine transfer_values(self, is_reading, memory_type, address, n_values, error, row, n_rows, n_used)
       class(h5_dataset_t), intent(in) :: self
       logical, intent(in) :: is_reading
       integer(hid_t), intent(in) :: memory_type
@@ -164,6 +185,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: row              !! the first of them, from 1; default: everything
       integer, intent(in), optional :: n_rows           !! default 1
+      integer, intent(in), optional :: n_used           !! of the second axis; default: all
       type(c_ptr) :: buffer
       integer(hid_t) :: in_file, in_memory
       integer :: n, status
@@ -173,7 +195,7 @@ contains
       n = 1
       if (present(n_rows)) n = n_rows
       if (present(row)) then
-         call select_rows(self, row, n, n_values, in_file, in_memory, error)
+         call select_rows(self, row, n, n_values, in_file, in_memory, error, n_used)
       else
          call check_size(self, n_values, product(self%extents), error)
       end if
@@ -191,11 +213,12 @@ contains
    end subroutine transfer_values
 
    !> Selects rows that follow each other, and room for their values in memory; none for no values.
-   subroutine select_rows(self, row, n_rows, n_values, in_file, in_memory, error)
+   subroutine select_rows(self, row, n_rows, n_values, in_file, in_memory, error, n_used)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: row, n_rows, n_values
       integer(hid_t), intent(out) :: in_file, in_memory
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: n_used           !! of the second axis; default: all
       integer(hsize_t) :: start(size(self%extents)), block(size(self%extents))
       integer :: last, n, status
 
@@ -205,7 +228,10 @@ contains
          return
       end if
       last = row + n_rows - 1
-      call check_size(self, n_values, product(self%extents(:n - 1))*n_rows, error)
+      block = self%extents
+      block(n) = n_rows
+      if (present(n_used)) block(min(2, n)) = min(block(min(2, n)), int(n_used, hsize_t))
+      call check_size(self, n_values, product(block), error)
       if (allocated(error)) return
       if (row < 1 .or. last > self%extents(n)) then
          call fail(error, self%place//": no row "//to_text(merge(row, last, row < 1))//", there are "//to_text(self%extents(n)))
@@ -214,8 +240,6 @@ contains
       if (n_values == 0) return
       start = 0
       start(n) = row - 1
-      block = self%extents
-      block(n) = n_rows
       call new_space(in_file, self%extents, status)
       if (status >= 0) call h5sselect_hyperslab_f(in_file, H5S_SELECT_SET_F, start, block, status)
       if (status >= 0) call new_space(in_memory, [int(n_values, hsize_t)], status)
@@ -250,13 +274,13 @@ contains
       call transfer_values(self, .true., H5T_NATIVE_DOUBLE, c_loc(values), size(values), error, first, size(values, 2))
    end subroutine dataset_read_real_rows
 
-   !> Reads integers of rows that follow each other, of a dataset of single numbers.
+   !> Reads integers of rows that follow each other, which the last axis of the values counts.
    subroutine dataset_read_integer_rows(self, first, values, error)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: first                  !! row, from 1
-      integer, intent(out), contiguous, target :: values(:)
+      integer, intent(inout), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
-      call transfer_values(self, .true., H5T_NATIVE_INTEGER, c_loc(values), size(values), error, first, size(values))
+      call transfer_values(self, .true., H5T_NATIVE_INTEGER, c_loc(values), size(values), error, first, size(values, rank(values)))
    end subroutine dataset_read_integer_rows
 
    !> Reads a row of bytes as text without the zeros behind it.

@@ -1,6 +1,7 @@
 !> What is known of a motion that was looked for.
 module hb_motion_result
    use hb_certificate, only: certificate_t
+   use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_stability, only: stability_t
@@ -33,6 +34,10 @@ module hb_motion_result
       real(wp) :: certificate_cpu_seconds = 0.0_wp      !! processor time of the certificate
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
+      integer :: n_rungs = 0                            !! sets solved until the tolerance was met, hb_accurate_motion; 0: one given
+      real(wp) :: rung_difference = 0.0_wp              !! of the last two motions on the way there, relative
+      type(harmonics_t) :: harmonics                    !! set of the coefficients, where the point has chosen it
+      integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); not allocated: that of the scene
       integer :: n_unknowns = 0                         !! of the equations that were solved; 0: none
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
       real(wp), allocatable :: artificial_damping(:)    !! [1/s], (n_tones), of a normal mode

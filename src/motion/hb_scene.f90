@@ -17,7 +17,7 @@ module hb_scene
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: certificate_config_t, scene_t, symmetry, symmetry_names
+   public :: accuracy_t, certificate_config_t, scene_t, symmetry, symmetry_names
 
    !> Among which motions a scene is solved.
    type :: symmetry_t
@@ -34,6 +34,17 @@ module hb_scene
       integer, allocatable :: dofs(:)                                 !! stored degrees of freedom
       integer, allocatable :: samples(:)                              !! grid of the stored surfaces, size 0: none
    end type output_config_t
+
+   !> How accurate a motion is asked for, where sets and grids are chosen for that, hb_accurate_motion.
+   type :: accuracy_t
+      logical :: is_on = .false.
+      logical :: grows_set = .false.                                  !! no &harmonics rules the set
+      logical :: refines_grid = .false.                               !! no &sampling rules the grid
+      real(wp) :: tolerance = 1.0e-2_wp                               !! estimated error relative to the motion that the laws feel
+      integer :: max_harmonics = 2000                                 !! tuples of a set
+      integer :: max_samples = 2000000                                !! of a grid
+      real(wp) :: max_work = 60.0e9_wp                                !! of all solutions of a point, as `work` of a report
+   end type accuracy_t
 
    !> What makes a solved point count as not good enough.
    type :: certificate_config_t
@@ -78,6 +89,7 @@ module hb_scene
       type(chain_config_t) :: chain
       integer :: planning = planning%estimate                         !! effort of FFTW
       character(:), allocatable :: wisdom                             !! file with FFTW's wisdom
+      type(accuracy_t) :: accuracy
       type(certificate_config_t) :: certificate
       type(stability_config_t) :: stability
       type(output_config_t) :: output

@@ -12,22 +12,22 @@ module hb_scene_reader
    use hb_scene, only: scene_t, symmetry
    use hb_scene_laws, only: read_laws, update_laws
    use hb_scene_loads, only: read_loads, read_starts
-   use hb_scene_settings, only: read_certificate, read_output, read_sampling, read_solver, read_stability
+   use hb_scene_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
    use hb_scene_symmetry, only: check_symmetry
    use hb_scene_tones, only: read_tones
    use hb_scene_unknown_tones, only: check_fundamentals, read_normal_mode, read_phase
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
    use hb_tones, only: tones_t
-   use hb_truncation, only: read_harmonics
+   use hb_truncation, only: read_harmonics, read_lowest_set
    implicit none
    private
    public :: group_names, read_scene, update_scene
 
    !> Every group that an input file may have.
-   character(11), parameter :: group_names(14) = [character(11) :: &
+   character(11), parameter :: group_names(15) = [character(11) :: &
       "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", &
-      "certificate", "stability", "output", "march"]
+      "certificate", "stability", "output", "march", "accuracy"]
 
    !> Groups that are read by themselves while nothing but numbers changes in them.
    character(9), parameter :: read_alone(5) = [character(9) :: "structure", "tones", "load", "law", "start"]
@@ -96,7 +96,12 @@ contains
       if (allocated(error)) return
       call read_tones(self%tones, document, error)
       if (allocated(error)) return
-      call read_harmonics(self%harmonics, document, self%tones%n_tones, error, self%symmetry)
+      call read_accuracy(self%accuracy, document)
+      if (self%accuracy%grows_set) then
+         call read_lowest_set(self%harmonics, document, self%tones%n_tones, error, self%symmetry)
+      else
+         call read_harmonics(self%harmonics, document, self%tones%n_tones, error, self%symmetry)
+      end if
       if (allocated(error)) return
       call read_laws(self, document, error)
       if (allocated(error)) return

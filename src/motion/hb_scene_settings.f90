@@ -1,18 +1,19 @@
 !> How a scene is solved, judged and stored: the groups `&solver`, `&sampling`, `&certificate` and `&output`.
 module hb_scene_settings
+   use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_fftw, only: planning, planning_names
    use hb_kinds, only: wp
    use hb_memory_estimate, only: gib
    use hb_properties, only: properties_t
-   use hb_scene, only: certificate_config_t, scene_t
+   use hb_scene, only: accuracy_t, certificate_config_t, scene_t
    use hb_solver_types, only: method_names, start_names
    use hb_stability, only: stability_config_t, stability_method_names
    use hb_text, only: string_t, to_text
    use hb_torus, only: default_samples, fast_size, new_torus, torus_t
    implicit none
    private
-   public :: read_certificate, read_output, read_sampling, read_solver, read_stability
+   public :: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
 
    real(wp), parameter :: unit_of_work = 1.0e9_wp                     ! about a second of the processor
    character(9), parameter :: first_guess_names(5) = [character(9) :: "auto", "linear", "zero", "neighbour", "march"]
@@ -61,6 +62,33 @@ contains
       end associate
    end subroutine read_solver
 
+   !> Reads `&accuracy`: the tolerance, and what may be spent on it. Without a set in `&harmonics` it is on in any case.
+   subroutine read_accuracy(self, document)
+      type(accuracy_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      type(properties_t), pointer :: group
+      integer, allocatable :: samples(:)
+      real(wp) :: oversampling, work
+
+      group => document%optional_group("harmonics")
+      self%grows_set = .not. (group%given("order") .or. group%given("tuples") .or. group%given("set") .or. group%given("odd_only"))
+      group => document%optional_group("sampling")
+      samples = [0]
+      oversampling = 0.0_wp
+      if (group%given("samples")) call group%get("samples", samples, minimum=0)
+      if (group%given("oversampling")) call group%get("oversampling", oversampling, unit="1", minimum=0.0_wp, maximum=1000.0_wp)
+      self%refines_grid = all(samples == 0) .and. .not. oversampling > 0.0_wp
+      self%is_on = document%count("accuracy") > 0 .or. self%grows_set
+      if (.not. self%is_on) return
+      group => document%optional_group("accuracy")
+      work = self%max_work/unit_of_work
+      call group%get("tolerance", self%tolerance, unit="1", above=0.0_wp)
+      call group%get("max_harmonics", self%max_harmonics, minimum=1, maximum=1000000)
+      call group%get("max_samples", self%max_samples, minimum=1, maximum=100000000)
+      call group%get("max_work", work, minimum=0.0_wp)
+      self%max_work = work*unit_of_work
+   end subroutine read_accuracy
+
    !> Reads `&sampling`: `samples` per tone, whether kinks between them are corrected, effort and wisdom file of FFTW.
    subroutine read_sampling(self, group)
       type(scene_t), intent(inout) :: self
@@ -92,7 +120,7 @@ contains
          samples = merge(samples, default_samples(self%harmonics, degree), samples > 0)
       call new_torus(self%torus, samples, self%harmonics, error)
       if (allocated(error)) call group%problem("samples", error%message)
-      kinks = trim(kink_names(1))
+      kinks = trim(kink_names(merge(2, 1, self%accuracy%is_on)))
       call group%get("kinks", kinks, choices=kink_names)
       self%torus%corrects_kinks = kinks == kink_names(2)
 

@@ -29,11 +29,17 @@ module hb_held_rows
       integer, allocatable :: integers(:, :)                          ! (row_size, room)
       real(wp), allocatable :: reals(:, :)                            ! (row_size, room)
       character(message_length), allocatable :: texts(:)              ! (room)
+      logical :: is_part_used = .false.                               ! each row to its own extent
+      integer :: n_first = 0, n_second = 0                            ! extents of the first two axes, where that is so
+      integer, allocatable :: n_used(:)                               ! of the second one, (room)
    contains
       procedure :: add_to_checksum => held_rows_add_to_checksum
       procedure :: blank => held_rows_blank
       procedure :: flush => held_rows_flush
       generic :: put => put_integers, put_reals, put_text
+      generic :: put_part => put_integer_part, put_real_part
+      procedure, private :: put_integer_part => held_rows_put_integer_part
+      procedure, private :: put_real_part => held_rows_put_real_part
       procedure, private :: put_integers => held_rows_put_integers
       procedure, private :: put_reals => held_rows_put_reals
       procedure, private :: put_text => held_rows_put_text
@@ -57,11 +63,20 @@ contains
    end function room_for
 
    !> Makes room for `room` rows of a dataset.
-   pure subroutine new_held_rows(self, variable, row_size, room)
+   pure subroutine new_held_rows(self, variable, extents, room)
       type(held_rows_t), intent(out) :: self
       type(variable_t), intent(in) :: variable
-      integer, intent(in) :: row_size, room
+      integer, intent(in) :: extents(:)                               !! of the axes of a row, fastest first
+      integer, intent(in) :: room
+      integer :: row_size
 
+      row_size = product(extents)
+      self%is_part_used = variable%is_part_used
+      if (self%is_part_used) then
+         self%n_first = extents(1)
+         self%n_second = extents(2)
+         allocate (self%n_used(room), source=0)
+      end if
       self%kind = variable%kind
       self%row_size = row_size
       select case (variable%kind)
@@ -77,7 +92,8 @@ contains
       integer, intent(in) :: k
 
       if (allocated(self%integers)) self%integers(:, k) = 0
-      if (allocated(self%reals)) self%reals(:, k) = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (allocated(self%reals)) self%reals(:, k) = merge(0.0_wp, ieee_value(1.0_wp, ieee_quiet_nan), self%is_part_used)
+      if (self%is_part_used) self%n_used(k) = 0
       if (allocated(self%texts)) self%texts(k) = ""
    end subroutine held_rows_blank
 
@@ -128,6 +144,42 @@ contains
       self%is_used = .true.
    end subroutine held_rows_put_reals
 
+   !> Puts the values of the harmonics that the row has, (first axis, harmonics, others).
+   subroutine held_rows_put_real_part(self, k, values, error)
+      class(held_rows_t), intent(inout) :: self
+      integer, intent(in) :: k
+      real(wp), intent(in) :: values(:, :, :)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: d, first
+
+      call check_size(self, size(values, 1)*self%n_second*size(values, 3), error)
+      if (.not. allocated(error) .and. size(values, 2) > self%n_second) call fail(error, "the point has "// &
+         to_text(size(values, 2))//" harmonics, the file has room for "//to_text(self%n_second))
+      if (allocated(error)) return
+      do d = 1, size(values, 3)
+         first = (d - 1)*self%n_first*self%n_second
+         self%reals(first + 1:first + size(values(:, :, d)), k) = reshape(values(:, :, d), [size(values(:, :, d))])
+      end do
+      self%n_used(k) = size(values, 2)
+      self%is_used = .true.
+   end subroutine held_rows_put_real_part
+
+   !> Puts the values of the harmonics that the row has, (first axis, harmonics).
+   subroutine held_rows_put_integer_part(self, k, values, error)
+      class(held_rows_t), intent(inout) :: self
+      integer, intent(in) :: k
+      integer, intent(in) :: values(:, :)
+      type(error_t), allocatable, intent(out) :: error
+
+      call check_size(self, size(values, 1)*self%n_second, error)
+      if (.not. allocated(error) .and. size(values, 2) > self%n_second) call fail(error, "the point has "// &
+         to_text(size(values, 2))//" harmonics, the file has room for "//to_text(self%n_second))
+      if (allocated(error)) return
+      self%integers(:size(values), k) = reshape(values, [size(values)])
+      self%n_used(k) = size(values, 2)
+      self%is_used = .true.
+   end subroutine held_rows_put_integer_part
+
    subroutine held_rows_put_text(self, k, text, error)
       class(held_rows_t), intent(inout) :: self
       integer, intent(in) :: k
@@ -157,6 +209,13 @@ contains
 
       if (.not. (self%is_used .or. is_filled)) return
       self%is_used = .false.
+      if (self%is_part_used .and. .not. is_filled) then
+         do k = 1, n
+            call flush_part(self, k, first + k - 1, dataset, error)
+            if (allocated(error)) return
+         end do
+         return
+      end if
       select case (self%kind)
       case (is_integer); call dataset%write_row(first, self%integers(:, :n), error, n)
       case (is_real); call dataset%write_row(first, self%reals(:, :n), error, n)
@@ -167,4 +226,28 @@ contains
          end do
       end select
    end subroutine held_rows_flush
+
+   !> Writes of row `k` what is used of it.
+   subroutine flush_part(self, k, row, dataset, error)
+      class(held_rows_t), intent(in) :: self
+      integer, intent(in) :: k
+      integer, intent(in) :: row                                      !! of the dataset
+      type(h5_dataset_t), intent(in) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+      integer :: extents(3)
+      real(wp), allocatable :: reals(:, :, :)
+      integer, allocatable :: integers(:, :, :)
+
+      if (self%n_used(k) == 0) return
+      extents = [self%n_first, self%n_second, self%row_size/(self%n_first*self%n_second)]
+      if (self%kind == is_integer) then
+         integers = reshape(self%integers(:, k), extents)
+         integers = integers(:, :self%n_used(k), :)
+         call dataset%write_part(row, self%n_used(k), integers, error)
+      else
+         reals = reshape(self%reals(:, k), extents)
+         reals = reals(:, :self%n_used(k), :)
+         call dataset%write_part(row, self%n_used(k), reals, error)
+      end if
+   end subroutine flush_part
 end module hb_held_rows

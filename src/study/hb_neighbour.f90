@@ -1,11 +1,13 @@
 !> First guesses from neighbours: each point of a chain along a swept parameter starts from the solutions of the points
 !> before it, never from a point of another chain, so that nothing depends on who solves which chain and when.
 module hb_neighbour
+   use hb_accurate_motion, only: rung_t
    use hb_branches, only: is_far_above
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: wp
    use hb_basis, only: transfer_coefficients
+   use hb_scene, only: scene_t
    implicit none
    private
    public :: neighbour_t
@@ -17,12 +19,14 @@ module hb_neighbour
       private
       integer :: n_kept = 0
       integer, allocatable :: tuples(:, :)
+      integer, allocatable :: n_samples(:)                            ! of the grid of the last one, where points choose theirs
       real(wp), allocatable :: last(:), before(:)
       real(wp) :: last_value = 0.0_wp, before_value = 0.0_wp
    contains
       procedure :: forget => neighbour_forget
       procedure :: keep => neighbour_keep
       procedure :: predict => neighbour_predict
+      procedure :: predict_rung => neighbour_predict_rung
    end type neighbour_t
 
 contains
@@ -36,12 +40,14 @@ contains
 
    !> Keeps the solution of the point just solved; it alone, with other harmonics than before and where it has jumped away from
    !> those before: a line through two branches leads nowhere.
-   pure subroutine neighbour_keep(self, parameter, tuples, unknowns)
+   pure subroutine neighbour_keep(self, parameter, tuples, unknowns, n_samples)
       class(neighbour_t), intent(inout) :: self
       real(wp), intent(in) :: parameter                               !! its value at the point, in the unit of the input
       integer, intent(in) :: tuples(:, :)                             !! harmonics of the point, (n_tones, n_harmonics)
       real(wp), intent(in) :: unknowns(:)
+      integer, intent(in), optional :: n_samples(:)                   !! of its grid, where points choose theirs
 
+      if (present(n_samples)) self%n_samples = n_samples
       if (.not. is_alike(self, tuples, size(unknowns))) self%n_kept = 0
       if (self%n_kept == 2) then
          if (has_jumped(self, parameter, unknowns)) self%n_kept = 0
@@ -75,6 +81,21 @@ contains
       if (.not. abs(parameter - self%last_value) <= farthest*abs(self%last_value - self%before_value)) return
       start = start + (self%last - self%before)*((parameter - self%last_value)/(self%last_value - self%before_value))
    end subroutine neighbour_predict
+
+   !> Gives the set and the grid of the last point with a first guess in them, where the scene wants first guesses from neighbours
+   !> and there is one; neighbours share sets as long as these serve them.
+   subroutine neighbour_predict_rung(self, parameter, scene, rung)
+      class(neighbour_t), intent(in) :: self
+      real(wp), intent(in) :: parameter
+      type(scene_t), intent(in) :: scene
+      type(rung_t), intent(out) :: rung
+      type(error_t), allocatable :: error
+
+      if (.not. scene%chain%is_on .or. self%n_kept == 0) return
+      call self%predict(parameter, self%tuples, scene%chain%secant, rung%unknowns)
+      call new_harmonics(rung%set, self%tuples, error)                ! cannot fail: there was a solution in it
+      if (allocated(self%n_samples)) rung%n_samples = self%n_samples
+   end subroutine neighbour_predict_rung
 
    !> Whether the motion has left the way of the points before, as far as these tell.
    pure logical function has_jumped(self, parameter, unknowns)

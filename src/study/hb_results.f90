@@ -12,6 +12,7 @@ module hb_results
    use hb_crash_watch, only: crash_place_t
    use hb_error, only: annotate, error_t, fail
    use hb_guard, only: lower_guard, raise_guard
+   use hb_harmonics, only: harmonics_t, new_box
    use hb_hdf5, only: h5_file_t, open_file_parallel
    use hb_held_rows, only: held_rows_t, hold_seconds, new_held_rows, room_for
    use hb_kinds, only: wp
@@ -181,8 +182,7 @@ contains
       allocate (self%held(size(self%plan%variables)))
       do i = 1, size(self%held)
          associate (axes => self%plan%variables(i)%axes)
-            call new_held_rows(self%held(i), self%plan%variables(i), product(self%plan%axes(axes(:size(axes) - 1))%length), &
-               self%room)
+            call new_held_rows(self%held(i), self%plan%variables(i), self%plan%axes(axes(:size(axes) - 1))%length, self%room)
          end associate
       end do
    end subroutine make_room
@@ -221,9 +221,12 @@ contains
       call put(self, "n_full_stick", [point%n_full_stick], error)
       if (allocated(point%frequency)) call put(self, "frequency", point%frequency, error)
       if (allocated(point%artificial_damping)) call put(self, "artificial_damping", point%artificial_damping, error)
-      if (allocated(point%coefficients)) call put(self, "coefficients", point%coefficients, error)
-      if (allocated(point%force_coefficients)) call put(self, "force_coefficients", point%force_coefficients, error)
-      if (allocated(point%corrected_coefficients)) call put(self, "corrected_coefficients", point%corrected_coefficients, error)
+      if (index_of(self, "n_rungs") > 0) then
+         call put(self, "n_rungs", [point%n_rungs], error)
+         call put(self, "rung_difference", [point%rung_difference], error)
+         if (allocated(point%n_samples)) call put(self, "grid", point%n_samples, error)
+      end if
+      call put_coefficients(self, point, error)
       if (allocated(point%improved_coefficients)) call put(self, "improved_coefficients", point%improved_coefficients, error)
       if (allocated(point%certificate%combination)) call put_certificate(self, point, error)
       if (allocated(point%curve)) call put_curve(self, point%curve, error)
@@ -358,7 +361,45 @@ contains
             call variables(index_of(self, "corrected_coefficients"))%dataset%read_rows(first, motion, error)
          if (.not. allocated(error)) call variables(index_of(self, "branch"))%dataset%read_rows(first, branch, error)
       end associate
+      if (.not. allocated(error) .and. index_of(self, "tuples") > 0) call line_up(self, first, motion, error)
    end subroutine results_read_motions
+
+   !> Puts motions of points that have tuples of their own onto the tuples of a box, so that they can be compared; what lies
+   !> outside of it carries little.
+   subroutine line_up(self, first, motion, error)
+      class(results_t), intent(in) :: self
+      integer, intent(in) :: first                      !! point, from 1
+      real(wp), intent(inout) :: motion(:, :)           !! (motion_size, points)
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: box
+      integer, allocatable :: tuples(:, :, :)
+      real(wp), allocatable :: own(:, :, :), moved(:, :, :)
+      integer :: h, k, n_tones, order, p
+
+      associate (variable => self%plan%variables(index_of(self, "tuples")))
+         allocate (tuples(self%plan%axes(variable%axes(1))%length, self%plan%axes(variable%axes(2))%length, size(motion, 2)), &
+                   source=0)
+         call variable%dataset%read_rows(first, tuples, error)
+      end associate
+      if (allocated(error)) return
+      n_tones = size(tuples, 1)
+      order = 0
+      do while ((2*order + 3.0_wp)**n_tones + 1.0_wp <= 2.0_wp*size(tuples, 2))
+         order = order + 1
+      end do
+      call new_box(box, spread(order, 1, n_tones), .false., error)
+      if (allocated(error)) return
+      do p = 1, size(motion, 2)
+         own = reshape(motion(:, p), [2, size(tuples, 2), size(motion, 1)/(2*size(tuples, 2))])
+         moved = 0.0_wp*own
+         do h = 1, size(tuples, 2)
+            if (h > 1 .and. all(tuples(:, h, p) == 0)) exit           ! not in use
+            k = box%index_of(tuples(:, h, p))
+            if (k > 0) moved(:, k, :) = own(:, h, :)
+         end do
+         motion(:, p) = reshape(moved, [size(motion, 1)])
+      end do
+   end subroutine line_up
 
    !> Writes the branches of points that follow each other; independent of other ranks.
    subroutine results_write_branches(self, first, branch, error)
@@ -416,6 +457,48 @@ contains
          places(i)%state = state(:, i)
       end do
    end subroutine results_read_curve
+
+   !> Coefficients of the harmonics of the file or, where it has places for them, of those of the point. What is not known is no
+   !> number at the first place.
+   subroutine put_coefficients(self, point, error)
+      class(results_t), intent(inout) :: self
+      type(motion_result_t), intent(in) :: point
+      type(error_t), allocatable, intent(inout) :: error
+      integer :: i
+
+      i = index_of(self, "tuples")
+      if (i == 0) then
+         if (allocated(point%coefficients)) call put(self, "coefficients", point%coefficients, error)
+         if (allocated(point%force_coefficients)) call put(self, "force_coefficients", point%force_coefficients, error)
+         if (allocated(point%corrected_coefficients)) call put(self, "corrected_coefficients", point%corrected_coefficients, error)
+         return
+      end if
+      if (allocated(point%harmonics%tuples) .and. .not. allocated(error)) &
+         call self%held(i)%put_part(self%n_held, point%harmonics%tuples, error)
+      call put_part(self, "coefficients", point%coefficients, error)
+      call put_part(self, "force_coefficients", point%force_coefficients, error)
+      call put_part(self, "corrected_coefficients", point%corrected_coefficients, error)
+   end subroutine put_coefficients
+
+   subroutine put_part(self, name, values, error)
+      class(results_t), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(in) :: values(:, :, :)            !! (2, n_harmonics, any)
+      type(error_t), allocatable, intent(inout) :: error
+      integer :: i
+
+      if (allocated(error)) return
+      i = index_of(self, name)
+      if (allocated(values)) then
+         call self%held(i)%put_part(self%n_held, values, error)
+      else
+         associate (axis => self%plan%axes(self%plan%variables(i)%axes(3)))
+            call self%held(i)%put_part(self%n_held, reshape(spread(ieee_value(1.0_wp, ieee_quiet_nan), 1, 2*axis%length), &
+                                                            [2, 1, axis%length]), error)
+         end associate
+      end if
+      call annotate(error, "'"//name//"'")
+   end subroutine put_part
 
    subroutine put_certificate(self, point, error)
       class(results_t), intent(inout) :: self

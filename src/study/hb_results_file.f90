@@ -185,22 +185,23 @@ contains
       integer :: i
 
       associate (tone => plan%axes(tone_axis)%scale, harmonic => plan%axes(harmonic_axis)%scale)
-         call file%put("tuple", layout%tuples, [tone, harmonic], "1", "integer tuple j of each harmonic", error)
+         if (.not. layout%has_own_tuples) &
+            call file%put("tuple", layout%tuples, [tone, harmonic], "1", "integer tuple j of each harmonic", error)
          names = parameter_names(layout, plan)
          do i = 1, size(names)
             call add_parameter(file, trim(names(i)), layout%parameters(i), plan, error)
          end do
-         do i = 1, size(layout%tuples, 1)                             ! xarray selects by an index of such, not by rows of a matrix
+         do i = 1, merge(0, size(layout%tuples, 1), layout%has_own_tuples) ! xarray selects by an index of such, not by rows of a matrix
             entries = layout%tuples(i, :)
             call file%put(tuple_entry_name(i), entries, [harmonic], "1", "entry of the tuple for tone "//to_text(i), error)
          end do
       end associate
       if (allocated(error)) return
       if (allocated(layout%curve_parameter)) then
-         call file%set_attribute("coordinates", coordinate_names(size(layout%tuples, 1), [character(parameter_name_length) :: &
+         call file%set_attribute("coordinates", coordinate_names(layout, [character(parameter_name_length) :: &
             names, identifier(layout%curve_parameter)]), error)
       else
-         call file%set_attribute("coordinates", coordinate_names(size(layout%tuples, 1), names), error)
+         call file%set_attribute("coordinates", coordinate_names(layout, names), error)
       end if
       call file%put("input_text", or_empty(layout%input_text), "the input as given", error, dataset)
       if (.not. allocated(error)) call dataset%set_attribute("file_name", or_empty(layout%input_name), error)
@@ -211,14 +212,15 @@ contains
    end subroutine add_inputs
 
    !> Gives the names of what labels points and harmonics, with blanks between (CF convention).
-   function coordinate_names(n_tones, parameters) result(text)
-      integer, intent(in) :: n_tones
+   function coordinate_names(layout, parameters) result(text)
+      type(results_layout_t), intent(in) :: layout
       character(*), intent(in) :: parameters(:)
       character(:), allocatable :: text
       integer :: i
 
       text = "frequency tuple"
-      do i = 1, n_tones
+      if (layout%has_own_tuples) text = "frequency tuples"
+      do i = 1, merge(0, size(layout%tuples, 1), layout%has_own_tuples)
          text = text//" "//tuple_entry_name(i)
       end do
       do i = 1, size(parameters)
@@ -261,9 +263,9 @@ contains
             extents = plan%axes(variable%axes)%length
             select case (variable%kind)
             case (is_integer)
-               call file%add_integer(variable%name, extents, variable%dataset, error)
+               call file%add_integer(variable%name, extents, variable%dataset, error, variable%is_part_used)
             case (is_real)
-               call file%add_real(variable%name, extents, variable%dataset, error)
+               call file%add_real(variable%name, extents, variable%dataset, error, variable%is_part_used)
             case (is_characters)
                call file%add_characters(variable%name, extents, variable%dataset, error)
             end select

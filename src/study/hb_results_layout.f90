@@ -22,7 +22,10 @@ module hb_results_layout
       character(:), allocatable :: curve_parameter      !! path of the value that moves along curves; none: there are no curves
       character(:), allocatable :: curve_units          !! of the value
       integer :: n_curve_state = 0                      !! numbers from which a curve goes on, of a point
-      integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics), the union over all points
+      integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics), the union over all points; zeros where each has
+                                                        !! tuples of its own
+      logical :: has_own_tuples = .false.               !! each point has, in the first of its places for harmonics
+      logical :: has_accuracy = .false.                 !! sets or grids follow from a tolerance
       character(16), allocatable :: dof_labels(:), dof_units(:) !! stored degrees of freedom; `m`, `rad`
       character(16), allocatable :: law_dof_labels(:), law_dof_units(:) !! those on which laws act
       character(64), allocatable :: law_labels(:)       !! of the laws, unique

@@ -38,6 +38,7 @@ module hb_results_plan
       integer :: kind = 0                               ! one of the three above
       integer, allocatable :: axes(:)                   ! indices of axes, fastest first
       character(:), allocatable :: dof_units            ! of each degree of freedom, where they are an axis
+      logical :: is_part_used = .false.                 ! of each row only the first harmonics, as many as the point has
       character(:), allocatable :: parameter            ! path in the input, of the value that moves along curves
       type(h5_dataset_t) :: dataset
    end type variable_t
@@ -133,6 +134,13 @@ contains
          call add("frequency", is_real, [tone_axis, point_axis], "rad/s", "base frequencies")
          call add("artificial_damping", is_real, [tone_axis, point_axis], "1/s", &
             "xi of a normal mode: the forces -xi M dx/dt that keep up its amplitude")
+         if (layout%has_accuracy) then
+            call add("n_rungs", is_integer, [point_axis], "1", "sets and grids that were solved until the tolerance was met")
+            call add("rung_difference", is_real, [point_axis], "1", "difference of the last two of them, relative to the motion")
+            call add("grid", is_integer, [tone_axis, point_axis], "1", "samples of each tone")
+         end if
+         if (layout%has_own_tuples) call add("tuples", is_integer, [tone_axis, harmonic_axis, point_axis], "1", &
+            "integer tuple j of each harmonic of the point; only the first n_harmonics are in use")
          call add("coefficients", is_real, [component_axis, harmonic_axis, dof_axis, point_axis], "", &
             "coefficients of the motion", layout%dof_units)
          call add("force_coefficients", is_real, [component_axis, harmonic_axis, law_dof_axis, point_axis], "", &
@@ -227,6 +235,7 @@ contains
             new%axes = axes
             new%units = units
             new%long_name = long_name
+            new%is_part_used = layout%has_own_tuples .and. any(axes == harmonic_axis)
             if (present(units_by_dof)) then
                new%units = common_units(units_by_dof)
                new%dof_units = trim(adjustl(join(units_by_dof, " ")))
@@ -284,7 +293,7 @@ contains
       integer :: i, n
 
       allocate (taken, source=[character(parameter_name_length) :: "tuple", "input_text", "input_overrides", &
-                               "input_complete", "input_libraries"])
+                               "input_complete", "input_libraries", "tuples"])
       do i = 1, size(plan%axes)
          taken = [character(parameter_name_length) :: taken, plan%axes(i)%name]
       end do
@@ -407,6 +416,7 @@ contains
          size(layout%parameters) + size(layout%tuples, 1) + 8)
       do i = 1, size(plan%variables)
          associate (variable => plan%variables(i))
+            if (variable%is_part_used) cycle                          ! nothing yet
             n_bytes = n_bytes + &
                bytes_of_kind(variable%kind)*product(int(plan%axes(variable%axes)%length, int64))
          end associate

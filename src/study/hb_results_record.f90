@@ -25,7 +25,8 @@ module hb_results_record
       type(string_t), allocatable :: overrides(:)       !! path=value
       character(:), allocatable :: input_complete       !! the input after defaults
       character(:), allocatable :: input_libraries      !! of laws of the user's own, and what marks them, a line each
-      integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics)
+      integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics); zeros where points have their own
+      logical :: has_own_tuples = .false.               !! points have
       character(:), allocatable :: dofs(:), laws(:)     !! labels
       integer, allocatable :: status(:)                 !! (n_points), hb_outcome; as the next
       integer, allocatable :: rescue(:)
@@ -172,10 +173,18 @@ contains
       call read_all(file, "truncation_estimate", self%truncation, error, self%n_points)
       call read_all(file, "aliasing_estimate", self%aliasing, error, self%n_points)
       call read_all(file, "penetration", self%penetration, error, self%n_points)
-      if (.not. allocated(error)) call open_column(file, "tuple", dataset, 2, extents, error)
+      if (allocated(error)) return
+      self%has_own_tuples = file%has("tuples")
+      if (self%has_own_tuples) then
+         call open_column(file, "tuples", dataset, 3, extents, error)
+      else
+         call open_column(file, "tuple", dataset, 2, extents, error)
+      end if
       if (allocated(error)) return
       allocate (self%tuples(extents(1), extents(2)), stat=status)
-      if (status == 0) then
+      if (status == 0 .and. self%has_own_tuples) then
+         self%tuples = 0
+      else if (status == 0) then
          call dataset%read(self%tuples, error)
       else
          call fail(error, "there is no memory for dataset 'tuple'")

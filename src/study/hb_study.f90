@@ -77,6 +77,10 @@ contains
       if (allocated(error)) return
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then
+         if (self%scene%accuracy%is_on) then
+            call fail(error, file_name//": &curve needs a given set of harmonics: give &harmonics order, and leave out &accuracy")
+            return
+         end if
          call self%plan%curve%make_request(self%scene, first, request, error)
          if (allocated(error)) return
       end if
@@ -88,7 +92,11 @@ contains
          if (allocated(error)) return
       end if
       self%input_complete = complete_text(first)
-      call tuples_of_sweep(self%tuples, self%scene%harmonics, self%plan, self%document, has_improved(self), error)
+      if (self%scene%accuracy%grows_set) then
+         allocate (self%tuples(self%scene%tones%n_tones, self%scene%accuracy%max_harmonics), source=0)
+      else
+         call tuples_of_sweep(self%tuples, self%scene%harmonics, self%plan, self%document, has_improved(self), error)
+      end if
    end subroutine new_study
 
    !> Reads the scene of a point.
@@ -246,6 +254,8 @@ contains
          layout%law_dof_units = [character(16) :: structure%units(law_dofs)]
          layout%n_samples = scene%output%samples
          layout%has_improved = has_improved(self)
+         layout%has_accuracy = scene%accuracy%is_on
+         layout%has_own_tuples = scene%accuracy%grows_set
          if (scene%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure%n_dofs)
          layout%title = scene%output%title
          layout%input_name = self%document%file_name

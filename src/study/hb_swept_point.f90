@@ -2,6 +2,7 @@
 !> file that it shares with the others.
 module hb_swept_point
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_accurate_motion, only: rung_t, solve_to_tolerance
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
    use hb_document, only: document_t
@@ -41,6 +42,7 @@ contains
       type(motion_result_t), intent(out) :: result
       class(watch_t), intent(inout), target :: watch                  !! may end the point
       type(error_t), allocatable :: error
+      type(rung_t) :: below, rung
       real(wp), allocatable :: start(:), unknowns(:)
       real(wp) :: read, started
       logical :: is_new
@@ -51,20 +53,28 @@ contains
       if (is_new .and. .not. allocated(error)) call check_layout(scene, layout, error)
       read = wall_clock()
       if (.not. allocated(error)) then
-         if (scene%chain%is_on) call neighbour%predict(plan%fastest_value(point), scene%harmonics%tuples, &
-            scene%chain%secant, start)
-         call solve_motion(scene, result, error, start, unknowns, watch, marching_judge_t())
+         if (scene%accuracy%is_on) then
+            call neighbour%predict_rung(plan%fastest_value(point), scene, below)
+            call solve_to_tolerance(scene, result, error, rung, below, watch, marching_judge_t())
+            if (allocated(rung%unknowns)) unknowns = rung%unknowns
+         else
+            if (scene%chain%is_on) call neighbour%predict(plan%fastest_value(point), scene%harmonics%tuples, &
+               scene%chain%secant, start)
+            call solve_motion(scene, result, error, start, unknowns, watch, marching_judge_t())
+            rung%set = scene%harmonics
+         end if
       end if
       if (allocated(error)) then
          result%status = outcome%failed
          result%message = error%message
       else
-         call spread_result(scene%harmonics, layout, result)
+         if (.not. layout%has_own_tuples) call spread_result(scene%harmonics, layout, result)
       end if
       if (.not. allocated(error) .and. allocated(unknowns)) then
-         if (present(check)) call check%look(document, scene, available_memory, plan, point, unknowns, result, watch)
+         if (present(check) .and. .not. layout%has_own_tuples) &
+            call check%look(document, scene, available_memory, plan, point, unknowns, result, watch)
          if (result%leaves_branch) call neighbour%forget()
-         call neighbour%keep(plan%fastest_value(point), scene%harmonics%tuples, unknowns)
+         call neighbour%keep(plan%fastest_value(point), rung%set%tuples, unknowns, rung%n_samples)
       else
          call neighbour%forget()
       end if

@@ -79,6 +79,8 @@ module hb_verify
       type(study_t) :: study
       real(wp), allocatable :: frequency_estimates(:, :)              !! [rad/s], as frequency
       real(wp), allocatable :: coefficients(:, :, :, :)               !! (2, n_harmonics, n_dofs, n_points)
+      integer, allocatable :: own_tuples(:, :, :)                     !! (n_tones, n_harmonics, n_points), where points have their own
+      integer, allocatable :: n_harmonics(:)                          !! of them (n_points)
       real(wp), allocatable :: estimates(:)                           !! of truncation and aliasing together, (n_points)
    end type stored_t
 
@@ -164,6 +166,14 @@ contains
       if (.not. allocated(error)) call dataset%read(stored%coefficients, error)
       if (.not. allocated(error)) call file%open_dataset("frequency_estimate", dataset, error)
       if (.not. allocated(error)) call dataset%read(stored%frequency_estimates, error)
+      if (stored%has_own_tuples .and. .not. allocated(error)) then
+         allocate (stored%own_tuples(size(stored%tuples, 1), size(stored%tuples, 2), stored%n_points), &
+                   stored%n_harmonics(stored%n_points))
+         call file%open_dataset("tuples", dataset, error)
+         if (.not. allocated(error)) call dataset%read(stored%own_tuples, error)
+         if (.not. allocated(error)) call file%open_dataset("n_harmonics", dataset, error)
+         if (.not. allocated(error)) call dataset%read(stored%n_harmonics, error)
+      end if
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
       if (.not. allocated(error)) &
@@ -186,7 +196,7 @@ contains
       type(march_system_t), target :: system
       type(scene_t) :: scene
       complex(wp), allocatable :: amplitudes(:, :)
-      integer, allocatable :: all_dofs(:)
+      integer, allocatable :: all_dofs(:), tuples(:, :)
       real(wp), allocatable :: distance(:), frequencies(:), ratio(:), scale(:), speed(:)
       real(wp) :: estimate, expected, moved_back, share, step
       integer :: i, n_new
@@ -196,10 +206,13 @@ contains
       call read_scene(scene, document, error, models=model_file_t())
       if (allocated(error)) return
       associate (omega => stored%frequency(:, point))
-         allocate (amplitudes(size(stored%tuples, 2), scene%structure%n_dofs))
-         amplitudes(:, scene%output%dofs) = cmplx(stored%coefficients(1, :, :, point), -stored%coefficients(2, :, :, point), wp)
+         tuples = stored%tuples
+         if (stored%has_own_tuples) tuples = stored%own_tuples(:, :max(1, stored%n_harmonics(point)), point)
+         allocate (amplitudes(size(tuples, 2), scene%structure%n_dofs))
+         amplitudes(:, scene%output%dofs) = cmplx(stored%coefficients(1, :size(tuples, 2), :, point), &
+                                                  -stored%coefficients(2, :size(tuples, 2), :, point), wp)
          where (.not. ieee_is_finite(real(amplitudes, wp))) amplitudes = (0.0_wp, 0.0_wp)
-         frequencies = matmul(omega, real(stored%tuples, wp))
+         frequencies = matmul(omega, real(tuples, wp))
          call scene%structure%refuse_large("marching", max_dofs, error)
          if (allocated(error)) return
          call new_march_system(system, scene%structure, scene%laws, scene%loads, scene%harmonics%frequencies(omega), omega)
@@ -220,7 +233,7 @@ contains
          other = state
          other%q = other%q + nearness*scale*directions(system%n_dofs, 0)
          other%v = other%v + nearness*speed*directions(system%n_dofs, system%n_dofs)
-         call new_march_difference(difference, amplitudes, stored%tuples, omega, scene%tones%is_unknown, system%laws%shape, &
+         call new_march_difference(difference, amplitudes, tuples, omega, scene%tones%is_unknown, system%laws%shape, &
                                    scene%structure%units, max(system%length, nearness), n_settled(length%most, length%fewest))
          estimate = scene%certificate%truncation
          if (ieee_is_finite(stored%estimates(point))) estimate = stored%estimates(point)

@@ -18,7 +18,7 @@ from .text import list_text, number_text, range_text, tuple_text
 
 SCHEMA_VERSION = 1
 
-_REQUIRED = ("point", "tone", "harmonic", "dof", "tuple", "status", "frequency", "coefficients")
+_REQUIRED = ("point", "tone", "harmonic", "dof", "status", "frequency", "coefficients")
 
 # What h5py and numpy raise in the middle of a file that is damaged.
 DAMAGES = (
@@ -148,7 +148,8 @@ class Results:
             self._check_schema()
             self.dofs = self._labels("dof")
             self.law_dofs = self._labels("law_dof") if "law_dof" in self._file else []
-            self.tuples = np.atleast_2d(np.asarray(self._file["tuple"][()], dtype=int))
+            self.has_own_tuples = "tuples" in self._file
+            self.tuples = self._union() if self.has_own_tuples else np.atleast_2d(np.asarray(self._file["tuple"][()], dtype=int))
             self.status = np.asarray(self._file["status"][()], dtype=int)
             self.parameters = {p.name: p for p in self._read_parameters()}
             self._names = self._status_names()
@@ -216,6 +217,13 @@ class Results:
     @property
     def n_harmonics(self) -> int:
         return self.tuples.shape[0]
+
+    def tuples_of(self, point: int) -> np.ndarray:
+        """Tuples of the places that the coefficients of a point have, (harmonics, n_tones)."""
+        if not self.has_own_tuples:
+            return self.tuples
+        n = max(1, int(self._file["n_harmonics"][point]))
+        return np.asarray(self._file["tuples"][point, :n], dtype=int)
 
     # Outcome of the points
 
@@ -482,6 +490,8 @@ class Results:
     # Inside
 
     def _series(self, point: int, dof: str, quantity: str, values: np.ndarray) -> Series:
+        tuples = self.tuples_of(point)
+        values = values[: len(tuples)]
         is_in_set = ~np.isnan(values).all(axis=-1)
         if not is_in_set.any():
             raise ReaderError(
@@ -495,7 +505,7 @@ class Results:
                 "has values that are not finite"
             )
         return Series(
-            self.tuples[is_in_set],
+            tuples[is_in_set],
             self.frequency(point),
             values[:, 0],
             values[:, 1],
@@ -543,11 +553,13 @@ class Results:
                 f"{self.path}: schema version {version}; this nhbm-post reads version {SCHEMA_VERSION}"
             )
         missing = [name for name in _REQUIRED if name not in self._file]
+        if "tuple" not in self._file and "tuples" not in self._file:
+            missing.append("tuple")
         if missing:
             raise ReaderError(
                 f"{self.path}: result file without {list_text(missing)}: written by another program?"
             )
-        n_harmonics, n_tones = self._file["tuple"].shape
+        n_harmonics, n_tones = self._file["tuples" if "tuples" in self._file else "tuple"].shape[-2:]
         found = self._file["coefficients"].shape
         expected = (self._file["status"].size, self._file["dof"].shape[0], n_harmonics, 2)
         if found != expected:
@@ -558,6 +570,13 @@ class Results:
         found, expected = self._file["frequency"].shape, (expected[0], n_tones)
         if found != expected:
             raise ReaderError(f"{self.path}: 'frequency' has shape {found}, expected {expected}")
+
+    def _union(self) -> np.ndarray:
+        """Tuples that any point has, each once: those of low order first."""
+        rows = self._file["tuples"]
+        sets = [rows[i, : max(1, n)] for i, n in enumerate(self._file["n_harmonics"][()])]
+        union = np.unique(np.concatenate(sets), axis=0)
+        return union[np.lexsort((*union.T, np.abs(union).sum(axis=1)))]
 
     def _read_parameters(self) -> Iterator[Parameter]:
         for name, dataset in self._file.items():

@@ -1,0 +1,148 @@
+!> Which tuples a set of harmonics should have, by what each of them carries: a set grows and shrinks with its motion.
+!>
+!> The amplitudes of the kept tuples are known, those of others to first order. Of all of them the largest are taken, until
+!> what is left out is below a tail that is allowed. Source: Grolet and Thouverez, MSSP 30 (2012), who select among the
+!> harmonics of one tone.
+module hb_tuple_choice
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t, new_box, new_harmonics
+   use hb_kinds, only: wp
+   use hb_tuple_union, only: tuple_union_t
+   implicit none
+   private
+   public :: choose_tuples, largest_places, lowest_order, new_lowest_set
+
+   real(wp), parameter :: loyalty = 4.0_wp                            ! a kept tuple counts for that many times its amplitude
+   integer, parameter :: lowest_orders(4) = [7, 5, 3, 2]              ! of the first box, by number of tones
+
+contains
+
+   !> Order of the first box.
+   pure integer function lowest_order(n_tones)
+      integer, intent(in) :: n_tones
+
+      lowest_order = 1
+      if (n_tones <= size(lowest_orders)) lowest_order = lowest_orders(n_tones)
+   end function lowest_order
+
+   !> Makes the lowest set: a small box and the tuples that a scene is loaded in.
+   subroutine new_lowest_set(self, n_tones, loaded, error, order)
+      type(harmonics_t), intent(out) :: self
+      integer, intent(in) :: n_tones
+      integer, intent(in) :: loaded(:, :)                             !! (n_tones, any), signs as given
+      type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: order                          !! of the box, else that of so many tones
+      type(harmonics_t) :: box, others
+      type(tuple_union_t) :: union
+      integer :: m, its_order, i
+      integer, allocatable :: more(:, :)
+
+      its_order = lowest_order(n_tones)
+      if (present(order)) its_order = order
+      call new_box(box, [(its_order, m=1, n_tones)], .false., error)
+      if (allocated(error)) return
+      call union%add(box%tuples)
+      do i = 1, size(loaded, 2)
+         more = reshape(loaded(:, i), [n_tones, 1])
+         call new_harmonics(others, more, error)
+         if (allocated(error)) return
+         call union%add(others%tuples)
+      end do
+      call new_harmonics(self, union%list(), error)
+   end subroutine new_lowest_set
+
+   !> Makes the set of the tuples that carry a motion: all that are needed, and the largest of the others until the root of the
+   !> sum of squares of what is left out is at most `tail`, or there is no room. Kept tuples stay in their order, new ones follow.
+   subroutine choose_tuples(self, kept, carried, around, neglected, is_needed, tail, room, error)
+      type(harmonics_t), intent(out) :: self
+      type(harmonics_t), intent(in) :: kept
+      real(wp), intent(in) :: carried(:)                              !! amplitudes (kept%n_harmonics)
+      type(harmonics_t), intent(in) :: around                         !! a set with others
+      real(wp), intent(in) :: neglected(:)                            !! theirs (around%n_harmonics); of kept tuples not looked at
+      logical, intent(in) :: is_needed(:)                             !! (kept%n_harmonics)
+      real(wp), intent(in) :: tail                                    !! in the unit of the amplitudes
+      integer, intent(in) :: room                                     !! tuples that the set may have
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: chosen(:), others(:), tuples(:, :)
+      real(wp), allocatable :: amplitudes(:)
+      integer :: h
+
+      others = pack([(h, h=1, around%n_harmonics)], [(kept%index_of(around%tuples(:, h)) == 0, h=1, around%n_harmonics)])
+      amplitudes = [merge(huge(1.0_wp), min(loyalty*carried, huge(1.0_wp)/loyalty), is_needed), neglected(others)]
+      chosen = largest_places(amplitudes, tail, room)
+      allocate (tuples(kept%n_tones, size(chosen)))
+      do h = 1, size(chosen)
+         if (chosen(h) <= kept%n_harmonics) then
+            tuples(:, h) = kept%tuples(:, chosen(h))
+         else
+            tuples(:, h) = around%tuples(:, others(chosen(h) - kept%n_harmonics))
+         end if
+      end do
+      call new_harmonics(self, tuples, error)
+   end subroutine choose_tuples
+
+   !> Places, ascending, of the largest amplitudes: as few as leave at most `tail` out, but no more than `room`. Of equal ones the
+   !> first is taken first.
+   pure function largest_places(amplitudes, tail, room) result(places)
+      real(wp), intent(in) :: amplitudes(:)                           !! >= 0
+      real(wp), intent(in) :: tail                                    !! root of the sum of squares
+      integer, intent(in) :: room
+      integer, allocatable :: places(:)
+      integer :: order(size(amplitudes))
+      logical :: is_taken(size(amplitudes))
+      real(wp) :: left_out
+      integer :: i, n
+
+      call sort_descending(amplitudes, order)
+      left_out = 0.0_wp
+      n = size(order)
+      do while (n > 1)                                                ! from the smallest on
+         if (amplitudes(order(n)) > tail) exit
+         left_out = left_out + amplitudes(order(n))**2
+         if (left_out > tail**2) exit
+         n = n - 1
+      end do
+      is_taken = .false.
+      is_taken(order(:min(n, max(1, room)))) = .true.
+      places = pack([(i, i=1, size(order))], is_taken)
+   end function largest_places
+
+   !> Order of numbers from the largest to the smallest, stable: a merge sort.
+   pure subroutine sort_descending(values, order)
+      real(wp), intent(in) :: values(:)
+      integer, intent(out) :: order(:)
+      integer :: merged(size(values)), first, i, j, k, last, middle, width
+
+      order = [(i, i=1, size(values))]
+      width = 1
+      do while (width < size(values))
+         do first = 1, size(values), 2*width
+            middle = min(first + width, size(values) + 1)
+            last = min(first + 2*width, size(values) + 1)
+            i = first
+            j = middle
+            do k = first, last - 1
+               if (takes_first(i, j)) then
+                  merged(k) = order(i)
+                  i = i + 1
+               else
+                  merged(k) = order(j)
+                  j = j + 1
+               end if
+            end do
+         end do
+         order = merged
+         width = 2*width
+      end do
+
+   contains
+
+      pure logical function takes_first(i, j)
+         integer, intent(in) :: i, j
+
+         takes_first = j >= last
+         if (i >= middle) return
+         if (.not. takes_first) takes_first = values(order(i)) >= values(order(j))
+      end function takes_first
+   end subroutine sort_descending
+end module hb_tuple_choice

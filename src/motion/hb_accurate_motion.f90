@@ -1,0 +1,473 @@
+!> The motion of a scene to an accuracy: sets of harmonics and grids grow, rung by rung, until the estimated error is below the
+!> tolerance.
+!>
+!> The lowest rung is a small box, where the motion is found by whatever it takes. From there the certificate tells what the
+!> tuples carry that a set lacks, and what its grid does to the motion: the set takes those that matter and drops those that
+!> do not, the grid is refined, and each rung starts from the solution of the one below it. How far two rungs are apart shows
+!> what the estimate of the lower one was worth, and corrects that of the upper one. Source: docs/user/theory.md, section 8;
+!> nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter 5.
+module hb_accurate_motion
+   use hb_basis, only: transfer_coefficients
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t, new_box
+   use hb_judge, only: judge_t
+   use hb_kinds, only: wp
+   use hb_memory_estimate, only: check_memory
+   use hb_memory_sizes, only: sizes_of
+   use hb_motion, only: solve_motion
+   use hb_motion_result, only: motion_result_t
+   use hb_outcome, only: is_solved, outcome
+   use hb_scene, only: scene_t
+   use hb_stability, only: stability_method
+   use hb_torus, only: fast_size, new_torus, samples_for, torus_t
+   use hb_tuple_choice, only: choose_tuples, lowest_order, new_lowest_set
+   use hb_watch, only: watch_t
+   implicit none
+   private
+   public :: rung_t, solve_to_tolerance
+
+   integer, parameter :: most_rungs = 24
+   integer, parameter :: most_failures = 3                            ! of rungs one after the other
+   real(wp), parameter :: step = 0.03_wp                              ! of the error, from one rung to the next
+   real(wp), parameter :: share_of_tail = 0.25_wp, share_of_grid = 0.3_wp ! of the error of a rung
+   real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
+   real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
+   real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
+   real(wp), parameter :: decay = 2.4_wp                              ! power of the spacing of samples with which aliasing falls
+   real(wp), parameter :: least_density = 1.3_wp                      ! samples of a grid, relative to 2 N + 1
+
+   !> A set with its grid, and a motion in it.
+   type :: rung_t
+      type(harmonics_t) :: set
+      integer, allocatable :: n_samples(:)                            !! (n_tones)
+      real(wp), allocatable :: unknowns(:)                            !! coefficients at the laws' coordinates, then all base
+                                                                      !! frequencies; not allocated: not known
+   end type rung_t
+
+   !> What is spent on all rungs.
+   type :: account_t
+      integer :: iterations = 0, evaluations = 0, n_rungs = 0, rescue = 0
+      real(wp) :: work = 0.0_wp
+      real(wp) :: setup_seconds = 0.0_wp, solver_seconds = 0.0_wp, certificate_seconds = 0.0_wp, certificate_cpu_seconds = 0.0_wp
+   end type account_t
+
+contains
+
+   !> Solves a scene to the tolerance that it asks for. The result has the set of its own, and status `converged` where the
+   !> estimated error is below the tolerance, `truncated` where the budget came first; a motion that was not found at all has the
+   !> status of the attempt on the lowest rung.
+   subroutine solve_to_tolerance(scene, result, error, top, start, watch, judge)
+      type(scene_t), intent(in) :: scene
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(rung_t), intent(out) :: top                                !! the last rung; without unknowns where none is solved
+      type(rung_t), intent(in), optional :: start                     !! of a neighbour
+      class(watch_t), intent(inout), target :: watch
+      class(judge_t), intent(in), optional :: judge
+      type(scene_t) :: here                                           ! the scene on the set of a rung
+      type(rung_t) :: next
+      type(motion_result_t) :: trial
+      type(account_t) :: account
+      type(error_t), allocatable :: trouble
+      real(wp) :: before, correction, difference, estimate, goal
+      integer :: n_failures, rung
+      logical :: is_checked, is_there
+
+      here = scene
+      here%certificate%is_on = .true.
+      here%stability%method = stability_method%off
+      here%certificate%improvement_steps = 0
+      if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
+      call find_first(here, scene, result, error, top, start, account, watch, judge)
+      if (allocated(error) .or. .not. allocated(top%unknowns)) return
+      correction = 1.0_wp
+      is_checked = .false.
+      n_failures = 0
+      difference = 0.0_wp
+      do rung = 1, most_rungs
+         estimate = result%certificate%truncation + result%certificate%aliasing
+         if (correction*estimate <= scene%accuracy%tolerance*merge(1.0_wp, unchecked, is_checked)) exit
+         if (account%work > scene%accuracy%max_work) exit
+         goal = max(step*estimate, scene%accuracy%tolerance/correction)
+         if (estimate <= scene%accuracy%tolerance) goal = max(0.3_wp*estimate, step*scene%accuracy%tolerance)
+         goal = goal*3.0_wp**n_failures
+         call choose_next(here, scene, result, top, goal, n_failures, next, is_there)
+         if (.not. is_there) exit
+         call take(here, scene, next, next%unknowns, n_failures == most_failures - 1, account, trial, trouble, watch)
+         if (trial%status == outcome%interrupted) then
+            result%status = outcome%interrupted
+            return
+         end if
+         if (.not. (allocated(next%unknowns) .and. is_solved(trial%status))) then
+            n_failures = n_failures + 1
+            if (n_failures == most_failures .or. trial%status == outcome%timed_out) exit
+            cycle
+         end if
+         before = estimate
+         difference = distance(top, next, any(scene%tones%is_unknown))
+         if (before < reliable .and. n_failures == 0) then
+            correction = max(1.0_wp, min(difference/before, largest_correction))
+            is_checked = .true.
+         end if
+         n_failures = 0
+         top = next
+         result = trial
+      end do
+      call finish(scene, result, top, correction, account, difference, watch)
+   end subroutine solve_to_tolerance
+
+   !> Finds the motion on a small set: on that of a neighbour from its motion, or on the first box, or on others.
+   subroutine find_first(here, scene, result, error, top, start, account, watch, judge)
+      type(scene_t), intent(inout) :: here
+      type(scene_t), intent(in) :: scene
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(rung_t), intent(inout) :: top
+      type(rung_t), intent(in), optional :: start
+      type(account_t), intent(inout) :: account
+      class(watch_t), intent(inout), target :: watch
+      class(judge_t), intent(in), optional :: judge
+      integer, parameter :: n_tries = 3
+      real(wp), allocatable :: none(:)
+      type(error_t), allocatable :: trouble
+      integer :: i
+
+      if (present(start)) then
+         if (allocated(start%unknowns)) then
+            top = start
+            call take(here, scene, top, start%unknowns, .true., account, result, trouble, watch)
+            if (is_over(result) .or. allocated(top%unknowns)) return
+         end if
+      end if
+      do i = 1, n_tries
+         top%set = scene%harmonics
+         top%n_samples = scene%torus%n_samples
+         if (i > 1) then
+            if (.not. scene%accuracy%grows_set) exit
+            call other_first(scene, i, top, error)
+            if (allocated(error)) return
+         end if
+         if (i == n_tries .and. present(judge)) then
+            call take(here, scene, top, none, .true., account, result, error, watch, judge)
+         else if (scene%start_from_march .or. any(scene%tones%is_unknown) .or. .not. scene%accuracy%grows_set) then
+            call take(here, scene, top, none, .true., account, result, error, watch, judge)
+         else
+            call take(here, scene, top, none, .true., account, result, error, watch)
+         end if
+         if (allocated(error) .or. is_over(result) .or. allocated(top%unknowns)) return
+         if (any(result%status == [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])) exit
+         if (size(scene%laws) == 0) exit
+      end do
+      result%harmonics = top%set
+      result%n_samples = top%n_samples
+   end subroutine find_first
+
+   !> Whether the point has ended.
+   pure logical function is_over(result)
+      type(motion_result_t), intent(in) :: result
+
+      is_over = any(result%status == [outcome%interrupted, outcome%timed_out])
+   end function is_over
+
+   !> Another lowest rung, where the motion was not found on the first one: a larger box, then a smaller one.
+   subroutine other_first(scene, i, rung, error)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: i                                        !! number of the try, from 2
+      type(rung_t), intent(inout) :: rung
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: loaded(:, :)
+      integer :: order
+
+      order = lowest_order(scene%tones%n_tones)
+      order = merge(order + (order + 1)/2, max(1, order - 2), i == 2)
+      loaded = loaded_tuples(scene)
+      call new_lowest_set(rung%set, scene%tones%n_tones, loaded, error, order)
+      if (.not. allocated(error)) rung%n_samples = samples_for(rung%set%highest, degree_of(scene))
+   end subroutine other_first
+
+   !> Solves the scene on a rung, from a first guess if there is one. Its unknowns are allocated afterwards where that has worked.
+   subroutine take(here, scene, rung, guess, with_rescue, account, result, error, watch, judge)
+      type(scene_t), intent(inout) :: here                            !! on any set
+      type(scene_t), intent(in) :: scene
+      type(rung_t), intent(inout) :: rung
+      real(wp), allocatable, intent(in) :: guess(:)
+      logical, intent(in) :: with_rescue
+      type(account_t), intent(inout) :: account
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      class(watch_t), intent(inout), target :: watch
+      class(judge_t), intent(in), optional :: judge
+      real(wp), allocatable :: first_guess(:), found(:)
+
+      if (allocated(guess)) first_guess = guess
+      if (allocated(rung%unknowns)) deallocate (rung%unknowns)
+      call move_to(here, scene, rung, error)
+      if (allocated(error)) return
+      here%solver%rescue = scene%solver%rescue .and. with_rescue
+      here%solver%rescue_work = min(scene%solver%rescue_work, max(0.0_wp, scene%accuracy%max_work - account%work))
+      call solve_motion(here, result, error, first_guess, found, watch, judge)
+      account%n_rungs = account%n_rungs + 1
+      account%iterations = account%iterations + result%iterations
+      account%evaluations = account%evaluations + result%evaluations
+      account%work = account%work + result%work
+      account%rescue = max(account%rescue, result%rescue)
+      account%setup_seconds = account%setup_seconds + result%setup_seconds
+      account%solver_seconds = account%solver_seconds + result%solver_seconds
+      account%certificate_seconds = account%certificate_seconds + result%certificate_seconds
+      account%certificate_cpu_seconds = account%certificate_cpu_seconds + result%certificate_cpu_seconds
+      if (allocated(error)) return
+      if (is_solved(result%status) .and. allocated(found)) call move_alloc(found, rung%unknowns)
+   end subroutine take
+
+   !> Puts the scene on the set and the grid of a rung.
+   subroutine move_to(here, scene, rung, error)
+      type(scene_t), intent(inout) :: here
+      type(scene_t), intent(in) :: scene                              !! on a set that has all loads
+      type(rung_t), intent(in) :: rung
+      type(error_t), allocatable, intent(out) :: error
+      logical :: corrects_kinks
+
+      corrects_kinks = scene%torus%corrects_kinks
+      here%harmonics = rung%set
+      call new_torus(here%torus, rung%n_samples, rung%set, error)
+      if (allocated(error)) return
+      here%torus%corrects_kinks = corrects_kinks
+      here%loads = on_set(scene%harmonics, rung%set, scene%loads)
+      here%load_slopes = on_set(scene%harmonics, rung%set, scene%load_slopes)
+      here%start = on_set(scene%harmonics, rung%set, scene%start)
+      call check_memory(sizes_of(here), scene%memory_limit, error)
+   end subroutine move_to
+
+   !> Amplitudes of one set as those of another; those that only this has are zero.
+   pure function on_set(from_set, to_set, amplitudes) result(moved)
+      type(harmonics_t), intent(in) :: from_set, to_set
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! (any, from_set%n_harmonics)
+      complex(wp) :: moved(size(amplitudes, 1), to_set%n_harmonics)
+      integer :: h, k
+
+      moved = (0.0_wp, 0.0_wp)
+      do h = 1, from_set%n_harmonics
+         k = to_set%index_of(from_set%tuples(:, h))
+         if (k > 0) moved(:, k) = amplitudes(:, h)
+      end do
+   end function on_set
+
+   !> Chooses the next rung, with the motion of this one as first guess; there is none where nothing is left to change, or no room.
+   subroutine choose_next(here, scene, result, top, goal, n_failures, next, is_there)
+      type(scene_t), intent(in) :: here                               !! on the rung
+      type(scene_t), intent(in) :: scene
+      type(motion_result_t), intent(in) :: result
+      type(rung_t), intent(in) :: top
+      real(wp), intent(in) :: goal                                    !! estimated error
+      integer, intent(in) :: n_failures                               !! of rungs chosen from this one
+      type(rung_t), intent(out) :: next
+      logical, intent(out) :: is_there
+      type(error_t), allocatable :: error
+      real(wp) :: finer
+      integer, allocatable :: least(:)
+
+      is_there = .false.
+      next%set = top%set
+      next%n_samples = top%n_samples
+      if (scene%accuracy%grows_set) call choose_set(here, scene, result, top, goal, next%set, error)
+      if (allocated(error)) return
+      if (scene%accuracy%refines_grid) then
+         least = needed_samples(next%set%highest, degree_of(scene))
+         finer = 1.0_wp
+         if (degree_of(scene) == 0) then
+            finer = (result%certificate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
+            finer = max(0.6_wp, min(finer, 2.5_wp))*1.3_wp**n_failures
+         end if
+         next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
+         if (degree_of(scene) > 0) next%n_samples = least
+         do while (product(real(next%n_samples, wp)) > scene%accuracy%max_samples)
+            if (all(next%n_samples <= least)) return
+            next%n_samples = max(least, min(next%n_samples - 2, fast_size(floor(0.9_wp*next%n_samples))))
+         end do
+      else if (any(next%n_samples < 2*next%set%highest + 1)) then
+         return
+      end if
+      if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
+      next%unknowns = on_other_set(top, next%set)
+      is_there = .true.
+   end subroutine choose_next
+
+   pure logical function same_set(a, b)
+      type(harmonics_t), intent(in) :: a, b
+
+      same_set = a%n_harmonics == b%n_harmonics
+      if (same_set) same_set = all(a%tuples == b%tuples)
+   end function same_set
+
+   !> Chooses the set of the next rung.
+   subroutine choose_set(here, scene, result, top, goal, set, error)
+      type(scene_t), intent(in) :: here, scene
+      type(motion_result_t), intent(in) :: result
+      type(rung_t), intent(in) :: top
+      real(wp), intent(in) :: goal                                    !! estimated error
+      type(harmonics_t), intent(out) :: set
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: around
+      real(wp), allocatable :: carried(:), neglected(:)
+      logical, allocatable :: is_needed(:)
+      integer :: h
+
+      carried = amplitudes_of(top)
+      carried = carried/max(norm2(carried), tiny(1.0_wp))
+      is_needed = [(sum(abs(top%set%tuples(:, h))) <= 1 .or. any(abs(here%loads(:, h)) > 0.0_wp), h=1, top%set%n_harmonics)]
+      if (allocated(result%certificate%neglected)) then
+         around = result%certificate%around
+         neglected = result%certificate%neglected
+      else                                                            ! the tangent was of no use: one more all around
+         call new_box(around, top%set%highest + 1, .false., error)
+         if (allocated(error)) return
+         allocate (neglected(around%n_harmonics), source=goal)
+      end if
+      call choose_tuples(set, top%set, carried, around, neglected, is_needed, share_of_tail*goal, scene%accuracy%max_harmonics, &
+                         error)
+   end subroutine choose_set
+
+   !> Norm of the coefficients of each tuple over all coordinates.
+   pure function amplitudes_of(rung) result(amplitudes)
+      type(rung_t), intent(in) :: rung
+      real(wp) :: amplitudes(rung%set%n_harmonics)
+      real(wp), allocatable :: u(:, :)
+      integer :: h
+
+      u = coefficients_of(rung)
+      associate (set => rung%set)
+         do h = 1, set%n_harmonics
+            amplitudes(h) = norm2(u(set%cos_at(h):max(set%cos_at(h), set%sin_at(h)), :))
+         end do
+      end associate
+   end function amplitudes_of
+
+   !> Coefficients (n_coefficients, coordinates) of the motion of a rung.
+   pure function coefficients_of(rung) result(u)
+      type(rung_t), intent(in) :: rung
+      real(wp), allocatable :: u(:, :)
+
+      associate (n => rung%set%n_coefficients, n_all => size(rung%unknowns) - rung%set%n_tones)
+         u = reshape(rung%unknowns(:n_all), [n, n_all/n])
+      end associate
+   end function coefficients_of
+
+   !> Unknowns of the motion of a rung in another set.
+   pure function on_other_set(rung, set) result(unknowns)
+      type(rung_t), intent(in) :: rung
+      type(harmonics_t), intent(in) :: set
+      real(wp), allocatable :: unknowns(:)
+      real(wp), allocatable :: u(:, :), moved(:, :)
+
+      u = coefficients_of(rung)
+      allocate (moved(set%n_coefficients, size(u, 2)))
+      call transfer_coefficients(rung%set, set, u, moved)
+      unknowns = [moved, rung%unknowns(size(u) + 1:)]
+   end function on_other_set
+
+   !> Distance of the motions of two rungs relative to the second; of amplitudes alone where phases are free.
+   pure real(wp) function distance(lower, upper, has_free_phases)
+      type(rung_t), intent(in) :: lower, upper
+      logical, intent(in) :: has_free_phases
+      type(rung_t) :: moved
+      real(wp), allocatable :: u(:, :)
+
+      moved%set = upper%set
+      moved%unknowns = on_other_set(lower, upper%set)
+      u = coefficients_of(upper)
+      if (has_free_phases) then
+         distance = norm2(amplitudes_of(moved) - amplitudes_of(upper))
+      else
+         distance = norm2(coefficients_of(moved) - u)
+      end if
+      distance = distance/max(norm2(u), tiny(1.0_wp))
+   end function distance
+
+   !> Settles status and estimates of the last rung, and adds what the other rungs went without.
+   subroutine finish(scene, result, top, correction, account, difference, watch)
+      type(scene_t), intent(in) :: scene
+      type(motion_result_t), intent(inout) :: result
+      type(rung_t), intent(in) :: top
+      real(wp), intent(in) :: correction                              !! of the estimates
+      type(account_t), intent(in) :: account
+      real(wp), intent(in) :: difference
+      class(watch_t), intent(inout), target :: watch
+      type(scene_t) :: here
+      type(motion_result_t) :: whole
+      type(error_t), allocatable :: error
+
+      if (scene%stability%method /= stability_method%off .or. size(scene%output%samples) > 0) then
+         here = scene
+         here%certificate%is_on = .false.
+         call move_to(here, scene, top, error)
+         if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns, watch=watch)
+         if (.not. allocated(error) .and. whole%status == outcome%converged) then
+            if (result%status == outcome%converged) result%stability = whole%stability
+            if (allocated(whole%displacement_samples)) then
+               result%displacement_samples = whole%displacement_samples
+               result%force_samples = whole%force_samples
+               result%corrected_samples = whole%corrected_samples
+            end if
+         end if
+      end if
+      associate (found => result%certificate)
+         found%truncation = min(1.0_wp, correction*found%truncation)
+         found%aliasing = min(1.0_wp, correction*found%aliasing)
+         if (allocated(found%frequency_error)) found%frequency_error = correction*found%frequency_error
+         if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
+            result%status = merge(outcome%converged, outcome%truncated, found%truncation + found%aliasing <= &
+                                  scene%accuracy%tolerance)
+      end associate
+      result%harmonics = top%set
+      result%n_samples = top%n_samples
+      result%n_rungs = account%n_rungs
+      result%rung_difference = difference
+      result%iterations = account%iterations
+      result%evaluations = account%evaluations
+      result%work = account%work
+      result%rescue = account%rescue
+      result%setup_seconds = account%setup_seconds
+      result%solver_seconds = account%solver_seconds
+      result%certificate_seconds = account%certificate_seconds
+      result%certificate_cpu_seconds = account%certificate_cpu_seconds
+   end subroutine finish
+
+   !> Degree of the laws where all are polynomials, else 0.
+   pure integer function degree_of(scene) result(degree)
+      type(scene_t), intent(in) :: scene
+      integer :: i
+
+      degree = 1
+      do i = 1, size(scene%laws)
+         if (scene%laws(i)%law%degree == 0) then
+            degree = 0
+            return
+         end if
+         degree = max(degree, scene%laws(i)%law%degree)
+      end do
+   end function degree_of
+
+   !> Fewest samples of each tone for the largest entries of a set: without aliasing for polynomials, else a little more than what
+   !> tells its harmonics apart.
+   pure function needed_samples(highest, degree) result(n_samples)
+      integer, intent(in) :: highest(:)                               !! (n_tones)
+      integer, intent(in) :: degree                                   !! of the laws, 0: no polynomials
+      integer :: n_samples(size(highest))
+
+      if (degree > 0) then
+         n_samples = samples_for(highest, degree)
+      else
+         n_samples = max(8, fast_size(ceiling(least_density*(2*highest + 1))))
+      end if
+   end function needed_samples
+
+   !> Tuples of the scene that have a load or a first guess.
+   pure function loaded_tuples(scene) result(tuples)
+      type(scene_t), intent(in) :: scene
+      integer, allocatable :: tuples(:, :)
+      integer :: h
+
+      tuples = scene%harmonics%tuples(:, pack([(h, h=1, scene%harmonics%n_harmonics)], &
+         [(any(abs(scene%loads(:, h)) > 0.0_wp) .or. any(abs(scene%start(:, h)) > 0.0_wp), h=1, scene%harmonics%n_harmonics)]))
+   end function loaded_tuples
+end module hb_accurate_motion
