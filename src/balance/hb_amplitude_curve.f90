@@ -8,7 +8,7 @@ module hb_amplitude_curve
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_phase, only: new_phase_problem, phase_problem_t, shift_form
-   use hb_search, only: first_amplitude, fundamental, last_amplitude, neutral, search_t, way_point_t
+   use hb_search, only: first_amplitude, fundamental, last_amplitude, neutral, search_t, path_point_t
    use hb_text, only: to_text
    implicit none
    private
@@ -22,14 +22,14 @@ module hb_amplitude_curve
 
 contains
 
-   !> Looks for a limit cycle, from the rest until the curve is far from it, well damped, or back there. What is known without
+   !> Looks for a limit cycle, from the base motion until the curve is far from it, well damped, or back there. What is known without
    !> one stands in the search: how far it came, and a message if the curve was lost.
    subroutine follow_curve(self, point, is_found)
       type(search_t), intent(inout) :: self
-      type(way_point_t), intent(out) :: point                         !! the motion found, else the last point
+      type(path_point_t), intent(out) :: point                         !! the motion found, else the last point
       logical, intent(out) :: is_found
       type(curve_t) :: curve
-      type(way_point_t) :: crossing, last, motion
+      type(path_point_t) :: crossing, last, motion
       real(wp) :: damping(1), damping_before(1)
       integer :: i
       logical :: is_on_curve, is_stable
@@ -52,7 +52,7 @@ contains
             if (curve%status /= outcome%pending) exit
             cycle
          end if
-         if (sum((point%u - self%rest%u)*(last%u - self%rest%u)) < 0.0_wp) exit   ! through the rest: another mode ends here
+         if (sum((point%u - self%base%u)*(last%u - self%base%u)) < 0.0_wp) exit   ! through the base motion: another mode ends here
          damping_before = damping
          damping = self%damping(point)
          self%is_neutral = self%is_neutral .and. abs(damping(1)) <= neutral
@@ -97,7 +97,7 @@ contains
 
    !> Whether a step changed the frequency so much that the point is hardly on the same piece of the curve.
    pure logical function leaps(from, to)
-      type(way_point_t), intent(in) :: from, to
+      type(path_point_t), intent(in) :: from, to
       real(wp), parameter :: largest_ratio = 1.5_wp
 
       leaps = max(from%omega(1)/to%omega(1), to%omega(1)/from%omega(1)) > largest_ratio .or. &
@@ -107,13 +107,13 @@ contains
    !> The curve from its first point on, at first towards more of the same shape.
    subroutine begin_curve(self, point, curve)
       type(search_t), intent(inout) :: self
-      type(way_point_t), intent(in) :: point
+      type(path_point_t), intent(in) :: point
       type(curve_t), intent(out) :: curve
       type(phase_problem_t) :: problem
       real(wp), allocatable :: upwards(:)
       logical :: is_possible
 
-      upwards = [reshape(point%u - self%rest%u, [size(point%u)]), 0.0_wp, 0.0_wp]
+      upwards = [reshape(point%u - self%base%u, [size(point%u)]), 0.0_wp, 0.0_wp]
       call self%move_balance(point, is_possible)
       call self%set_scales(point%amplitude(1))
       call new_phase_problem(problem, self%balance, self%tones, .true., phase_forms(self, point), [0.0_wp, 0.0_wp])
@@ -125,7 +125,7 @@ contains
    subroutine renew(self, curve, point)
       type(search_t), intent(inout) :: self
       type(curve_t), intent(inout) :: curve
-      type(way_point_t), intent(in) :: point
+      type(path_point_t), intent(in) :: point
 
       call self%set_scales(point%amplitude(1))
       curve%problem%forms = phase_forms(self, point)
@@ -135,7 +135,7 @@ contains
    !> The phase condition, and room for the plane across the curve.
    function phase_forms(self, point) result(forms)
       type(search_t), intent(in) :: self
-      type(way_point_t), intent(in) :: point
+      type(path_point_t), intent(in) :: point
       real(wp), allocatable :: forms(:, :)
 
       allocate (forms(size(point%u) + 2, 2), source=0.0_wp)
@@ -145,7 +145,7 @@ contains
 
    !> Units of the arc length: the amplitude for coefficients, the frequency for itself and for the damping unless that is more.
    pure function units_of(point) result(units)
-      type(way_point_t), intent(in) :: point
+      type(path_point_t), intent(in) :: point
       real(wp) :: units(size(point%u) + 2)
 
       units(:size(point%u)) = point%amplitude(1)
@@ -157,7 +157,7 @@ contains
    pure function point_of(self, x) result(point)
       type(search_t), intent(in) :: self
       real(wp), intent(in) :: x(:)
-      type(way_point_t) :: point
+      type(path_point_t) :: point
       integer :: h, n
 
       n = size(x) - 2
@@ -175,9 +175,9 @@ contains
    subroutine land(self, curve, from, is_found)
       type(search_t), intent(inout) :: self
       type(curve_t), intent(inout) :: curve
-      type(way_point_t), intent(inout) :: from                        !! where the step begins; the motion found
+      type(path_point_t), intent(inout) :: from                        !! where the step begins; the motion found
       logical, intent(out) :: is_found
-      type(way_point_t) :: middle, trial
+      type(path_point_t) :: middle, trial
       real(wp) :: high, low, x(size(curve%x))
       integer :: i
       logical :: is_on_curve

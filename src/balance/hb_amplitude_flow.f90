@@ -1,10 +1,10 @@
 !> The way of several unknown tones to a torus: amplitudes follow the artificial damping, as the motion would grow or die out
-!> in time with the fast oscillation taken out. Where the rest is stable a scan of amplitudes looks for driving first.
+!> in time with the fast oscillation taken out. Where the base motion is stable a scan of amplitudes looks for driving first.
 !> Source: docs/user/theory.md, section 6.5.
 module hb_amplitude_flow
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
-   use hb_search, only: first_amplitude, last_amplitude, neutral, search_t, way_point_t
+   use hb_search, only: first_amplitude, last_amplitude, neutral, search_t, path_point_t
    use hb_text, only: to_text
    implicit none
    private
@@ -23,9 +23,9 @@ contains
    !> and a message if it was lost.
    subroutine follow_flow(self, point, is_found)
       type(search_t), intent(inout) :: self
-      type(way_point_t), intent(out) :: point                         !! the motion found, else the last point
+      type(path_point_t), intent(out) :: point                         !! the motion found, else the last point
       logical, intent(out) :: is_found
-      type(way_point_t) :: last
+      type(path_point_t) :: last
       real(wp) :: goal
       integer :: i
       logical :: is_solved
@@ -52,9 +52,9 @@ contains
    !> Lets the amplitudes follow the artificial damping until that is nearly gone, then tries the motion without it.
    subroutine follow(self, now, is_found)
       type(search_t), intent(inout) :: self
-      type(way_point_t), intent(inout) :: now
+      type(path_point_t), intent(inout) :: now
       logical, intent(out) :: is_found
-      type(way_point_t) :: last, trial
+      type(path_point_t) :: last, trial
       real(wp), dimension(size(self%tones)) :: growth, sign_before
       real(wp) :: next_try, smallest
       integer :: step
@@ -108,12 +108,12 @@ contains
    !> reached.
    subroutine approach(self, last, goal, now, is_solved)
       type(search_t), intent(inout) :: self
-      type(way_point_t), intent(in) :: last
+      type(path_point_t), intent(in) :: last
       real(wp), intent(in) :: goal(:)                                 !! [m], (unknown tones)
-      type(way_point_t), intent(out) :: now
+      type(path_point_t), intent(out) :: now
       logical, intent(out) :: is_solved
       integer, parameter :: most_solutions = 24
-      type(way_point_t) :: trial
+      type(path_point_t) :: trial
       real(wp) :: share
       integer :: i
 
@@ -139,8 +139,8 @@ contains
    !> Predictor: each harmonic grows with the unknown tone that turns most in it.
    subroutine scale_tones(self, from, to)
       type(search_t), intent(in) :: self
-      type(way_point_t), intent(in) :: from
-      type(way_point_t), intent(inout) :: to
+      type(path_point_t), intent(in) :: from
+      type(path_point_t), intent(inout) :: to
       integer :: h, m
 
       associate (set => self%balance%harmonics)

@@ -14,7 +14,7 @@ module hb_normal_mode
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, shift_form
-   use hb_search, only: climb_orders, fundamental, search_t, way_point_t
+   use hb_search, only: climb_orders, fundamental, search_t, path_point_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
@@ -89,7 +89,7 @@ contains
       call find(search, goal, has_start, u)
    end subroutine find_normal_mode
 
-   !> Finds the motion with the given energy above that of the rest, as `find_normal_mode` does one of an amplitude.
+   !> Finds the motion with the given energy above that of the base motion, as `find_normal_mode` does one of an amplitude.
    subroutine find_mode_of_energy(search, energy, value, has_start, u)
       type(search_t), intent(inout) :: search
       type(energy_t), intent(in) :: energy
@@ -129,14 +129,14 @@ contains
       type(curve_t) :: curve
       type(error_t), allocatable :: error
       type(goal_event_t) :: event
-      type(way_point_t) :: last, point
+      type(path_point_t) :: last, point
       complex(wp) :: form(size(u, 2))
       real(wp) :: omega(size(search%balance%omega)), reached, xi(size(search%balance%omega))
       integer :: h, i
       logical :: is_found, is_possible
 
       h = fundamental(search%balance%harmonics, search%tones(1))
-      associate (modes => search%rest%modes, mode => search%modes(1), set => search%balance%harmonics, tone => search%tones(1))
+      associate (modes => search%base%modes, mode => search%modes(1), set => search%balance%harmonics, tone => search%tones(1))
          omega = search%balance%omega
          xi = 0.0_wp
          omega(tone) = modes%frequency(mode)
@@ -149,7 +149,7 @@ contains
          end if
          call scale_mode(search, goal, h, form)
          if (search%report%status == outcome%no_motion) return
-         u = search%rest%u
+         u = search%base%u
          u(set%cos_at(h), :) = u(set%cos_at(h), :) + first_share*real(form)
          u(set%sin_at(h), :) = u(set%sin_at(h), :) - first_share*aimag(form)
       end associate
@@ -173,7 +173,7 @@ contains
             if (curve%status /= outcome%pending) exit
             point = point_of(search, curve%x)
             associate (set => search%balance%harmonics)                ! the same motion counted as a higher harmonic?
-               if (norm2(point%u([set%cos_at(h), set%sin_at(h)], :)) < dead*norm2(point%u - search%rest%u) .or. &
+               if (norm2(point%u([set%cos_at(h), set%sin_at(h)], :)) < dead*norm2(point%u - search%base%u) .or. &
                    leaps(last, point)) then
                   call curve%retreat()
                   point = last
@@ -232,7 +232,7 @@ contains
       real(wp) :: energy, length
       real(wp), allocatable :: u(:, :)
 
-      form = search%rest%modes%shapes(:, search%modes(1))
+      form = search%base%modes%shapes(:, search%modes(1))
       if (.not. allocated(goal%energy)) then
          if (abs(form(goal%dof)) > 1.0e-8_wp*maxval(abs(form))) then
             form = form/form(goal%dof)*goal%value
@@ -242,14 +242,14 @@ contains
          end if
          return
       end if
-      if (.not. search%rest%is_at_laws(search%modes(1))) then
+      if (.not. search%base%is_at_laws(search%modes(1))) then
          search%report%status = outcome%no_motion
          search%message = "the linear mode does not move where laws act; choose another mode"
          return
       end if
       length = first_share*search%length
       form = length*form/form(maxloc(abs(form), dim=1))
-      u = search%rest%u
+      u = search%base%u
       associate (set => search%balance%harmonics)
          u(set%cos_at(h), :) = u(set%cos_at(h), :) + real(form)
          u(set%sin_at(h), :) = u(set%sin_at(h), :) - aimag(form)
@@ -276,7 +276,7 @@ contains
       logical :: is_possible
 
       if (allocated(goal%energy)) then
-         call search%set_scales(maxval(norm2(u - search%rest%u, dim=1)))
+         call search%set_scales(maxval(norm2(u - search%base%u, dim=1)))
          allocate (forms(size(u) + 2, 2), source=0.0_wp)
          forms(:size(u), 1) = shift_form(search%balance%harmonics, search%tones(1), u, &
                                          reshape(search%balance%x_scale, shape(u)))

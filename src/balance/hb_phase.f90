@@ -38,7 +38,7 @@ contains
    !> present values. There must be as many forms as further unknowns.
    subroutine new_phase_problem(self, balance, tones, with_damping, forms, values, energy)
       type(phase_problem_t), intent(out) :: self
-      type(balance_t), intent(in), target :: balance
+      type(balance_t), intent(inout), target :: balance
       integer, intent(in) :: tones(:)                                 !! unknown ones
       logical, intent(in) :: with_damping                             !! their artificial damping is unknown too
       real(wp), intent(in) :: forms(:, :)                             !! (coefficients of all dofs, or all unknowns; equations

@@ -1,7 +1,7 @@
 !> A search for self-excited motion: what it starts from and finds, and the two problems that it solves.
 !>
 !> With the amplitudes of the unknown tones prescribed and artificial damping xi_m of each in their place, there is a solution
-!> near each mode of the rest, where xi_m = -2 (growth of the mode). Where xi_m < 0 the motion is driven and would grow. Near
+!> near each mode of the base motion, where xi_m = -2 (growth of the mode). Where xi_m < 0 the motion is driven and would grow. Near
 !> xi_m = 0 the problem without artificial damping is solved. Source: docs/user/theory.md, section 6.5; Krack, Computers and
 !> Structures 154 (2015) 59-71, for the artificial damping.
 module hb_search
@@ -12,12 +12,12 @@ module hb_search
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_phase, only: amplitude_form, coefficient_form, new_phase_problem, phase_problem_t, shift_form, turn
-   use hb_rest, only: rest_t
+   use hb_base_motion, only: base_motion_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    implicit none
    private
-   public :: climb_orders, first_amplitude, fundamental, last_amplitude, neutral, new_search, search_t, way_point_t
+   public :: climb_orders, first_amplitude, fundamental, last_amplitude, neutral, new_search, search_t, path_point_t
 
    real(wp), parameter :: first_amplitude = 1.0e-3_wp                 !! of a search, relative to the length of the scene
    real(wp), parameter :: last_amplitude = 1.0e3_wp                   !! likewise
@@ -27,16 +27,16 @@ module hb_search
    integer, parameter :: path_iterations = 15
 
    !> A motion with prescribed amplitudes of the unknown tones.
-   type :: way_point_t
+   type :: path_point_t
       real(wp), allocatable :: u(:, :)                                !! [m], (n_coefficients, n_dofs)
       real(wp), allocatable :: omega(:), xi(:)                        !! [rad/s], [1/s], (unknown tones)
       real(wp), allocatable :: amplitude(:)                           !! [m], (unknown tones)
-   end type way_point_t
+   end type path_point_t
 
    !> A search and what it found. `phase` is the problem solved last, on the balance of `new_search`.
    type :: search_t
       type(balance_t), pointer :: balance => null()
-      type(rest_t) :: rest
+      type(base_motion_t) :: base
       type(phase_problem_t) :: phase
       type(report_t) :: report
       character(:), allocatable :: message                            !! why nothing was found, or what is to be known of it
@@ -45,7 +45,7 @@ module hb_search
       logical :: is_neutral = .true.                                  !! nothing drove or damped the motion
       logical :: is_left = .false.                                    !! motion near the one found leaves it, as it seems
       integer, allocatable :: tones(:)                                !! unknown ones
-      integer, allocatable :: modes(:)                                !! of the rest, where each of them starts
+      integer, allocatable :: modes(:)                                !! of the base motion, where each of them starts
       integer, allocatable :: phase_dofs(:)                           !! sine that is zero, by unknown tone; size 0: integral
       type(solver_config_t) :: config
       real(wp), allocatable, private :: sense(:)                      ! 1 where negative xi drives, else -1, (unknown tones)
@@ -63,20 +63,20 @@ module hb_search
 
 contains
 
-   !> Search on a balance with slopes. Rescues and Broyden's linear Jacobian are switched off: they know nothing of a rest
-   !> that must not be found.
-   subroutine new_search(self, balance, rest, tones, modes, phase_dofs, length, config)
+   !> Search on a balance with slopes. Rescues and Broyden's linear Jacobian are switched off: they know nothing of a
+   !> base motion that must not be found.
+   subroutine new_search(self, balance, base, tones, modes, phase_dofs, length, config)
       type(search_t), intent(out) :: self
-      type(balance_t), intent(in), target :: balance
-      type(rest_t), intent(in) :: rest
+      type(balance_t), intent(inout), target :: balance
+      type(base_motion_t), intent(in) :: base
       integer, intent(in) :: tones(:)                                 !! unknown ones
-      integer, intent(in) :: modes(:)                                 !! of the rest, one for each, or fewer
+      integer, intent(in) :: modes(:)                                 !! of the base motion, one for each, or fewer
       integer, intent(in) :: phase_dofs(:)                            !! among those of the laws, one for each, or none
       real(wp), intent(in) :: length                                  !! [m], > 0
       type(solver_config_t), intent(in) :: config
 
       self%balance => balance
-      self%rest = rest
+      self%base = base
       self%tones = tones
       self%modes = modes
       self%phase_dofs = phase_dofs
@@ -92,7 +92,7 @@ contains
       class(search_t), intent(inout) :: self
       real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs)
       logical, intent(out) :: is_found
-      type(way_point_t) :: point
+      type(path_point_t) :: point
 
       point%u = u
       point%omega = self%balance%omega(self%tones)
@@ -102,12 +102,12 @@ contains
       if (is_found) u = point%u
    end subroutine search_from_start
 
-   !> First point on the way, at the amplitude asked for; where an unstable rest is left but nothing drives the motion there
+   !> First point of the path, at the amplitude asked for; where an unstable base motion is left but nothing drives the motion there
    !> any more, at a hundredth, and so on.
    subroutine search_begin(self, amplitude, point, is_solved)
       class(search_t), intent(inout) :: self
       real(wp), intent(in) :: amplitude                               !! [m]
-      type(way_point_t), intent(out) :: point
+      type(path_point_t), intent(out) :: point
       logical, intent(out) :: is_solved
       integer, parameter :: most_tries = 4
       integer :: try
@@ -115,8 +115,8 @@ contains
       do try = 0, most_tries - 1
          call shape_references(self)
          point%amplitude = spread(amplitude*0.01_wp**try, 1, size(self%tones))
-         point%u = self%rest%u + point%amplitude(1)*sum(self%reference, dim=3)
-         associate (modes => self%rest%modes)
+         point%u = self%base%u + point%amplitude(1)*sum(self%reference, dim=3)
+         associate (modes => self%base%modes)
             point%omega = modes%frequency(self%modes)
             self%sense = sign(1.0_wp, modes%response(self%modes))
             point%xi = -modes%growth(self%modes)/modes%response(self%modes)
@@ -132,7 +132,7 @@ contains
    !> is that of the mode where the search begins.
    pure function search_damping(self, point) result(damping)
       class(search_t), intent(in) :: self
-      type(way_point_t), intent(in) :: point
+      type(path_point_t), intent(in) :: point
       real(wp) :: damping(size(self%tones))
 
       damping = self%sense*point%xi/point%omega
@@ -149,7 +149,7 @@ contains
          allocate (self%reference(set%n_coefficients, self%balance%n_dofs, size(self%tones)), source=0.0_wp)
          do m = 1, size(self%tones)
             h = fundamental(set, self%tones(m))
-            form = self%rest%modes%shapes(:, self%modes(m))
+            form = self%base%modes%shapes(:, self%modes(m))
             form = form/form(maxloc(abs(form), dim=1))
             self%reference(set%cos_at(h), :, m) = real(form)
             self%reference(set%sin_at(h), :, m) = -aimag(form)
@@ -169,7 +169,7 @@ contains
    !> Newton's method with prescribed amplitudes and free artificial damping. The shapes then become those of the motion found.
    subroutine search_solve_with_amplitudes(self, point, is_first, is_solved)
       class(search_t), intent(inout) :: self
-      type(way_point_t), intent(inout) :: point
+      type(path_point_t), intent(inout) :: point
       logical, intent(in) :: is_first                                 !! nothing better to start from: try smaller sets too
       logical, intent(out) :: is_solved
       type(phase_problem_t) :: problem
@@ -213,7 +213,7 @@ contains
       end do
    end subroutine search_solve_with_amplitudes
 
-   !> Settings of the solver on the way.
+   !> Settings of the solver along the path.
    pure function search_path_config(self) result(config)
       class(search_t), intent(in) :: self
       type(solver_config_t) :: config
@@ -253,7 +253,7 @@ contains
    !> Solves without artificial damping from a point nearby; found is a motion in which every unknown tone lives.
    subroutine search_try_motion(self, point, is_found)
       class(search_t), intent(inout) :: self
-      type(way_point_t), intent(inout) :: point
+      type(path_point_t), intent(inout) :: point
       logical, intent(out) :: is_found
       real(wp), allocatable :: forms(:, :), scale(:, :), x(:), u(:, :)
       real(wp) :: before(size(self%tones))
@@ -321,7 +321,7 @@ contains
    !> Puts the balance at the frequencies and the artificial damping of a point.
    subroutine search_move_balance(self, point, is_possible)
       class(search_t), intent(inout) :: self
-      type(way_point_t), intent(in) :: point
+      type(path_point_t), intent(in) :: point
       logical, intent(out) :: is_possible
       real(wp), dimension(size(self%balance%omega)) :: omega, xi
       type(error_t), allocatable :: error
@@ -341,7 +341,7 @@ contains
       real(wp) :: force(self%balance%n_dofs), motion
       integer :: h, i, m
 
-      motion = max(magnitude, maxval(norm2(self%rest%u, dim=1)))
+      motion = max(magnitude, maxval(norm2(self%base%u, dim=1)))
       force = 0.0_wp
       associate (b => self%balance, n => self%balance%harmonics%n_coefficients)
          do m = 1, size(self%tones)

@@ -1,11 +1,11 @@
-!> Self-excited motion: limit cycles and tori with unknown base frequencies, from the modes of the rest, never the rest itself.
+!> Self-excited motion: limit cycles and tori with unknown base frequencies, from the modes of the base motion, never that itself.
 !> Source: docs/user/theory.md, section 6.5.
 module hb_self_excitation
    use hb_amplitude_curve, only: follow_curve
    use hb_amplitude_flow, only: follow_flow
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
-   use hb_search, only: first_amplitude, search_t, way_point_t
+   use hb_search, only: first_amplitude, search_t, path_point_t
    use hb_text, only: to_text
    implicit none
    private
@@ -19,7 +19,7 @@ contains
       type(search_t), intent(inout) :: self
       real(wp), intent(out) :: u(:, :)                                !! [m], (n_coefficients, n_dofs)
       logical, intent(out) :: is_found
-      type(way_point_t) :: point
+      type(path_point_t) :: point
 
       self%is_neutral = .true.
       self%is_left = .false.
@@ -31,15 +31,15 @@ contains
       else
          call follow_flow(self, point, is_found)
       end if
-      u = self%rest%u
+      u = self%base%u
       if (is_found) then
          u = point%u
          return
       end if
-      self%report%residual = self%rest%report%residual
+      self%report%residual = self%base%report%residual
       if (allocated(self%message) .and. self%report%status == outcome%stalled) return
       self%report%status = outcome%no_motion
-      if (self%rest%is_forced .or. size(self%tones) > 1) self%report%status = outcome%collapsed
+      if (self%base%is_forced .or. size(self%tones) > 1) self%report%status = outcome%collapsed
       if (allocated(self%message)) return
       if (self%reached <= 0.0_wp) then
          self%report%status = outcome%stalled

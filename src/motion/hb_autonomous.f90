@@ -3,19 +3,23 @@
 !> A motion known from elsewhere, a neighbouring point or a march, comes in as `scene%start` with its frequencies as the first
 !> guesses `scene%tones%omega`; it is tried before any mode.
 module hb_autonomous
-   use hb_balance, only: balance_t
+   use hb_balance, only: balance_t, new_balance
+   use hb_base_motion, only: base_motion_t, find_base_motion
    use hb_basis, only: basis_t
    use hb_coordinates, only: coordinates_t
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_energy, only: energy_t, new_energy
    use hb_error, only: error_t, fail
+   use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: wp
+   use hb_law_coordinates, only: laws_at
    use hb_normal_mode, only: find_mode_of_energy, find_normal_mode
    use hb_outcome, only: outcome
-   use hb_rest, only: find_rest, rest_t
    use hb_scene, only: scene_t
    use hb_search, only: new_search, search_t
    use hb_self_excitation, only: search_from_modes
    use hb_text, only: to_text
+   use hb_torus, only: default_samples, new_torus, torus_t
    implicit none
    private
    public :: autonomous_start_t, find_motion, find_start
@@ -23,22 +27,23 @@ module hb_autonomous
    integer, parameter :: most_modes = 8                               ! from which one unknown tone is looked for
 
    type :: autonomous_start_t
-      type(rest_t) :: rest
+      type(base_motion_t) :: base
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones), first guesses where unknown
       integer, allocatable :: tones(:)                                !! unknown ones
-      integer, allocatable :: modes(:)                                !! of the rest, one for each, or fewer
+      integer, allocatable :: modes(:)                                !! of the base motion, one for each, or fewer
       logical :: has_motion = .false.                                 !! the user gives a motion of an unknown tone to start from
    end type autonomous_start_t
 
 contains
 
-   !> Finds the motion at rest, its modes, and the frequencies from which to start.
+   !> Finds the motion without the unknown tones, its modes, and the frequencies from which to start.
    subroutine find_start(self, scene, basis, coordinates, error)
       type(autonomous_start_t), intent(out) :: self
       type(scene_t), intent(in) :: scene
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates                  !! of its laws
       type(error_t), allocatable, intent(out) :: error
+      type(balance_t) :: balance
       integer :: h, m
 
       associate (tones => scene%tones)
@@ -46,11 +51,13 @@ contains
          self%has_motion = any([(any(basis%harmonics%tuples(self%tones, h) /= 0) .and. &
                                  any(abs(scene%start(:, basis%places(h))) > 0.0_wp), h=1, basis%harmonics%n_harmonics)])
          self%omega = tones%omega
-         where (self%omega <= 0.0_wp) self%omega = 1.0_wp             ! any: the rest does not know these tones
-         call find_rest(self%rest, scene%structure, coordinates, scene%laws, basis%amplitudes_of(scene%loads), &
-                        basis%harmonics, basis%torus, self%omega, tones%is_unknown, scene%solver, scene%planning, error)
+         where (self%omega <= 0.0_wp) self%omega = 1.0_wp             ! any: the base motion does not know these tones
+         call new_base_balance(balance, scene, basis, coordinates, self%omega, error)
+         if (.not. allocated(error)) call find_base_motion(self%base, scene%structure, balance, basis%harmonics, scene%solver, &
+                                                           error)
+         call balance%destroy()
          if (allocated(error)) then
-            if (.not. (allocated(self%rest%u) .and. self%has_motion)) return
+            if (.not. (allocated(self%base%u) .and. self%has_motion)) return
             deallocate (error)                                         ! without modes the start must do
             allocate (self%modes(0))
          else
@@ -59,28 +66,65 @@ contains
          do m = 1, size(self%tones)
             if (tones%omega(self%tones(m)) > 0.0_wp) cycle
             if (m > size(self%modes)) then
-               call fail(error, "the linear structure has "//to_text(self%rest%n_linear)//" oscillatory modes, not "// &
+               call fail(error, "the linear structure has "//to_text(self%base%n_linear)//" oscillatory modes, not "// &
                          "one for each unknown tone: give first guesses of their frequencies in &tones, and a &start")
                return
             end if
-            self%omega(self%tones(m)) = self%rest%modes%frequency(self%modes(m))
+            self%omega(self%tones(m)) = self%base%modes%frequency(self%modes(m))
          end do
       end associate
    end subroutine find_start
+
+   !> The balance over the tuples without unknown tones, with the mean in any case. Fails where the interior is singular.
+   subroutine new_base_balance(balance, scene, basis, coordinates, omega, error)
+      type(balance_t), intent(inout) :: balance
+      type(scene_t), intent(in) :: scene
+      type(basis_t), intent(in) :: basis
+      type(coordinates_t), intent(in) :: coordinates                  !! of its laws
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0, any of unknown tones
+      type(error_t), allocatable, intent(out) :: error
+      type(dynamic_stiffness_t) :: stiffness
+      type(harmonics_t) :: set
+      type(torus_t) :: grid
+      complex(wp), allocatable :: all_loads(:, :), loads(:, :)
+      integer, allocatable :: tuples(:, :), kept(:)
+      integer :: h, samples(size(omega))
+
+      associate (harmonics => basis%harmonics, is_unknown => scene%tones%is_unknown)
+         kept = pack([(h, h=1, harmonics%n_harmonics)], [(all(harmonics%tuples(:, h) == 0 .or. .not. is_unknown), &
+                                                          h=1, harmonics%n_harmonics)])
+         tuples = harmonics%tuples(:, kept)
+         if (.not. harmonics%has_zero) tuples = reshape([spread(0, 1, size(omega)), reshape(tuples, [size(tuples)])], &
+                                                        [size(omega), size(kept) + 1])
+         call new_harmonics(set, tuples, error)
+         if (allocated(error)) return
+         samples = default_samples(set, 0)
+         where (.not. is_unknown) samples = max(samples, basis%torus%n_samples)
+      end associate
+      call new_torus(grid, samples, set, error)
+      if (allocated(error)) return
+      grid%corrects_kinks = basis%torus%corrects_kinks
+      all_loads = basis%amplitudes_of(scene%loads)
+      allocate (loads(scene%structure%n_dofs, set%n_harmonics), source=(0.0_wp, 0.0_wp))
+      loads(:, set%n_harmonics - size(kept) + 1:) = all_loads(:, kept)
+      call new_dynamic_stiffness(stiffness, scene%structure, coordinates, set%frequencies(omega), loads, error)
+      if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, laws_at(coordinates, scene%laws), &
+                                                  scene%planning, error)
+   end subroutine new_base_balance
 
    !> Modes from which the unknown tones start: nearest to the first guess of a frequency; without one, that of a normal mode
    !> by its number, else those that grow most, by frequency.
    subroutine choose_modes(self, scene)
       type(autonomous_start_t), intent(inout) :: self
       type(scene_t), intent(in) :: scene
-      logical :: is_free(self%rest%modes%n_modes), is_grown(self%rest%modes%n_modes)
+      logical :: is_free(self%base%modes%n_modes), is_grown(self%base%modes%n_modes)
       integer :: i, m, mode(size(self%tones))
 
       is_free = .true.
-      is_free(self%rest%n_linear + 1:) = .false.
-      if (.not. scene%normal_mode%is_asked) is_free = is_free .and. self%rest%is_at_laws
+      is_free(self%base%n_linear + 1:) = .false.
+      if (.not. scene%normal_mode%is_asked) is_free = is_free .and. self%base%is_at_laws
       mode = 0
-      associate (modes => self%rest%modes, guess => scene%tones%omega)
+      associate (modes => self%base%modes, guess => scene%tones%omega)
          do m = 1, size(mode)
             if (guess(self%tones(m)) <= 0.0_wp) cycle
             mode(m) = minloc(abs(modes%frequency - guess(self%tones(m))), mask=is_free, dim=1)
@@ -88,9 +132,9 @@ contains
          end do
          if (scene%normal_mode%is_asked .and. mode(1) == 0) then
             mode(1) = max(1, scene%normal_mode%mode)
-            if (mode(1) > self%rest%n_linear) mode(1) = 0
+            if (mode(1) > self%base%n_linear) mode(1) = 0
          else if (scene%normal_mode%mode > 0) then
-            mode(1) = merge(scene%normal_mode%mode, 0, scene%normal_mode%mode <= self%rest%n_linear)
+            mode(1) = merge(scene%normal_mode%mode, 0, scene%normal_mode%mode <= self%base%n_linear)
          end if
          is_grown = .false.
          do i = 1, count(mode == 0 .and. .not. scene%normal_mode%is_asked)
@@ -125,14 +169,14 @@ contains
       do i = 1, size(scene%laws)
          length = max(length, scene%laws(i)%law%length_scale)
       end do
-      if (length <= 0.0_wp) length = maxval(norm2(start%rest%u, dim=1))
+      if (length <= 0.0_wp) length = maxval(norm2(start%base%u, dim=1))
       if (length <= 0.0_wp) length = 1.0_wp
-      call new_search(search, balance, start%rest, start%tones, start%modes, &
+      call new_search(search, balance, start%base, start%tones, start%modes, &
                       [(balance%stiffness%coordinates%number_of(scene%phase_dofs(i)), i=1, size(scene%phase_dofs))], length, &
                       scene%solver)
-      u = u + start%rest%u
+      u = u + start%base%u
       if (scene%normal_mode%has_energy) then
-         call new_energy(energy, scene%structure, constant_load(scene), balance, start%rest%u)
+         call new_energy(energy, scene%structure, constant_load(scene), balance, start%base%u)
          call find_mode_of_energy(search, energy, scene%normal_mode%energy, start%has_motion, u)
          return
       else if (scene%normal_mode%is_asked) then
@@ -148,7 +192,7 @@ contains
       else if (size(start%modes) == size(start%tones)) then
          call search_from_modes(search, u, is_found)
       else
-         u = start%rest%u
+         u = start%base%u
          search%report%status = outcome%stalled
          search%message = "not found from the &start, and the linear structure has fewer oscillatory modes than unknown tones"
       end if
@@ -158,22 +202,22 @@ contains
       !> One unknown tone: from the mode chosen, then from others, nearest to the first guess or most driven first. A motion
       !> that others leave is the answer only if there is no other.
       subroutine search_all_modes()
-         real(wp) :: merit(start%rest%modes%n_modes), reached
+         real(wp) :: merit(start%base%modes%n_modes), reached
          real(wp), allocatable :: spare_u(:, :), spare_omega(:)
          integer :: best, k
          logical :: is_neutral
          character(:), allocatable :: spare_message, trouble
          type(error_t), allocatable :: error
 
-         associate (modes => start%rest%modes, guess => scene%tones%omega(start%tones(1)))
+         associate (modes => start%base%modes, guess => scene%tones%omega(start%tones(1)))
             merit = modes%growth
             if (guess > 0.0_wp) merit = -abs(modes%frequency - guess)
          end associate
          reached = huge(1.0_wp)
          is_neutral = .true.
          best = 1
-         where (.not. start%rest%is_at_laws) merit = -huge(1.0_wp)
-         do k = 1, min(most_modes, count(start%rest%is_at_laws))
+         where (.not. start%base%is_at_laws) merit = -huge(1.0_wp)
+         do k = 1, min(most_modes, count(start%base%is_at_laws))
             best = maxloc(merit, dim=1)
             merit(best) = -huge(1.0_wp)
             search%modes = [best]

@@ -286,7 +286,7 @@ contains
       allocate (u(basis%harmonics%n_coefficients, balance%n_dofs), source=0.0_wp)
       if (any(scene%tones%is_unknown)) then
          call add_start(scene, basis, balance%stiffness%coordinates, u)
-         if (allocated(guess)) u = reshape(guess(:size(u)), shape(u)) - start%rest%u
+         if (allocated(guess)) u = reshape(guess(:size(u)), shape(u)) - start%base%u
          begun = wall_clock()
          call find_motion(scene, start, balance, u, search)
          report = search%report

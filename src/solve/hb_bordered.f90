@@ -77,7 +77,7 @@ contains
    !> Borders a problem. There must be as many forms as parameters.
    subroutine new_bordered_problem(self, base, which, forms, values, row)
       type(bordered_problem_t), intent(out) :: self
-      class(problem_t), intent(in), target :: base
+      class(problem_t), intent(inout), target :: base
       integer, intent(in) :: which(:)                                 !! parameters of the base problem
       real(wp), intent(in) :: forms(:, :)                             !! (unknowns of the base problem, or all; parameters)
       real(wp), intent(in) :: values(:)                               !! (parameters)

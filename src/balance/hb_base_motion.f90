@@ -3,28 +3,23 @@
 !> The balance over the tuples without unknown tones is solved first: the equilibrium, or the forced motion. The structure
 !> with the mean slopes that the laws have along it then has modes with growth rates. Rigid laws count as open.
 !> Source: docs/user/theory.md, section 6.5.
-module hb_rest
-   use hb_balance, only: balance_t, new_balance
-   use hb_coordinates, only: coordinates_t
-   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+module hb_base_motion
+   use hb_balance, only: balance_t
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t, new_harmonics
+   use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_law, only: law_box_t
-   use hb_law_coordinates, only: laws_at
    use hb_modes, only: modes_t, new_modes
    use hb_outcome, only: outcome
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: most_dense, structure_t
-   use hb_torus, only: default_samples, new_torus, torus_t
    implicit none
    private
-   public :: find_rest, rest_t
+   public :: base_motion_t, find_base_motion
 
    real(wp), parameter :: unmoved = 1.0e-8_wp                         ! motion where laws act relative to the largest of a mode
 
-   type :: rest_t
+   type :: base_motion_t
       real(wp), allocatable :: u(:, :)                                !! [m], (n_coefficients, n_dofs) in the whole set
       logical :: is_forced = .false.                                  !! it moves, other than by its mean
       type(modes_t) :: modes                                          !! shapes at the coordinates of the laws, with
@@ -32,69 +27,28 @@ module hb_rest
       logical, allocatable :: is_at_laws(:)                           !! whether a mode moves where laws act, (n_modes)
       integer :: n_linear = 0                                         !! modes themselves
       type(report_t) :: report                                        !! of the balance without unknown tones
-   end type rest_t
+   end type base_motion_t
 
 contains
 
-   !> Finds the motion and its modes. An error is a singular interior or a structure too large for all its modes.
-   subroutine find_rest(self, structure, coordinates, laws, loads, harmonics, torus, omega, is_unknown, config, effort, error)
-      type(rest_t), intent(out) :: self
+   !> Finds the motion and its modes. An error is a structure too large for all its modes, or laws without derivatives.
+   subroutine find_base_motion(self, structure, balance, harmonics, config, error)
+      type(base_motion_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
-      type(coordinates_t), intent(in) :: coordinates                  !! of the laws
-      type(law_box_t), intent(in) :: laws(:)
-      complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
+      type(balance_t), intent(inout) :: balance                       !! over the tuples without unknown tones and the zero tuple
       type(harmonics_t), intent(in) :: harmonics                      !! the whole set
-      type(torus_t), intent(in) :: torus
-      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0, any of unknown tones
-      logical, intent(in) :: is_unknown(:)                            !! (n_tones)
       type(solver_config_t), intent(in) :: config
-      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
-      type(balance_t) :: balance
-      type(harmonics_t) :: set
+      real(wp) :: u(balance%harmonics%n_coefficients, balance%n_dofs), x(size(u)), linear(size(u))
+      integer :: h, k
 
-      call make_balance()
-      if (.not. allocated(error)) call solve_balance()
-      call balance%destroy()
-
-   contains
-
-      subroutine make_balance()
-         type(dynamic_stiffness_t) :: stiffness
-         type(torus_t) :: grid
-         complex(wp), allocatable :: kept_loads(:, :)
-         integer, allocatable :: tuples(:, :), kept(:)
-         integer :: h, samples(size(omega))
-
-         kept = pack([(h, h=1, harmonics%n_harmonics)], [(all(harmonics%tuples(:, h) == 0 .or. .not. is_unknown), &
-                                                          h=1, harmonics%n_harmonics)])
-         tuples = harmonics%tuples(:, kept)
-         if (.not. harmonics%has_zero) tuples = reshape([spread(0, 1, size(omega)), reshape(tuples, [size(tuples)])], &
-                                                             [size(omega), size(kept) + 1])
-         call new_harmonics(set, tuples, error)
-         if (allocated(error)) return
-         samples = default_samples(set, 0)
-         where (.not. is_unknown) samples = max(samples, torus%n_samples)
-         call new_torus(grid, samples, set, error)
-         grid%corrects_kinks = torus%corrects_kinks
-         if (allocated(error)) return
-         allocate (kept_loads(structure%n_dofs, set%n_harmonics), source=(0.0_wp, 0.0_wp))
-         kept_loads(:, set%n_harmonics - size(kept) + 1:) = loads(:, kept)
-         call new_dynamic_stiffness(stiffness, structure, coordinates, set%frequencies(omega), kept_loads, error)
-         if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, &
-                                                     laws_at(coordinates, laws), effort, error)
-      end subroutine make_balance
-
-      subroutine solve_balance()
-         real(wp) :: u(set%n_coefficients, coordinates%n), x(set%n_coefficients*coordinates%n), linear(size(x))
-         integer :: h, k
-
-         call balance%linear_solution(u)
-         linear = reshape(u, [size(u)])
-         x = linear
-         call solve(balance, config, linear, x, self%report)
-         if (self%report%status == outcome%converged) u = reshape(x, shape(u))
-         allocate (self%u(harmonics%n_coefficients, coordinates%n), source=0.0_wp)
+      call balance%linear_solution(u)
+      linear = reshape(u, [size(u)])
+      x = linear
+      call solve(balance, config, linear, x, self%report)
+      if (self%report%status == outcome%converged) u = reshape(x, shape(u))
+      allocate (self%u(harmonics%n_coefficients, balance%n_dofs), source=0.0_wp)
+      associate (set => balance%harmonics)
          do h = 1, set%n_harmonics
             k = harmonics%index_of(set%tuples(:, h))
             if (k == 0) cycle
@@ -103,12 +57,13 @@ contains
             self%u(harmonics%sin_at(k), :) = u(set%sin_at(h), :)
             self%is_forced = self%is_forced .or. any(abs(u([set%cos_at(h), set%sin_at(h)], :)) > 0.0_wp)
          end do
-         call find_modes(u)
-      end subroutine solve_balance
+      end associate
+      call find_modes()
 
-      subroutine find_modes(u)
-         real(wp), intent(in) :: u(:, :)
-         real(wp) :: df_dq(coordinates%n, coordinates%n), df_dv(coordinates%n, coordinates%n)
+   contains
+
+      subroutine find_modes()
+         real(wp), dimension(balance%n_dofs, balance%n_dofs) :: df_dq, df_dv
          real(wp), allocatable :: damping(:, :), stiffness(:, :)
          complex(wp), allocatable :: at_laws(:, :)
 
@@ -118,7 +73,7 @@ contains
          if (allocated(error)) return
          allocate (damping, source=structure%damping)
          allocate (stiffness, source=structure%stiffness)
-         associate (dofs => coordinates%dofs)
+         associate (dofs => balance%stiffness%coordinates%dofs)
             damping(dofs, dofs) = damping(dofs, dofs) + spread_both(df_dv)
             stiffness(dofs, dofs) = stiffness(dofs, dofs) + spread_both(df_dq)
          end associate
@@ -127,19 +82,21 @@ contains
          if (allocated(error)) return
          self%n_linear = self%modes%n_modes
          call add_travelling_waves(self%modes, structure%mass)
-         at_laws = coordinates%amplitudes_of(self%modes%shapes)
+         at_laws = balance%stiffness%coordinates%amplitudes_of(self%modes%shapes)
          self%is_at_laws = maxval(abs(at_laws), dim=1) > unmoved*maxval(abs(self%modes%shapes), dim=1)
          call move_alloc(at_laws, self%modes%shapes)
       end subroutine find_modes
 
       !> Slopes at the degrees of freedom from those at the coordinates.
-      pure function spread_both(slopes) result(spread)
+      function spread_both(slopes) result(spread)
          real(wp), intent(in) :: slopes(:, :)
-         real(wp) :: spread(size(coordinates%dofs), size(coordinates%dofs))
+         real(wp), allocatable :: spread(:, :)
 
-         spread = transpose(coordinates%spread_forces(transpose(coordinates%spread_forces(slopes))))
+         associate (coordinates => balance%stiffness%coordinates)
+            spread = transpose(coordinates%spread_forces(transpose(coordinates%spread_forces(slopes))))
+         end associate
       end function spread_both
-   end subroutine find_rest
+   end subroutine find_base_motion
 
    !> Damping or driving beyond the critical leaves a mode no frequency. Where that happens all modes are those without the
    !> symmetric part of the damping, with the growth that this gives their shapes: an unknown tone with artificial damping
@@ -201,4 +158,4 @@ contains
          modes%n_modes = modes%n_modes + 1
       end subroutine append
    end subroutine add_travelling_waves
-end module hb_rest
+end module hb_base_motion
