@@ -4,7 +4,8 @@ module verb_solve
    use arguments, only: arguments_t
    use console, only: say
    use exit_status, only: incomplete, not_all_right, success
-   use hb_curve_table, only: curve_lines, note_curve_values
+   use hb_curve_request, only: curve_kind
+   use hb_curve_table, only: curve_kinds, curve_lines, note_curve_values
    use hb_error, only: error_t
    use hb_file_place, only: check_source
    use hb_interruption, only: interruption
@@ -21,6 +22,8 @@ module verb_solve
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
    use hb_sweep_plan, only: sweep_plan_t
+   use hb_switched_input, only: switched_input
+   use hb_system, only: file_kind, kind_of_file
    use hb_text, only: join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
    use hb_timing, only: timing_lines
@@ -46,6 +49,7 @@ contains
       if (.not. allocated(error)) call load_study(options, comm, study, error)
       if (allocated(error)) return
       call run(study, options, path, options%resumes, comm, status, error)
+      if (.not. allocated(error)) call run_switched(study, options, path, comm, status, error)
    end subroutine run_solve
 
    !> Runs the verb `resume`; an exit status without an error.
@@ -60,6 +64,7 @@ contains
       call load_stored_study(options%input, comm, study, error)
       if (allocated(error)) return
       call run(study, options, options%input, .true., comm, status, error)
+      if (.not. allocated(error)) call run_switched(study, options, options%input, comm, status, error)
    end subroutine run_resume
 
    subroutine run(study, options, path, resumes, comm, status, error)
@@ -98,6 +103,62 @@ contains
       if (rank_of(comm) == 0 .and. status == incomplete) write (error_unit, "(a)") "nhbm: "//reason(summary)//": "// &
          to_text(summary%n_left)//" points are left; nhbm resume "//path//" solves them"
    end subroutine run
+
+   !> Follows the motions that leave the curves of a finished run, each in a result file of its own, if the input asks for that.
+   subroutine run_switched(study, options, path, comm, status, error)
+      type(study_t), intent(in) :: study
+      type(arguments_t), intent(in) :: options
+      character(*), intent(in) :: path                                !! of the result file
+      type(comm_t), intent(in) :: comm
+      integer, intent(inout) :: status
+      type(error_t), allocatable, intent(out) :: error
+      type(sweep_plan_t) :: plan
+      integer, allocatable :: kinds(:)
+      integer :: i, its_status
+
+      if (.not. allocated(study%plan%curve) .or. status == incomplete) return
+      if (.not. study%plan%curve%switches) return
+      plan = study%plan
+      call note_curve_values(path, plan, error)
+      if (.not. allocated(error)) call curve_kinds(path, plan%n_points, kinds, error)
+      if (allocated(error)) return
+      do i = 1, size(kinds)
+         if (.not. any(kinds(i) == [curve_kind%flip, curve_kind%torus])) cycle
+         call run_one(i, kinds(i) == curve_kind%torus)
+         if (allocated(error)) return
+         status = max(status, its_status)
+      end do
+
+   contains
+
+      subroutine run_one(point, is_torus)
+         integer, intent(in) :: point                                 ! from 1
+         logical, intent(in) :: is_torus
+         type(study_t) :: switched
+         type(string_t), allocatable :: overrides(:)
+         character(:), allocatable :: place, text, where
+         logical :: is_there
+
+         its_status = success
+         where = path//"_"//to_text(point - 1)//".h5"
+         if (index(path, ".h5", back=.true.) == len(path) - 2) &
+            where = path(:len(path) - 3)//"_"//to_text(point - 1)//".h5"
+         place = "point "//to_text(point - 1)//" of "//path
+         is_there = kind_of_file(where) /= file_kind%none .and. .not. options%overwrite
+         if (is_there) then                                           ! its own input names this file as it was named then
+            call load_stored_study(where, comm, switched, error)
+         else
+            call switched_input(study, plan, path, point, is_torus, text, overrides, error)
+            if (.not. allocated(error)) call new_study(switched, place, text, overrides, error, memory_share(comm))
+         end if
+         if (allocated(error)) then                                   ! the curve itself is there
+            if (rank_of(comm) == 0) call say(place//" was not switched: "//error%message)
+            deallocate (error)
+         else
+            call run(switched, options, where, is_there, comm, its_status, error)
+         end if
+      end subroutine run_one
+   end subroutine run_switched
 
    !> How many points there are, or how many there is room for.
    function room_text(study) result(text)

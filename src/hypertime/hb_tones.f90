@@ -15,6 +15,7 @@ module hb_tones
       integer :: n_tones = 0
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones), > 0 of given tones
       logical, allocatable :: is_unknown(:)                           !! (n_tones)
+      integer :: subharmonic = 1                                      !! omega are the frequencies of the input divided by it
    end type tones_t
 
 contains

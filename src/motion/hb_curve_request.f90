@@ -1,5 +1,6 @@
 !> What a curve of motions is asked for, and what its points are.
 module hb_curve_request
+   use hb_curve_origin, only: curve_origin_t
    use hb_kinds, only: wp
    use hb_response, only: response_t
    use hb_scene_problem, only: moving_value_t
@@ -35,5 +36,7 @@ module hb_curve_request
       integer :: n_points = 0                                         !! at most
       logical :: switches = .false.                                   !! at branch points: the other curve is followed as well
       type(response_t), allocatable :: peaks(:)                       !! whose maxima are looked for
+      type(curve_origin_t), allocatable :: origin                     !! if given: where the curve leaves another one, in place
+                                                                      !! of a first motion at `start`
    end type curve_request_t
 end module hb_curve_request

@@ -9,13 +9,14 @@
 module hb_motion_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_basis, only: whole_basis
-   use hb_bifurcation, only: bifurcation, bifurcation_value, is_torus
+   use hb_bifurcation, only: angle_of_pair, bifurcation, bifurcation_value, is_torus
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_clock, only: wall_clock
    use hb_curve, only: curve_config_t, curve_t, event_t, new_curve
    use hb_curve_conditions, only: is_mirrored, set_conditions
    use hb_curve_events, only: bifurcation_event_t, branch_event_t, find_multipliers, fold_event_t, peak_event_t, sharp, slope_at, &
       square_at, value_event_t
+   use hb_curve_origin, only: find_direction
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -43,6 +44,7 @@ module hb_motion_curve
    real(wp), parameter :: least_motion = 1.0e-3_wp                    ! relative to the linear one: smaller is no unit of length
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
    integer, parameter :: most_corrections = 10
+   real(wp), parameter :: first_part = 0.02_wp                        ! of the motion: other ones where they leave a curve
 
    !> Where another curve crosses.
    type :: origin_t
@@ -68,6 +70,7 @@ module hb_motion_curve
                                                                       ! branch point, along the other curve
       type(origin_t), allocatable, private :: origins(:)              ! branch points met on the ways from the start
       real(wp), allocatable, private :: x_first(:)                    ! the start itself
+      real(wp), allocatable, private :: first_direction(:)            ! there, where the curve leaves another one
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first way
       real(wp), private :: length = 0.0_wp                            ! of this way so far
       real(wp), allocatable, private :: x_start(:), direction_start(:)
@@ -124,6 +127,10 @@ contains
 
       self%request = request
       self%watch => watch
+      if (allocated(request%origin)) then
+         call begin_at_origin(self, scene, document, available_memory, result, error)
+         return
+      end if
       call solve_motion(scene, result, error, unknowns=unknowns, watch=watch, judge=judge)
       self%is_done = allocated(error) .or. .not. allocated(unknowns)
       if (self%is_done) return
@@ -139,6 +146,81 @@ contains
       result%curve = curve_place_t(curve_kind%start, request%start, 0.0_wp, 0, state_of(self))
       self%is_done = self%n_told >= request%n_points
    end subroutine motion_curve_begin
+
+   !> Begins where the curve leaves another one, a small way along it: at the very point the tangent has no inverse.
+   subroutine begin_at_origin(self, scene, document, available_memory, result, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene
+      type(document_t), intent(in) :: document
+      real(wp), intent(in) :: available_memory                        !! bytes
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      logical :: is_found
+
+      call prepare(self, scene, document, available_memory, self%request%origin%further, error)
+      self%is_done = allocated(error)
+      if (self%is_done) return
+      call find_first(self, is_found)
+      if (.not. is_found) then
+         result%status = outcome%stalled
+         result%message = "next to the point where it leaves the other curve no motion was found"
+         self%is_done = .true.
+         return
+      end if
+      call set_out(self)
+      call put_start(self)
+      call self%tell(self%waiting(1), result, error)
+      self%first_waiting = 2
+      self%n_told = 1
+      self%is_done = allocated(error) .or. self%n_told >= self%request%n_points
+   end subroutine begin_at_origin
+
+   !> The first motion of a curve that leaves another one, and the direction there.
+   subroutine find_first(self, is_found)
+      class(motion_curve_t), intent(inout), target :: self
+      logical, intent(out) :: is_found
+      type(solver_config_t) :: corrector
+      type(bordered_problem_t) :: bordered
+      type(report_t) :: report
+      real(wp) :: across(self%problem%n_unknowns), joined
+      logical :: is_possible
+
+      associate (origin => self%request%origin, n => self%problem%n_unknowns, n_which => size(self%which))
+         self%x_first = [origin%u, origin%further]
+         call move(self, self%x_first, is_possible)
+         is_found = is_possible
+         if (.not. is_found) return
+         joined = 0.0_wp
+         if (origin%is_torus) joined = self%x_first(n + n_which - 1)
+         call find_direction(self%problem, origin, joined, across, is_found)
+         if (.not. is_found) return
+         if (origin%is_torus) self%x_first(n + n_which - 1) = joined
+         across = across/norm2(across/self%weights)*norm2(self%x_first(:n)/self%weights)
+         self%first_direction = [across, spread(0.0_wp, 1, n_which)]
+         self%x_first = self%x_first + first_part*self%first_direction
+         call new_bordered_problem(bordered, self%problem, self%which, spread(self%first_direction/[self%weights, &
+            self%problem%parameter_scales(self%which)]**2, 2, n_which), spread(0.0_wp, 1, n_which))
+         self%curve%x = self%x_first
+         self%curve%problem = bordered
+         call set_conditions(self%problem, self%which, self%curve, self%weights)
+         self%curve%problem%values = matmul(self%x_first, self%curve%problem%forms)
+         call self%curve%problem%rescale()
+         corrector = self%problem%scene%solver
+         call solve_newton(self%curve%problem, corrector, self%x_first, report)
+         is_found = report%status == outcome%converged
+      end associate
+   end subroutine find_first
+
+   !> The list of points that wait is the start of this way alone.
+   subroutine put_start(self)
+      class(motion_curve_t), intent(inout) :: self
+
+      if (allocated(self%waiting)) deallocate (self%waiting)
+      allocate (self%waiting(1))
+      self%waiting(1)%kind = curve_kind%start
+      self%waiting(1)%x = self%x_start
+      self%first_waiting = 1
+   end subroutine put_start
 
    !> The problem of the curve, at its start.
    subroutine prepare(self, scene, document, available_memory, further, error)
@@ -197,6 +279,7 @@ contains
       self%x_start = self%x_first
       direction = 0.0_wp
       direction(size(direction)) = self%first_sense*sense_of(self)
+      if (allocated(self%first_direction)) direction = self%first_direction
       if (self%way > 2) then
          self%x_start = self%origins((self%way - 1)/2)%x
          direction = self%origins((self%way - 1)/2)%direction
@@ -312,6 +395,7 @@ contains
       self%is_done = allocated(error)
       if (self%is_done) return
       self%x_first = stored(1)%state(:n)
+      if (allocated(request%origin)) self%first_direction = stored(1)%state(n + 1:2*n)
       do i = 2, size(stored)
          if (stored(i)%kind == curve_kind%branch .and. stored(i)%branch == 0 .and. request%switches) &
             call note_origin(self, stored(i)%state(:2*n))
@@ -414,15 +498,12 @@ contains
       self%is_closed = .false.
       self%way = self%way + 1
       if (self%way == 2 .and. .not. is_inside(self%request, self%request%start)) self%way = 3
+      if (self%way == 2 .and. allocated(self%request%origin)) self%way = 3   ! the other way has the same motions, shifted
       self%is_done = self%way > 2*(1 + size(self%origins))
       if (self%is_done) return
       call set_out(self)
       if (self%way <= 2) return
-      deallocate (self%waiting)
-      allocate (self%waiting(1))
-      self%waiting(1)%kind = curve_kind%start
-      self%waiting(1)%x = self%x_start
-      self%first_waiting = 1
+      call put_start(self)
    end subroutine leave
 
    !> Adds a branch point to those from which other curves are followed.
@@ -753,6 +834,8 @@ contains
       else if (point%kind == curve_kind%branch) then
          result%curve%state = [point%x, self%curve%direction]
          if (self%request%switches .and. self%way <= 2) call note_origin(self, result%curve%state)
+      else if (any(point%kind == [curve_kind%flip, curve_kind%torus]) .and. allocated(result%stability%multipliers)) then
+         result%curve%state = [point%x, self%curve%direction, angle_of_pair(result%stability%multipliers)]
       end if
    end subroutine motion_curve_tell
 

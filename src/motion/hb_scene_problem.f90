@@ -92,7 +92,7 @@ contains
       self%omega_at_zero = scene%tones%omega
       if (self%group == "tones") then
          tone = max(1, moving%parameter%element(1))
-         self%omega_slopes(tone) = merge(two_pi, 1.0_wp, moving%parameter%key == "hertz")
+         self%omega_slopes(tone) = merge(two_pi, 1.0_wp, moving%parameter%key == "hertz")/scene%tones%subharmonic
          self%omega_at_zero(tone) = 0.0_wp
          if (moving%is_tied) then
             self%omega_slopes = self%omega_slopes(tone)*(scene%tones%omega/scene%tones%omega(tone))

@@ -12,7 +12,7 @@ module hb_scene_tones
 
 contains
 
-   !> Reads `&tones`: `frequency` [rad/s] or `hertz`, and which of them are `unknown`.
+   !> Reads `&tones`: `frequency` [rad/s] or `hertz`, which of them are `unknown`, and by what they are divided (`subharmonic`).
    subroutine read_tones(self, document, error)
       type(tones_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
@@ -20,6 +20,7 @@ contains
       type(properties_t), pointer :: group
       real(wp), allocatable :: omega(:)
       logical, allocatable :: is_unknown(:)
+      integer :: subharmonic
 
       call document%required_group("tones", group, error)
       if (allocated(error)) return
@@ -59,9 +60,13 @@ contains
                                "must be greater than 0; only for an unknown tone 0 says that there is no first guess")
          end if
       end if
+      subharmonic = 1
+      call group%get("subharmonic", subharmonic, minimum=1, maximum=1000)
+      if (allocated(omega)) omega = omega/subharmonic
       call group%finish(error)
       if (allocated(error)) return
       call new_tones(self, omega, error, is_unknown)
+      self%subharmonic = subharmonic
       if (allocated(error)) call annotate(error, group%place())
    end subroutine read_tones
 end module hb_scene_tones

@@ -10,7 +10,7 @@ module hb_bifurcation
    use hb_kinds, only: wp
    implicit none
    private
-   public :: bifurcation, bifurcation_value, is_torus
+   public :: angle_of_pair, bifurcation, bifurcation_value, is_torus
 
    type :: bifurcation_t
       integer :: branch = 1                                           !! a multiplier 1
@@ -49,17 +49,25 @@ contains
    !> Whether the two multipliers whose product is closest to 1 are a complex pair.
    pure logical function is_torus(multipliers)
       complex(wp), intent(in) :: multipliers(:)
+
+      is_torus = angle_of_pair(multipliers) > 0.0_wp
+   end function is_torus
+
+   !> Angle [rad] of the complex one of the two multipliers whose product is closest to 1; 0 where these are real.
+   pure real(wp) function angle_of_pair(multipliers) result(angle)
+      complex(wp), intent(in) :: multipliers(:)
       real(wp) :: least
       integer :: i, k
 
-      is_torus = .false.
+      angle = 0.0_wp
       least = huge(1.0_wp)
       do i = 1, size(multipliers)
          do k = 1, i - 1
             if (abs(1.0_wp - multipliers(i)*multipliers(k)) >= least) cycle
             least = abs(1.0_wp - multipliers(i)*multipliers(k))
-            is_torus = abs(aimag(multipliers(i))) > 0.0_wp
+            angle = 0.0_wp
+            if (abs(aimag(multipliers(i))) > 0.0_wp) angle = abs(atan2(aimag(multipliers(i)), real(multipliers(i))))
          end do
       end do
-   end function is_torus
+   end function angle_of_pair
 end module hb_bifurcation

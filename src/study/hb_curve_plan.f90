@@ -7,6 +7,7 @@ module hb_curve_plan
    use hb_properties, only: properties_t
    use hb_response, only: new_response
    use hb_scene, only: scene_t
+   use hb_stored_origin, only: read_curve_origin
    use hb_text, only: lower, shown, string_t, to_text
    implicit none
    private
@@ -26,7 +27,10 @@ module hb_curve_plan
       real(wp), allocatable :: values(:)                              !! to be met exactly
       type(string_t), allocatable :: peak_of(:)
       real(wp) :: longest_step = 0.04_wp
-      logical :: switches = .false.                                   !! curves that cross are followed as well
+      logical :: switches = .false.                                   !! curves that cross or leave are followed as well
+      character(:), allocatable :: origin                             !! result file from whose point the curve leaves; empty: none
+      integer :: origin_point = 0                                     !! from 0
+      integer, allocatable :: torus_order(:)                          !! of the set of a torus that leaves the curve; none: chosen
       character(:), allocatable :: tie
       real(wp), allocatable :: ratios(:)                              !! of all tones to the one that moves, if these are tied
    contains
@@ -63,6 +67,11 @@ contains
       call group%get("peak_of", self%peak_of)
       call group%get("tie", self%tie, choices=ties)
       call group%get("switch", self%switches)
+      self%origin = ""
+      call group%get("origin", self%origin)
+      if (len(self%origin) > 0) call group%get("origin_point", self%origin_point, required=.true., minimum=0)
+      allocate (self%torus_order(0))
+      call group%get("torus_order", self%torus_order, minimum=0, n=2)
       if (group%given("from") .and. group%given("to")) then
          if (.not. abs(self%to - self%from) > 0.0_wp) call group%problem("to", "is the same as 'from': there is no way to go")
          if ((self%start - self%from)*(self%start - self%to) > 0.0_wp) &
@@ -132,6 +141,15 @@ contains
       request%longest_step = self%longest_step
       request%n_points = self%n_points
       request%switches = self%switches
+      if (len(self%origin) > 0) then
+         allocate (request%origin)
+         call read_curve_origin(request%origin, self%origin, self%origin_point, scene, error)
+         if (allocated(error)) then
+            error%message = self%place//": origin: "//error%message
+            return
+         end if
+         request%start = request%origin%further(size(request%origin%further))
+      end if
       allocate (request%peaks(size(self%peak_of)))
       do i = 1, size(self%peak_of)
          call new_response(request%peaks(i), self%peak_of(i)%value, scene, error)

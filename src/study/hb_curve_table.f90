@@ -10,7 +10,7 @@ module hb_curve_table
    use hb_text, only: to_text
    implicit none
    private
-   public :: curve_lines, note_curve_values
+   public :: curve_kinds, curve_lines, note_curve_values
 
    integer, parameter :: most_lines = 60
 
@@ -34,6 +34,24 @@ contains
       if (.not. allocated(error)) call dataset%read(plan%curve_values, error)
       call file%close(error_in_close)
    end subroutine note_curve_values
+
+   !> What the points of curves in a file are.
+   subroutine curve_kinds(path, n_points, kinds, error)
+      character(*), intent(in) :: path
+      integer, intent(in) :: n_points
+      integer, allocatable, intent(out) :: kinds(:)                   !! (n_points)
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
+      type(h5_file_t) :: file
+      type(h5_dataset_t) :: dataset
+
+      allocate (kinds(n_points), source=curve_kind%none)
+      call open_file(file, path, error)
+      if (allocated(error)) return
+      call file%open_dataset("curve_kind", dataset, error)
+      if (.not. allocated(error)) call dataset%read(kinds, error)
+      call file%close(error_in_close)
+   end subroutine curve_kinds
 
    !> A line for each special point: what it is, its values, its number. `plan` has the values of the curve.
    subroutine curve_lines(path, plan, lines, error)

@@ -168,3 +168,29 @@ def test_what_is_wrong_with_a_curve_is_said(tmp_path, keys, says):
     assert done.status == BAD_INPUT and says in done.stderr, done.stderr
     assert re.search(r"bad.nml:[89]: ", done.stderr), done.stderr
     assert not (tmp_path / "bad.h5").exists()
+
+
+def test_doubled_motions_are_followed_in_a_file_of_their_own(tmp_path):
+    """Ueda's oscillator at B = 5: amplitudes by shooting (DOP853 at 3e-14)."""
+    text = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 0.0,
+   damping_mass = 0.1 /
+&tones frequency = 1.0 /
+&harmonics order = 21 /
+&load dof = 'x1', tuple = 1, cos = 0.01 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 1.0 /
+&curve parameter = 'load(1)%cos', from = 0.01, to = 5.2, values = 5.0, switch = .true., points = 500 /
+"""
+    path = solve(text, tmp_path)
+    with Results(path) as results:
+        (flip, other) = results.select({"curve_kind": "flip"})
+        assert results.curve.values[flip] == pytest.approx(4.8760911500, rel=1e-8)
+    doubled = path.with_name(f"{path.stem}_{flip}.h5")
+    with Results(doubled) as results:
+        (at_value,) = results.select({"curve_kind": "value"})
+        found = [results.amplitude(at_value, "x1", (j,)) for j in (1, 2, 3, 4)]
+        np.testing.assert_allclose(found, [0.02060777, 1.81210552, 0.06220297, 0.74272815], rtol=0, atol=2e-8)
+        assert results.stability()[at_value] == 1
+    before = read(doubled, "coefficients")
+    assert run("resume", path.name, cwd=tmp_path).status == ALL_CONVERGED
+    assert read(doubled, "coefficients")[0].tobytes() == before[0].tobytes()

@@ -1,0 +1,153 @@
+!> Where a curve of other motions leaves the one on which it was found: at a period doubling, or where a tone joins.
+!>
+!> The motion there is one of the wider set as well, whose further harmonics are zero; the tangent of the balance by these has a
+!> null vector, the direction of the other motions, which inverse iteration finds. A tone that joins has the frequency that the
+!> multipliers tell but for a multiple of the tone that is there: the one is taken that makes its fundamental the largest.
+!> Source: docs/user/theory.md, section 6.7.
+module hb_curve_origin
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_error, only: error_t, fail
+   use hb_harmonics, only: harmonics_t, new_harmonics
+   use hb_kinds, only: two_pi, wp
+   use hb_scene, only: scene_t
+   use hb_scene_problem, only: scene_problem_t
+   use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   implicit none
+   private
+   public :: curve_origin_t, find_direction, new_curve_origin
+
+   integer, parameter :: n_rounds = 4                                 ! of inverse iteration
+
+   type :: curve_origin_t
+      logical :: is_torus = .false.                                   !! a tone joins, the last one; else the period doubles
+      integer :: multiple = 1                                         !! of entries of tuples: 2 where the period doubles
+      real(wp), allocatable :: u(:, :)                                !! motion in the wider set, (n_coefficients, n_coordinates)
+      real(wp), allocatable :: further(:)                             !! frequencies of unknown tones there, and the value
+   end type curve_origin_t
+
+contains
+
+   !> Takes the motion of a point on another curve over into the set of a scene. Fails where the state is not that of such a point.
+   subroutine new_curve_origin(self, is_torus, state, tuples, scene, error)
+      type(curve_origin_t), intent(out) :: self
+      logical, intent(in) :: is_torus                                 !! else the period doubles
+      real(wp), intent(in) :: state(:)                                !! as hb_motion_curve stores it: unknowns, direction, angle
+      integer, intent(in) :: tuples(:, :)                             !! on the other curve, (its tones, its harmonics)
+      type(scene_t), intent(in) :: scene                              !! with the wider set
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: other
+      real(wp), allocatable :: old(:, :)
+      integer :: h, k, n, n_coordinates, n_further
+
+      call new_harmonics(other, tuples, error)
+      if (allocated(error)) return
+      self%is_torus = is_torus
+      self%multiple = merge(1, 2, is_torus)
+      n_further = 1 + count(scene%tones%is_unknown) - merge(1, 0, is_torus)
+      n = (findloc(ieee_is_finite(state), .true., dim=1, back=.true.) - 1)/2
+      n_coordinates = (n - n_further)/other%n_coefficients
+      if (n_coordinates < 1 .or. n /= n_coordinates*other%n_coefficients + n_further .or. &
+          scene%harmonics%n_tones /= other%n_tones + merge(1, 0, is_torus)) then
+         call fail(error, "its motion does not fit the tones, harmonics and laws of this input")
+         return
+      end if
+      old = reshape(state(:n - n_further), [other%n_coefficients, n_coordinates])
+      associate (set => scene%harmonics)
+         allocate (self%u(set%n_coefficients, n_coordinates), source=0.0_wp)
+         do h = 1, other%n_harmonics
+            if (is_torus) then
+               k = set%index_of([other%tuples(:, h), 0])
+            else
+               k = set%index_of(2*other%tuples(:, h))
+            end if
+            if (k == 0) cycle
+            self%u(set%cos_at(k), :) = old(other%cos_at(h), :)
+            if (other%sin_at(h) > 0) self%u(set%sin_at(k), :) = old(other%sin_at(h), :)
+         end do
+      end associate
+      associate (found => state(n - n_further + 1:n - 1), value => state(n), angle => state(2*n + 1))
+         if (is_torus) then
+            self%further = [found, angle/two_pi*merge(found(1), scene%tones%omega(1), scene%tones%is_unknown(1)), value]
+         else
+            self%further = [0.5_wp*found, value]
+         end if
+      end associate
+   end subroutine new_curve_origin
+
+   !> Direction of the other motions at the origin, where the problem stands; it has the frequency `joined` of a tone that joins,
+   !> which may become another one.
+   subroutine find_direction(problem, origin, joined, direction, is_found)
+      type(scene_problem_t), intent(inout) :: problem
+      type(curve_origin_t), intent(in) :: origin
+      real(wp), intent(inout) :: joined                               !! [rad/s]; without one it stays
+      real(wp), intent(out) :: direction(:)                           !! of largest entry 1 in units of x_scale
+      logical, intent(out) :: is_found
+      integer :: h, i, largest
+      real(wp) :: amplitude, most, u(size(origin%u, 1), size(origin%u, 2))
+      logical :: is_possible
+
+      call iterate(problem, origin, direction, is_found)
+      if (.not. (origin%is_torus .and. is_found)) return
+      associate (set => problem%scene%harmonics)
+         u = reshape(direction/problem%x_scale, shape(u))
+         most = -1.0_wp
+         largest = 0
+         do h = 1, set%n_harmonics
+            if (abs(set%tuples(set%n_tones, h)) /= 1) cycle
+            amplitude = sum([(abs(set%amplitude(u(:, i), h))**2, i=1, size(u, 2))])
+            if (amplitude <= most) cycle
+            most = amplitude
+            largest = h
+         end do
+         if (all(set%tuples(:set%n_tones - 1, largest) == 0)) return
+         joined = abs(dot_product(problem%balance%omega, real(set%tuples(:, largest), wp)))
+         call problem%set_parameters([set%n_tones], [joined], is_possible)
+         is_found = is_possible
+      end associate
+      if (is_found) call iterate(problem, origin, direction, is_found)
+   end subroutine find_direction
+
+   !> Inverse iteration among the harmonics that the origin does not have.
+   subroutine iterate(problem, origin, direction, is_found)
+      type(scene_problem_t), intent(inout) :: problem
+      type(curve_origin_t), intent(in) :: origin
+      real(wp), intent(out) :: direction(:)
+      logical, intent(out) :: is_found
+      real(wp), parameter :: nearby = 1.0e-9_wp                       ! where the tangent is not singular to the last digit
+      type(tangent_solver_t) :: solver
+      logical :: is_further(size(origin%u, 1)), is_singular
+      logical, allocatable :: mask(:)
+      real(wp) :: x(size(origin%u))
+      integer :: h, i
+
+      associate (set => problem%scene%harmonics)
+         is_further = .false.
+         do h = 1, set%n_harmonics
+            if (origin%is_torus) then
+               if (set%tuples(set%n_tones, h) == 0) cycle
+            else if (all(modulo(set%tuples(:, h), 2) == 0)) then
+               cycle
+            end if
+            is_further([set%cos_at(h), set%sin_at(h)]) = .true.
+         end do
+      end associate
+      mask = reshape(spread(is_further, 2, size(origin%u, 2)), [size(origin%u)])
+      x = reshape(origin%u, [size(x)])
+      call new_tangent_solver(solver, problem, x, is_singular)
+      if (is_singular) then
+         x = (1.0_wp + nearby)*x
+         call new_tangent_solver(solver, problem, x, is_singular)
+      end if
+      is_found = .not. is_singular
+      direction = merge(cos([(real(i, wp), i=1, size(x))]), 0.0_wp, mask)
+      do i = 1, n_rounds
+         if (.not. is_found) return
+         direction = direction*problem%r_scale                        ! as a residual
+         call solver%solve(problem, direction, is_singular)
+         direction = merge(direction/problem%x_scale, 0.0_wp, mask)
+         is_found = .not. is_singular .and. maxval(abs(direction)) > 0.0_wp
+         if (is_found) direction = direction/maxval(abs(direction))
+      end do
+      direction = direction*problem%x_scale
+   end subroutine iterate
+end module hb_curve_origin

@@ -1,0 +1,65 @@
+!> A point of a result file where other motions leave a curve, as the origin of a curve of these.
+module hb_stored_origin
+   use hb_curve_origin, only: curve_origin_t, new_curve_origin
+   use hb_curve_request, only: curve_kind
+   use hb_error, only: error_t, fail
+   use hb_file_place, only: check_source
+   use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
+   use hb_kinds, only: wp
+   use hb_scene, only: scene_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: read_curve_origin
+
+contains
+
+   !> Reads the point; fails where it is neither a period doubling nor a place where a tone joins, or does not fit the scene.
+   subroutine read_curve_origin(self, path, point, scene, error)
+      type(curve_origin_t), intent(out) :: self
+      character(*), intent(in) :: path                                !! of the file
+      integer, intent(in) :: point                                    !! from 0
+      type(scene_t), intent(in) :: scene                              !! of the new curve
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error_in_close
+      type(h5_file_t) :: file
+      type(h5_dataset_t) :: dataset
+      integer, allocatable :: extents(:), kind(:), tuples(:, :)
+      real(wp), allocatable :: state(:, :)
+
+      call check_source(path, error)
+      if (allocated(error)) return
+      call open_file(file, path, error)
+      if (.not. allocated(error)) call read_all()
+      call file%close(error_in_close)
+      if (.not. allocated(error)) then
+         if (.not. any(kind(1) == [curve_kind%flip, curve_kind%torus])) then
+            call fail(error, "it is neither a 'flip' nor a 'torus'; 'nhbm info' and 'nhbm-post peaks' list those")
+         else
+            call new_curve_origin(self, kind(1) == curve_kind%torus, state(:, 1), tuples, scene, error)
+         end if
+      end if
+      if (allocated(error)) error%message = "point "//to_text(point)//" of '"//path//"': "//error%message
+
+   contains
+
+      subroutine read_all()
+         call file%open_dataset("tuple", dataset, error)
+         if (allocated(error)) return
+         extents = dataset%get_extents()
+         allocate (tuples(extents(1), extents(2)))
+         call dataset%read(tuples, error)
+         if (.not. allocated(error)) call file%open_dataset("curve_state", dataset, error)
+         if (allocated(error)) return
+         extents = dataset%get_extents()
+         if (point + 1 > extents(2)) then
+            call fail(error, "the file has "//to_text(extents(2))//" points")
+            return
+         end if
+         allocate (state(extents(1), 1), kind(1))
+         call dataset%read_rows(point + 1, state, error)
+         if (.not. allocated(error)) call file%open_dataset("curve_kind", dataset, error)
+         if (.not. allocated(error)) call dataset%read_rows(point + 1, kind, error)
+      end subroutine read_all
+   end subroutine read_curve_origin
+end module hb_stored_origin

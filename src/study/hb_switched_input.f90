@@ -1,0 +1,187 @@
+!> The input of motions that leave a curve: of the doubled period at a flip, or with a tone of their own where a torus begins.
+!>
+!> It is the complete input of the curve at the point, with other tones, harmonics and tuples, and the point as its origin: an
+!> input as any other, whose run has a result file of its own.
+module hb_switched_input
+   use hb_document, only: document_t
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: two_pi, wp
+   use hb_model_file, only: model_file_t
+   use hb_namelist, only: complete_text
+   use hb_properties, only: properties_t
+   use hb_scene, only: scene_t
+   use hb_scene_reader, only: read_scene
+   use hb_study, only: study_t
+   use hb_sweep_plan, only: sweep_plan_t
+   use hb_text, only: quote, string_t, to_text
+   use hb_truncation, only: read_truncation, truncation_t
+   implicit none
+   private
+   public :: switched_input
+
+   integer, parameter :: torus_orders(2) = [12, 7]                    ! highest of the tone that is there and of the one that joins
+
+contains
+
+   !> Gives text and overrides of the input. Fails where the curve has a set or a law for which that is not known.
+   subroutine switched_input(study, plan, path, point, is_torus, text, overrides, error)
+      type(study_t), intent(in) :: study                              !! of the curve
+      type(sweep_plan_t), intent(in) :: plan                          !! with the values along it
+      character(*), intent(in) :: path                                !! of its result file
+      integer, intent(in) :: point                                    !! from 1
+      logical, intent(in) :: is_torus                                 !! else the period doubles
+      character(:), allocatable, intent(out) :: text
+      type(string_t), allocatable, intent(out) :: overrides(:)        !! path=value
+      type(error_t), allocatable, intent(out) :: error
+      type(document_t), target :: document
+      type(properties_t), pointer :: group
+      type(scene_t) :: scene
+      type(truncation_t) :: truncation
+      character(:), allocatable :: key
+      integer, allocatable :: samples(:)
+      integer :: i, k
+      character(5), parameter :: with_tuples(2) = [character(5) :: "load", "start"]
+
+      document = study%document
+      call plan%apply(point, document)
+      call read_scene(scene, document, error, study%available_memory, model_file_t())
+      if (allocated(error)) return
+      text = without_sweeps(complete_text(document))
+      allocate (overrides(0))
+      call document%begin()
+      call read_truncation(truncation, document, scene%tones%n_tones, error)
+      if (allocated(error)) return
+      if (.not. allocated(truncation%order)) then
+         call fail(error, "&harmonics set = 'list' says nothing of the other motions; use a box or a diamond")
+      else if (is_torus .and. scene%tones%n_tones > 1) then
+         call fail(error, "the motion has several tones")
+      else if (.not. is_torus .and. any([(scene%laws(i)%law%phase_tone > 0, i=1, size(scene%laws))])) then
+         call fail(error, "a law turns with a tone")
+      end if
+      if (allocated(error)) return
+      if (is_torus) then
+         group => document%group("tones", 1)
+         key = trim(merge("hertz    ", "frequency", group%given("hertz")))
+         call add("tones%"//key, input_frequency(scene, key)//", 0.0")
+         call add("tones%unknown", to_text(scene%tones%is_unknown(1))//", .true.")
+         if (size(plan%curve%torus_order) == 2) then
+            call add("harmonics%order", as_list(plan%curve%torus_order))
+            call add("harmonics%set", "'box'")
+         else if (truncation%set == "box") then
+            call add("harmonics%order", as_list(min([truncation%order, truncation%order], torus_orders)))
+         end if
+         call add("certificate%improvement_steps", "0")
+      else
+         call add("tones%subharmonic", to_text(2*scene%tones%subharmonic))
+         if (truncation%set == "diamond") then
+            call add("harmonics%order", to_text(2*truncation%order(1)))
+         else
+            call add("harmonics%order", as_list(2*truncation%order))
+         end if
+      end if
+      call add("harmonics%odd_only", ".false.")
+      call add("harmonics%symmetry", "'none'")
+      group => document%optional_group("sampling")
+      samples = [0]
+      call group%get("samples", samples, minimum=0)
+      if (is_torus) then
+         call add("sampling%samples", as_list([samples(1), 0]))
+      else
+         call add("sampling%samples", as_list(2*samples))
+      end if
+      do k = 1, size(with_tuples)
+         do i = 1, document%count(trim(with_tuples(k)))
+            group => document%group(trim(with_tuples(k)), i)
+            if (allocated(samples)) deallocate (samples)
+            call group%get("tuple", samples)
+            call add(trim(with_tuples(k))//"("//to_text(i)//")%tuple", as_list(taken_over(samples, is_torus)))
+         end do
+      end do
+      if (is_torus .and. index(plan%curve%path, "(") == 0 .and. index(plan%curve%path, "tones%") == 1) &
+         call add("curve%parameter", quote(plan%curve%path//"(1)"))
+      if (size(plan%curve%peak_of) > 0) then
+         key = ""
+         do i = 1, size(plan%curve%peak_of)
+            if (i > 1) key = key//", "
+            key = key//quote(response_text(plan%curve%peak_of(i)%value, is_torus))
+         end do
+         call add("curve%peak_of", key)
+      end if
+      call add("curve%origin", quote(path))
+      call add("curve%origin_point", to_text(point - 1))
+      call add("curve%switch", ".false.")
+
+   contains
+
+      subroutine add(where, what)
+         character(*), intent(in) :: where, what
+
+         overrides = [overrides, string_t(where//"="//what)]
+      end subroutine add
+   end subroutine switched_input
+
+   !> The frequency of the first tone as the input has it.
+   function input_frequency(scene, key) result(text)
+      type(scene_t), intent(in) :: scene
+      character(*), intent(in) :: key
+      character(:), allocatable :: text
+
+      text = to_text(scene%tones%omega(1)*scene%tones%subharmonic/merge(two_pi, 1.0_wp, key == "hertz"))
+   end function input_frequency
+
+   !> A tuple among the harmonics of the other motions.
+   pure function taken_over(tuple, is_torus) result(other)
+      integer, intent(in) :: tuple(:)
+      logical, intent(in) :: is_torus
+      integer, allocatable :: other(:)
+
+      if (is_torus) then
+         other = [tuple, 0]
+      else
+         other = 2*tuple
+      end if
+   end function taken_over
+
+   !> The name of a response with its tuple among those harmonics.
+   function response_text(name, is_torus) result(text)
+      character(*), intent(in) :: name
+      logical, intent(in) :: is_torus
+      character(:), allocatable :: text
+      integer :: bracket, i, status
+      integer, allocatable :: tuple(:)
+
+      text = name
+      bracket = index(name, "(")
+      if (bracket == 0) return
+      allocate (tuple(1 + count([(name(i:i) == ",", i=bracket, len(name))])))
+      read (name(bracket + 1:index(name, ")") - 1), *, iostat=status) tuple
+      if (status == 0) text = name(:bracket)//as_list(taken_over(tuple, is_torus))//")"
+   end function response_text
+
+   pure function as_list(numbers) result(text)
+      integer, intent(in) :: numbers(:)
+      character(:), allocatable :: text
+      integer :: i
+
+      text = to_text(numbers(1))
+      do i = 2, size(numbers)
+         text = text//","//to_text(numbers(i))
+      end do
+   end function as_list
+
+   !> A complete input without its groups `&sweep`: a line for each key, groups end with a line of their own.
+   pure function without_sweeps(complete) result(text)
+      character(*), intent(in) :: complete
+      character(:), allocatable :: text
+      integer :: first, last
+      character(*), parameter :: line = new_line("a")
+
+      text = complete
+      do
+         first = index(line//text, line//"&sweep"//line)
+         if (first == 0) return
+         last = first + index(text(first:), line//"/"//line) + len("/")
+         text = text(:first - 1)//text(last + 1:)
+      end do
+   end function without_sweeps
+end module hb_switched_input
