@@ -73,6 +73,7 @@ module hb_balance
       procedure :: solve_linear => balance_solve_linear
       procedure :: compliance_of_law => balance_compliance_of_law
       procedure :: rounding_level => balance_rounding_level
+      procedure :: mean_response => balance_mean_response
       procedure :: solve_mean_tangent => balance_solve_mean_tangent
       procedure :: mean_slopes => balance_mean_slopes
       procedure :: move => balance_move
@@ -178,6 +179,14 @@ module hb_balance
          real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
          type(error_t), allocatable, intent(out) :: error
       end subroutine balance_solve_mean_tangent
+
+      module subroutine balance_mean_response(self, u, r, step, error)
+         class(balance_t), intent(inout) :: self
+         real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+         real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)    !! [N]
+         real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine balance_mean_response
 
       module subroutine balance_mean_slopes(self, u, df_dq, df_dv, error)
          class(balance_t), intent(inout) :: self

@@ -272,32 +272,78 @@ contains
       real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
       type(error_t), allocatable, intent(out) :: error
       real(wp), dimension(self%n_dofs, self%n_dofs) :: df_dq, df_dv, df_ds
-      complex(wp) :: block(self%tangent_pattern%n_rows, self%n_dofs), c(self%n_dofs)
-      type(block_factors_t) :: factors
-      logical :: is_singular
-      integer :: h, i
 
       call self%sample(u)
       call self%law_set%differentiate(error)
       if (allocated(error)) return
       call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
+      step = 0.0_wp
+      call add_response(self, df_dq, df_dv, df_ds, r, step)
+   end subroutine balance_solve_mean_tangent
+
+   !> Answers that each harmonic by itself gives to forces, with the mean slopes of the laws while contacts are closed to what acts
+   !> then, and with those while they are open to what acts then: a stop that is touched for a hundredth of the time does not hold
+   !> back what moves freely for the rest, however stiff it is. Where no contact comes and goes this is `solve_mean_tangent`.
+   module subroutine balance_mean_response(self, u, r, step, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)    !! [N]
+      real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), dimension(self%n_dofs, self%n_dofs, 2) :: df_dq, df_dv, df_ds  ! open, closed
+      real(wp) :: held_forces(size(r, 1), size(r, 2))
+      logical, allocatable :: is_held(:)
+      integer :: i
+
+      call self%sample(u)
+      call self%law_set%differentiate(error)
+      if (allocated(error)) return
+      is_held = self%law_set%jacobian%held()
+      step = 0.0_wp
+      if (.not. any(is_held)) then
+         call self%law_set%mean_slopes(df_dq(:, :, 1), df_dv(:, :, 1), df_ds(:, :, 1))
+         call add_response(self, df_dq(:, :, 1), df_dv(:, :, 1), df_ds(:, :, 1), r, step)
+         return
+      end if
+      call self%law_set%mean_slopes(df_dq(:, :, 1), df_dv(:, :, 1), df_ds(:, :, 1), .not. is_held)
+      call self%law_set%mean_slopes(df_dq(:, :, 2), df_dv(:, :, 2), df_ds(:, :, 2), is_held)
+      self%has_samples = .false.
+      associate (forces => self%law_set%samples%q%values)             ! the motion has told its slopes
+         call self%transform%to_samples(r, forces)
+         do i = 1, self%n_dofs
+            where (.not. is_held) forces(:, i) = 0.0_wp
+         end do
+         call self%project(forces, held_forces)
+      end associate
+      call add_response(self, df_dq(:, :, 1), df_dv(:, :, 1), df_ds(:, :, 1), r - held_forces, step)
+      call add_response(self, df_dq(:, :, 2), df_dv(:, :, 2), df_ds(:, :, 2), held_forces, step)
+   end subroutine balance_mean_response
+
+   !> Adds the answers of all harmonics to forces, with slopes of the laws that are the same at all times.
+   subroutine add_response(self, df_dq, df_dv, df_ds, r, step)
+      type(balance_t), intent(in) :: self
+      real(wp), intent(in) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)   !! (n_dofs, n_dofs)
+      real(wp), intent(in) :: r(:, :)                                 !! [N], (n_coefficients, n_dofs)
+      real(wp), intent(inout) :: step(:, :)                           !! [m], as r
+      complex(wp) :: block(self%tangent_pattern%n_rows, self%n_dofs), c(self%n_dofs)
+      type(block_factors_t) :: factors
+      logical :: is_singular
+      integer :: h, i
+
       call new_block_factors(factors, self%tangent_pattern, 1)
       do h = 1, self%harmonics%n_harmonics
          call self%mean_tangent(h, df_dq, df_dv, df_ds, block)
+         call factors%factorise(1, block, is_singular)
+         if (is_singular) cycle
          do i = 1, self%n_dofs
             c(i) = self%harmonics%amplitude(r(:, i), h)
          end do
-         call factors%factorise(1, block, is_singular)
-         if (is_singular) then
-            c = (0.0_wp, 0.0_wp)
-         else
-            call factors%solve(1, c)
-         end if
+         call factors%solve(1, c)
          do i = 1, self%n_dofs
-            call self%harmonics%set_amplitude(step(:, i), h, c(i))
+            call self%harmonics%set_amplitude(step(:, i), h, self%harmonics%amplitude(step(:, i), h) + c(i))
          end do
       end do
-   end subroutine balance_solve_mean_tangent
+   end subroutine add_response
 
    !> Means over the torus of the derivatives of all forces by motion and rate, at a motion. Reactions are left out.
    module subroutine balance_mean_slopes(self, u, df_dq, df_dv, error)

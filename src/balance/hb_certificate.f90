@@ -31,6 +31,9 @@ module hb_certificate
    real(wp), parameter :: rest = 1.0e-6_wp                             ! motion relative to what the loads do to the stiffest
                                                                       ! harmonic, below which nothing moves
    real(wp), parameter :: linear = 0.1_wp                             ! largest error that one linear step tells
+   real(wp), parameter :: much_force = 1.0e-2_wp                      ! beyond the balance on the finer grid, relative to its scale
+   real(wp), parameter :: nearer = 0.5_wp                             ! to the balance there after one linear step
+   real(wp), parameter :: most_given_way = 2.0_wp                     ! to a stop: motion kept, relative to that left out
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
    integer, parameter :: most_iterations = 30                         ! of another solution to compare with
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
@@ -86,7 +89,7 @@ contains
       call make_wide_balance()
       if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, n_steps, error, phase, curve)
       if (.not. allocated(error) .and. any(is_unknown([self%truncation, self%aliasing]))) then
-         if (has_multipliers(balance) .and. .not. (present(phase) .or. present(curve))) &
+         if (.not. (present(phase) .or. present(curve))) &
             call solve_on_finer_grid(self, balance, wide, grid, u, effort, n_steps, error)
          if (is_unknown(self%truncation)) self%truncation = unknown
          if (is_unknown(self%aliasing)) self%aliasing = unknown
@@ -203,6 +206,7 @@ contains
       real(wp) :: difference
 
       call new_balance(fine, balance%harmonics, grid, balance%omega, balance%stiffness, balance%law_set%laws, effort, error)
+      fine%watch => balance%watch
       if (.not. allocated(error)) then
          config%max_iterations = most_iterations
          config%rescue = .false.
@@ -228,7 +232,9 @@ contains
 
    !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: the harmonics
    !> outside answer the forces that nothing balances, through their stiffness with the mean stiffness of the laws; what
-   !> this motion then changes in the kept ones, and in unknown frequencies, comes by the exact tangent.
+   !> this motion then changes in the kept ones, and in unknown frequencies, comes by the exact tangent. The tangent knows nothing
+   !> of a stop that only this motion touches, and would have its force answered by the structure alone; the kept motion gives way
+   !> to a stiff stop by about as much as that motion, no more.
    subroutine estimate_errors(self, balance, wide, u, n_steps, error, phase, curve)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(inout), target :: balance
@@ -239,9 +245,10 @@ contains
       type(phase_problem_t), intent(inout), optional :: phase
       class(bordered_problem_t), intent(inout), optional :: curve
       type(tangent_solver_t) :: tangent
-      real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), size_of_motion
+      real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:)
+      real(wp) :: aliasing, size_of_motion
       integer :: i, n
-      logical :: is_rigid, is_singular
+      logical :: is_rigid, is_singular, is_there
 
       if (all(u == 0.0_wp)) return
       size_of_motion = reference_size(balance, u)
@@ -266,12 +273,18 @@ contains
       call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
       call residual_of(wide, big, defect)
       alias = restricted(defect, big)
+      change = alias
       call solve_tangent(alias)
       if (is_singular) return
-      self%aliasing = norm2(alias(:size(u)))/size_of_motion
+      aliasing = norm2(alias(:size(u)))/size_of_motion
+      if (any(abs(change(:size(u))) > much_force*balance%r_scale)) then
+         call start_from_finer_grid(is_there)
+         if (is_singular .or. .not. is_there) return
+      end if
+      self%aliasing = aliasing
 
       call clear_kept(balance%harmonics, wide%harmonics, defect)
-      call wide%solve_mean_tangent(big, defect, answer, error)
+      call wide%mean_response(big, defect, answer, error)
       if (allocated(error)) return
       is_rigid = acts_rigidly(balance, wide)
       call clear_kept(balance%harmonics, wide%harmonics, answer)
@@ -282,6 +295,8 @@ contains
       call solve_tangent(change)
       if (is_singular) return
       change = change - alias
+      if (is_rigid .and. .not. has_multipliers(balance)) &
+         change = change*min(1.0_wp, most_given_way*norm2(answer)/max(norm2(change(:size(u))), tiny(1.0_wp)))
       self%truncation = sqrt(norm2(change(:size(u)))**2 + norm2(answer)**2)/size_of_motion
       if (present(phase)) then
          associate (first => size(u) + 1, last => size(u) + size(phase%tones))
@@ -314,6 +329,21 @@ contains
          kept(:size(u)) = reshape(pairs, [size(u)])
          if (present(phase)) kept(size(u) + 1:) = phase%added_residual(wide, motion)
       end function restricted
+
+      !> Goes on from where the balance on the finer grid holds: a contact of few samples, or between them, may be missed there, and
+      !> what the motion is then left with are not its forces. Where one linear step does not lead there, nothing is known.
+      subroutine start_from_finer_grid(is_there)
+         logical, intent(out) :: is_there
+         real(wp) :: moved(size(big, 1), size(big, 2)), unbalanced
+
+         unbalanced = norm2(change(:size(u)))
+         call transfer_coefficients(balance%harmonics, wide%harmonics, reshape(alias(:size(u)), shape(u)), moved)
+         big = big - moved
+         call residual_of(wide, big, defect)
+         alias = restricted(defect, big)
+         is_there = norm2(alias(:size(u))) < nearer*unbalanced
+         if (is_there) call solve_tangent(alias)
+      end subroutine start_from_finer_grid
 
       subroutine solve_tangent(r)
          real(wp), intent(inout), contiguous :: r(:)

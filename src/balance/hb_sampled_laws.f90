@@ -271,12 +271,13 @@ contains
    end subroutine sampled_laws_differentiate_along
 
    !> Finds the means over the torus of df/dq, df/dv and df/ds, after `differentiate`.
-   subroutine sampled_laws_mean_slopes(self, df_dq, df_dv, df_ds)
+   subroutine sampled_laws_mean_slopes(self, df_dq, df_dv, df_ds, samples)
       class(sampled_laws_t), intent(inout) :: self
       real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (n_dofs, n_dofs)
+      logical, intent(in), optional :: samples(:)                     !! (n_samples) of explicit laws; those with memory over all
       integer :: i
 
-      call self%jacobian%mean(df_dq, df_dv, df_ds)
+      call self%jacobian%mean(df_dq, df_dv, df_ds, samples)
       do i = 1, size(self%sampled)
          if (allocated(self%sampled(i)%hysteresis)) &
             call self%sampled(i)%hysteresis%add_mean_slope(self%characteristic, df_dq)
