@@ -77,7 +77,8 @@ contains
       if (has_climbed) call report%add(attempt)
       if (report%status == outcome%converged) return
       report%attempts = [report%as_attempt(rescue%none)]
-      if (has_climbed) report%attempts = [report%attempts, attempt%as_attempt(rescue%fewer_harmonics)]
+      if (has_climbed .and. attempt%status /= outcome%pending) &
+         report%attempts = [report%attempts, attempt%as_attempt(rescue%fewer_harmonics)]
       if (has_ended(report) .or. .not. config%rescue) return
       all_work = report%work + max(config%rescue_work, work_of_rescues*report%work)
       do i = 1, merge(size(ways), n_ways_without_matrix, problem%n_unknowns <= largest_affordable)
