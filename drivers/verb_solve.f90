@@ -96,7 +96,9 @@ contains
          "; a smaller &solver chain_length makes more of them")
       call run_study(study, how, comm, summary, error)
       if (allocated(error)) return
-      if (summary%counts(outcome%converged) + summary%counts(outcome%unused) < summary%n_points) status = not_all_right
+      associate (n => summary%counts)
+         if (n(outcome%converged) + n(outcome%marched) + n(outcome%unused) < summary%n_points) status = not_all_right
+      end associate
       if (summary%n_left > 0) status = incomplete
       if (is_told) call write_summary(summary, study, path)
       if (is_told .and. options%level >= log_level%verbose) call write_times(summary)

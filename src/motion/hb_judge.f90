@@ -26,10 +26,11 @@ module hb_judge
 
    !> Where a scene ends that is followed through time.
    type :: settled_t
-      integer :: status = outcome%pending                             !! marched, subharmonic, broadband, more_tones; or not known
+      integer :: status = outcome%pending                             !! marched, subharmonic, broadband; pending: not known
       character(:), allocatable :: message                            !! what was found, or why nothing was
       complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_dofs, n_harmonics); where marched
       real(wp) :: spread = 0.0_wp                                     !! of the coordinates of the laws between windows, relative
+      integer :: n_periods = 0                                        !! of the slowest tone, in all
       real(wp) :: work = 0.0_wp                                       !! in about a nanosecond, from counts
    end type settled_t
 

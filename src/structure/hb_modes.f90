@@ -10,7 +10,7 @@ module hb_modes
    use hb_text, only: to_text
    implicit none
    private
-   public :: modes_t, new_modes
+   public :: modes_t, new_modes, slowest_decay
 
    integer, parameter :: largest_structure = 500                      ! degrees of freedom: all modes are found, none by itself
 
@@ -99,4 +99,17 @@ contains
       self%response([i, k]) = self%response([k, i])
       self%shapes(:, [i, k]) = self%shapes(:, [k, i])
    end subroutine exchange
+
+   !> Rate [1/s] at which the slowest mode that decays does; 0 where none does, or where nothing is known.
+   real(wp) function slowest_decay(mass, damping, stiffness) result(rate)
+      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
+      type(error_t), allocatable :: error
+      type(modes_t) :: modes
+
+      rate = 0.0_wp
+      call new_modes(modes, mass, damping, stiffness, error)
+      if (allocated(error)) return
+      if (any(modes%growth < 0.0_wp)) rate = minval(-modes%growth, mask=modes%growth < -1.0e-9_wp*modes%frequency)
+      if (rate >= huge(1.0_wp)) rate = 0.0_wp
+   end function slowest_decay
 end module hb_modes

@@ -16,6 +16,7 @@ module hb_marched_motion
    use hb_march_config, only: march_config_t, step_of
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
+   use hb_modes, only: slowest_decay
    use hb_outcome, only: outcome
    use hb_recurrence, only: defect_of
    use hb_scene, only: scene_t
@@ -28,6 +29,7 @@ module hb_marched_motion
    public :: settle
 
    integer, parameter :: first_window = 50                            ! periods of the slowest tone
+   integer, parameter :: other_window = 70                            ! where a state is given: averages of their own
    integer, parameter :: most_windows = 7
    integer, parameter :: least_windows = 4                            ! before the spread counts as one that does not fall
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one in its period, at least
@@ -35,6 +37,9 @@ module hb_marched_motion
    integer, parameter :: largest_record = 40000000                    ! numbers
    real(wp), parameter :: largest_spread = 1.0e-2_wp                  ! of a steady motion, relative
    real(wp), parameter :: aim = 1.0e-2_wp                             ! spread at which the march ends, relative to that allowed
+   real(wp), parameter :: close = 0.1_wp                              ! likewise, after `least_windows`
+   real(wp), parameter :: clearly = 0.3_wp                            ! below which one part of the motion is none of another
+   real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
    real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the one before
    real(wp), parameter :: kick = 1.0e-6_wp                            ! of the length of the system, at the start
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the length of the system
@@ -42,13 +47,15 @@ module hb_marched_motion
 
 contains
 
-   !> Marches from the `&start` amplitudes, else from rest, a little beside it: no symmetry then holds a motion that nobody would see.
-   subroutine settle(scene, law_dofs, watch, settled, error)
+   !> Marches from the state given, else from the `&start` amplitudes, else from rest; a little beside these: no symmetry then holds a
+   !> motion that nobody would see.
+   subroutine settle(scene, law_dofs, watch, settled, error, start)
       type(scene_t), intent(in) :: scene                              !! all of its tones given
       integer, intent(in) :: law_dofs(:)
       class(watch_t), intent(inout) :: watch                          !! may end the march, with an error
       type(settled_t), intent(out) :: settled
       type(error_t), allocatable, intent(out) :: error
+      type(march_state_t), intent(in), optional :: start
       type(coordinates_t) :: coordinates
       type(march_config_t) :: config
       type(march_record_t) :: record
@@ -56,16 +63,21 @@ contains
       type(march_system_t), target :: system
       complex(wp), allocatable :: before(:, :), now(:, :)
       real(wp), allocatable :: z(:, :)
-      real(wp) :: allowed, look, period, spread, spread_before, step
-      integer :: i, n_periods, window
+      real(wp) :: allowed, look, period, rate, spread, spread_before, step
+      integer :: i, n_first, window
       integer, allocatable :: dofs(:)
+      logical :: has_forgotten
 
       associate (omega => scene%tones%omega, frequencies => scene%harmonics%frequencies(scene%tones%omega))
          coordinates = coordinates_of(scene)
          call scene%structure%refuse_large("marching", most_dense, error)
          if (allocated(error)) return
          call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, omega)
-         call begin(scene, frequencies, system, state)
+         if (present(start)) then
+            state = start
+         else
+            call begin(scene, frequencies, system, state)
+         end if
          period = two_pi/minval(omega)
          step = min(step_of(scene%march, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies))))
          config = scene%march
@@ -73,13 +85,16 @@ contains
          config%decimation = huge(1)
          config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
          look = 30.0_wp + 2.0_wp*real(system%n_dofs, wp)**2 + 30.0_wp*system%laws%n_coordinates
-         config%most_looks = int(min(share_of_rescues*scene%solver%rescue_work/look, 0.5_wp*huge(1_int64)), int64)
+         config%most_looks = int(min(share_of_rescues*scene%solver%rescue_work/look, 1.0e18_wp), int64)
          allowed = min(scene%certificate%truncation, largest_spread)
          dofs = [(i, i=1, system%n_dofs)]
+         rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)
+         has_forgotten = .false.
+         n_first = first_window
+         if (present(start)) n_first = other_window
          spread = huge(1.0_wp)
-         n_periods = 0
          do window = 1, most_windows
-            config%duration = first_window*2**(window - 1)*period
+            config%duration = n_first*2**(window - 1)*period
             if (config%duration/step*system%n_dofs > largest_record) exit
             call march_from(system, config, step, dofs, state, record, error, watch=watch)
             if (record%is_out_of_work .and. window > least_windows) then
@@ -87,18 +102,24 @@ contains
                exit
             end if
             if (allocated(error)) return
-            n_periods = n_periods + first_window*2**(window - 1)
+            settled%n_periods = settled%n_periods + n_first*2**(window - 1)
             z = coordinates%values_of(record%every_displacement(:, law_dofs))
             now = averages_of(z, record, frequencies)
             spread_before = spread
             if (window > 1) spread = maxval(distance_of(now, before))
             before = now
             if (spread <= aim*allowed) exit
-            if (window >= least_windows .and. spread > falling*spread_before) exit
+            has_forgotten = window == most_windows .or. rate*settled%n_periods*period >= enough_decay
+            if (window < least_windows) cycle
+            if (spread <= close*allowed) exit
+            settled%spread = spread
+            call tell(scene, settled, z, now, record, allowed, has_forgotten)
+            if (settled%status == outcome%subharmonic) exit
+            if (settled%status == outcome%broadband .and. spread > falling*spread_before) exit
          end do
          settled%spread = spread
          settled%work = look*system%laws%n_gathered
-         call tell(scene, settled, z, now, record, n_periods, allowed)
+         call tell(scene, settled, z, now, record, allowed, has_forgotten)
          if (settled%status == outcome%marched) &
             settled%amplitudes = transpose(averages_of(record%every_displacement, record, frequencies))
       end associate
@@ -120,36 +141,35 @@ contains
    end subroutine begin
 
    !> Says what a steady record is.
-   subroutine tell(scene, settled, z, c, record, n_periods, allowed)
+   subroutine tell(scene, settled, z, c, record, allowed, has_forgotten)
       type(scene_t), intent(in) :: scene
       type(settled_t), intent(inout) :: settled
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
       complex(wp), intent(in) :: c(:, :)                              !! its averages, (n_harmonics, n_coordinates)
       type(march_record_t), intent(in) :: record
-      integer, intent(in) :: n_periods
       real(wp), intent(in) :: allowed                                 !! largest spread of a steady motion
+      logical, intent(in) :: has_forgotten                            !! how it began, as far as damping tells
       real(wp), allocatable :: rest(:, :)
-      real(wp) :: left_out, scale(size(z, 2)), turns(scene%tones%n_tones)
+      real(wp) :: left_out, repeats(most_parts), scale(size(z, 2)), turns(scene%tones%n_tones)
       character(:), allocatable :: marched_for
       integer :: k, part
 
-      marched_for = "marched for "//to_text(n_periods)//" periods of the slowest tone"
+      marched_for = "marched for "//to_text(settled%n_periods)//" periods of the slowest tone"
       rest = rest_of(z, c, record, scene%harmonics%frequencies(scene%tones%omega))
       scale = [(norm2(z(:, k) - sum(z(:, k))/size(z, 1))/sqrt(real(size(z, 1), wp)), k=1, size(z, 2))]
       where (scale <= 0.0_wp) scale = max(1.0_wp, tiny(1.0_wp))
       left_out = maxval([(norm2(rest(:, k))/(scale(k)*sqrt(real(size(z, 1), wp))), k=1, size(z, 2))])
       turns = scene%tones%omega*record%step/two_pi
-      settled%status = outcome%broadband
-      if (left_out <= allowed) then
-         settled%status = outcome%marched
-      else
-         do part = 1, most_parts
-            if (abs(defect_of(rest, scale, turns, part)) > allowed) cycle
-            settled%status = merge(outcome%marched, outcome%subharmonic, part == 1)
-            exit
-         end do
+      settled%status = outcome%pending
+      repeats = [(abs(defect_of(rest, scale, turns, part)), part=1, most_parts)]   ! 1 where that cannot be told
+      part = findloc(repeats <= max(allowed, 2.0_wp*minval(repeats(2:))), .true., dim=1)
+      if (left_out > allowed .and. part > 1 .and. minval(repeats(2:)) <= clearly*min(repeats(1), left_out)) then
+         settled%status = outcome%subharmonic
+      else if (left_out <= allowed .or. repeats(1) <= max(allowed, clearly*left_out)) then
+         if (settled%spread <= allowed) settled%status = outcome%marched
+      else if (has_forgotten) then
+         settled%status = outcome%broadband
       end if
-      if (settled%spread > allowed .and. settled%status == outcome%marched) settled%status = outcome%pending
       select case (settled%status)
       case (outcome%marched)
          settled%message = marched_for//": the averages spread by "//to_text(settled%spread)// &

@@ -12,23 +12,27 @@ module hb_verify
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file, open_file_parallel
+   use hb_judge, only: settled_t
    use hb_kinds, only: two_pi, wp
+   use hb_law_coordinates, only: law_dofs_of
    use hb_march, only: march_from, march_record_t
    use hb_march_config, only: march_config_t, step_of
    use hb_march_difference, only: march_difference_t, motion, new_march_difference
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
    use hb_march_verdict, only: decide, growth_of, limit_of, n_settled, verdict
+   use hb_marched_motion, only: settle
    use hb_model_file, only: model_file_t
-   use hb_modes, only: modes_t, new_modes
+   use hb_modes, only: slowest_decay
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
-   use hb_outcome, only: is_solved
+   use hb_outcome, only: is_solved, outcome
    use hb_results_record, only: read_record, record_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
-   use hb_structure, only: max_dofs, most_dense, structure_t
+   use hb_structure, only: max_dofs
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
+   use hb_watch, only: watch_t
    implicit none
    private
    public :: verdict_t, verify_points
@@ -230,6 +234,11 @@ contains
          config%largest = runaway*maxval(scale)
          call new_march_state(state, system%n_dofs, system%laws%n_states)
          call place_state(system, amplitudes, frequencies, -periods_of_sliders*length%period, step, state)
+         if (stored%status(point) == outcome%marched) then
+            scene%march%tolerance = config%tolerance
+            call verify_marched(scene, system, transpose(amplitudes), state, stored%truncation(point), result, error)
+            return
+         end if
          other = state
          other%q = other%q + nearness*scale*directions(system%n_dofs, 0)
          other%v = other%v + nearness*speed*directions(system%n_dofs, system%n_dofs)
@@ -304,6 +313,51 @@ contains
       end subroutine write_up
    end subroutine verify_point
 
+   !> Verdict on a motion that was marched: another march, from the motion itself and with its own tolerance, until it is steady. What
+   !> the set cannot hold of the motion is not part of its coefficients, so that these are compared.
+   subroutine verify_marched(scene, system, amplitudes, start, spread, result, error)
+      type(scene_t), intent(in) :: scene
+      type(march_system_t), intent(in) :: system
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin [m], (n_dofs, n_harmonics)
+      type(march_state_t), intent(in) :: start
+      real(wp), intent(in) :: spread                                  !! of the averages, relative
+      type(verdict_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      complex(wp), allocatable :: items(:, :), others(:, :)
+      character(64), allocatable :: labels(:)
+      real(wp), allocatable :: difference(:), scale(:)
+      type(settled_t) :: settled
+      type(watch_t) :: watch
+      integer :: i
+
+      call settle(scene, law_dofs_of(scene%laws), watch, settled, error, start)
+      if (allocated(error)) return
+      result%n_periods = settled%n_periods
+      result%duration = settled%n_periods*two_pi/minval(scene%tones%omega)
+      result%drift = 0.0_wp*scene%tones%omega
+      result%coordinate = ""
+      result%kind = verdict%differs
+      if (settled%status == outcome%pending) result%kind = verdict%undecided
+      if (settled%status /= outcome%marched) return
+      associate (n => scene%structure%n_dofs, shape => cmplx(system%laws%shape, 0.0_wp, wp), units => scene%structure%units)
+         allocate (items(n + size(shape, 2), size(amplitudes, 2)), others(n + size(shape, 2), size(amplitudes, 2)))
+         items(:n, :) = amplitudes
+         items(n + 1:, :) = matmul(transpose(shape), amplitudes)
+         others(:n, :) = settled%amplitudes
+         others(n + 1:, :) = matmul(transpose(shape), settled%amplitudes)
+         scale = norm2(abs(items), dim=2)
+         scale(:n) = [(maxval(scale(:n), mask=units == units(i)), i=1, n)]
+      end associate
+      difference = norm2(abs(others - items), dim=2)/max(scale, tiny(1.0_wp))
+      labels = [character(64) :: scene%structure%labels, system%laws%coordinate_labels()]
+      i = maxloc(difference, dim=1)
+      result%coordinate = trim(labels(i))
+      result%difference = difference(i)
+      result%first_difference = difference(i)
+      result%limit = limit_of(spread + settled%spread, 1.0_wp)
+      if (result%difference <= result%limit) result%kind = verdict%agrees
+   end subroutine verify_marched
+
    !> Length of the march from a motion: at least until all of it was seen, at most until the slowest mode of the linear structure
    !> is forgotten, as far as the bound of work allows.
    subroutine choose_length(self, scene, omega, n_periods)
@@ -323,7 +377,9 @@ contains
          end do
       end do
       self%fewest = max(merge(2, 1, size(omega) > 1)*fewest_periods, min(most_periods_of_beats, ceiling(2.0_wp*minval(omega)/beat)))
-      rate = slowest_decay(scene%structure)*self%period
+      rate = 0.0_wp
+      if (.not. allocated(scene%structure%sparse)) &
+         rate = slowest_decay(scene%structure%mass, scene%structure%damping, scene%structure%stiffness)*self%period
       self%bound = usual_bound
       if (rate > 0.0_wp) then
          self%decay = ceiling(min(most_decay/rate, real(longest_decay, wp)))
@@ -335,20 +391,6 @@ contains
       self%bound = n_periods
       self%most = n_periods
    end subroutine choose_length
-
-   !> Rate [1/s] at which the slowest mode of the linear structure decays; 0 where none does, or where nothing is known.
-   real(wp) function slowest_decay(structure) result(rate)
-      type(structure_t), intent(in) :: structure
-      type(error_t), allocatable :: error
-      type(modes_t) :: modes
-
-      rate = 0.0_wp
-      call structure%refuse_large("a search for modes", most_dense, error)
-      if (allocated(error)) return
-      call new_modes(modes, structure%mass, structure%damping, structure%stiffness, error)
-      if (allocated(error)) return
-      if (any(modes%growth < 0.0_wp)) rate = minval(-modes%growth, mask=modes%growth < -1.0e-9_wp*modes%frequency)
-   end function slowest_decay
 
    !> Components between 1/2 and 1 of either sign, in no order that a structure would have.
    pure function directions(n, offset) result(values)

@@ -8,8 +8,9 @@ from __future__ import annotations
 PENDING, CONVERGED, FAILED, CRASHED, UNUSED = 0, 1, 6, 12, 17
 # No motion was reached that could be looked at.
 EMPTY = (PENDING, FAILED, CRASHED, UNUSED)
-# The balance is solved; all but the first miss a threshold of the certificate and do not count as converged.
-SOLVED = (CONVERGED, 7, 8, 9, 16)
+# There is a motion: of the balance, where all but the first miss a threshold of the certificate and do not count as converged, or
+# marched.
+SOLVED = (CONVERGED, 7, 8, 9, 16, 18)
 
 TEXTS = {
     "pending": "not solved yet",
@@ -30,6 +31,9 @@ TEXTS = {
     "timed_out": "timed out: the point has had its processor time",
     "impact": "impact: solved, but a wall is struck: a law of impact is missing",
     "unused": "unused: room for a point of a curve that has ended before",
+    "marched": "marched: no balance was found, the motion is from marching",
+    "subharmonic": "subharmonic: the motion takes several periods, see the message",
+    "broadband": "broadband: marching finds no motion of the tones",
 }
 NAMES = dict(enumerate(TEXTS))
 

@@ -41,6 +41,7 @@ _MARKS = {
     "aliased": Mark("s", "#56B4E9"),
     "penetrating": Mark("v", "#CC79A7"),
     "impact": Mark("<", "#F0E442"),
+    "marched": Mark("d", "#009E73"),
     "stalled": Mark("x", style.FAILURE),
     "out_of_budget": Mark("+", style.FAILURE),
     "singular": Mark("1", style.FAILURE),
@@ -52,6 +53,8 @@ _MARKS = {
     "collapsed": Mark("v", style.INK, is_filled=False),
     "no_motion": Mark("o", style.INK, is_filled=False),
     "locked": Mark("s", style.INK, is_filled=False),
+    "subharmonic": Mark("h", style.INK, is_filled=False),
+    "broadband": Mark("p", style.INK, is_filled=False),
     "pending": Mark("|", style.WALL),
 }
 # Statuses that are newer than this table.
