@@ -66,7 +66,7 @@ contains
       real(wp) :: allowed, look, period, rate, spread, spread_before, step
       integer :: i, n_first, window
       integer, allocatable :: dofs(:)
-      logical :: has_forgotten
+      logical :: has_forgotten, is_disordered
 
       associate (omega => scene%tones%omega, frequencies => scene%harmonics%frequencies(scene%tones%omega))
          coordinates = coordinates_of(scene)
@@ -90,6 +90,7 @@ contains
          dofs = [(i, i=1, system%n_dofs)]
          rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)
          has_forgotten = .false.
+         is_disordered = .false.
          n_first = first_window
          if (present(start)) n_first = other_window
          spread = huge(1.0_wp)
@@ -115,7 +116,8 @@ contains
             settled%spread = spread
             call tell(scene, settled, z, now, record, allowed, has_forgotten)
             if (settled%status == outcome%subharmonic) exit
-            if (settled%status == outcome%broadband .and. spread > falling*spread_before) exit
+            if (settled%status == outcome%broadband .and. (spread > falling*spread_before .or. is_disordered)) exit
+            is_disordered = settled%status == outcome%broadband
          end do
          settled%spread = spread
          settled%work = look*system%laws%n_gathered

@@ -41,6 +41,9 @@ STATUSES = (
     "timed_out",
     "impact",
     "unused",
+    "marched",
+    "subharmonic",
+    "broadband",
 )
 
 _FORMS = (
