@@ -29,7 +29,7 @@ module hb_marched_motion
    public :: settle
 
    integer, parameter :: first_window = 50                            ! periods of the slowest tone
-   integer, parameter :: other_window = 70                            ! where a state is given: averages of their own
+   integer, parameter :: other_window = 70                            ! likewise, from a given state: averages of its own
    integer, parameter :: most_windows = 7
    integer, parameter :: least_windows = 4                            ! before the spread counts as one that does not fall
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one in its period, at least
@@ -110,7 +110,8 @@ contains
             if (window > 1) spread = maxval(distance_of(now, before))
             before = now
             if (spread <= aim*allowed) exit
-            has_forgotten = window == most_windows .or. rate*settled%n_periods*period >= enough_decay
+            has_forgotten = window == most_windows .or. rate*settled%n_periods*period >= enough_decay .or. &
+                            (rate <= 0.0_wp .and. window > least_windows)   ! no mode of the structure decays, or none is known
             if (window < least_windows) cycle
             if (spread <= close*allowed) exit
             settled%spread = spread
