@@ -22,7 +22,8 @@ module hb_certificate
    use hb_structure, only: structure_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_tones, only: new_tones, tones_t
-   use hb_torus, only: new_torus, samples_for, torus_t
+   use hb_torus, only: fast_size, new_torus, samples_for, torus_t
+   use hb_tuple_choice, only: new_doubled_set
    use hb_two_level, only: clear_kept, improve, residual_of
    implicit none
    private
@@ -37,6 +38,7 @@ module hb_certificate
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
    integer, parameter :: most_iterations = 30                         ! of another solution to compare with
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
+   real(wp), parameter :: least_density = 1.25_wp                      ! samples of the finer grid, relative to 2 N + 1
    real(wp), parameter :: largest_fine_grid = 4.0e6_wp                 ! samples
 
    type :: certificate_t
@@ -62,7 +64,7 @@ module hb_certificate
 contains
 
    !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance, and with it the motion improved by some steps.
-   subroutine certify(self, structure, loads, torus, balance, u, effort, n_steps, error, phase, curve)
+   subroutine certify(self, structure, loads, torus, balance, u, effort, n_steps, error, phase, curve, looks_near)
       type(certificate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
@@ -75,6 +77,8 @@ contains
       type(phase_problem_t), intent(inout), optional :: phase         !! on this balance, where it has unknown tones
       class(bordered_problem_t), intent(inout), optional :: curve     !! on this balance, of which the motion is a point: errors
                                                                       !! along its last form count for nothing
+      logical, intent(in), optional :: looks_near                     !! in a set that reaches twice as far as that of the motion,
+                                                                      !! not in the box around it; default false
       type(balance_t) :: wide
       type(harmonics_t) :: set
       type(tones_t) :: tones
@@ -84,7 +88,7 @@ contains
       if (allocated(error)) return
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
-      call choose_wider(balance%harmonics, torus, set, grid, error)
+      call choose_wider(balance%harmonics, torus, set, grid, error, looks_near)
       if (allocated(error)) return
       call make_wide_balance()
       if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, n_steps, error, phase, curve)
@@ -132,17 +136,28 @@ contains
 
    !> The wider set, and a grid with four times the samples of the solution or more. Half of a grid holds odd motions of odd
    !> equations, which do not answer in even tuples.
-   subroutine choose_wider(narrow, torus, set, grid, error)
+   subroutine choose_wider(narrow, torus, set, grid, error, looks_near)
       type(harmonics_t), intent(in) :: narrow
       type(torus_t), intent(in) :: torus
       type(harmonics_t), intent(out) :: set
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: looks_near                     !! with twice the samples
       type(harmonics_t) :: box
+      integer :: samples(narrow%n_tones)
+      logical :: is_near
 
-      call choose_wider_set(narrow, set, error)
+      is_near = .false.
+      if (present(looks_near)) is_near = looks_near
+      if (is_near) then
+         call new_doubled_set(set, narrow, error)
+      else
+         call choose_wider_set(narrow, set, error)
+      end if
       if (allocated(error)) return
-      call new_torus(grid, wider_samples(torus%n_samples, set%highest), set, error)
+      samples = max(2*torus%n_samples, fast_size(ceiling(least_density*(2*set%highest + 1))))
+      if (.not. is_near .or. product(real(samples, wp)) > largest_fine_grid) samples = wider_samples(torus%n_samples, set%highest)
+      call new_torus(grid, samples, set, error)
       grid%corrects_kinks = torus%corrects_kinks
       if (allocated(error) .or. .not. torus%is_half) return
       box = set

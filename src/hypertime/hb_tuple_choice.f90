@@ -5,14 +5,14 @@
 !> harmonics of one tone.
 module hb_tuple_choice
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t, new_box, new_harmonics
+   use hb_harmonics, only: canonical_sign, harmonics_t, new_box, new_harmonics
    use hb_kinds, only: wp
    use hb_tuple_union, only: tuple_union_t
    implicit none
    private
-   public :: choose_tuples, largest_places, lowest_order, new_lowest_set
+   public :: choose_tuples, largest_places, lowest_order, new_lowest_set, new_doubled_set
 
-   real(wp), parameter :: loyalty = 4.0_wp                            ! a kept tuple counts for that many times its amplitude
+   real(wp), parameter :: loyalty = 30.0_wp                           ! a kept tuple counts for that many times its amplitude
    integer, parameter :: lowest_orders(4) = [7, 5, 3, 2]              ! of the first box, by number of tones
 
 contains
@@ -80,6 +80,36 @@ contains
       end do
       call new_harmonics(self, tuples, error)
    end subroutine choose_tuples
+
+   !> Makes the set that reaches twice as far as another in all directions: all tuples j of which j/2, rounded away from zero, is in it,
+   !> and the next ones around each. A box of order N becomes one of order 2 N at least.
+   subroutine new_doubled_set(self, set, error)
+      type(harmonics_t), intent(out) :: self
+      type(harmonics_t), intent(in) :: set
+      type(error_t), allocatable, intent(out) :: error
+      type(tuple_union_t) :: union
+      integer :: h, j(set%n_tones), k, m
+
+      call union%add(set%tuples)
+      do h = 1, set%n_harmonics
+         do k = 0, 2**set%n_tones - 1                                 ! bit m: whether entry m is one less in magnitude
+            j = 2*set%tuples(:, h)
+            do m = 1, set%n_tones
+               if (btest(k, m - 1)) j(m) = j(m) - sign(1, j(m))
+            end do
+            if (any(j /= 2*set%tuples(:, h) .and. set%tuples(:, h) == 0)) cycle
+            call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
+         end do
+         do m = 1, set%n_tones
+            do k = -1, 1, 2
+               j = set%tuples(:, h)
+               j(m) = j(m) + k
+               call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
+            end do
+         end do
+      end do
+      call new_harmonics(self, union%list(), error)
+   end subroutine new_doubled_set
 
    !> Places, ascending, of the largest amplitudes: as few as leave at most `tail` out, but no more than `room`. Of equal ones the
    !> first is taken first.

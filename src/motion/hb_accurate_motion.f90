@@ -8,6 +8,7 @@
 !> nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter 5.
 module hb_accurate_motion
    use hb_basis, only: transfer_coefficients
+   use hb_certificate, only: certificate_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_box
    use hb_judge, only: judge_t
@@ -24,12 +25,14 @@ module hb_accurate_motion
    use hb_watch, only: watch_t
    implicit none
    private
-   public :: rung_t, solve_to_tolerance
+   public :: calibrate, rung_t, solve_to_tolerance
 
    integer, parameter :: most_rungs = 24
+   integer, parameter :: most_idle = 3                                ! rungs one after the other that gain nothing
+   real(wp), parameter :: idle = 0.8_wp                               ! of the estimate before: no gain
    integer, parameter :: most_failures = 3                            ! of rungs one after the other
    real(wp), parameter :: step = 0.03_wp                              ! of the error, from one rung to the next
-   real(wp), parameter :: share_of_tail = 0.25_wp, share_of_grid = 0.3_wp ! of the error of a rung
+   real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
@@ -69,26 +72,28 @@ contains
       type(motion_result_t) :: trial
       type(account_t) :: account
       type(error_t), allocatable :: trouble
-      real(wp) :: before, correction, difference, estimate, goal
-      integer :: n_failures, rung
+      real(wp) :: before, difference, estimate, goal, raw
+      integer :: n_failures, n_idle, rung
       logical :: is_checked, is_there
 
       here = scene
       here%certificate%is_on = .true.
+      here%certificate%looks_near = .true.
       here%stability%method = stability_method%off
       here%certificate%improvement_steps = 0
       if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
       call find_first(here, scene, result, error, top, start, account, watch, judge)
       if (allocated(error) .or. .not. allocated(top%unknowns)) return
-      correction = 1.0_wp
       is_checked = .false.
+      before = estimate_of(result)
       n_failures = 0
+      n_idle = 0
       difference = 0.0_wp
       do rung = 1, most_rungs
-         estimate = result%certificate%truncation + result%certificate%aliasing
-         if (correction*estimate <= scene%accuracy%tolerance*merge(1.0_wp, unchecked, is_checked)) exit
-         if (account%work > scene%accuracy%max_work) exit
-         goal = max(step*estimate, scene%accuracy%tolerance/correction)
+         estimate = estimate_of(result)
+         if (estimate <= scene%accuracy%tolerance*merge(1.0_wp, unchecked, is_checked)) exit
+         if (account%work > scene%accuracy%max_work .or. n_idle == most_idle) exit
+         goal = max(step*estimate, scene%accuracy%tolerance)
          if (estimate <= scene%accuracy%tolerance) goal = max(0.3_wp*estimate, step*scene%accuracy%tolerance)
          goal = goal*3.0_wp**n_failures
          call choose_next(here, scene, result, top, goal, n_failures, next, is_there)
@@ -103,18 +108,47 @@ contains
             if (n_failures == most_failures .or. trial%status == outcome%timed_out) exit
             cycle
          end if
-         before = estimate
          difference = distance(top, next, any(scene%tones%is_unknown))
-         if (before < reliable .and. n_failures == 0) then
-            correction = max(1.0_wp, min(difference/before, largest_correction))
-            is_checked = .true.
-         end if
+         is_checked = before < reliable
+         raw = estimate_of(trial)
+         if (is_checked) call calibrate(trial%certificate, result%certificate, before, difference)
+         before = raw
          n_failures = 0
+         n_idle = merge(n_idle + 1, 0, estimate_of(trial) > idle*estimate)
          top = next
          result = trial
       end do
-      call finish(scene, result, top, correction, account, difference, watch)
+      call finish(scene, result, top, account, difference, watch)
    end subroutine solve_to_tolerance
+
+   !> Corrects the estimates of a rung by what the rung below shows. Its motion was off by the difference of the two: an estimate that
+   !> was below that is raised by as much here. Where the upper rung neglects clearly less, its own error is less than the
+   !> difference by as much, and at least what it neglects: one linear step from a set with ragged ends may say far more.
+   pure subroutine calibrate(upper, lower, estimate_below, difference)
+      type(certificate_t), intent(inout) :: upper
+      type(certificate_t), intent(in) :: lower
+      real(wp), intent(in) :: estimate_below                          !! of the lower rung, as its certificate had it
+      real(wp), intent(in) :: difference                              !! of their motions, relative
+      real(wp), parameter :: clearly = 0.9_wp, safety = 1.5_wp
+      real(wp) :: above, below, correction
+
+      correction = max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction))
+      upper%truncation = min(1.0_wp, correction*upper%truncation)
+      upper%aliasing = min(1.0_wp, correction*upper%aliasing)
+      if (allocated(upper%frequency_error)) upper%frequency_error = correction*upper%frequency_error
+      if (.not. (allocated(upper%neglected) .and. allocated(lower%neglected))) return
+      above = norm2(upper%neglected)
+      below = norm2(lower%neglected)
+      if (above > clearly*below) return
+      upper%truncation = min(upper%truncation, max(safety*above, difference*above/below))
+   end subroutine calibrate
+
+   !> Estimated error of a motion: those by its set and by its grid have nothing to do with each other.
+   pure real(wp) function estimate_of(result)
+      type(motion_result_t), intent(in) :: result
+
+      estimate_of = hypot(result%certificate%truncation, result%certificate%aliasing)
+   end function estimate_of
 
    !> Finds the motion on a small set: on that of a neighbour from its motion, or on the first box, or on others.
    subroutine find_first(here, scene, result, error, top, start, account, watch, judge)
@@ -287,6 +321,8 @@ contains
       else if (any(next%n_samples < 2*next%set%highest + 1)) then
          return
       end if
+      if (min(next%set%n_harmonics, top%set%n_harmonics) >= scene%accuracy%max_harmonics .and. &
+          result%certificate%truncation > result%certificate%aliasing) return ! other tuples, no more of them
       if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
       next%unknowns = on_other_set(top, next%set)
       is_there = .true.
@@ -309,6 +345,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: around
       real(wp), allocatable :: carried(:), neglected(:)
+      real(wp) :: amplification
       logical, allocatable :: is_needed(:)
       integer :: h
 
@@ -323,8 +360,9 @@ contains
          if (allocated(error)) return
          allocate (neglected(around%n_harmonics), source=goal)
       end if
-      call choose_tuples(set, top%set, carried, around, neglected, is_needed, share_of_tail*goal, scene%accuracy%max_harmonics, &
-                         error)
+      amplification = max(1.0_wp, result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp))) ! by what the kept ones answer
+      call choose_tuples(set, top%set, carried, around, neglected, is_needed, share_of_tail*goal/amplification, &
+                         scene%accuracy%max_harmonics, error)
    end subroutine choose_set
 
    !> Norm of the coefficients of each tuple over all coordinates.
@@ -384,11 +422,10 @@ contains
    end function distance
 
    !> Settles status and estimates of the last rung, and adds what the other rungs went without.
-   subroutine finish(scene, result, top, correction, account, difference, watch)
+   subroutine finish(scene, result, top, account, difference, watch)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(inout) :: result
       type(rung_t), intent(in) :: top
-      real(wp), intent(in) :: correction                              !! of the estimates
       type(account_t), intent(in) :: account
       real(wp), intent(in) :: difference
       class(watch_t), intent(inout), target :: watch
@@ -411,12 +448,8 @@ contains
          end if
       end if
       associate (found => result%certificate)
-         found%truncation = min(1.0_wp, correction*found%truncation)
-         found%aliasing = min(1.0_wp, correction*found%aliasing)
-         if (allocated(found%frequency_error)) found%frequency_error = correction*found%frequency_error
          if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
-            result%status = merge(outcome%converged, outcome%truncated, found%truncation + found%aliasing <= &
-                                  scene%accuracy%tolerance)
+            result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= scene%accuracy%tolerance)
       end associate
       result%harmonics = top%set
       result%n_samples = top%n_samples

@@ -558,10 +558,11 @@ contains
 
       if (any(scene%tones%is_unknown) .and. present(search)) then
          call certify(result%certificate, scene%structure, basis%amplitudes_of(scene%loads), basis%torus, balance, u, &
-                      scene%planning, 0, error, search%phase)
+                      scene%planning, 0, error, search%phase, looks_near=scene%certificate%looks_near)
       else
          call certify(result%certificate, scene%structure, basis%amplitudes_of(scene%loads), basis%torus, balance, u, &
-                      scene%planning, scene%certificate%improvement_steps, error, curve=curve)
+                      scene%planning, scene%certificate%improvement_steps, error, curve=curve, &
+                      looks_near=scene%certificate%looks_near)
       end if
       if (allocated(error)) return
       if (allocated(result%certificate%improved)) call keep_improved(basis, result, error)
