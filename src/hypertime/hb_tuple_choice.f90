@@ -81,8 +81,8 @@ contains
       call new_harmonics(self, tuples, error)
    end subroutine choose_tuples
 
-   !> Makes the set that reaches twice as far as another in all directions: all tuples j of which j/2, rounded away from zero, is in it,
-   !> and the next ones around each. A box of order N becomes one of order 2 N at least.
+   !> Makes the set that reaches twice as far as another in all directions: all tuples j of which j/2, rounded away from zero,
+   !> is in it, and the next ones around each. A box of order N becomes one of order 2 N at least.
    subroutine new_doubled_set(self, set, error)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set

@@ -121,8 +121,8 @@ contains
       call finish(scene, result, top, account, difference, watch)
    end subroutine solve_to_tolerance
 
-   !> Corrects the estimates of a rung by what the rung below shows. Its motion was off by the difference of the two: an estimate that
-   !> was below that is raised by as much here. Where the upper rung neglects clearly less, its own error is less than the
+   !> Corrects the estimates of a rung by what the rung below shows. Its motion was off by the difference of the two: an estimate
+   !> that was below that is raised by as much here. Where the upper rung neglects clearly less, its own error is less than the
    !> difference by as much, and at least what it neglects: one linear step from a set with ragged ends may say far more.
    pure subroutine calibrate(upper, lower, estimate_below, difference)
       type(certificate_t), intent(inout) :: upper

@@ -95,8 +95,8 @@ contains
       if (.not. allocated(error)) call truncation%make(self, error)
    end subroutine read_harmonics
 
-   !> Makes the set from which one grows: a small box with the tuples of all loads and first guesses. Of `&harmonics` reads what says
-   !> nothing of the set.
+   !> Makes the set from which one grows: a small box with the tuples of all loads and first guesses. Of `&harmonics` reads what
+   !> says nothing of the set.
    subroutine read_lowest_set(self, document, n_tones, error, chosen_symmetry)
       type(harmonics_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
