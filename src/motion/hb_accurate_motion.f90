@@ -4,7 +4,7 @@
 !> The lowest rung is a small box, where the motion is found by whatever it takes. From there the certificate tells what the
 !> tuples carry that a set lacks, and what its grid does to the motion: the set takes those that matter and drops those that
 !> do not, the grid is refined, and each rung starts from the solution of the one below it. How far two rungs are apart shows
-!> what the estimate of the lower one was worth, and corrects that of the upper one. Source: docs/user/theory.md, section 8;
+!> what the estimate of the lower one was worth, and corrects that of the upper one. Source: docs/user/accuracy.md;
 !> nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter 5.
 module hb_accurate_motion
    use hb_basis, only: transfer_coefficients

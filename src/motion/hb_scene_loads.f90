@@ -8,7 +8,7 @@ module hb_scene_loads
    use hb_scene, only: scene_t
    implicit none
    private
-   public :: read_loads, read_starts
+   public :: loaded_tuples, read_loads, read_starts
 
 contains
 
@@ -107,4 +107,28 @@ contains
          return
       end do
    end subroutine read_amplitude
+
+   !> Tuples of all loads and first guesses, (n_tones, any); those of a wrong size are told when these are read.
+   function loaded_tuples(document, n_tones) result(tuples)
+      type(document_t), intent(inout), target :: document
+      integer, intent(in) :: n_tones
+      integer, allocatable :: tuples(:, :)
+      character(5), parameter :: groups(2) = [character(5) :: "load", "start"]
+      type(properties_t), pointer :: group
+      integer, allocatable :: entries(:), tuple(:)
+      integer :: i, k
+
+      allocate (entries(0))
+      do k = 1, size(groups)
+         do i = 1, document%count(trim(groups(k)))
+            group => document%group(trim(groups(k)), i)
+            if (.not. group%given("tuple")) cycle
+            if (allocated(tuple)) deallocate (tuple)
+            call group%get("tuple", tuple)
+            if (.not. allocated(tuple)) cycle
+            if (size(tuple) == n_tones) entries = [entries, tuple]
+         end do
+      end do
+      tuples = reshape(entries, [n_tones, size(entries)/n_tones])
+   end function loaded_tuples
 end module hb_scene_loads

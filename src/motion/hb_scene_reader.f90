@@ -11,7 +11,7 @@ module hb_scene_reader
    use hb_properties, only: properties_t
    use hb_scene, only: scene_t, symmetry
    use hb_scene_laws, only: read_laws, update_laws
-   use hb_scene_loads, only: read_loads, read_starts
+   use hb_scene_loads, only: loaded_tuples, read_loads, read_starts
    use hb_scene_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
    use hb_scene_symmetry, only: check_symmetry
    use hb_scene_tones, only: read_tones
@@ -98,7 +98,7 @@ contains
       if (allocated(error)) return
       call read_accuracy(self%accuracy, document)
       if (self%accuracy%grows_set) then
-         call read_lowest_set(self%harmonics, document, self%tones%n_tones, error, self%symmetry)
+         call read_lowest_set(self%harmonics, document, loaded_tuples(document, self%tones%n_tones), error, self%symmetry)
       else
          call read_harmonics(self%harmonics, document, self%tones%n_tones, error, self%symmetry)
       end if

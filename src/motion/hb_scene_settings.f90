@@ -67,17 +67,10 @@ contains
       type(accuracy_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       type(properties_t), pointer :: group
-      integer, allocatable :: samples(:)
-      real(wp) :: oversampling, work
+      real(wp) :: work
 
       group => document%optional_group("harmonics")
       self%grows_set = .not. (group%given("order") .or. group%given("tuples") .or. group%given("set") .or. group%given("odd_only"))
-      group => document%optional_group("sampling")
-      samples = [0]
-      oversampling = 0.0_wp
-      if (group%given("samples")) call group%get("samples", samples, minimum=0)
-      if (group%given("oversampling")) call group%get("oversampling", oversampling, unit="1", minimum=0.0_wp, maximum=1000.0_wp)
-      self%refines_grid = all(samples == 0) .and. .not. oversampling > 0.0_wp
       self%is_on = document%count("accuracy") > 0 .or. self%grows_set
       if (.not. self%is_on) return
       group => document%optional_group("accuracy")
@@ -111,6 +104,7 @@ contains
       call group%get("samples", samples, minimum=0)
       oversampling = 0.0_wp
       call group%get("oversampling", oversampling, unit="1", minimum=0.0_wp, maximum=1000.0_wp)
+      self%accuracy%refines_grid = all(samples == 0) .and. .not. oversampling > 0.0_wp
       if (oversampling > 0.0_wp) then
          if (any(samples > 0)) call group%problem("oversampling", "give either 'samples' or 'oversampling', not both")
          samples = fast_size(ceiling(max(1.0_wp, oversampling)*(2*self%harmonics%highest + 1)))

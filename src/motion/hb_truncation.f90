@@ -97,17 +97,14 @@ contains
 
    !> Makes the set from which one grows: a small box with the tuples of all loads and first guesses. Of `&harmonics` reads what
    !> says nothing of the set.
-   subroutine read_lowest_set(self, document, n_tones, error, chosen_symmetry)
+   subroutine read_lowest_set(self, document, loaded, error, chosen_symmetry)
       type(harmonics_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
-      integer, intent(in) :: n_tones
+      integer, intent(in) :: loaded(:, :)                             !! tuples of loads and first guesses, (n_tones, any)
       type(error_t), allocatable, intent(out) :: error
       integer, intent(out) :: chosen_symmetry                         !! one of `symmetry_t`
       type(properties_t), pointer :: group
-      character(5), parameter :: groups(2) = [character(5) :: "load", "start"]
       character(:), allocatable :: name
-      integer, allocatable :: loaded(:), tuple(:)
-      integer :: i, k
 
       name = trim(symmetry_names(symmetry%auto))
       group => document%optional_group("harmonics")
@@ -115,18 +112,7 @@ contains
       chosen_symmetry = max(1, findloc(symmetry_names == name, .true., dim=1))
       call group%finish(error)
       if (allocated(error)) return
-      allocate (loaded(0))
-      do k = 1, size(groups)
-         do i = 1, document%count(trim(groups(k)))
-            group => document%group(trim(groups(k)), i)
-            if (.not. group%given("tuple")) cycle                     ! a problem that is told later, as the next
-            if (allocated(tuple)) deallocate (tuple)
-            call group%get("tuple", tuple, required=.true., n=n_tones)
-            if (.not. allocated(tuple)) cycle
-            if (size(tuple) == n_tones) loaded = [loaded, tuple]
-         end do
-      end do
-      call new_lowest_set(self, n_tones, reshape(loaded, [n_tones, size(loaded)/n_tones]), error)
+      call new_lowest_set(self, size(loaded, 1), loaded, error)
    end subroutine read_lowest_set
 
    !> Makes the set; fails where it is empty or too large, or has a tuple twice.
