@@ -68,11 +68,11 @@ contains
       class(watch_t), intent(inout), target :: watch
       class(judge_t), intent(in), optional :: judge
       type(scene_t) :: here                                           ! the scene on the set of a rung
-      type(rung_t) :: next
-      type(motion_result_t) :: trial
+      type(rung_t) :: best_top, next
+      type(motion_result_t) :: best, trial
       type(account_t) :: account
       type(error_t), allocatable :: trouble
-      real(wp) :: before, difference, estimate, goal, raw
+      real(wp) :: before, best_estimate, difference, estimate, goal, raw
       integer :: n_failures, n_idle, rung
       logical :: is_checked, is_there
 
@@ -85,6 +85,7 @@ contains
       call find_first(here, scene, result, error, top, start, account, watch, judge)
       if (allocated(error) .or. .not. allocated(top%unknowns)) return
       is_checked = .false.
+      best_estimate = huge(1.0_wp)
       before = estimate_of(result)
       n_failures = 0
       n_idle = 0
@@ -113,11 +114,21 @@ contains
          raw = estimate_of(trial)
          if (is_checked) call calibrate(trial%certificate, result%certificate, before, difference)
          before = raw
+         if (is_checked .and. max(estimate, difference) < best_estimate) then
+            best = result
+            best_top = top
+            best_estimate = max(estimate, difference)
+         end if
          n_failures = 0
          n_idle = merge(n_idle + 1, 0, estimate_of(trial) > idle*estimate)
          top = next
          result = trial
       end do
+      if (best_estimate < estimate_of(result)) then                     ! what came after it made it worse, as far as one knows
+         result = best
+         top = best_top
+         result%certificate%truncation = max(result%certificate%truncation, best_estimate)
+      end if
       call finish(scene, result, top, account, difference, watch)
    end subroutine solve_to_tolerance
 
