@@ -17,6 +17,7 @@ module verb_check
    use hb_scene_basis, only: find_basis
    use hb_scene_coordinates, only: coordinates_of
    use hb_scene_doubts, only: commensurate_text, has_no_load
+   use hb_structure, only: structure_t
    use hb_study, only: study_t
    use hb_text, only: to_text
    use verb_solve, only: load_study
@@ -113,7 +114,7 @@ contains
             call say("swept       "//study%plan%parameters(i)%describe())
          end do
          if (allocated(study%plan%curve)) call say("curve       "//study%plan%curve%describe())
-         call say("structure   "//to_text(scene%structure%n_dofs)//" degrees of freedom")
+         call describe_structure(scene%structure)
          tones = tone_text(scene, 1)
          samples = to_text(scene%torus%n_samples(1))
          do i = 2, scene%tones%n_tones
@@ -152,6 +153,23 @@ contains
       text = ""
       if (is_chosen) text = " to begin with"
    end function on_lowest
+
+   !> Says how large the structure is, and what has become of a large one.
+   subroutine describe_structure(structure)
+      type(structure_t), intent(in) :: structure
+      character(80) :: words
+
+      associate (reduction => structure%reduction)
+         if (reduction%n_full == 0) then
+            call say("structure   "//to_text(structure%n_dofs)//" degrees of freedom")
+            return
+         end if
+         call say("structure   "//to_text(reduction%n_full)//" degrees of freedom, reduced to "//to_text(structure%n_dofs))
+         write (words, "(es7.1, a, es9.3, a, f0.1, a)") reduction%error, " up to ", reduction%up_to, " rad/s; made in ", &
+            reduction%seconds, " s"
+         call say("            error of its flexibility "//trim(words))
+      end associate
+   end subroutine describe_structure
 
    !> Says how many unknowns are left where the motion is sought among odd ones.
    subroutine describe_symmetry(scene, n_coordinates)

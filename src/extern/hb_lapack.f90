@@ -6,8 +6,8 @@ module hb_lapack
    use hb_kinds, only: wp
    implicit none
    private
-   public :: ddot, dgbtrf, dgbtrs, dgecon, dgeev, dgels, dgemm, dgemv, dgetrf, dgetrs
-   public :: dggev, dnrm2, dpotrf, dpotrs, dsyev, dsygv, zgbcon, zgbtrf, zgbtrs, zgecon
+   public :: ddot, dgbtrf, dgbtrs, dgecon, dgeev, dgels, dgemm, dgemv, dgeqrf, dgetrf, dgetrs
+   public :: dggev, dnrm2, dorgqr, dpotrf, dpotrs, dsyev, dsygv, dtrsm, zgbcon, zgbtrf, zgbtrs, zgecon
    public :: zgemm, zgemv, zgetrf, zgetrs
 
    ! Linear equations, dense
@@ -251,6 +251,34 @@ module hb_lapack
          complex(wp), intent(in) :: a(lda, *), x(*)
          complex(wp), intent(inout) :: y(*)
       end subroutine zgemv
+
+      !> X A = b, or A X = b, in place for a triangular A.
+      subroutine dtrsm(side, uplo, transa, diag, m, n, alpha, a, lda, b, ldb)
+         import :: wp
+         character, intent(in) :: side, uplo, transa, diag
+         integer, intent(in) :: m, n, lda, ldb
+         real(wp), intent(in) :: alpha, a(lda, *)
+         real(wp), intent(inout) :: b(ldb, *)
+      end subroutine dtrsm
+
+      !> Factors Q R of a matrix, Q by its reflectors.
+      subroutine dgeqrf(m, n, a, lda, tau, work, lwork, info)
+         import :: wp
+         integer, intent(in) :: m, n, lda, lwork
+         real(wp), intent(inout) :: a(lda, *)
+         real(wp), intent(out) :: tau(*), work(*)
+         integer, intent(out) :: info
+      end subroutine dgeqrf
+
+      !> The first columns of Q from the reflectors of dgeqrf.
+      subroutine dorgqr(m, n, k, a, lda, tau, work, lwork, info)
+         import :: wp
+         integer, intent(in) :: m, n, k, lda, lwork
+         real(wp), intent(inout) :: a(lda, *)
+         real(wp), intent(in) :: tau(*)
+         real(wp), intent(out) :: work(*)
+         integer, intent(out) :: info
+      end subroutine dorgqr
 
       !> C := alpha op(A) op(B) + beta C.
       subroutine dgemm(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc)

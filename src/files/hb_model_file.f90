@@ -6,6 +6,7 @@ module hb_model_file
    use hb_kinds, only: wp
    use hb_model, only: model_source_t, model_t
    use hb_sparse, only: new_sparse, sparse_t
+   use hb_structure, only: structure_t
    use hb_text, only: to_text
    implicit none
    private
@@ -18,7 +19,18 @@ module hb_model_file
    type, extends(model_source_t) :: model_file_t
    contains
       procedure :: fetch => model_file_fetch
+      procedure :: keep => model_file_keep
+      procedure :: recall => model_file_recall
    end type model_file_t
+
+   !> A structure that was reduced before, by the mark of all that it was made from: all scenes of a process share it.
+   type :: kept_structure_t
+      integer, allocatable :: mark(:)
+      type(structure_t) :: structure
+   end type kept_structure_t
+   integer, parameter :: most_kept = 4
+   type(kept_structure_t) :: kept(most_kept)
+   integer :: n_kept = 0
 
 contains
 
@@ -30,6 +42,36 @@ contains
 
       call read_model_file(name, model, error)
    end subroutine model_file_fetch
+
+   !> Keeps a structure, in place of the oldest one where there are many.
+   subroutine model_file_keep(self, mark, structure)
+      class(model_file_t), intent(in) :: self
+      integer, intent(in) :: mark(:)
+      type(structure_t), intent(in) :: structure
+
+      n_kept = n_kept + 1
+      associate (place => kept(1 + modulo(n_kept - 1, most_kept)))
+         place%mark = mark
+         place%structure = structure
+      end associate
+   end subroutine model_file_keep
+
+   subroutine model_file_recall(self, mark, structure, is_found)
+      class(model_file_t), intent(in) :: self
+      integer, intent(in) :: mark(:)
+      type(structure_t), intent(inout) :: structure
+      logical, intent(out) :: is_found
+      integer :: i
+
+      is_found = .false.
+      do i = 1, min(n_kept, most_kept)
+         if (size(kept(i)%mark) /= size(mark)) cycle
+         is_found = all(kept(i)%mark == mark)
+         if (.not. is_found) cycle
+         structure = kept(i)%structure
+         return
+      end do
+   end subroutine model_file_recall
 
    !> Reads a model file. Fails for what is no model file, or one of a later form, and for entries that are missing, of a wrong size
    !> or not finite.

@@ -12,6 +12,7 @@ module hb_scene_reader
    use hb_scene, only: scene_t, symmetry
    use hb_scene_laws, only: read_laws, update_laws
    use hb_scene_loads, only: loaded_tuples, read_loads, read_starts
+   use hb_scene_reduction, only: is_reduced_for, reduce_scene
    use hb_scene_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
    use hb_scene_symmetry, only: check_symmetry
    use hb_scene_tones, only: read_tones
@@ -108,6 +109,8 @@ contains
       call read_certificate(self%certificate, document%optional_group("certificate"))
       call read_stability(self%stability, document%optional_group("stability"))
       call read_output(self, document%optional_group("output"))
+      call reduce_scene(self, document, error)
+      if (allocated(error)) return
       call read_sampling(self, document%optional_group("sampling"))
       call check_memory(sizes_of(self), self%memory_limit, error)
       if (allocated(error)) then
@@ -159,6 +162,7 @@ contains
          call read_tones(tones, document, error)
          if (allocated(error)) return
          if (tones%n_tones /= self%tones%n_tones .or. any(tones%is_unknown)) return
+         if (.not. is_reduced_for(self, tones%omega)) return
          self%tones = tones
       end if
       call update_laws(self, document, is_read)

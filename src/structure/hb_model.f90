@@ -10,7 +10,8 @@ module hb_model
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_sparse, only: sparse_sum, sparse_t
-   use hb_structure, only: check_room, max_sparse_dofs, most_dense, new_structure, structure_t
+   use hb_structure, only: check_room, flexibility, flexibility_names, max_sparse_dofs, most_dense, new_structure, reduction_t, &
+                           structure_t
    use hb_text, only: to_text
    implicit none
    private
@@ -32,6 +33,8 @@ module hb_model
    type, abstract :: model_source_t
    contains
       procedure(fetch_model), deferred :: fetch
+      procedure :: keep => model_source_keep
+      procedure :: recall => model_source_recall
    end type model_source_t
 
    abstract interface
@@ -47,6 +50,23 @@ module hb_model
 
 contains
 
+   !> Is told what a structure has been reduced to; whoever does not remember it forgets it.
+   subroutine model_source_keep(self, mark, structure)
+      class(model_source_t), intent(in) :: self
+      integer, intent(in) :: mark(:)                                  !! of all that it was made from
+      type(structure_t), intent(in) :: structure
+   end subroutine model_source_keep
+
+   !> Gives what was kept under a mark.
+   subroutine model_source_recall(self, mark, structure, is_found)
+      class(model_source_t), intent(in) :: self
+      integer, intent(in) :: mark(:)
+      type(structure_t), intent(inout) :: structure                   !! stays where nothing is found
+      logical, intent(out) :: is_found
+
+      is_found = .false.
+   end subroutine model_source_recall
+
    !> Reads the structure from the keys of its group `&structure`.
    subroutine read_model(group, structure, error, memory_limit, source)
       type(properties_t), intent(inout) :: group
@@ -56,10 +76,17 @@ contains
       class(model_source_t), intent(in), optional :: source
       type(model_t) :: model
       type(proportional_damping_t) :: proportional
-      character(:), allocatable :: file
+      type(reduction_t) :: reduction
+      character(:), allocatable :: file, word
       real(wp) :: structural_frequency
 
       call group%get("file", file, required=.true.)
+      word = trim(flexibility_names(flexibility%auto))
+      call group%get("flexibility", word, choices=flexibility_names)
+      reduction%flexibility = max(1, findloc(flexibility_names == word, .true., dim=1))
+      call group%get("flexibility_tolerance", reduction%tolerance, unit="1", above=0.0_wp)
+      call group%get("flexibility_up_to", reduction%up_to, unit="rad/s", minimum=0.0_wp)
+      reduction%is_given = reduction%up_to > 0.0_wp
       structural_frequency = 0.0_wp
       call group%get("structural_frequency", structural_frequency, unit="rad/s", minimum=0.0_wp)
       call read_proportional_damping(group, proportional)
@@ -73,6 +100,7 @@ contains
       if (.not. allocated(error)) call check_room(min(model%n_dofs, most_dense), error, memory_limit)
       if (.not. allocated(error)) call new_model_structure(structure, model, proportional, structural_frequency, error)
       call annotate(error, group%place())
+      structure%reduction = reduction
    end subroutine read_model
 
    !> Makes a structure from a model. Structural damping becomes viscous damping that is the same at one frequency. Fails for a

@@ -19,6 +19,7 @@ module hb_sparse
       procedure :: diagonal => sparse_diagonal
       procedure :: n_entries => sparse_n_entries
       procedure :: n_in_row => sparse_n_in_row
+      procedure :: times => sparse_times
    end type sparse_t
 
 contains
@@ -238,6 +239,25 @@ contains
 
       n = self%first(i + 1) - self%first(i)
    end function sparse_n_in_row
+
+   !> Y = A X, column by column.
+   pure subroutine sparse_times(self, x, y)
+      class(sparse_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: x(:, :)                     !! (n_columns, any)
+      real(wp), intent(out), contiguous :: y(:, :)                    !! (n_rows, any)
+      real(wp) :: total
+      integer :: e, i, k
+
+      do k = 1, size(x, 2)
+         do i = 1, self%n_rows
+            total = 0.0_wp
+            do e = self%first(i), self%first(i + 1) - 1
+               total = total + self%value(e)*x(self%column(e), k)
+            end do
+            y(i, k) = total
+         end do
+      end do
+   end subroutine sparse_times
 
    !> The whole matrix.
    pure function sparse_dense(self) result(matrix)

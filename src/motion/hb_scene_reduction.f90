@@ -1,0 +1,252 @@
+!> Puts a small structure in place of a large one (hb_reduction): one with the degrees of freedom that a scene names, loads as its
+!> groups give them, and frequencies up to its highest harmonic. All points of a sweep that need nothing else share it.
+module hb_scene_reduction
+   use hb_checksum, only: checksum
+   use hb_document, only: document_t
+   use hb_error, only: annotate, error_t, fail
+   use hb_kinds, only: wp
+   use hb_node_sets, only: name_length, named_vectors_t
+   use hb_properties, only: properties_t
+   use hb_reduction, only: reduce_structure
+   use hb_scene, only: scene_t
+   use hb_structure, only: flexibility, structure_t
+   use hb_text, only: string_t, to_text
+   implicit none
+   private
+   public :: is_reduced_for, reduce_scene
+
+   integer, parameter :: most_kept = 1000                             ! degrees of freedom
+   integer, parameter :: most_spread = 8                              ! degrees of freedom of a load that are kept one by one
+
+contains
+
+   !> Reduces the structure of a scene whose laws and stored degrees of freedom have been read, if it is large and its key
+   !> `flexibility` allows for it, and numbers them anew.
+   subroutine reduce_scene(self, document, error)
+      type(scene_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      type(error_t), allocatable, intent(out) :: error
+      type(named_vectors_t) :: loads
+      type(structure_t) :: small
+      integer, allocatable :: kept(:), mark(:)
+      logical :: is_found, is_sound
+      real(wp) :: up_to
+
+      if (.not. allocated(self%structure%sparse) .or. self%structure%reduction%flexibility == flexibility%exact) return
+      call find_names(self, document, kept, loads, is_sound)
+      if (.not. is_sound) return                                      ! whoever reads these groups says why
+      up_to = highest_for(self, self%tones%omega)
+      if (.not. up_to > 0.0_wp) then
+         if (self%structure%reduction%flexibility == flexibility%krylov) &
+            call fail(error, "flexibility_up_to: is needed where no tone has a frequency to begin with")
+      else if (size(kept) > most_kept) then
+         if (self%structure%reduction%flexibility == flexibility%krylov) &
+            call fail(error, "flexibility: 'krylov' is for at most "//to_text(most_kept)//" degrees of freedom that laws, "// &
+                      "loads and &output name, here are "//to_text(size(kept))//"; without 'dofs' in &output the motion is "// &
+                      "stored by shapes")
+      else
+         mark = mark_of(self%structure, kept, loads, up_to)
+         is_found = .false.
+         if (allocated(self%models)) call self%models%recall(mark, small, is_found)
+         if (.not. is_found) then
+            call reduce_structure(self%structure, kept, loads, up_to, small, error)
+            if (.not. allocated(error) .and. allocated(self%models)) call self%models%keep(mark, small)
+         end if
+         if (.not. allocated(error)) then
+            call number_anew(self, kept, small%n_dofs)
+            self%structure = small
+            return
+         end if
+      end if
+      if (.not. allocated(error)) return
+      if (self%structure%reduction%flexibility == flexibility%krylov) then
+         call annotate(error, place_of(document))
+      else
+         deallocate (error)                                           ! exact, then
+      end if
+   end subroutine reduce_scene
+
+   !> Whether a scene stays as it is at other base frequencies: not where its structure was reduced for lower or much higher ones.
+   logical function is_reduced_for(self, omega)
+      type(scene_t), intent(in) :: self
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
+
+      is_reduced_for = .true.
+      if (self%structure%reduction%n_full > 0) &
+         is_reduced_for = abs(highest_for(self, omega) - self%structure%reduction%up_to) <= 0.0_wp
+   end function is_reduced_for
+
+   !> Frequency up to which the flexibility is wanted [rad/s]: given, or steps of a quarter, so that a sweep needs few of them.
+   real(wp) function highest_for(self, omega) result(highest)
+      type(scene_t), intent(in) :: self
+      real(wp), intent(in) :: omega(:)
+      real(wp), parameter :: step = 1.25_wp, margin = 1.02_wp, margin_of_unknown = 2.0_wp
+
+      highest = maxval([0.0_wp, abs(self%harmonics%frequencies(omega))])*merge(margin_of_unknown, margin, &
+                                                                               any(self%tones%is_unknown))
+      if (highest > 0.0_wp) highest = step**ceiling(log(highest)/log(step))
+      associate (given => self%structure%reduction)
+         if (given%is_given) highest = given%up_to
+      end associate
+   end function highest_for
+
+   function place_of(document) result(place)
+      type(document_t), intent(inout), target :: document
+      type(properties_t), pointer :: group
+      type(error_t), allocatable :: ignored
+      character(:), allocatable :: place
+
+      call document%required_group("structure", group, ignored)
+      place = group%place()
+   end function place_of
+
+   !> Degrees of freedom that laws, loads, starts, phases and &output name; and loads on many at once.
+   subroutine find_names(self, document, kept, loads, is_sound)
+      type(scene_t), intent(in) :: self
+      type(document_t), intent(inout), target :: document
+      integer, allocatable, intent(out) :: kept(:)
+      type(named_vectors_t), intent(out) :: loads
+      logical, intent(out) :: is_sound                                !! false where a name stands for nothing
+      type(properties_t), pointer :: group
+      type(string_t), allocatable :: names(:)
+      logical :: is_kept(self%structure%n_dofs)
+      integer :: i
+
+      is_kept = .false.
+      is_sound = .false.
+      allocate (kept(0))
+      do i = 1, size(self%laws)
+         if (.not. allocated(self%laws(i)%law%dofs)) return
+         is_kept(self%laws(i)%law%dofs) = .true.
+      end do
+      group => document%optional_group("output")
+      if (group%given("dofs") .and. allocated(self%output%dofs)) is_kept(self%output%dofs) = .true.
+      is_sound = .true.
+      do i = 1, document%count("start")
+         call keep_named(document%group("start", i), "dof")
+      end do
+      if (document%count("normal_mode") > 0) call keep_named(document%optional_group("normal_mode"), "dof")
+      if (document%count("phase") > 0) then
+         group => document%optional_group("phase")
+         call group%get("dofs", names)
+         if (allocated(names)) then
+            do i = 1, size(names)
+               call keep(names(i)%value)
+            end do
+         end if
+      end if
+      allocate (loads%names(0), loads%first(1), loads%dofs(0), loads%values(0))
+      loads%first = 1
+      do i = 1, document%count("load")
+         call take_load(document%group("load", i))
+      end do
+      kept = pack([(i, i=1, size(is_kept))], is_kept)
+
+   contains
+
+      subroutine keep_named(of_group, key)
+         type(properties_t), intent(inout) :: of_group
+         character(*), intent(in) :: key
+         character(:), allocatable :: name
+
+         if (.not. of_group%given(key)) return
+         call of_group%get(key, name)
+         if (allocated(name)) call keep(name)
+      end subroutine keep_named
+
+      subroutine keep(name)
+         character(*), intent(in) :: name
+         integer, allocatable :: dofs(:)
+         type(error_t), allocatable :: trouble
+
+         call self%structure%find_dofs(name, dofs, trouble)
+         if (allocated(trouble)) then
+            is_sound = .false.
+         else
+            is_kept(dofs) = .true.
+         end if
+      end subroutine keep
+
+      subroutine take_load(of_group)
+         type(properties_t), intent(inout) :: of_group
+         character(:), allocatable :: name, vector
+         integer, allocatable :: dofs(:)
+         real(wp), allocatable :: values(:)
+         type(error_t), allocatable :: trouble
+
+         if (of_group%given("dof")) call of_group%get("dof", name)
+         if (of_group%given("vector")) call of_group%get("vector", vector)
+         if (allocated(vector)) then
+            call self%structure%vectors%find(vector, dofs, values, trouble)
+         else if (allocated(name)) then
+            call self%structure%find_dofs(name, dofs, trouble)
+            if (.not. allocated(trouble)) then
+               if (size(dofs) <= most_spread .or. all(is_kept(dofs))) then
+                  is_kept(dofs) = .true.
+                  return
+               end if
+               values = spread(1.0_wp, 1, size(dofs))
+               vector = name
+            end if
+         end if
+         if (allocated(trouble) .or. .not. allocated(vector)) then
+            is_sound = .false.
+            return
+         end if
+         if (loads%has(vector)) return
+         block
+            character(name_length), allocatable :: longer(:)
+
+            allocate (longer(size(loads%names) + 1))
+            longer(:size(loads%names)) = loads%names
+            longer(size(longer)) = adjustl(vector)
+            call move_alloc(longer, loads%names)
+         end block
+         loads%dofs = [loads%dofs, dofs]
+         loads%values = [loads%values, values]
+         loads%first = [loads%first, size(loads%dofs) + 1]
+      end subroutine take_load
+   end subroutine find_names
+
+   !> Laws and stored degrees of freedom by their numbers in the small structure, of which all are stored where none were named.
+   subroutine number_anew(self, kept, n_small)
+      type(scene_t), intent(inout) :: self
+      integer, intent(in) :: kept(:), n_small
+      integer :: i, number(self%structure%n_dofs)
+
+      number = 0
+      number(kept) = [(i, i=1, size(kept))]
+      do i = 1, size(self%laws)
+         self%laws(i)%law%dofs = number(self%laws(i)%law%dofs)
+      end do
+      if (.not. allocated(self%output%dofs)) return
+      if (any(number(self%output%dofs) == 0)) then
+         self%output%dofs = [(i, i=1, n_small)]
+      else
+         self%output%dofs = number(self%output%dofs)
+      end if
+   end subroutine number_anew
+
+   !> Tells all that the small structure is made from.
+   function mark_of(structure, kept, loads, up_to) result(mark)
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: kept(:)
+      type(named_vectors_t), intent(in) :: loads
+      real(wp), intent(in) :: up_to
+      integer, allocatable :: mark(:)
+      integer :: i, names
+
+      names = 0
+      do i = 1, size(loads%names)
+         names = checksum(names, loads%names(i))
+      end do
+      do i = 1, size(kept)
+         names = checksum(names, structure%labels(kept(i)))
+      end do
+      associate (m => structure%sparse%mass, d => structure%sparse%damping, k => structure%sparse%stiffness)
+         mark = [structure%n_dofs, m%n_entries(), d%n_entries(), k%n_entries(), checksum(checksum(0, m%column), m%value), &
+                 checksum(checksum(0, d%column), d%value), checksum(checksum(0, k%column), k%value), checksum(0, kept), &
+                 checksum(checksum(0, loads%dofs), loads%values), names, checksum(0, [up_to, structure%reduction%tolerance])]
+      end associate
+   end function mark_of
+end module hb_scene_reduction
