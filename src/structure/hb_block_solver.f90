@@ -1,9 +1,10 @@
 !> Linear equations with a square block of the dynamic stiffness at one frequency after the other.
 !>
-!> Narrow blocks are factored as band matrices, large ones with few entries as sparse ones (UMFPACK), others as dense ones (LAPACK,
-!> or hb_small_lu); all with row exchanges. Rows and columns are scaled once with the sizes on the diagonal, so that the verdict
+!> Blocks that are diagonal but for a border are factored as such (hb_arrow_factors), narrow ones as band matrices, large ones with few
+!> entries as sparse ones (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the first with row exchanges. Rows and columns are scaled once with the sizes on the diagonal, so that the verdict
 !> "singular" does not depend on units.
 module hb_block_solver
+   use hb_arrow_factors, only: arrow_factors_t, new_arrow_factors
    use hb_kinds, only: wp
    use hb_lapack, only: zgbtrf, zgbtrs, zgetrf, zgetrs
    use hb_small_lu, only: factorise_small, largest_small, solve_small
@@ -22,6 +23,8 @@ module hb_block_solver
    type :: block_solver_t
       integer :: n = 0                                       !! order of the block
       logical :: is_banded = .false., is_sparse = .false.
+      logical, private :: is_arrow = .false.                 !! at the present frequency
+      type(arrow_factors_t), private :: arrow
       complex(wp), allocatable :: rhs(:, :)                  !! (n, n_rhs + 1), right-hand sides, solutions
       integer, private :: n_lower = 0, n_upper = 0, n_rhs = 0
       type(structure_block_t), private :: entries            !! scaled
@@ -75,8 +78,10 @@ contains
       self%n_lower = max(0, maxval(block%row - block%column))
       self%n_upper = max(0, maxval(block%column - block%row))
       n_rows = 2*self%n_lower + self%n_upper + 1                      ! LAPACK keeps room for row exchanges
+      call new_arrow_factors(self%arrow, n, block%row, block%column)
       self%is_sparse = n >= least_sparse .and. real(min(n_rows, n), wp)*n > emptiness*block%n_entries
-      self%is_banded = 2*n_rows <= n .and. .not. self%is_sparse
+      if (self%arrow%is_arrow) self%is_sparse = .false.
+      self%is_banded = 2*n_rows <= n .and. .not. (self%is_sparse .or. self%arrow%is_arrow)
       if (.not. self%is_banded) n_rows = max(1, n)
       if (self%is_sparse) then
          n_rows = 0
@@ -159,7 +164,9 @@ contains
       if (self%n == 0) return
       call self%assemble(frequency, drive, norm)
       reciprocal_condition = 0.0_wp
-      if (self%is_sparse) then
+      if (self%is_arrow) then
+         is_singular = .false.
+      else if (self%is_sparse) then
          is_singular = .not. self%factors%factorise(self%s(self%by_column))
       else if (self%is_banded) then
          call zgbtrf(self%n, self%n, self%n_lower, self%n_upper, self%matrix, size(self%matrix, 1), &
@@ -217,7 +224,9 @@ contains
       complex(wp), contiguous, intent(inout) :: b(:, :)      !! (n, any)
       integer :: i, info
 
-      if (self%is_sparse) then
+      if (self%is_arrow) then
+         call self%arrow%solve(form, b)
+      else if (self%is_sparse) then
          do i = 1, size(b, 2)
             call self%factors%solve(b(:, i), form == "C")
          end do
@@ -238,7 +247,7 @@ contains
       length_of = sqrt(sum(real(column)**2 + aimag(column)**2))
    end function length_of
 
-   !> Fills the matrix; `norm` is the largest row sum of the terms of S before they cancel each other.
+   !> Fills the matrix, or factorises it where it is diagonal but for a border; `norm` is the largest row sum of the terms of S before they cancel each other.
    subroutine block_solver_assemble(self, frequency, drive, norm)
       class(block_solver_t), intent(inout) :: self
       real(wp), intent(in) :: frequency, drive
@@ -247,15 +256,18 @@ contains
 
       call self%entries%evaluate(frequency, drive, self%s)
       call self%entries%magnitude(frequency, self%magnitude)
-      self%matrix = (0.0_wp, 0.0_wp)
       self%row_sum = 0.0_wp
+      if (self%arrow%is_arrow) then
+         self%is_arrow = self%arrow%factorise(self%entries%row, self%entries%column, self%s)
+      end if
+      if (.not. self%is_arrow) self%matrix = (0.0_wp, 0.0_wp)
       shift = self%n_lower + self%n_upper + 1
       associate (row => self%entries%row, column => self%entries%column)
          if (self%is_banded) then
             do e = 1, self%entries%n_entries
                self%matrix(shift + row(e) - column(e), column(e)) = self%s(e)
             end do
-         else if (.not. self%is_sparse) then
+         else if (.not. (self%is_sparse .or. self%is_arrow)) then
             do e = 1, self%entries%n_entries
                self%matrix(row(e), column(e)) = self%s(e)
             end do
