@@ -22,8 +22,8 @@ module hb_amplitude_curve
 
 contains
 
-   !> Looks for a limit cycle, from the base motion until the curve is far from it, well damped, or back there. What is known without
-   !> one stands in the search: how far it came, and a message if the curve was lost.
+   !> Looks for a limit cycle, from the base motion until the curve is far from it, well damped, or back there. What is known
+   !> without one stands in the search: how far it came, and a message if the curve was lost.
    subroutine follow_curve(self, point, is_found)
       type(search_t), intent(inout) :: self
       type(path_point_t), intent(out) :: point                         !! the motion found, else the last point

@@ -9,59 +9,44 @@
 !> Glossary: u unknowns, S condensed dynamic stiffness, s reaction = F_ext - S u, q motion and v rate on the samples.
 module hb_balance
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_block_factors, only: block_factors_t
-   use hb_block_pattern, only: block_pattern_t
-   use hb_coarse_tangent, only: coarse_tangent_t
+   use hb_dense_tangent, only: dense_tangent_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t
    use hb_error, only: error_t
-   use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
-   use hb_kinds, only: two_pi, wp
+   use hb_kinds, only: wp
    use hb_law, only: law_box_t
-   use hb_law_samples, only: law_samples_t
+   use hb_linear_part, only: linear_part_t, new_linear_part
+   use hb_preconditioner, only: new_preconditioner, preconditioner_t
    use hb_problem, only: deformation, problem_t
-   use hb_sampled_laws, only: new_sampled_laws, sampled_laws_t
+   use hb_projected_laws, only: new_projected_laws, projected_laws_t
    use hb_solver_types, only: report_t, solver_config_t
    use hb_tangent_choice, only: largest_dense_tangent
-   use hb_thin_product, only: new_thin_product, thin_product_t
+   use hb_tangent_product, only: tangent_product_t
    use hb_torus, only: torus_t
-   use hb_transform, only: new_transform, product_table_t, transform_t
    implicit none
    private
    public :: balance_t, new_balance
 
    integer, parameter :: fewest_to_climb = 100                        ! unknowns from where fewer harmonics pay as the first way
-   integer, parameter :: by_motion = 1, by_rate = 2, by_reaction = 3, n_parts = 3   ! of products: what slopes multiply
 
    !> Owner of outside resources: call `destroy`.
    type, extends(problem_t) :: balance_t
       type(harmonics_t) :: harmonics
-      type(dynamic_stiffness_t) :: stiffness
+      type(linear_part_t) :: stiffness
       real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
       real(wp), allocatable :: xi(:)                                  !! artificial damping, negative, per tone [1/s], (n_tones)
       integer :: n_dofs = 0                                           !! coordinates on which laws act
-      type(sampled_laws_t) :: law_set
-      type(transform_t), private :: transform
-      type(product_table_t), private :: table
-      real(wp), private :: law_factor = 1.0_wp                        ! of a problem on the way to the one asked for
-      real(wp), private :: load_factor = 1.0_wp
+      type(projected_laws_t) :: law_set
+      type(dense_tangent_t), private :: dense_tangent
+      type(tangent_product_t), private :: tangent_product
+      type(preconditioner_t), private :: preconditioner
+      real(wp), private :: load_factor = 1.0_wp                       ! of a problem on the way to the one asked for
       real(wp), allocatable, private :: reaction(:, :), force(:, :)   ! (n_coefficients, n_dofs)
-      real(wp), allocatable, private :: columns(:, :)                 ! (n_coefficients, 2) of a product
-      real(wp), allocatable, private :: u_before(:, :)                ! (n_coefficients, n_dofs) motion a step of time earlier
       real(wp), allocatable, private :: sampled(:, :)                 ! (n_coefficients, n_dofs) motion that law_set holds
       logical, private :: has_samples = .false.                       ! of it, at today's frequencies and loads
       logical, private :: has_moved = .false.                         ! to other frequencies than it was made for
-      type(real_block_t), private :: answer                           ! (n_samples, 1) of a law with memory
-      type(block_factors_t), private :: factors                       ! LU of S of each harmonic
-      type(block_pattern_t), private :: tangent_pattern               ! of the tangent of one harmonic
-      type(block_factors_t), allocatable, private :: alone            ! preconditioner: LU of the tangent of each harmonic
-      type(coarse_tangent_t), allocatable, private :: coupled         ! and that between the most coupled ones
-      type(thin_product_t), allocatable, private :: thin              ! products on fewer samples, from their first use on
-      logical, private :: uses_thin = .false.                         ! for the motion of the last `linearise`
       integer, private :: effort = 0                                  ! one of hb_fftw%planning
-      logical, allocatable, private :: is_singular(:)                 ! (n_harmonics) where the structure is free to move
-      real(wp), allocatable, private :: support(:)                    ! (n_dofs) [N/m] that holds it there on the way
    contains
       procedure :: residual => balance_residual
       procedure :: tangent => balance_tangent
@@ -69,11 +54,11 @@ module hb_balance
       procedure :: apply_tangent => balance_apply_tangent
       procedure :: update_preconditioner => balance_update_preconditioner
       procedure :: precondition => balance_precondition
-      procedure, private :: mean_tangent => balance_mean_tangent
       procedure :: solve_linear => balance_solve_linear
       procedure :: compliance_of_law => balance_compliance_of_law
       procedure :: rounding_level => balance_rounding_level
       procedure :: mean_response => balance_mean_response
+      procedure :: set_scales => balance_set_scales
       procedure :: solve_mean_tangent => balance_solve_mean_tangent
       procedure :: mean_slopes => balance_mean_slopes
       procedure :: move => balance_move
@@ -92,7 +77,6 @@ module hb_balance
       procedure :: stuck_solution => balance_stuck_solution
       procedure :: sample => balance_sample
       procedure, private :: sample_if_new => balance_sample_if_new
-      procedure, private :: tabulate_kinks => balance_tabulate_kinks
       procedure :: project => balance_project
       procedure :: project_one => balance_project_one
       procedure :: all_dofs => balance_all_dofs
@@ -102,14 +86,6 @@ module hb_balance
 
    ! Linear part; bodies in hb_balance_linear
    interface
-      module subroutine choose_tangent_pattern(self)
-         type(balance_t), intent(inout) :: self
-      end subroutine choose_tangent_pattern
-
-      module subroutine factorise_linear_part(self)
-         type(balance_t), intent(inout) :: self
-      end subroutine factorise_linear_part
-
       module subroutine prepare_law(self, i)
          type(balance_t), intent(inout) :: self
          integer, intent(in) :: i
@@ -119,22 +95,11 @@ module hb_balance
          type(balance_t), intent(inout) :: self
       end subroutine choose_scales
 
-      module subroutine balance_linear_solution(self, u)
-         class(balance_t), intent(in) :: self
-         real(wp), intent(out) :: u(self%harmonics%n_coefficients, self%n_dofs)   !! [m]
-      end subroutine balance_linear_solution
-
       module subroutine balance_stuck_solution(self, u, is_better)
          class(balance_t), intent(inout) :: self
          real(wp), intent(inout) :: u(self%harmonics%n_coefficients, self%n_dofs) !! [m]
          logical, intent(out) :: is_better
       end subroutine balance_stuck_solution
-
-      module subroutine balance_solve_linear(self, r, step)
-         class(balance_t), intent(in) :: self
-         real(wp), intent(in), contiguous :: r(:)
-         real(wp), intent(out), contiguous :: step(:)
-      end subroutine balance_solve_linear
 
       module function balance_compliance_of_law(self, i) result(compliance)
          class(balance_t), intent(in) :: self
@@ -147,15 +112,6 @@ module hb_balance
          real(wp), intent(in), contiguous :: x(:)
          real(wp) :: level
       end function balance_rounding_level
-   end interface
-
-   ! Dense tangent; bodies in hb_balance_tangent
-   interface
-      module subroutine balance_tangent(self, x, jacobian)
-         class(balance_t), intent(inout) :: self
-         real(wp), intent(in), contiguous :: x(:)
-         real(wp), intent(out), contiguous :: jacobian(:, :)
-      end subroutine balance_tangent
    end interface
 
    ! Preconditioner; bodies in hb_balance_precondition
@@ -196,12 +152,6 @@ module hb_balance
          type(error_t), allocatable, intent(out) :: error
       end subroutine balance_mean_slopes
 
-      module subroutine balance_mean_tangent(self, h, df_dq, df_dv, df_ds, block)
-         class(balance_t), intent(in) :: self
-         integer, intent(in) :: h
-         real(wp), intent(in) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)   !! means over the torus, (n_dofs, n_dofs)
-         complex(wp), intent(out) :: block(:, :)                         !! (tangent_pattern%n_rows, n_dofs)
-      end subroutine balance_mean_tangent
    end interface
 
    ! The ladder; bodies in hb_balance_coarse
@@ -294,7 +244,7 @@ contains
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
-      type(dynamic_stiffness_t), intent(in) :: stiffness              !! at the frequencies j.omega of all harmonics
+      class(dynamic_stiffness_t), intent(in) :: stiffness             !! at the frequencies j.omega of all harmonics
       type(law_box_t), intent(in) :: laws(:)                          !! at least one; on numbers of coordinates
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
@@ -303,38 +253,28 @@ contains
       self%harmonics = harmonics
       self%omega = omega
       self%effort = effort
-      call forget_products(self)
       self%frequencies = harmonics%frequencies(omega)
       self%xi = 0.0_wp*omega
-      self%stiffness = stiffness
       self%n_dofs = size(stiffness%load, 1)
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
       self%has_products = .true.
       self%climbs_first = self%n_unknowns >= fewest_to_climb .and. &
          any([(laws(i)%law%degree == 0 .and. .not. laws(i)%law%is_multiplier, i=1, size(laws))])
       self%largest_dense = largest_dense_tangent(laws)
-      self%law_factor = 1.0_wp
       self%load_factor = 1.0_wp
       self%has_samples = .false.
       self%has_moved = .false.
-      call new_transform(self%transform, harmonics, torus, self%n_dofs, effort, error)
+      call self%dense_tangent%destroy()
+      call self%tangent_product%destroy()
+      call new_projected_laws(self%law_set, laws, self%n_dofs, harmonics, torus, omega, effort, error)
       if (allocated(error)) return
-      call new_sampled_laws(self%law_set, laws, self%n_dofs, torus, omega, error)
-      if (allocated(error)) return
-      call choose_tangent_pattern(self)
-      call factorise_linear_part(self)
+      call new_linear_part(self%stiffness, stiffness)
+      call new_preconditioner(self%preconditioner, self%stiffness, self%law_set)
       do i = 1, size(laws)
          call prepare_law(self, i)
       end do
-      if (allocated(self%reaction)) deallocate (self%reaction, self%force, self%columns)
+      if (allocated(self%reaction)) deallocate (self%reaction, self%force)
       allocate (self%reaction(harmonics%n_coefficients, self%n_dofs), self%force(harmonics%n_coefficients, self%n_dofs))
-      allocate (self%columns(harmonics%n_coefficients, 2), source=0.0_wp)
-      self%table = product_table_t()
-      if (self%law_set%has_memory) then
-         self%u_before = self%reaction
-         call new_real_block(self%answer, torus%n_total, 1, error)
-         if (allocated(error)) return
-      end if
       call choose_scales(self)
       call count_work(self, torus)
    end subroutine new_balance
@@ -354,17 +294,6 @@ contains
       if (self%law_set%has_memory) self%tangent_work = self%tangent_work + n*per_walk*torus%n_total
    end subroutine count_work
 
-   !> Drops what products with the tangent and their preconditioner hold.
-   subroutine forget_products(self)
-      class(balance_t), intent(inout) :: self
-
-      if (allocated(self%alone)) deallocate (self%alone)
-      if (allocated(self%coupled)) deallocate (self%coupled)
-      if (.not. allocated(self%thin)) return
-      call self%thin%destroy()
-      deallocate (self%thin)
-   end subroutine forget_products
-
    subroutine balance_residual(self, x, r)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
@@ -382,39 +311,19 @@ contains
 
       call balance_sample(self, u)
       call self%law_set%evaluate()
-      call self%transform%to_coefficients(self%law_set%samples%f%values, self%force)
+      call self%law_set%transform%to_coefficients(self%law_set%samples%f%values, self%force)
       if (.not. all(ieee_is_finite(self%force(1, :)))) call self%law_set%listen()
-      r = self%law_factor*self%force - self%reaction
-      call add_support(self, u, r)
+      r = self%law_set%factor*self%force - self%reaction
+      call self%stiffness%add_supports(self%harmonics, u, r)
    end subroutine balance_residual_of
-
-   !> Adds the forces of the supports, none but on the way of a homotopy in the laws.
-   subroutine add_support(self, u, r)
-      class(balance_t), intent(in) :: self
-      real(wp), intent(in) :: u(:, :)
-      real(wp), intent(inout) :: r(:, :)
-      integer :: h, i
-
-      if (.not. any(self%is_singular)) return
-      do i = 1, self%n_dofs
-         do h = 1, self%harmonics%n_harmonics
-            if (.not. self%is_singular(h)) cycle
-            associate (a => self%harmonics%cos_at(h), b => self%harmonics%sin_at(h), &
-                       k => (1.0_wp - self%law_factor)*self%support(i))
-               r(a, i) = r(a, i) + k*u(a, i)
-               if (b > 0) r(b, i) = r(b, i) + k*u(b, i)
-            end associate
-         end do
-      end do
-   end subroutine add_support
 
    !> Brings the motion onto the torus: q, and v and s where a law asks for them.
    subroutine balance_sample(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
 
-      call find_reaction(self, u, self%load_factor)
-      call sample_onto(self, u, self%law_set%samples)
+      call self%stiffness%find_reaction(self%harmonics, u, self%load_factor, self%reaction)
+      call self%law_set%bring_to(self%law_set%samples, u, self%reaction, self%frequencies)
       self%sampled = u
       self%has_samples = .true.
    end subroutine balance_sample
@@ -430,82 +339,6 @@ contains
       call balance_sample(self, u)
    end subroutine balance_sample_if_new
 
-   !> Samples of a motion, or of a direction of it, with `reaction` found before: q, and what else the laws ask for. Laws with
-   !> memory need the steps of time that end at the samples: motion at their start, rates at both ends.
-   subroutine sample_onto(self, u, samples)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: u(:, :)                                 !! (n_coefficients, n_dofs)
-      type(law_samples_t), intent(inout) :: samples                   !! all but forces
-      real(wp) :: angle(self%harmonics%n_harmonics)
-      integer :: h, i
-
-      call self%transform%to_samples(u, samples%q%values)
-      if (self%law_set%needs_velocity) call self%transform%to_rate_samples(u, self%frequencies, samples%v%values)
-      if (self%law_set%needs_reaction) call self%transform%to_samples(self%reaction, samples%s%values)
-      if (.not. self%law_set%has_memory) return
-      angle = self%frequencies*self%law_set%characteristic%step
-      do i = 1, self%n_dofs
-         do h = 1, self%harmonics%n_harmonics
-            call self%harmonics%set_amplitude(self%u_before(:, i), h, &
-                                              self%harmonics%amplitude(u(:, i), h)*cmplx(cos(angle(h)), -sin(angle(h)), wp))
-         end do
-      end do
-      call self%transform%to_samples(self%u_before, samples%q_before%values)
-      call self%transform%to_rate_samples(u, angle, samples%step_rate%values)
-      call self%transform%to_rate_samples(self%u_before, angle, samples%step_rate_before%values)
-   end subroutine sample_onto
-
-   !> s = F_ext - S u, per harmonic, with the loads multiplied by a factor.
-   subroutine find_reaction(self, u, load_factor)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: u(:, :)
-      real(wp), intent(in) :: load_factor
-      complex(wp) :: c, s(self%n_dofs)
-      integer :: h, k
-
-      if (self%n_dofs == 1) then
-         call find_reaction_of_one(self%harmonics, load_factor*self%stiffness%load(1, :), self%stiffness%condensed(1, 1, :), &
-                                   u(:, 1), self%reaction(:, 1))
-         return
-      end if
-      associate (pattern => self%stiffness%pattern, set => self%harmonics)
-         do h = 1, set%n_harmonics
-            associate (cosine => set%cos_at(h), sine => set%sin_at(h))
-               s = load_factor*self%stiffness%load(:, h)
-               do k = 1, self%n_dofs
-                  c = cmplx(u(cosine, k), 0.0_wp, wp)
-                  if (sine > 0) c = cmplx(u(cosine, k), -u(sine, k), wp)
-                  associate (first => pattern%first(k), last => pattern%last(k), shift => pattern%shift(k))
-                     s(first:last) = s(first:last) - self%stiffness%condensed(shift + first:shift + last, k, h)*c
-                  end associate
-               end do
-               self%reaction(cosine, :) = real(s)
-               if (sine > 0) self%reaction(sine, :) = -aimag(s)
-            end associate
-         end do
-      end associate
-   end subroutine find_reaction
-
-   !> The same for one degree of freedom, without the loops over blocks: in a product it would take a tenth of the time.
-   pure subroutine find_reaction_of_one(set, load, stiffness, u, reaction)
-      type(harmonics_t), intent(in) :: set
-      complex(wp), intent(in) :: load(:), stiffness(:)                !! (n_harmonics)
-      real(wp), intent(in) :: u(:)                                    !! (n_coefficients)
-      real(wp), intent(out) :: reaction(:)                            !! as u
-      integer :: h
-
-      do h = 1, set%n_harmonics
-         associate (c => set%cos_at(h), s => set%sin_at(h), a => real(stiffness(h)), b => aimag(stiffness(h)))
-            if (s > 0) then                                           ! (a + i b) (u_c - i u_s)
-               reaction(c) = real(load(h)) - (a*u(c) + b*u(s))
-               reaction(s) = -aimag(load(h)) - (a*u(s) - b*u(c))
-            else
-               reaction(c) = real(load(h)) - a*u(c)
-            end if
-         end associate
-      end do
-   end subroutine find_reaction_of_one
-
    subroutine balance_linearise(self, x, is_ready)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
@@ -516,17 +349,8 @@ contains
       call self%law_set%differentiate(error)
       is_ready = .not. allocated(error)
       if (.not. is_ready) return
-      if (.not. allocated(self%thin)) then
-         allocate (self%thin)
-         call new_thin_product(self%thin, self%harmonics, self%transform%torus, self%law_set, self%effort)
-      end if
-      self%uses_thin = self%thin%is_thinner .and. .not. self%law_set%kinks%are_met()   ! what neighbours do needs all samples
-      if (self%uses_thin) then
-         call self%thin%update(self%law_set)
-      else
-         call self%law_set%make_direction_samples(error)
-         is_ready = .not. allocated(error)
-      end if
+      call self%tangent_product%prepare(self%law_set, self%effort, error)
+      is_ready = .not. allocated(error)
    end subroutine balance_linearise
 
    subroutine balance_apply_tangent(self, x, product)
@@ -537,47 +361,68 @@ contains
       call apply_tangent_to(self, x, product)
    end subroutine balance_apply_tangent
 
-   !> J u: u onto the torus, times the derivatives of the laws there, and back. Where the answer of a memory does not repeat it
-   !> is what the last round gives, as in the dense tangent. Source: docs/user/theory.md, section 6.6.
+   !> J u = S u + the derivative of the forces along u. Source: docs/user/theory.md, section 6.6.
    subroutine apply_tangent_to(self, u, product)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), intent(out) :: product(self%harmonics%n_coefficients, self%n_dofs)
-      real(wp), allocatable :: weight_slope(:)
-      type(error_t), allocatable :: error
 
-      call find_reaction(self, u, 0.0_wp)
-      if (self%uses_thin) then
-         call self%thin%apply(self%frequencies, u, self%reaction, self%force)
-      else
-         allocate (weight_slope(0))
-         if (self%law_set%has_memory) weight_slope = 0.0_wp*self%law_set%characteristic%weight
-         associate (along => self%law_set%along)
-            call sample_onto(self, u, along)
-            call self%law_set%differentiate_along(error, weight_slope)
-            call self%transform%to_coefficients(along%f%values, self%force)
-         end associate
-      end if
-      product = self%law_factor*self%force - self%reaction
-      call add_support(self, u, product)
+      call self%stiffness%find_reaction(self%harmonics, u, 0.0_wp, self%reaction)
+      call self%tangent_product%apply(self%law_set, u, self%reaction, self%frequencies, self%force)
+      product = self%law_set%factor*self%force - self%reaction
+      call self%stiffness%add_supports(self%harmonics, u, product)
    end subroutine apply_tangent_to
 
-   !> Puts how the force of a line of the laws' kinks answers to its coordinate at a neighbour of each sample into the table, and
-   !> tells by which angle the wave exp(i j.tau) is ahead there.
-   subroutine balance_tabulate_kinks(self, line, part, angle, is_any)
+   subroutine balance_tangent(self, x, jacobian)
       class(balance_t), intent(inout) :: self
-      integer, intent(in) :: line
-      integer, intent(in) :: part                                     !! number of the neighbour, 1 to law_set%kinks%grid%n_parts
-      real(wp), intent(out) :: angle(:)                               !! [rad], (n_harmonics)
-      logical, intent(out) :: is_any                                  !! false: no answer, nothing was done
-      real(wp), allocatable :: answer(:, :)
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(out), contiguous :: jacobian(:, :)
 
-      allocate (answer(self%transform%torus%n_total, 1))
-      call self%law_set%kinks%fill_part(line, part, answer(:, 1), is_any)
-      if (.not. is_any) return
-      call self%transform%tabulate_product(answer, 1, self%table, by_motion, self%law_factor)
-      angle = matmul(two_pi*self%law_set%kinks%grid%shift(part)/self%transform%torus%n_samples, real(self%harmonics%tuples, wp))
-   end subroutine balance_tabulate_kinks
+      call balance_tangent_of(self, x, jacobian)
+   end subroutine balance_tangent
+
+   subroutine balance_tangent_of(self, u, jacobian)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
+      real(wp), intent(out) :: jacobian(self%harmonics%n_coefficients, self%n_dofs, &
+                                        self%harmonics%n_coefficients, self%n_dofs)
+      type(error_t), allocatable :: error
+
+      call self%sample_if_new(u)
+      call self%law_set%differentiate(error)
+      if (.not. allocated(error)) &
+         call self%dense_tangent%assemble(self%stiffness, self%law_set, self%frequencies, self%watch, jacobian, error)
+      if (allocated(error)) jacobian = 0.0_wp                         ! out of memory: no tangent, the solver sees it
+   end subroutine balance_tangent_of
+
+   !> The motion without any law; where the structure is free to move, that on its weak supports.
+   subroutine balance_linear_solution(self, u)
+      class(balance_t), intent(in) :: self
+      real(wp), intent(out) :: u(self%harmonics%n_coefficients, self%n_dofs)   !! [m]
+
+      call self%stiffness%find_motion(self%harmonics, u)
+   end subroutine balance_linear_solution
+
+   subroutine balance_solve_linear(self, r, step)
+      class(balance_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: r(:)
+      real(wp), intent(out), contiguous :: step(:)
+
+      call self%stiffness%solve(self%harmonics, r, step)
+   end subroutine balance_solve_linear
+
+   !> Sets the scales of unknowns and equations, the same for all coefficients of a degree of freedom.
+   pure subroutine balance_set_scales(self, motion, force)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: motion(:)                               !! [m], (n_dofs), > 0
+      real(wp), intent(in) :: force(:)                                !! [N], (n_dofs), > 0
+      integer :: i
+
+      associate (n => self%harmonics%n_coefficients)
+         self%x_scale = [(spread(motion(i), 1, n), i=1, self%n_dofs)]
+         self%r_scale = [(spread(force(i), 1, n), i=1, self%n_dofs)]
+      end associate
+   end subroutine balance_set_scales
 
    !> Multiplies all forces of the laws, or all loads, by a factor.
    subroutine balance_deform(self, kind, amount)
@@ -586,7 +431,10 @@ contains
       real(wp), intent(in) :: amount
 
       self%has_samples = .false.
-      if (kind == deformation%nonlinearity) self%law_factor = amount
+      if (kind == deformation%nonlinearity) then
+         self%law_set%factor = amount
+         self%stiffness%support_share = 1.0_wp - amount
+      end if
       if (kind == deformation%load) self%load_factor = amount
    end subroutine balance_deform
 
@@ -596,7 +444,7 @@ contains
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_samples, 1), aligned as those of law_set
       real(wp), intent(out) :: coefficients(:)                        !! (n_coefficients)
 
-      call self%transform%to_coefficients_of_one(samples, coefficients)
+      call self%law_set%transform%to_coefficients_of_one(samples, coefficients)
    end subroutine balance_project_one
 
    !> Coefficients of sampled functions at the degrees of freedom of the laws, such as the forces `law_set%f`.
@@ -605,7 +453,7 @@ contains
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_samples, n_dofs), aligned as those of law_set
       real(wp), intent(out) :: coefficients(:, :)                     !! (n_coefficients, n_dofs)
 
-      call self%transform%to_coefficients(samples, coefficients)
+      call self%law_set%transform%to_coefficients(samples, coefficients)
    end subroutine balance_project
 
    !> Motion of all degrees of freedom of the structure from that at the laws.
@@ -651,9 +499,8 @@ contains
    subroutine balance_destroy(self)
       class(balance_t), intent(inout) :: self
 
-      call self%transform%destroy()
       call self%law_set%destroy()
-      call self%answer%destroy()
-      call forget_products(self)
+      call self%dense_tangent%destroy()
+      call self%tangent_product%destroy()
    end subroutine balance_destroy
 end module hb_balance

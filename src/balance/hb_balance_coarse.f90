@@ -89,13 +89,13 @@ contains
 
       call new_harmonics(set, self%harmonics%tuples(:, kept), error)
       if (allocated(error)) return
-      associate (fine => self%transform%torus%n_samples, highest => self%harmonics%highest)
+      associate (fine => self%law_set%transform%torus%n_samples, highest => self%harmonics%highest)
          call new_torus(torus, [(fast_size(ceiling(real(fine(m), wp)*(2*set%highest(m) + 1)/(2*highest(m) + 1))), &
                                  m=1, set%n_tones)], set, error)
       end associate
       if (allocated(error)) return
-      torus%corrects_kinks = self%transform%torus%corrects_kinks
-      if (self%transform%torus%is_half .and. torus%can_be_halved()) torus = torus%half()
+      torus%corrects_kinks = self%law_set%transform%torus%corrects_kinks
+      if (self%law_set%transform%torus%is_half .and. torus%can_be_halved()) torus = torus%half()
       call new_balance(coarse, set, torus, self%omega, self%stiffness%restricted_to(kept), self%law_set%laws, self%effort, error)
       coarse%watch => self%watch
    end subroutine make_coarse

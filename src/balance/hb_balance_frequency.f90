@@ -132,7 +132,7 @@ contains
       self%has_samples = .false.
       self%has_moved = .true.
       self%frequencies = self%harmonics%frequencies(omega)
-      if (.not. is_same(1)) call self%law_set%move(self%transform%torus, omega)
+      if (.not. is_same(1)) call self%law_set%move(self%law_set%transform%torus, omega)
       call self%stiffness%move(self%frequencies, self%drives(), error)
       if (allocated(error)) self%omega = -1.0_wp                      ! what is kept fits no frequencies
    end subroutine balance_move
@@ -158,15 +158,16 @@ contains
 
       call prepare_slopes(self, u, m, derivative, error)
       if (allocated(error)) return
-      call find_reaction_slope(self, u, 0.0_wp*self%frequencies, self%omega(m)*self%harmonics%tuples(m, :), reaction)
+      call self%stiffness%find_reaction_slope(self%harmonics, u, self%load_factor, 0.0_wp*self%frequencies, &
+                                              self%omega(m)*self%harmonics%tuples(m, :), reaction)
       associate (along => self%law_set%along)
          if (self%law_set%needs_reaction) then
             along%q%values = 0.0_wp
             if (self%law_set%needs_velocity) along%v%values = 0.0_wp
-            call self%transform%to_samples(reaction, along%s%values)
+            call self%law_set%transform%to_samples(reaction, along%s%values)
             call self%law_set%differentiate_along(error)
-            call self%transform%to_coefficients(along%f%values, self%force)
-            derivative = self%law_factor*self%force
+            call self%law_set%transform%to_coefficients(along%f%values, self%force)
+            derivative = self%law_set%factor*self%force
          end if
       end associate
       derivative = derivative - reaction
@@ -212,73 +213,17 @@ contains
       if (allocated(error)) return
       turns = real(self%harmonics%tuples(m, :), wp)
       allocate (weight_slope(0))
-      call find_reaction_slope(self, u, turns, self%xi(m)*turns, reaction)
+      call self%stiffness%find_reaction_slope(self%harmonics, u, self%load_factor, turns, self%xi(m)*turns, reaction)
       associate (along => self%law_set%along)
          along%q%values = 0.0_wp
-         if (self%law_set%needs_velocity) call self%transform%to_rate_samples(u, turns, along%v%values)
-         if (self%law_set%needs_reaction) call self%transform%to_samples(reaction, along%s%values)
-         if (self%law_set%has_memory) call sample_step_slopes(self, u, m, turns, weight_slope)
+         if (self%law_set%needs_velocity) call self%law_set%transform%to_rate_samples(u, turns, along%v%values)
+         if (self%law_set%needs_reaction) call self%law_set%transform%to_samples(reaction, along%s%values)
+         if (self%law_set%has_memory) call self%law_set%bring_step_slopes(u, self%omega, m, weight_slope)
          call self%law_set%differentiate_along(error, weight_slope)
          if (allocated(error)) return
-         call self%transform%to_coefficients(along%f%values, self%force)
+         call self%law_set%transform%to_coefficients(along%f%values, self%force)
       end associate
-      derivative = self%law_factor*self%force - reaction
+      derivative = self%law_set%factor*self%force - reaction
    end subroutine balance_frequency_derivative
 
-   !> How the steps of time change with base frequency m: motion at their start, rates at both ends, and the weights of the
-   !> neighbours there. With the angle phi = j.omega step and c the amplitude at the end of a step,
-   !> d(c exp(-i phi)) = -i c exp(-i phi) dphi, and d(i phi c exp(-i phi)) = (i + phi) c exp(-i phi) dphi.
-   subroutine sample_step_slopes(self, u, m, turns, weight_slope)
-      class(balance_t), intent(inout) :: self                         !! after `sample`
-      real(wp), intent(in) :: u(:, :)
-      integer, intent(in) :: m
-      real(wp), intent(in) :: turns(:)                                !! j_m, (n_harmonics)
-      real(wp), allocatable, intent(inout) :: weight_slope(:)
-      real(wp), dimension(self%harmonics%n_harmonics) :: angle, angle_slope
-      real(wp) :: rate_slope(self%harmonics%n_coefficients, self%n_dofs), step_slope
-      integer :: h, i
-
-      associate (characteristic => self%law_set%characteristic, along => self%law_set%along)
-         weight_slope = 0.0_wp*characteristic%weight
-         call characteristic%frequency_slopes(m, step_slope, weight_slope)
-         angle = self%frequencies*characteristic%step
-         angle_slope = turns*characteristic%step
-         if (m == characteristic%tone) angle_slope = (self%frequencies - turns*self%omega(m))*step_slope   ! this tone cancels
-         do i = 1, self%n_dofs
-            do h = 1, self%harmonics%n_harmonics
-               call self%harmonics%set_amplitude(rate_slope(:, i), h, &
-                                  cmplx(angle(h), 1.0_wp, wp)*angle_slope(h)*self%harmonics%amplitude(self%u_before(:, i), h))
-            end do
-         end do
-         call self%transform%to_rate_samples(self%u_before, -angle_slope, along%q_before%values)
-         call self%transform%to_rate_samples(u, angle_slope, along%step_rate%values)
-         call self%transform%to_samples(rate_slope, along%step_rate_before%values)
-      end associate
-   end subroutine sample_step_slopes
-
-   !> Derivative of s where the frequency of each harmonic changes by `turns` and its drive by `drive_turns`:
-   !> (dP/dw - dS/dw u) turns + (dP/ddrive - dS/ddrive u) drive_turns.
-   subroutine find_reaction_slope(self, u, turns, drive_turns, slope)
-      type(balance_t), intent(in) :: self
-      real(wp), intent(in) :: u(:, :)
-      real(wp), intent(in) :: turns(:), drive_turns(:)                !! (n_harmonics)
-      real(wp), intent(out) :: slope(:, :)                            !! [N s], as u
-      complex(wp) :: s
-      integer :: h, i, k
-
-      associate (stiffness => self%stiffness, pattern => self%stiffness%pattern)
-         do h = 1, self%harmonics%n_harmonics
-            do i = 1, self%n_dofs
-               s = self%load_factor*(turns(h)*stiffness%load_slope(i, h) + drive_turns(h)*stiffness%load_drive_slope(i, h))
-               do k = pattern%first(i), pattern%last(i)
-                  associate (row => pattern%shift(k) + i)
-                     s = s - (turns(h)*stiffness%condensed_slope(row, k, h) + &
-                              drive_turns(h)*stiffness%condensed_drive_slope(row, k, h))*self%harmonics%amplitude(u(:, k), h)
-                  end associate
-               end do
-               call self%harmonics%set_amplitude(slope(:, i), h, s)
-            end do
-         end do
-      end associate
-   end subroutine find_reaction_slope
 end submodule hb_balance_frequency

@@ -1,58 +1,8 @@
-!> The linear part of the balance: its factors, what laws and solvers are told by it.
+!> What laws and solvers are told by the linear part of the balance: stiffness felt, scales, rounding.
 submodule (hb_balance) hb_balance_linear
-   use hb_block_factors, only: new_block_factors
-   use hb_block_pattern, only: new_block_pattern
    implicit none
 
 contains
-
-   !> Where the tangent of one harmonic has entries: where S has, where a law couples two motions, and where a force that
-   !> depends on the reaction meets S.
-   module subroutine choose_tangent_pattern(self)
-      type(balance_t), intent(inout) :: self
-      integer :: law, linear, reach
-
-      linear = self%stiffness%pattern%reach
-      law = max(0, maxval(abs(self%law_set%jacobian%row - self%law_set%jacobian%column)), self%law_set%memory_reach())
-      reach = max(linear, law)
-      if (self%law_set%needs_reaction) reach = linear + law
-      call new_block_pattern(self%tangent_pattern, self%n_dofs, min(self%n_dofs, reach))
-   end subroutine choose_tangent_pattern
-
-   !> LU of S per harmonic. Where S is singular (a structure free to move, an undamped resonance) weak supports hold it, each a
-   !> tenth of the stiffness in the first harmonic that is not: for first guesses and first steps, never for a residual.
-   module subroutine factorise_linear_part(self)
-      type(balance_t), intent(inout) :: self
-      real(wp), parameter :: weakness = 1.0e-1_wp
-      integer :: h, i
-      complex(wp), allocatable :: block(:, :), free_motion(:, :)
-      logical :: has_zero_pivot
-      real(wp) :: stiffest
-
-      call new_block_factors(self%factors, self%stiffness%pattern, self%harmonics%n_harmonics)
-      if (allocated(self%is_singular)) deallocate (self%is_singular)
-      allocate (self%is_singular(self%harmonics%n_harmonics))
-      allocate (free_motion(self%n_dofs, self%harmonics%n_harmonics))
-      call self%stiffness%linear_amplitudes(free_motion, self%is_singular)
-      h = max(1, findloc(self%is_singular, .false., dim=1))
-      associate (shift => self%stiffness%pattern%shift)
-         self%support = [(weakness*abs(self%stiffness%condensed(shift(i) + i, i, h)), i=1, self%n_dofs)]
-      end associate
-      stiffest = maxval(self%support)
-      if (stiffest <= 0.0_wp) stiffest = 1.0_wp
-      where (self%support <= epsilon(1.0_wp)*stiffest) self%support = stiffest
-      do h = 1, self%harmonics%n_harmonics
-         block = self%stiffness%condensed(:, :, h)
-         if (self%is_singular(h)) then
-            do i = 1, self%n_dofs
-               associate (row => self%stiffness%pattern%shift(i) + i)
-                  block(row, i) = block(row, i) + self%support(i)
-               end associate
-            end do
-         end if
-         call self%factors%factorise(h, block, has_zero_pivot)
-      end do
-   end subroutine factorise_linear_part
 
    !> Tells law i what it feels at its first coordinate: the stiffness 1/|w.S^-1 w| in the first harmonic in which the
    !> structure is not free to move (the static one, unless the set has no zero tuple or the structure no support), and the
@@ -68,7 +18,7 @@ contains
          if (compliance > 0.0_wp) call law%prepare(1.0_wp/compliance)
          fastest = maxloc(abs(self%frequencies), dim=1)
          associate (frequency => abs(self%frequencies(fastest)))
-            mobility = frequency*compliance_of(self, i, fastest)
+            mobility = frequency*self%stiffness%compliance(law%dofs, law%shape(:, 1), fastest)
             if (mobility > 0.0_wp) call law%prepare_rate(1.0_wp/mobility, frequency)
          end associate
       end associate
@@ -79,31 +29,10 @@ contains
       integer, intent(in) :: i
       real(wp) :: compliance
 
-      compliance = compliance_of(self, i, max(1, findloc(self%is_singular, .false., dim=1)))
-   end function balance_compliance_of_law
-
-   !> |w.S^-1 w| of harmonic h, with w the weights of the first coordinate of law i.
-   real(wp) function compliance_of(self, i, h)
-      type(balance_t), intent(in) :: self
-      integer, intent(in) :: i, h
-      complex(wp) :: response(self%n_dofs)
-
-      response = spread_weights(self, i)
-      call self%factors%solve(h, response)
-      compliance_of = abs(dot_product(spread_weights(self, i), response))
-   end function compliance_of
-
-   !> Weights of the first coordinate of law i over all coordinates.
-   function spread_weights(self, i) result(weights)
-      type(balance_t), intent(in) :: self
-      integer, intent(in) :: i
-      complex(wp) :: weights(self%n_dofs)
-
-      weights = (0.0_wp, 0.0_wp)
       associate (law => self%law_set%laws(i)%law)
-         weights(law%dofs) = cmplx(law%shape(:, 1), kind=wp)
+         compliance = self%stiffness%compliance(law%dofs, law%shape(:, 1))
       end associate
-   end function spread_weights
+   end function balance_compliance_of_law
 
    !> Scales of unknowns and equations, one each per degree of freedom: linear motion and loads; where these vanish, gaps and
    !> the forces at rest.
@@ -118,7 +47,7 @@ contains
       motion = norm2(u, dim=1)
       do i = 1, self%n_dofs
          do h = 1, self%harmonics%n_harmonics
-            associate (s => self%stiffness%condensed(self%stiffness%pattern%shift(i) + i, i, h))
+            associate (s => self%stiffness%entry(i, i, h))
                loads(h) = max(abs(self%stiffness%load(i, h)), abs(s*self%harmonics%amplitude(u(:, i), h)))
             end associate
          end do
@@ -140,29 +69,8 @@ contains
       if (maxval(load) <= 0.0_wp) load = 1.0_wp
       where (motion <= epsilon(1.0_wp)*maxval(motion)) motion = maxval(motion)
       where (load <= epsilon(1.0_wp)*maxval(load)) load = maxval(load)
-      self%x_scale = [(spread(motion(i), 1, self%harmonics%n_coefficients), i=1, self%n_dofs)]
-      self%r_scale = [(spread(load(i), 1, self%harmonics%n_coefficients), i=1, self%n_dofs)]
+      call self%set_scales(motion, load)
    end subroutine choose_scales
-
-   !> The motion without any law; where the structure is free to move, that on its weak supports.
-   module subroutine balance_linear_solution(self, u)
-      class(balance_t), intent(in) :: self
-      real(wp), intent(out) :: u(self%harmonics%n_coefficients, self%n_dofs)   !! [m]
-      complex(wp) :: c(self%n_dofs, self%harmonics%n_harmonics)
-      logical :: is_singular(self%harmonics%n_harmonics)
-      integer :: h, i
-
-      call self%stiffness%linear_amplitudes(c, is_singular)
-      do h = 1, self%harmonics%n_harmonics
-         if (is_singular(h)) then
-            c(:, h) = self%stiffness%load(:, h)
-            call self%factors%solve(h, c(:, h))
-         end if
-         do i = 1, self%n_dofs
-            call self%harmonics%set_amplitude(u(:, i), h, c(i, h))
-         end do
-      end do
-   end subroutine balance_linear_solution
 
    !> The motion of the structure with its laws as they answer at rest, sliders stuck to it, in place of `u`, the motion without any
    !> law: where sliders slip in this one, near a resonance by far, but none does in that. Else `u` stays.
@@ -192,14 +100,6 @@ contains
       is_better = .not. self%law_set%all_stick()
       if (is_better) u = stuck
    end subroutine balance_stuck_solution
-
-   module subroutine balance_solve_linear(self, r, step)
-      class(balance_t), intent(in) :: self
-      real(wp), intent(in), contiguous :: r(:)
-      real(wp), intent(out), contiguous :: step(:)
-
-      call self%factors%solve_harmonics(self%harmonics, r, step)
-   end subroutine balance_solve_linear
 
    module function balance_rounding_level(self, x) result(level)
       class(balance_t), intent(inout) :: self
@@ -242,10 +142,10 @@ contains
                associate (slope => jacobian%df_dq%values(:, i), q => self%law_set%samples%q%values(:, jacobian%column(i)))
                   terms = norm2(slope)/sqrt(real(size(slope), wp))*maxval(abs(q))
                end associate
-               total = total + (self%law_factor*terms/scale_of(jacobian%row(i)))**2
+               total = total + (self%law_set%factor*terms/scale_of(jacobian%row(i)))**2
             end do
          end associate
-         if (self%law_set%has_memory) total = total + sum((self%law_factor*self%law_set%spring_forces() &
+         if (self%law_set%has_memory) total = total + sum((self%law_set%factor*self%law_set%spring_forces() &
                                                            /[(scale_of(i), i=1, self%n_dofs)])**2)
       end if
       rounding_level_of = min(largest_level, units*epsilon(1.0_wp)*sqrt(total))

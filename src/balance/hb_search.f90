@@ -343,7 +343,7 @@ contains
 
       motion = max(magnitude, maxval(norm2(self%base%u, dim=1)))
       force = 0.0_wp
-      associate (b => self%balance, n => self%balance%harmonics%n_coefficients)
+      associate (b => self%balance)
          do m = 1, size(self%tones)
             h = fundamental(b%harmonics, self%tones(m))
             do i = 1, b%n_dofs
@@ -354,8 +354,7 @@ contains
             end do
          end do
          where (force <= epsilon(1.0_wp)*maxval(force)) force = maxval(force)
-         b%x_scale = motion
-         b%r_scale = [(spread(force(i), 1, n), i=1, b%n_dofs)]
+         call b%set_scales(spread(motion, 1, b%n_dofs), force)
       end associate
    end subroutine search_set_scales
 end module hb_search

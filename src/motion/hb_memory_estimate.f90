@@ -239,7 +239,7 @@ contains
    end function gmres_bytes
 
    !> Samples of products, factors of each harmonic by itself and those of some or of the strongest coupling; see
-   !> hb_thin_product, hb_law_samples, hb_balance and hb_coarse_tangent.
+   !> hb_tangent_product, hb_law_samples, hb_balance and hb_coarse_tangent.
    pure real(wp) function preconditioner_bytes(s, is_strongest)
       type(sizes_t), intent(in) :: s
       logical, intent(in) :: is_strongest                             !! else of the level that easy problems stay below

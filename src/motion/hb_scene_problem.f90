@@ -121,7 +121,7 @@ contains
          keeps_stiffness = self%group == "law" .and. self%has_stiffness
          if (keeps_stiffness) keeps_stiffness = coordinates%equal(self%balance%stiffness%coordinates)
          if (keeps_stiffness) then
-            stiffness = self%balance%stiffness
+            stiffness = self%balance%stiffness%dynamic_stiffness_t
          else
             call new_dynamic_stiffness(stiffness, scene%structure, coordinates, &
                scene%harmonics%frequencies(scene%tones%omega), scene%loads, error, with_slopes=has_slopes, &

@@ -1,9 +1,9 @@
-!> Products with sampled slopes on the smallest grid that gives them exactly.
+!> Products of the tangent with a motion: the derivative of the forces of the laws along it, by way of the samples.
 !>
-!> What a product of a slope g with a motion puts into the kept harmonics, |j_m| <= N_m, depends on the spectrum of g up to
-!> 2 N_m alone. With that part of it, 4 N_m + 1 samples per tone keep all of this apart; forces of contact are sampled on more.
-!> Source: docs/user/theory.md, section 6.6.
-module hb_thin_product
+!> Where laws have sampled slopes alone, a smaller grid gives them exactly: what a product of a slope g with a motion puts into
+!> the kept harmonics, |j_m| <= N_m, depends on the spectrum of g up to 2 N_m. With that part of it, 4 N_m + 1 samples per tone
+!> keep all of this apart; forces of contact are sampled on more. Source: docs/user/theory.md, section 6.6.
+module hb_tangent_product
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t, new_box, new_of_parity
@@ -11,15 +11,15 @@ module hb_thin_product
    use hb_law_jacobian, only: law_jacobian_t
    use hb_law_samples, only: law_samples_t, new_law_samples
    use hb_packed_fft, only: way
-   use hb_sampled_laws, only: sampled_laws_t
+   use hb_projected_laws, only: projected_laws_t
    use hb_torus, only: cheap_size, new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
    implicit none
    private
-   public :: new_thin_product, thin_product_t
+   public :: tangent_product_t
 
    !> Owner of outside resources: call `destroy`.
-   type :: thin_product_t
+   type :: thin_grid_t
       logical :: is_thinner = .false.                                 !! than the grid of the laws; else not to be used
       type(transform_t), private :: transform                         ! of motions
       type(transform_t), private :: wide, narrow                      ! of slopes, on the grid of the laws and on this one
@@ -28,21 +28,82 @@ module hb_thin_product
       type(real_block_t), private :: column                           ! (n_samples, 1)
       real(wp), allocatable, private :: spectrum(:, :)                ! (coefficients of a slope, 1)
    contains
-      procedure :: update => thin_product_update
-      procedure :: apply => thin_product_apply
-      procedure, private :: bring => thin_product_bring
-      procedure :: destroy => thin_product_destroy
-   end type thin_product_t
+      procedure :: update => thin_grid_update
+      procedure :: apply => thin_grid_apply
+      procedure, private :: bring => thin_grid_bring
+      procedure :: destroy => thin_grid_destroy
+   end type thin_grid_t
+
+   !> Owner of outside resources: call `destroy`.
+   type :: tangent_product_t
+      type(thin_grid_t), allocatable, private :: thin                 ! from the first use on
+      logical, private :: uses_thin = .false.                         ! for the motion of the last `prepare`
+   contains
+      procedure :: prepare => tangent_product_prepare
+      procedure :: apply => tangent_product_apply
+      procedure :: destroy => tangent_product_destroy
+   end type tangent_product_t
 
 contains
 
+   !> Prepares products at the motion along which the laws were differentiated. Fails out of memory.
+   subroutine tangent_product_prepare(self, laws, effort, error)
+      class(tangent_product_t), intent(inout) :: self
+      type(projected_laws_t), intent(inout) :: laws
+      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
+      type(error_t), allocatable, intent(out) :: error
+
+      if (.not. allocated(self%thin)) then
+         allocate (self%thin)
+         call new_thin_grid(self%thin, laws%transform%harmonics, laws%transform%torus, laws, effort)
+      end if
+      self%uses_thin = self%thin%is_thinner .and. .not. laws%kinks%are_met()   ! what neighbours do needs all samples
+      if (self%uses_thin) then
+         call self%thin%update(laws)
+      else
+         call laws%make_direction_samples(error)
+      end if
+   end subroutine tangent_product_prepare
+
+   !> Finds the coefficients of the derivative of the forces along a motion u. Where that of a memory does not repeat it is what the
+   !> last round gives, as in the dense tangent.
+   subroutine tangent_product_apply(self, laws, u, reaction, frequencies, force)
+      class(tangent_product_t), intent(inout) :: self
+      type(projected_laws_t), intent(inout) :: laws
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+      real(wp), intent(in) :: reaction(:, :)                          !! -S u [N], as u
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      real(wp), intent(out) :: force(:, :)                            !! [N], as u
+      real(wp), allocatable :: weight_slope(:)
+      type(error_t), allocatable :: error
+
+      if (self%uses_thin) then
+         call self%thin%apply(frequencies, u, reaction, force)
+         return
+      end if
+      allocate (weight_slope(0))
+      if (laws%has_memory) weight_slope = 0.0_wp*laws%characteristic%weight
+      call laws%bring_to(laws%along, u, reaction, frequencies)
+      call laws%differentiate_along(error, weight_slope)
+      call laws%transform%to_coefficients(laws%along%f%values, force)
+   end subroutine tangent_product_apply
+
+   !> Frees what products need; safe to call twice.
+   subroutine tangent_product_destroy(self)
+      class(tangent_product_t), intent(inout) :: self
+
+      if (.not. allocated(self%thin)) return
+      call self%thin%destroy()
+      deallocate (self%thin)
+   end subroutine tangent_product_destroy
+
    !> Prepares products for the laws, where a thinner grid than theirs will do and there is room for what it needs;
    !> `is_thinner` stays false else, as products on the grid of the laws are as exact.
-   subroutine new_thin_product(self, harmonics, torus, laws, effort)
-      type(thin_product_t), intent(inout) :: self
+   subroutine new_thin_grid(self, harmonics, torus, laws, effort)
+      type(thin_grid_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus                              !! of the laws
-      type(sampled_laws_t), intent(in) :: laws
+      type(projected_laws_t), intent(in) :: laws
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable :: error
       type(harmonics_t) :: band
@@ -73,7 +134,7 @@ contains
       else
          call self%destroy()
       end if
-   end subroutine new_thin_product
+   end subroutine new_thin_grid
 
    !> The harmonics of slopes that a product needs: up to twice those of the motion; of odd forces they are even.
    subroutine new_band(band, harmonics, torus, error)
@@ -93,9 +154,9 @@ contains
    end subroutine new_band
 
    !> Takes over the slopes of the laws, after `differentiate`.
-   subroutine thin_product_update(self, laws)
-      class(thin_product_t), intent(inout) :: self
-      type(sampled_laws_t), intent(in) :: laws
+   subroutine thin_grid_update(self, laws)
+      class(thin_grid_t), intent(inout) :: self
+      type(projected_laws_t), intent(in) :: laws
       integer :: i
 
       associate (from => laws%jacobian, to => self%jacobian)
@@ -105,11 +166,11 @@ contains
             if (from%needs_reaction) call self%bring(from%df_ds, to%df_ds, i)
          end do
       end associate
-   end subroutine thin_product_update
+   end subroutine thin_grid_update
 
    !> Brings column i of sampled slopes to the thin grid.
-   subroutine thin_product_bring(self, from, to, i)
-      class(thin_product_t), intent(inout) :: self
+   subroutine thin_grid_bring(self, from, to, i)
+      class(thin_grid_t), intent(inout) :: self
       type(real_block_t), intent(in) :: from
       type(real_block_t), intent(inout) :: to
       integer, intent(in) :: i
@@ -117,11 +178,11 @@ contains
       call self%wide%to_coefficients_of_one(from%values(:, i:i), self%spectrum(:, 1))
       call self%narrow%to_samples(self%spectrum, self%column%values)  ! a column of `to` need not be aligned
       to%values(:, i) = self%column%values(:, 1)
-   end subroutine thin_product_bring
+   end subroutine thin_grid_bring
 
    !> Coefficients of the forces that respond to a motion u with the reaction s.
-   subroutine thin_product_apply(self, frequencies, u, s, force)
-      class(thin_product_t), intent(inout) :: self
+   subroutine thin_grid_apply(self, frequencies, u, s, force)
+      class(thin_grid_t), intent(inout) :: self
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
       real(wp), intent(in) :: u(:, :), s(:, :)                        !! (n_coefficients, n_dofs)
       real(wp), intent(out) :: force(:, :)                            !! as u
@@ -134,11 +195,11 @@ contains
          call self%jacobian%add_product(along)
          call self%transform%to_coefficients(along%f%values, force)
       end associate
-   end subroutine thin_product_apply
+   end subroutine thin_grid_apply
 
    !> Frees transforms and samples; safe to call twice.
-   subroutine thin_product_destroy(self)
-      class(thin_product_t), intent(inout) :: self
+   subroutine thin_grid_destroy(self)
+      class(thin_grid_t), intent(inout) :: self
 
       self%is_thinner = .false.
       if (allocated(self%spectrum)) deallocate (self%spectrum)
@@ -148,5 +209,5 @@ contains
       call self%along%destroy()
       call self%jacobian%destroy()
       call self%column%destroy()
-   end subroutine thin_product_destroy
-end module hb_thin_product
+   end subroutine thin_grid_destroy
+end module hb_tangent_product

@@ -1,0 +1,230 @@
+!> The linear part of the balance: the dynamic stiffness of each harmonic with its factors, and what it makes of coefficients.
+!>
+!> Where S is singular (a structure free to move, an undamped resonance) weak supports hold it for first guesses and first steps;
+!> in a residual they stand only along a homotopy in the laws, and fade as these grow.
+!> Source: docs/user/theory.md, sections 3, 5.6 and 6.3.
+module hb_linear_part
+   use hb_block_factors, only: block_factors_t, new_block_factors
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: wp
+   implicit none
+   private
+   public :: linear_part_t, new_linear_part
+
+   type, extends(dynamic_stiffness_t) :: linear_part_t
+      logical, allocatable :: is_singular(:)                          !! (n_harmonics) where the structure is free to move
+      real(wp) :: support_share = 0.0_wp                              !! of the supports in residual and tangent, 0 to 1
+      real(wp), allocatable, private :: support(:)                    ! (n_law) [N/m]
+      type(block_factors_t), private :: factors                       ! LU of S of each harmonic, on its supports
+   contains
+      procedure :: entry => linear_part_entry
+      procedure :: support_in => linear_part_support_in
+      procedure :: add_supports => linear_part_add_supports
+      procedure :: find_reaction => linear_part_find_reaction
+      procedure :: find_reaction_slope => linear_part_find_reaction_slope
+      procedure :: find_motion => linear_part_find_motion
+      procedure :: solve => linear_part_solve
+      procedure :: compliance => linear_part_compliance
+   end type linear_part_t
+
+contains
+
+   !> Factorises a dynamic stiffness. Supports are a tenth of the stiffness in the first harmonic that is not singular.
+   subroutine new_linear_part(self, stiffness)
+      type(linear_part_t), intent(out) :: self
+      class(dynamic_stiffness_t), intent(in) :: stiffness
+      real(wp), parameter :: weakness = 1.0e-1_wp
+      integer :: h, i
+      complex(wp), allocatable :: block(:, :), free_motion(:, :)
+      logical :: has_zero_pivot
+      real(wp) :: stiffest
+
+      self%dynamic_stiffness_t = stiffness
+      associate (n => stiffness%n_law)
+         call new_block_factors(self%factors, self%pattern, self%n_harmonics)
+         allocate (self%is_singular(self%n_harmonics), free_motion(n, self%n_harmonics))
+         call self%linear_amplitudes(free_motion, self%is_singular)
+         h = max(1, findloc(self%is_singular, .false., dim=1))
+         self%support = [(weakness*abs(self%entry(i, i, h)), i=1, n)]
+         stiffest = maxval(self%support)
+         if (stiffest <= 0.0_wp) stiffest = 1.0_wp
+         where (self%support <= epsilon(1.0_wp)*stiffest) self%support = stiffest
+         do h = 1, self%n_harmonics
+            block = self%condensed(:, :, h)
+            if (self%is_singular(h)) then
+               do i = 1, n
+                  associate (row => self%pattern%shift(i) + i)
+                     block(row, i) = block(row, i) + self%support(i)
+                  end associate
+               end do
+            end if
+            call self%factors%factorise(h, block, has_zero_pivot)
+         end do
+      end associate
+   end subroutine new_linear_part
+
+   !> Entry (i, k) of S of harmonic h [N/m], which must stand within its pattern.
+   pure complex(wp) function linear_part_entry(self, i, k, h) result(entry)
+      class(linear_part_t), intent(in) :: self
+      integer, intent(in) :: i, k, h
+
+      entry = self%condensed(self%pattern%shift(k) + i, k, h)
+   end function linear_part_entry
+
+   !> Stiffness [N/m] of the support of coordinate i in residual and tangent of harmonic h, zero where there is none.
+   pure real(wp) function linear_part_support_in(self, i, h) result(stiffness)
+      class(linear_part_t), intent(in) :: self
+      integer, intent(in) :: i, h
+
+      stiffness = 0.0_wp
+      if (self%is_singular(h)) stiffness = self%support_share*self%support(i)
+   end function linear_part_support_in
+
+   !> Adds the forces of the supports.
+   subroutine linear_part_add_supports(self, set, u, r)
+      class(linear_part_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_law)
+      real(wp), intent(inout) :: r(:, :)                              !! [N], as u
+      integer :: h, i
+
+      if (.not. any(self%is_singular)) return
+      do i = 1, size(u, 2)
+         do h = 1, set%n_harmonics
+            if (.not. self%is_singular(h)) cycle
+            associate (a => set%cos_at(h), b => set%sin_at(h), k => self%support_in(i, h))
+               r(a, i) = r(a, i) + k*u(a, i)
+               if (b > 0) r(b, i) = r(b, i) + k*u(b, i)
+            end associate
+         end do
+      end do
+   end subroutine linear_part_add_supports
+
+   !> Finds what equilibrium asks of the laws, s = F_ext - S u, with the loads multiplied by a factor.
+   subroutine linear_part_find_reaction(self, set, u, load_factor, reaction)
+      class(linear_part_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in), contiguous :: u(:, :)                     !! [m], (n_coefficients, n_law)
+      real(wp), intent(in) :: load_factor
+      real(wp), intent(inout) :: reaction(:, :)                       !! [N], as u
+      complex(wp) :: c, s(size(u, 2))
+      integer :: h, k
+
+      if (size(u, 2) == 1) then
+         call find_reaction_of_one(set, load_factor*self%load(1, :), self%condensed(1, 1, :), u(:, 1), reaction(:, 1))
+         return
+      end if
+      do h = 1, set%n_harmonics
+         associate (cosine => set%cos_at(h), sine => set%sin_at(h))
+            s = load_factor*self%load(:, h)
+            do k = 1, size(u, 2)
+               c = cmplx(u(cosine, k), 0.0_wp, wp)
+               if (sine > 0) c = cmplx(u(cosine, k), -u(sine, k), wp)
+               associate (first => self%pattern%first(k), last => self%pattern%last(k), shift => self%pattern%shift(k))
+                  s(first:last) = s(first:last) - self%condensed(shift + first:shift + last, k, h)*c
+               end associate
+            end do
+            reaction(cosine, :) = real(s)
+            if (sine > 0) reaction(sine, :) = -aimag(s)
+         end associate
+      end do
+   end subroutine linear_part_find_reaction
+
+   !> The reaction of one degree of freedom, without the loops over blocks: in a product they would take a tenth of the time.
+   pure subroutine find_reaction_of_one(set, load, stiffness, u, reaction)
+      type(harmonics_t), intent(in) :: set
+      complex(wp), intent(in) :: load(:), stiffness(:)                !! (n_harmonics)
+      real(wp), intent(in) :: u(:)                                    !! (n_coefficients)
+      real(wp), intent(inout) :: reaction(:)                          !! as u
+      integer :: h
+
+      do h = 1, set%n_harmonics
+         associate (c => set%cos_at(h), s => set%sin_at(h), a => real(stiffness(h)), b => aimag(stiffness(h)))
+            if (s > 0) then                                           ! (a + i b) (u_c - i u_s)
+               reaction(c) = real(load(h)) - (a*u(c) + b*u(s))
+               reaction(s) = -aimag(load(h)) - (a*u(s) - b*u(c))
+            else
+               reaction(c) = real(load(h)) - a*u(c)
+            end if
+         end associate
+      end do
+   end subroutine find_reaction_of_one
+
+   !> Finds the derivative of the reaction where the frequency of each harmonic changes by `turns` and its drive by `drive_turns`:
+   !> (dP/dw - dS/dw u) turns + (dP/ddrive - dS/ddrive u) drive_turns. The stiffness must have slopes.
+   subroutine linear_part_find_reaction_slope(self, set, u, load_factor, turns, drive_turns, slope)
+      class(linear_part_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_law)
+      real(wp), intent(in) :: load_factor
+      real(wp), intent(in) :: turns(:), drive_turns(:)                !! (n_harmonics)
+      real(wp), intent(out) :: slope(:, :)                            !! [N s], as u
+      complex(wp) :: s
+      integer :: h, i, k
+
+      do h = 1, set%n_harmonics
+         do i = 1, size(u, 2)
+            s = load_factor*(turns(h)*self%load_slope(i, h) + drive_turns(h)*self%load_drive_slope(i, h))
+            do k = self%pattern%first(i), self%pattern%last(i)
+               associate (row => self%pattern%shift(k) + i)
+                  s = s - (turns(h)*self%condensed_slope(row, k, h) + &
+                           drive_turns(h)*self%condensed_drive_slope(row, k, h))*set%amplitude(u(:, k), h)
+               end associate
+            end do
+            call set%set_amplitude(slope(:, i), h, s)
+         end do
+      end do
+   end subroutine linear_part_find_reaction_slope
+
+   !> Finds the motion without any law; where the structure is free to move, that on its supports.
+   subroutine linear_part_find_motion(self, set, u)
+      class(linear_part_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(out) :: u(:, :)                                !! [m], (n_coefficients, n_law)
+      complex(wp) :: c(size(u, 2), set%n_harmonics)
+      logical :: is_singular(set%n_harmonics)
+      integer :: h, i
+
+      call self%linear_amplitudes(c, is_singular)
+      do h = 1, set%n_harmonics
+         if (is_singular(h)) then
+            c(:, h) = self%load(:, h)
+            call self%factors%solve(h, c(:, h))
+         end if
+         do i = 1, size(u, 2)
+            call set%set_amplitude(u(:, i), h, c(i, h))
+         end do
+      end do
+   end subroutine linear_part_find_motion
+
+   !> Solves S step = r on the supports, with the factors of the frequencies at which this was made.
+   subroutine linear_part_solve(self, set, r, step)
+      class(linear_part_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in), contiguous :: r(:)                        !! [N], (n_coefficients*n_law)
+      real(wp), intent(out), contiguous :: step(:)                    !! [m], as r
+
+      call self%factors%solve_harmonics(set, r, step)
+   end subroutine linear_part_solve
+
+   !> Compliance |w.S^-1 w| [m/N] in harmonic h along the weights w of some coordinates; without h, in the first harmonic in which
+   !> the structure is not free to move: the static one, unless the set has no zero tuple or the structure no support.
+   function linear_part_compliance(self, coordinates, weights, h) result(compliance)
+      class(linear_part_t), intent(in) :: self
+      integer, intent(in) :: coordinates(:)                           !! (n)
+      real(wp), intent(in) :: weights(:)                              !! (n)
+      integer, intent(in), optional :: h
+      real(wp) :: compliance
+      complex(wp) :: force(self%n_law), response(self%n_law)
+      integer :: harmonic
+
+      harmonic = max(1, findloc(self%is_singular, .false., dim=1))
+      if (present(h)) harmonic = h
+      force = (0.0_wp, 0.0_wp)
+      force(coordinates) = cmplx(weights, kind=wp)
+      response = force
+      call self%factors%solve(harmonic, response)
+      compliance = abs(dot_product(force, response))
+   end function linear_part_compliance
+end module hb_linear_part

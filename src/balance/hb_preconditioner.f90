@@ -1,0 +1,325 @@
+!> The preconditioner of the balance: the exact tangent between the harmonics that the laws couple most, and the tangent of
+!> each other harmonic by itself.
+!>
+!> Source: docs/user/theory.md, section 6.6.
+module hb_preconditioner
+   use hb_block_factors, only: block_factors_t, new_block_factors
+   use hb_block_pattern, only: block_pattern_t, new_block_pattern
+   use hb_coarse_tangent, only: coarse_tangent_t, factor_memory, factor_work, most_memory, new_coarse_tangent
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: wp
+   use hb_linear_part, only: linear_part_t
+   use hb_projected_laws, only: projected_laws_t, slope
+   implicit none
+   private
+   public :: new_preconditioner, preconditioner_t
+
+   real(wp), parameter :: unit_work = 1.0e6_wp                        ! multiplications: factors at level 1 take eight times that
+
+   type :: preconditioner_t
+      type(block_pattern_t) :: pattern                                !! of the tangent of one harmonic
+      logical, private :: needs_reaction = .false.                    ! of any law
+      type(block_factors_t), allocatable, private :: alone            ! LU of the tangent of each harmonic
+      type(coarse_tangent_t), allocatable, private :: coupled         ! and that between the most coupled ones
+   contains
+      procedure :: harmonic_tangent => preconditioner_harmonic_tangent
+      procedure :: update => preconditioner_update
+      procedure :: apply => preconditioner_apply
+   end type preconditioner_t
+
+contains
+
+   !> Finds where the tangent of one harmonic has entries: where S has, where a law couples two motions, and where a force that
+   !> depends on the reaction meets S. Factors come with the first `update`.
+   subroutine new_preconditioner(self, linear, laws)
+      type(preconditioner_t), intent(out) :: self
+      type(linear_part_t), intent(in) :: linear
+      type(projected_laws_t), intent(in) :: laws
+      integer :: law, reach
+
+      self%needs_reaction = laws%needs_reaction
+      law = max(0, maxval(abs(laws%jacobian%row - laws%jacobian%column)), laws%memory_reach())
+      reach = max(linear%pattern%reach, law)
+      if (laws%needs_reaction) reach = linear%pattern%reach + law
+      call new_block_pattern(self%pattern, linear%n_law, min(linear%n_law, reach))
+   end subroutine new_preconditioner
+
+   !> Finds the tangent of harmonic h by itself, (1 - df/ds) S + df/dq + i w df/dv, from mean slopes.
+   subroutine preconditioner_harmonic_tangent(self, linear, h, frequency, df_dq, df_dv, df_ds, block)
+      class(preconditioner_t), intent(in) :: self
+      type(linear_part_t), intent(in) :: linear
+      integer, intent(in) :: h
+      real(wp), intent(in) :: frequency                               !! j.omega [rad/s]
+      real(wp), intent(in) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)   !! (n_dofs, n_dofs)
+      complex(wp), intent(out) :: block(:, :)                         !! [N/m], (pattern%n_rows, n_dofs)
+      integer :: i, k, m
+
+      associate (own => self%pattern)
+         block = (0.0_wp, 0.0_wp)
+         do k = 1, own%n
+            do m = linear%pattern%first(k), linear%pattern%last(k)
+               associate (s => linear%condensed(linear%pattern%shift(k) + m, k, h), at => own%shift(k))
+                  block(at + m, k) = block(at + m, k) + s
+                  if (.not. self%needs_reaction) cycle
+                  do i = max(own%first(m), own%first(k)), min(own%last(m), own%last(k))
+                     block(at + i, k) = block(at + i, k) - df_ds(i, m)*s
+                  end do
+               end associate
+            end do
+            do i = own%first(k), own%last(k)
+               block(own%shift(k) + i, k) = block(own%shift(k) + i, k) + cmplx(df_dq(i, k), frequency*df_dv(i, k), wp)
+            end do
+            if (linear%is_singular(h)) block(own%shift(k) + k, k) = block(own%shift(k) + k, k) + linear%support_in(k, h)
+         end do
+      end associate
+   end subroutine preconditioner_harmonic_tangent
+
+   !> Follows the tangent. Level 0 is the cheapest; each further one takes about eight times the work and is closer to it.
+   subroutine preconditioner_update(self, linear, laws, frequencies, unit, level, is_strongest)
+      class(preconditioner_t), intent(inout) :: self
+      type(linear_part_t), intent(in) :: linear
+      type(projected_laws_t), intent(inout) :: laws                   !! differentiated
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      real(wp), intent(in) :: unit(:)                                 !! stiffness of a harmonic that is singular by itself [N/m],
+                                                                      !! (n_dofs)
+      integer, intent(in) :: level                                    !! >= 0
+      logical, intent(out) :: is_strongest                            !! no higher level would be any better
+      real(wp), dimension(laws%n_dofs, laws%n_dofs) :: df_dq, df_dv, df_ds
+      real(wp), dimension(laws%n_dofs) :: varies_q, varies_v, varies_s
+      complex(wp) :: block(self%pattern%n_rows, laws%n_dofs)
+      real(wp) :: coupling(size(frequencies))
+      logical :: is_singular
+      integer :: h, i
+
+      call laws%mean_slopes(df_dq, df_dv, df_ds)
+      df_dq = laws%factor*df_dq
+      df_dv = laws%factor*df_dv
+      df_ds = laws%factor*df_ds
+      call laws%jacobian%variation(varies_q, varies_v, varies_s)
+      if (.not. allocated(self%alone)) then
+         allocate (self%alone)
+         call new_block_factors(self%alone, self%pattern, size(frequencies))
+      end if
+      do h = 1, size(frequencies)
+         call self%harmonic_tangent(linear, h, frequencies(h), df_dq, df_dv, df_ds, block)
+         coupling(h) = coupling_of(h)
+         call self%alone%factorise(h, block, is_singular)
+         if (is_singular) then                                        ! a unit step per unit force: any will do
+            block = (0.0_wp, 0.0_wp)
+            do i = 1, laws%n_dofs
+               block(self%pattern%shift(i) + i, i) = cmplx(unit(i), kind=wp)
+            end do
+            call self%alone%factorise(h, block, is_singular)
+         end if
+      end do
+      call choose_coupled(self, laws%transform%harmonics, level, coupling, is_strongest)
+      if (allocated(self%coupled)) call fill_coupled(self, linear, laws, frequencies)
+
+   contains
+
+      !> How strongly a harmonic responds to what the laws pass on from others: what varies in their slopes, relative to its
+      !> own stiffness, at the degree of freedom where that is most.
+      real(wp) function coupling_of(h)
+         integer, intent(in) :: h
+
+         coupling_of = 0.0_wp
+         do i = 1, laws%n_dofs
+            associate (own => abs(block(self%pattern%shift(i) + i, i)), stiffness => abs(linear%entry(i, i, h)))
+               coupling_of = max(coupling_of, (varies_q(i) + abs(frequencies(h))*varies_v(i) + stiffness*varies_s(i))/ &
+                                 max(tiny(1.0_wp), own))
+            end associate
+         end do
+      end function coupling_of
+   end subroutine preconditioner_update
+
+   !> Takes the harmonics with the strongest coupling, as many as the level allows; all of them make the factors those of the
+   !> tangent itself.
+   subroutine choose_coupled(self, set, level, coupling, is_strongest)
+      type(preconditioner_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: level
+      real(wp), intent(in) :: coupling(:)                             !! (n_harmonics)
+      logical, intent(out) :: is_strongest
+      integer, allocatable :: kept(:)
+      integer :: most, possible
+
+      is_strongest = .false.
+      if (level == 0) then
+         if (allocated(self%coupled)) deallocate (self%coupled)
+         return
+      end if
+      possible = size(coupling)
+      do while (factor_memory(2*possible, self%pattern%n, self%pattern%reach) > most_memory .and. possible > 0)
+         possible = possible - max(1, possible/32)
+      end do
+      most = possible
+      do while (factor_work(2*most, self%pattern%n, self%pattern%reach) > unit_work*8.0_wp**level .and. most > 0)
+         most = most - max(1, most/32)
+      end do
+      is_strongest = most == possible
+      kept = strongest(coupling, most)
+      if (allocated(self%coupled)) then
+         if (size(self%coupled%kept) == size(kept)) then
+            if (all(self%coupled%kept == kept)) return
+         end if
+         deallocate (self%coupled)
+      end if
+      if (size(kept) == 0) return
+      allocate (self%coupled)
+      call new_coarse_tangent(self%coupled, set, kept, self%pattern%n, self%pattern%reach)
+   end subroutine choose_coupled
+
+   !> Numbers of the largest values, at most `most` of them, in ascending order; of equal ones all or none.
+   pure function strongest(values, most) result(kept)
+      real(wp), intent(in) :: values(:)                               !! >= 0
+      integer, intent(in) :: most
+      integer, allocatable :: kept(:)
+      real(wp) :: lowest, highest, middle
+      integer :: h, step
+
+      if (size(values) <= most) then
+         kept = [(h, h=1, size(values))]
+         return
+      end if
+      lowest = -1.0_wp
+      highest = maxval(values)
+      do step = 1, 100                                                ! halves the interval down to rounding
+         middle = 0.5_wp*(lowest + highest)
+         if (count(values > middle) > most) then
+            lowest = middle
+         else
+            highest = middle
+         end if
+      end do
+      kept = pack([(h, h=1, size(values))], values > highest)
+   end function strongest
+
+   !> The tangent between the chosen harmonics, term by term as in hb_dense_tangent, and its factors.
+   subroutine fill_coupled(self, linear, laws, frequencies)
+      type(preconditioner_t), intent(inout) :: self
+      type(linear_part_t), intent(in) :: linear
+      type(projected_laws_t), intent(inout) :: laws
+      real(wp), intent(in) :: frequencies(:)
+      real(wp), allocatable :: block(:, :), cosine(:), sine(:)
+      type(error_t), allocatable :: error
+      integer :: h, i, k
+
+      call laws%prepare_products(error)
+      if (allocated(error)) then                                      ! out of memory: each harmonic by itself will have to do
+         deallocate (self%coupled)
+         return
+      end if
+      associate (coupled => self%coupled, set => self%coupled%set, pattern => linear%pattern)
+         allocate (block(set%n_coefficients, set%n_coefficients), cosine(set%n_coefficients), sine(set%n_coefficients))
+         call coupled%clear()
+         do k = 1, laws%n_dofs
+            do i = pattern%first(k), pattern%last(k)
+               block = 0.0_wp
+               do h = 1, set%n_harmonics
+                  call add_linear(h, linear%entry(i, k, coupled%kept(h)))
+                  if (i == k) call add_linear(h, cmplx(linear%support_in(i, coupled%kept(h)), kind=wp))
+               end do
+               call coupled%add(i, k, block)
+            end do
+         end do
+         do i = 1, laws%jacobian%n_pairs
+            call laws%tabulate(i)
+            associate (row => laws%jacobian%row(i), column => laws%jacobian%column(i))
+               do h = 1, set%n_harmonics
+                  call find_columns(h, slope%by_motion)
+                  block(:, set%cos_at(h)) = cosine
+                  if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = sine
+               end do
+               if (laws%needs_velocity) then
+                  do h = merge(2, 1, set%has_zero), set%n_harmonics
+                     call find_columns(h, slope%by_rate)
+                     associate (w => frequencies(coupled%kept(h)))
+                        block(:, set%cos_at(h)) = block(:, set%cos_at(h)) - w*sine
+                        block(:, set%sin_at(h)) = block(:, set%sin_at(h)) + w*cosine
+                     end associate
+                  end do
+               end if
+               call coupled%add(row, column, block)
+               if (.not. laws%needs_reaction) cycle
+               do k = pattern%first(column), pattern%last(column)
+                  do h = 1, set%n_harmonics
+                     call find_columns(h, slope%by_reaction)
+                     associate (s => linear%entry(column, k, coupled%kept(h)))
+                        block(:, set%cos_at(h)) = aimag(s)*sine - real(s)*cosine
+                        if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = -aimag(s)*cosine - real(s)*sine
+                     end associate
+                  end do
+                  call coupled%add(row, k, block)
+               end do
+            end associate
+         end do
+         if (laws%kinks%are_met()) call add_kinks()
+         call coupled%factorise()
+      end associate
+
+   contains
+
+      subroutine add_kinks()
+         logical :: is_any
+         integer :: a, b, line, part
+         real(wp) :: angle(size(frequencies))
+
+         do line = 1, size(laws%kinks%lines)
+            do part = 1, laws%kinks%grid%n_parts
+               call laws%tabulate_kinks(line, part, angle, is_any)
+               if (.not. is_any) cycle
+               do h = 1, self%coupled%set%n_harmonics
+                  call find_columns(h, slope%by_motion)
+                  associate (set => self%coupled%set, ahead => angle(self%coupled%kept(h)))
+                     block(:, set%cos_at(h)) = cos(ahead)*cosine - sin(ahead)*sine
+                     if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = cos(ahead)*sine + sin(ahead)*cosine
+                  end associate
+               end do
+               associate (columns => laws%kinks%lines(line)%columns, force => laws%kinks%lines(line)%force, &
+                          motion => laws%kinks%lines(line)%motion)
+                  do b = 1, size(columns)
+                     do a = 1, size(columns)
+                        if (force(a)*motion(b) /= 0.0_wp) call self%coupled%add(columns(a), columns(b), force(a)*motion(b)*block)
+                     end do
+                  end do
+               end associate
+            end do
+         end do
+      end subroutine add_kinks
+
+      subroutine find_columns(h, part)
+         integer, intent(in) :: h                                     ! within those chosen
+         integer, intent(in) :: part                                  ! of the table
+
+         associate (kept => self%coupled%kept, table => laws%table)
+            call table%columns_among(part, self%coupled%set, table%offset(kept), table%offset(kept(h)), cosine, sine)
+         end associate
+      end subroutine find_columns
+
+      subroutine add_linear(h, s)
+         integer, intent(in) :: h
+         complex(wp), intent(in) :: s
+
+         associate (a => self%coupled%set%cos_at(h), b => self%coupled%set%sin_at(h))
+            block(a, a) = block(a, a) + real(s)
+            if (b == 0) return
+            block(a, b) = block(a, b) + aimag(s)
+            block(b, a) = block(b, a) - aimag(s)
+            block(b, b) = block(b, b) + real(s)
+         end associate
+      end subroutine add_linear
+   end subroutine fill_coupled
+
+   !> Solves for each harmonic by itself, then for those that are coupled.
+   subroutine preconditioner_apply(self, set, r, step)
+      class(preconditioner_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: r(set%n_coefficients, self%pattern%n)   !! [N]
+      real(wp), intent(out) :: step(set%n_coefficients, self%pattern%n)   !! [m]
+
+      call self%alone%solve_harmonics(set, r, step)
+      if (.not. allocated(self%coupled)) return
+      if (self%coupled%is_usable) call self%coupled%solve(set, r, step)
+   end subroutine preconditioner_apply
+end module hb_preconditioner

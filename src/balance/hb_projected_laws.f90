@@ -1,0 +1,175 @@
+!> The laws of a scene as the balance sees them: coefficients of the motion in, coefficients of the forces out, by sampling on the
+!> torus and projection back (alternating frequency/time).
+!>
+!> Source: docs/user/theory.md, sections 5.3 to 5.5.
+module hb_projected_laws
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: two_pi, wp
+   use hb_law, only: law_box_t
+   use hb_law_samples, only: law_samples_t
+   use hb_sampled_laws, only: new_sampled_laws, sampled_laws_t
+   use hb_torus, only: torus_t
+   use hb_transform, only: new_transform, product_table_t, transform_t
+   implicit none
+   private
+   public :: new_projected_laws, projected_laws_t, slope
+
+   !> Parts of the table of products: what the slopes multiply.
+   type :: slope_t
+      integer :: by_motion = 1
+      integer :: by_rate = 2
+      integer :: by_reaction = 3
+   end type slope_t
+   type(slope_t), parameter :: slope = slope_t()
+   integer, parameter :: n_parts = 3
+
+   !> Owner of outside resources: call `destroy`.
+   type, extends(sampled_laws_t) :: projected_laws_t
+      type(transform_t) :: transform
+      real(wp) :: factor = 1.0_wp                                     !! of the forces in the balance, 0 to 1 along a homotopy
+      type(product_table_t) :: table                                  !! of products with slopes, after `prepare_products`
+      real(wp), allocatable, private :: u_before(:, :)                ! (n_coefficients, n_dofs) motion a step of time earlier
+   contains
+      procedure :: bring_to => projected_laws_bring_to
+      procedure :: bring_step_slopes => projected_laws_bring_step_slopes
+      procedure :: prepare_products => projected_laws_prepare_products
+      procedure :: tabulate => projected_laws_tabulate
+      procedure :: tabulate_kinks => projected_laws_tabulate_kinks
+      procedure :: destroy => projected_laws_destroy
+   end type projected_laws_t
+
+contains
+
+   !> Prepares laws on coordinates and the transforms between their coefficients and samples.
+   subroutine new_projected_laws(self, laws, n_coordinates, harmonics, torus, omega, effort, error)
+      type(projected_laws_t), intent(inout) :: self
+      type(law_box_t), intent(in) :: laws(:)                          !! on coordinates; no two multipliers on one
+      integer, intent(in) :: n_coordinates
+      type(harmonics_t), intent(in) :: harmonics
+      type(torus_t), intent(in) :: torus
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
+      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
+      type(error_t), allocatable, intent(out) :: error
+
+      self%factor = 1.0_wp
+      self%table = product_table_t()
+      call new_transform(self%transform, harmonics, torus, n_coordinates, effort, error)
+      if (allocated(error)) return
+      call new_sampled_laws(self%sampled_laws_t, laws, n_coordinates, torus, omega, error)
+      if (allocated(self%u_before)) deallocate (self%u_before)
+      if (self%has_memory) allocate (self%u_before(harmonics%n_coefficients, n_coordinates))
+   end subroutine new_projected_laws
+
+   !> Brings a motion, or a direction of it, onto the torus: q, and what else the laws ask for. Laws with memory need the steps of
+   !> time that end at the samples: motion at their start, rates at both ends.
+   subroutine projected_laws_bring_to(self, samples, u, reaction, frequencies)
+      class(projected_laws_t), intent(inout) :: self
+      type(law_samples_t), intent(inout) :: samples                   !! all but forces
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+      real(wp), intent(in) :: reaction(:, :)                          !! [N], as u
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      real(wp) :: angle(size(frequencies))
+      integer :: h, i
+
+      call self%transform%to_samples(u, samples%q%values)
+      if (self%needs_velocity) call self%transform%to_rate_samples(u, frequencies, samples%v%values)
+      if (self%needs_reaction) call self%transform%to_samples(reaction, samples%s%values)
+      if (.not. self%has_memory) return
+      angle = frequencies*self%characteristic%step
+      associate (set => self%transform%harmonics)
+         do i = 1, self%n_dofs
+            do h = 1, set%n_harmonics
+               call set%set_amplitude(self%u_before(:, i), h, &
+                                      set%amplitude(u(:, i), h)*cmplx(cos(angle(h)), -sin(angle(h)), wp))
+            end do
+         end do
+      end associate
+      call self%transform%to_samples(self%u_before, samples%q_before%values)
+      call self%transform%to_rate_samples(u, angle, samples%step_rate%values)
+      call self%transform%to_rate_samples(self%u_before, angle, samples%step_rate_before%values)
+   end subroutine projected_laws_bring_to
+
+   !> Brings to `along` how the steps of time change with base frequency m, after `bring_to` of the motion: motion at their start,
+   !> rates at both ends, and finds that of the weights of the neighbours there. With the angle phi = j.omega step and c the
+   !> amplitude at the end of a step, d(c exp(-i phi)) = -i c exp(-i phi) dphi, and
+   !> d(i phi c exp(-i phi)) = (i + phi) c exp(-i phi) dphi.
+   subroutine projected_laws_bring_step_slopes(self, u, omega, m, weight_slope)
+      class(projected_laws_t), intent(inout) :: self
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
+      integer, intent(in) :: m                                        !! tone
+      real(wp), allocatable, intent(inout) :: weight_slope(:)         !! of `characteristic`
+      real(wp), dimension(self%transform%harmonics%n_harmonics) :: angle, angle_slope, frequencies, turns
+      real(wp) :: rate_slope(size(u, 1), size(u, 2)), step_slope
+      integer :: h, i
+
+      associate (set => self%transform%harmonics)
+         frequencies = set%frequencies(omega)
+         turns = real(set%tuples(m, :), wp)
+         weight_slope = 0.0_wp*self%characteristic%weight
+         call self%characteristic%frequency_slopes(m, step_slope, weight_slope)
+         angle = frequencies*self%characteristic%step
+         angle_slope = turns*self%characteristic%step
+         if (m == self%characteristic%tone) angle_slope = (frequencies - turns*omega(m))*step_slope   ! this tone cancels
+         do i = 1, self%n_dofs
+            do h = 1, set%n_harmonics
+               call set%set_amplitude(rate_slope(:, i), h, &
+                                      cmplx(angle(h), 1.0_wp, wp)*angle_slope(h)*set%amplitude(self%u_before(:, i), h))
+            end do
+         end do
+      end associate
+      call self%transform%to_rate_samples(self%u_before, -angle_slope, self%along%q_before%values)
+      call self%transform%to_rate_samples(u, angle_slope, self%along%step_rate%values)
+      call self%transform%to_samples(rate_slope, self%along%step_rate_before%values)
+   end subroutine projected_laws_bring_step_slopes
+
+   !> Makes room for products with slopes, at their first use.
+   subroutine projected_laws_prepare_products(self, error)
+      class(projected_laws_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      call self%transform%prepare_products(self%table, n_parts, error)
+   end subroutine projected_laws_prepare_products
+
+   !> Fills the parts of the table with the slopes of pair i, times `factor`.
+   subroutine projected_laws_tabulate(self, i)
+      class(projected_laws_t), intent(inout) :: self
+      integer, intent(in) :: i
+
+      associate (jacobian => self%jacobian)
+         call self%transform%tabulate_product(jacobian%df_dq%values, i, self%table, slope%by_motion, self%factor)
+         if (self%needs_velocity) &
+            call self%transform%tabulate_product(jacobian%df_dv%values, i, self%table, slope%by_rate, self%factor)
+         if (self%needs_reaction) &
+            call self%transform%tabulate_product(jacobian%df_ds%values, i, self%table, slope%by_reaction, self%factor)
+      end associate
+   end subroutine projected_laws_tabulate
+
+   !> Puts how the force of a line of the laws' kinks responds to its coordinate at a neighbour of each sample into the table, times
+   !> `factor`, as what the motion is multiplied by, and tells by which angle the wave exp(i j.tau) is ahead there.
+   subroutine projected_laws_tabulate_kinks(self, line, part, angle, is_any)
+      class(projected_laws_t), intent(inout) :: self
+      integer, intent(in) :: line
+      integer, intent(in) :: part                                     !! number of the neighbour, 1 to kinks%grid%n_parts
+      real(wp), intent(out) :: angle(:)                               !! [rad], (n_harmonics)
+      logical, intent(out) :: is_any                                  !! false: no response, nothing was done
+      real(wp), allocatable :: response(:, :)
+
+      associate (torus => self%transform%torus)
+         allocate (response(torus%n_total, 1))
+         call self%kinks%fill_part(line, part, response(:, 1), is_any)
+         if (.not. is_any) return
+         call self%transform%tabulate_product(response, 1, self%table, slope%by_motion, self%factor)
+         angle = matmul(two_pi*self%kinks%grid%shift(part)/torus%n_samples, real(self%transform%harmonics%tuples, wp))
+      end associate
+   end subroutine projected_laws_tabulate_kinks
+
+   !> Frees transforms and samples; safe to call twice.
+   subroutine projected_laws_destroy(self)
+      class(projected_laws_t), intent(inout) :: self
+
+      call self%sampled_laws_t%destroy()
+      call self%transform%destroy()
+   end subroutine projected_laws_destroy
+end module hb_projected_laws
