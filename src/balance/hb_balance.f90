@@ -16,7 +16,7 @@ module hb_balance
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_linear_part, only: linear_part_t, new_linear_part
-   use hb_preconditioner, only: new_preconditioner, preconditioner_t
+   use hb_preconditioner, only: preconditioner_t
    use hb_problem, only: deformation, problem_t
    use hb_projected_laws, only: new_projected_laws, projected_laws_t
    use hb_solver_types, only: report_t, solver_config_t
@@ -38,9 +38,9 @@ module hb_balance
       real(wp), allocatable :: xi(:)                                  !! artificial damping, negative, per tone [1/s], (n_tones)
       integer :: n_dofs = 0                                           !! coordinates on which laws act
       type(projected_laws_t) :: law_set
-      type(dense_tangent_t), private :: dense_tangent
-      type(tangent_product_t), private :: tangent_product
-      type(preconditioner_t), private :: preconditioner
+      class(dense_tangent_t), allocatable :: dense_tangent            !! parts that may be replaced; made where there are none
+      class(tangent_product_t), allocatable :: tangent_product
+      class(preconditioner_t), allocatable :: preconditioner
       real(wp), private :: load_factor = 1.0_wp                       ! of a problem on the way to the one asked for
       real(wp), allocatable, private :: reaction(:, :), force(:, :)   ! (n_coefficients, n_dofs)
       real(wp), allocatable, private :: sampled(:, :)                 ! (n_coefficients, n_dofs) motion that law_set holds
@@ -264,12 +264,15 @@ contains
       self%load_factor = 1.0_wp
       self%has_samples = .false.
       self%has_moved = .false.
+      if (.not. allocated(self%dense_tangent)) allocate (dense_tangent_t :: self%dense_tangent)
+      if (.not. allocated(self%tangent_product)) allocate (tangent_product_t :: self%tangent_product)
+      if (.not. allocated(self%preconditioner)) allocate (preconditioner_t :: self%preconditioner)
       call self%dense_tangent%destroy()
       call self%tangent_product%destroy()
       call new_projected_laws(self%law_set, laws, self%n_dofs, harmonics, torus, omega, effort, error)
       if (allocated(error)) return
       call new_linear_part(self%stiffness, stiffness)
-      call new_preconditioner(self%preconditioner, self%stiffness, self%law_set)
+      call self%preconditioner%prepare(self%stiffness, self%law_set)
       do i = 1, size(laws)
          call prepare_law(self, i)
       end do
@@ -347,10 +350,9 @@ contains
 
       call self%sample_if_new(x)
       call self%law_set%differentiate(error)
+      if (.not. allocated(error)) call self%tangent_product%prepare(self%law_set, self%effort, error)
       is_ready = .not. allocated(error)
-      if (.not. is_ready) return
-      call self%tangent_product%prepare(self%law_set, self%effort, error)
-      is_ready = .not. allocated(error)
+      if (allocated(error)) call move_alloc(error, self%trouble)
    end subroutine balance_linearise
 
    subroutine balance_apply_tangent(self, x, product)
@@ -366,9 +368,11 @@ contains
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), intent(out) :: product(self%harmonics%n_coefficients, self%n_dofs)
+      type(error_t), allocatable :: error
 
       call self%stiffness%find_reaction(self%harmonics, u, 0.0_wp, self%reaction)
-      call self%tangent_product%apply(self%law_set, u, self%reaction, self%frequencies, self%force)
+      call self%tangent_product%apply(self%law_set, u, self%reaction, self%frequencies, self%force, error)
+      if (allocated(error)) call move_alloc(error, self%trouble)
       product = self%law_set%factor*self%force - self%reaction
       call self%stiffness%add_supports(self%harmonics, u, product)
    end subroutine apply_tangent_to
@@ -392,7 +396,9 @@ contains
       call self%law_set%differentiate(error)
       if (.not. allocated(error)) &
          call self%dense_tangent%assemble(self%stiffness, self%law_set, self%frequencies, self%watch, jacobian, error)
-      if (allocated(error)) jacobian = 0.0_wp                         ! out of memory: no tangent, the solver sees it
+      if (.not. allocated(error)) return
+      jacobian = 0.0_wp                                               ! singular: no solver goes on
+      call move_alloc(error, self%trouble)
    end subroutine balance_tangent_of
 
    !> The motion without any law; where the structure is free to move, that on its weak supports.
@@ -500,7 +506,7 @@ contains
       class(balance_t), intent(inout) :: self
 
       call self%law_set%destroy()
-      call self%dense_tangent%destroy()
-      call self%tangent_product%destroy()
+      if (allocated(self%dense_tangent)) call self%dense_tangent%destroy()
+      if (allocated(self%tangent_product)) call self%tangent_product%destroy()
    end subroutine balance_destroy
 end module hb_balance

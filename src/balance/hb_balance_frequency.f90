@@ -68,7 +68,7 @@ contains
       end associate
    end subroutine balance_set_parameters
 
-   !> Exact; zero where there is none.
+   !> Exact; zero, with the reason in `trouble`, where there is none.
    module subroutine balance_parameter_derivative(self, x, which, derivative)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
@@ -88,7 +88,11 @@ contains
          call self%frequency_derivative(u, which, column, error)
       end if
       derivative = 0.0_wp
-      if (.not. allocated(error)) derivative = reshape(column, [size(column)])
+      if (allocated(error)) then
+         call move_alloc(error, self%trouble)
+      else
+         derivative = reshape(column, [size(column)])
+      end if
    end subroutine balance_parameter_derivative
 
    !> Made with a trace of damping of the tones whose frequencies are unknown: at a solution the tangent is singular along the shift
@@ -98,7 +102,7 @@ contains
       integer, intent(in) :: which(:)
       integer, intent(in) :: level
       logical, intent(out) :: is_strongest
-      type(error_t), allocatable :: error
+      type(error_t), allocatable :: error, error_of_return
       real(wp) :: omega(size(self%omega)), xi(size(self%xi)), xi_damped(size(self%xi))
       integer :: i
 
@@ -110,8 +114,10 @@ contains
             xi_damped(which(i)) = xi(which(i)) + added_damping*omega(which(i))
       end do
       call self%move(omega, xi_damped, error)
+      if (allocated(error)) call self%move(omega, xi, error_of_return)   ! without damping is better than nothing
       call self%update_preconditioner(level, is_strongest)
-      call self%move(omega, xi, error)
+      if (.not. allocated(error)) call self%move(omega, xi, error)
+      if (allocated(error)) call move_alloc(error, self%trouble)
    end subroutine balance_update_regular_preconditioner
 
    !> Changes base frequencies and artificial damping; scales, first Jacobian and what laws were told by the structure stay, and

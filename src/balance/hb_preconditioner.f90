@@ -13,7 +13,7 @@ module hb_preconditioner
    use hb_projected_laws, only: projected_laws_t, slope
    implicit none
    private
-   public :: new_preconditioner, preconditioner_t
+   public :: preconditioner_t
 
    real(wp), parameter :: unit_work = 1.0e6_wp                        ! multiplications: factors at level 1 take eight times that
 
@@ -23,6 +23,7 @@ module hb_preconditioner
       type(block_factors_t), allocatable, private :: alone            ! LU of the tangent of each harmonic
       type(coarse_tangent_t), allocatable, private :: coupled         ! and that between the most coupled ones
    contains
+      procedure :: prepare => preconditioner_prepare
       procedure :: harmonic_tangent => preconditioner_harmonic_tangent
       procedure :: update => preconditioner_update
       procedure :: apply => preconditioner_apply
@@ -32,18 +33,20 @@ contains
 
    !> Finds where the tangent of one harmonic has entries: where S has, where a law couples two motions, and where a force that
    !> depends on the reaction meets S. Factors come with the first `update`.
-   subroutine new_preconditioner(self, linear, laws)
-      type(preconditioner_t), intent(out) :: self
+   subroutine preconditioner_prepare(self, linear, laws)
+      class(preconditioner_t), intent(inout) :: self
       type(linear_part_t), intent(in) :: linear
       type(projected_laws_t), intent(in) :: laws
       integer :: law, reach
 
+      if (allocated(self%alone)) deallocate (self%alone)
+      if (allocated(self%coupled)) deallocate (self%coupled)
       self%needs_reaction = laws%needs_reaction
       law = max(0, maxval(abs(laws%jacobian%row - laws%jacobian%column)), laws%memory_reach())
       reach = max(linear%pattern%reach, law)
       if (laws%needs_reaction) reach = linear%pattern%reach + law
       call new_block_pattern(self%pattern, linear%n_law, min(linear%n_law, reach))
-   end subroutine new_preconditioner
+   end subroutine preconditioner_prepare
 
    !> Finds the tangent of harmonic h by itself, (1 - df/ds) S + df/dq + i w df/dv, from mean slopes.
    subroutine preconditioner_harmonic_tangent(self, linear, h, frequency, df_dq, df_dv, df_ds, block)

@@ -65,17 +65,16 @@ contains
       end if
    end subroutine tangent_product_prepare
 
-   !> Finds the coefficients of the derivative of the forces along a motion u. Where that of a memory does not repeat it is what the
-   !> last round gives, as in the dense tangent.
-   subroutine tangent_product_apply(self, laws, u, reaction, frequencies, force)
+   !> Finds the coefficients of the derivative of the forces along a motion u. Fails where that of a memory does not repeat.
+   subroutine tangent_product_apply(self, laws, u, reaction, frequencies, force, error)
       class(tangent_product_t), intent(inout) :: self
       type(projected_laws_t), intent(inout) :: laws
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
       real(wp), intent(in) :: reaction(:, :)                          !! -S u [N], as u
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
       real(wp), intent(out) :: force(:, :)                            !! [N], as u
+      type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: weight_slope(:)
-      type(error_t), allocatable :: error
 
       if (self%uses_thin) then
          call self%thin%apply(frequencies, u, reaction, force)

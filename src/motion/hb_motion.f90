@@ -320,7 +320,10 @@ contains
       result%residual = report%residual
       result%n_unknowns = balance%n_unknowns
       result%rescue = report%rescue
-      if (balance%law_set%is_given_up) then
+      if (report%status == outcome%failed .and. allocated(report%error)) then
+         call move_alloc(report%error, error)
+         return
+      else if (balance%law_set%is_given_up) then
          call fail(error, balance%law_set%complaint)
          return
       else if (report%status /= outcome%converged .and. allocated(balance%law_set%complaint)) then

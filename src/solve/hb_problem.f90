@@ -1,6 +1,7 @@
 !> A system of nonlinear equations r(x) = 0 as the solvers see it: no mechanics, only numbers and their scales.
 module hb_problem
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
+   use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_solver_types, only: report_t, solver_config_t
    use hb_watch, only: watch_t
@@ -31,6 +32,8 @@ module hb_problem
       real(wp) :: residual_work = 0.0_wp                              !! of a residual or a product, see hb_solver_types%report_t
       real(wp) :: tangent_work = 0.0_wp                               !! of a dense tangent and its factors
       class(watch_t), pointer :: watch => null()                      !! over the point; none: it takes what it takes
+      type(error_t), allocatable :: trouble                           !! why a tangent, a product or a derivative by a parameter was
+                                                                      !! not found; a solver takes it into its report
       real(wp), private :: place(2) = 1.0_wp                          ! on the way of each deformation
    contains
       procedure(residual), deferred :: residual

@@ -261,6 +261,7 @@ contains
       type(report_t), intent(out) :: report
       type(solver_config_t) :: patient
 
+      if (allocated(problem%trouble)) deallocate (problem%trouble)
       if (chosen == method%broyden) then
          patient = config
          patient%patience = 0                                         ! many cheap iterations
@@ -271,5 +272,10 @@ contains
          call solve_newton(problem, config, x, report)
       end if
       report%work = problem%work_of(report)
+      if (.not. allocated(problem%trouble)) return
+      if (any(report%status == [outcome%singular, outcome%stalled, outcome%not_finite])) then
+         report%status = outcome%failed
+         call move_alloc(problem%trouble, report%error)
+      end if
    end subroutine solve_directly
 end module hb_solver

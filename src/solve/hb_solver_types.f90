@@ -1,6 +1,7 @@
 !> What all solvers take and give, and the choice between them.
 module hb_solver_types
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
+   use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    implicit none
@@ -84,6 +85,7 @@ module hb_solver_types
       integer, private :: last_gain = 0                               ! iterations up to the last clear gain
       real(wp), private :: best_then = huge(1.0_wp)                   ! least norm there
       logical :: is_out_of_work = .false.                             !! the budget of work came first
+      type(error_t), allocatable :: error                             !! what kept the problem from being solved, see hb_problem
       type(attempt_t), allocatable :: attempts(:)                     !! where the direct one was not enough, in their order
    contains
       procedure :: add => report_add
@@ -94,7 +96,7 @@ module hb_solver_types
 
 contains
 
-   !> Adds the work of another report to this one.
+   !> Adds the work of another report to this one; the first error stays.
    pure subroutine report_add(self, other)
       class(report_t), intent(inout) :: self
       type(report_t), intent(in) :: other
@@ -104,6 +106,7 @@ contains
       self%factorizations = self%factorizations + other%factorizations
       self%products = self%products + other%products
       self%work = self%work + other%work
+      if (allocated(other%error) .and. .not. allocated(self%error)) self%error = other%error
    end subroutine report_add
 
    !> Notes the norm of the point reached.
