@@ -192,7 +192,7 @@ int hb_watch_crashes(const char *path, const hb_crash_place_t *where)
    if (descriptor < 0) return -1;
    place = *where;
    watched_process = getpid();
-   if (!is_exit_caught) is_exit_caught = atexit(on_exit_of_process) == 0;
+   if (!is_exit_caught) is_exit_caught = atexit(on_exit_of_process) == 0 && at_quick_exit(on_exit_of_process) == 0;
    if (is_exit_caught && catch_crashes() == 0) return 0;
    close(descriptor);
    descriptor = -1;

@@ -110,7 +110,7 @@ static void on_exit_by_others(void)
 void hb_refuse_exit(const char *text, int exit_status)
 {
    strncpy(exit_words, text, MAX_TEXT - 1);
-   if (atexit(on_exit_by_others) == 0) exit_status_of_others = exit_status;
+   if (atexit(on_exit_by_others) == 0 && at_quick_exit(on_exit_by_others) == 0) exit_status_of_others = exit_status;
 }
 
 void hb_exit(int exit_status)

@@ -168,9 +168,9 @@ def test_exit_at_loading_is_no_success(status, verb, tmp_path):
 
 
 @pytest.mark.parametrize("verb", ["check", "march", "bench"])
-@pytest.mark.parametrize("status", [0, 7])
-def test_exit_of_a_law_is_no_success(status, verb, tmp_path):
-    done = run(verb, "rogue.nml", cwd=rogue(tmp_path, body=f"exit({status});"))
+@pytest.mark.parametrize("ending", ["exit(0);", "exit(7);", "quick_exit(0);"])
+def test_exit_of_a_law_is_no_success(ending, verb, tmp_path):
+    done = run(verb, "rogue.nml", cwd=rogue(tmp_path, body=ending))
     assert done.status == BAD_INPUT and "has called exit()" in done.stderr, (done.status, done.stderr)
 
 
