@@ -63,7 +63,7 @@ contains
       call self%sample(u)
       call self%law_set%differentiate(error)
       if (allocated(error)) return
-      is_held = self%law_set%jacobian%held()
+      is_held = self%law_set%held()
       step = 0.0_wp
       if (.not. any(is_held)) then
          call self%law_set%mean_slopes(df_dq(:, :, 1), df_dv(:, :, 1), df_ds(:, :, 1))

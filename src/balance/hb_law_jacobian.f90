@@ -274,6 +274,7 @@ contains
    pure function law_jacobian_held(self) result(is_held)
       class(law_jacobian_t), intent(in) :: self
       logical :: is_held(size(self%df_dq%values, 1))
+      real(wp), parameter :: varies = 1.0e-6_wp                       ! above what rounding makes of a contact that never opens
       real(wp) :: largest, slope(size(self%df_dq%values, 1))
       integer :: i
 
@@ -285,7 +286,7 @@ contains
             if (largest > 0.0_wp) slope = slope + self%df_dq%values(:, i)/largest
          end do
       end if
-      is_held = slope > sum(slope)/size(slope)
+      is_held = slope > sum(slope)/size(slope) + varies*maxval(abs(slope))
    end function law_jacobian_held
 
    !> Finds the standard deviations over the torus of the derivatives of each force by the motion of its own degree of freedom.

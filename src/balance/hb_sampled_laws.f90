@@ -56,6 +56,7 @@ module hb_sampled_laws
       procedure :: defects => sampled_laws_defects
       procedure :: potential => sampled_laws_potential
       procedure :: mean_slopes => sampled_laws_mean_slopes
+      procedure :: held => sampled_laws_held
       procedure :: destroy => sampled_laws_destroy
    end type sampled_laws_t
 
@@ -283,6 +284,16 @@ contains
             call self%sampled(i)%hysteresis%add_mean_slope(self%characteristic, df_dq)
       end do
    end subroutine sampled_laws_mean_slopes
+
+   !> Samples at which contacts hold the motion, after `differentiate`; none where all laws are polynomials.
+   pure function sampled_laws_held(self) result(is_held)
+      class(sampled_laws_t), intent(in) :: self
+      logical, allocatable :: is_held(:)
+      integer :: i
+
+      is_held = self%jacobian%held()
+      if (all([(self%laws(i)%law%degree > 0, i=1, size(self%laws))])) is_held = .false.
+   end function sampled_laws_held
 
    !> Largest distance between degrees of freedom, among those of all laws, that one law with memory couples.
    pure integer function sampled_laws_memory_reach(self) result(reach)
