@@ -72,8 +72,7 @@ contains
             call solve_scene(scene, whole_basis(scene%harmonics, scene%torus), its_watch, result, error, first_guess, found, judge)
          end if
       end if
-      if (present(judge) .and. scene%solver%rescue_by_march .and. .not. allocated(error)) &
-         call rescue_by_march(scene, its_watch, judge, result, found)
+      if (present(judge) .and. .not. allocated(error)) call rescue_by_march(scene, its_watch, judge, result, found)
       if (allocated(error)) then
          call forget_motion(result)
       else if (present(unknowns)) then
@@ -93,7 +92,8 @@ contains
       type(error_t), allocatable :: error
       type(settled_t) :: settled
 
-      if (.not. is_lost(result%status) .or. any(scene%tones%is_unknown) .or. scene%normal_mode%is_asked) return
+      if (.not. (scene%solver%rescue .and. scene%solver%rescue_by_march .and. is_lost(result%status))) return
+      if (any(scene%tones%is_unknown) .or. scene%normal_mode%is_asked) return
       coordinates = coordinates_of(scene)
       if (coordinates%n == 0) return
       call judge%settle(scene, coordinates%dofs, watch, settled, error)

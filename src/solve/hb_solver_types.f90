@@ -50,7 +50,7 @@ module hb_solver_types
       integer :: memory = 40                                          !! updates that Broyden keeps before it takes a new tangent
       logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: tangent, else linear part
       logical :: rescue = .true.                                      !! try other ways when the direct attempt fails
-      logical :: rescue_by_march = .true.                             !! march where none of them finds a motion
+      logical :: rescue_by_march = .true.                             !! and march where none of them finds a motion
       integer :: krylov_vectors = 150                                 !! of GMRES until it restarts
       integer :: krylov_products = 1000                               !! with the tangent, at most, for one step
       integer :: homotopy_iterations = 500                            !! of all corrections on the way

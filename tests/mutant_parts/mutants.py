@@ -1000,6 +1000,71 @@ MUTANTS = [
         ),
     ),
     *of(
+        "march/hb_recurrence.f90",
+        (
+            "recurrence_before",
+            "test_hb_recurrence",
+            "a record is compared with itself after a shift, not before it as well",
+            "0.5_wp*(x(:n - 2*shift, k) + x(2*shift + 1:, k))",
+            "x(2*shift + 1:, k)",
+        ),
+        (
+            "recurrence_odd",
+            "test_hb_recurrence",
+            "whole turns may be even in all tones",
+            "merge(part, 0, btest(class, m - 1))",
+            "merge(0, 0, btest(class, m - 1))",
+        ),
+        (
+            "recurrence_part",
+            "test_hb_recurrence",
+            "motions of several turns are sought in one",
+            "call find_return(turns, part, class, n/3, shift)",
+            "call find_return(turns, 1, class, n/3, shift)",
+        ),
+    ),
+    *of(
+        "study/hb_marched_motion.f90",
+        (
+            "marched_repeats",
+            "test_hb_marched_motion",
+            "a motion of several periods is one of the tones",
+            "if (left_out > allowed .and. part > 1 .and.",
+            "if (left_out > 1.0e3_wp*allowed .and. part > 1 .and.",
+        ),
+        (
+            "marched_disorder",
+            "test_hb_marched_motion",
+            "a motion that never repeats is one of the tones",
+            "repeats(1) <= max(allowed, clearly*left_out)) then",
+            "repeats(1) <= max(1.0e3_wp*allowed, clearly*left_out)) then",
+        ),
+        (
+            "marched_budget",
+            "test_hb_marched_motion",
+            "a march has no budget of work",
+            "config%most_looks = int(min(share_of_rescues*",
+            "config%most_looks = int(min(1.0e9_wp*share_of_rescues*",
+        ),
+    ),
+    *of(
+        "motion/hb_marched_result.f90",
+        (
+            "marched_forces",
+            "test_hb_marched_motion",
+            "forces of a marched motion lack the inertia",
+            "matmul(s%stiffness - w**2*s%mass, c)",
+            "matmul(s%stiffness, c)",
+        ),
+        (
+            "marched_sine",
+            "test_hb_marched_motion",
+            "sines of a marched motion have the wrong sign",
+            "pairs(2, :, :) = -aimag(transpose(c))",
+            "pairs(2, :, :) = aimag(transpose(c))",
+        ),
+    ),
+    *of(
         "study/hb_schedule.f90",
         (
             "schedule_stride",
