@@ -19,6 +19,7 @@ SCENE = """
 &sweep parameter = 'solver%max_iterations', values = 100, 100, axis = 1 /
 """
 FAILING = SCENE.replace("values = 0.0, 7.0", "values = 0.0, 7.0, 50.0").replace("100, 100", "100, 100, 0")
+FAILING += "&solver rescue_by_march = .false. /\n"
 
 
 def closed_form(k):

@@ -138,7 +138,7 @@ def test_homotopy_without_corrections_ends(tmp_path):
 &load dof = 'x1', tuple = 0, 1, cos = 0.3 /
 &law type = 'polynomial_coupled', dofs = 'x1', 'x2', coefficients = 2147483648, acts_on = 'x2',
    displacement_exponents = 2, 0 /
-&solver max_iterations = 2, homotopy_iterations = 2 /
+&solver max_iterations = 2, homotopy_iterations = 2, rescue_by_march = .false. /
 &sweep parameter = 'tones%frequency(2)', values = 1.414213562373095, 1.4142159765872 /
 """
     out_of_budget, diverged = 3, 13
