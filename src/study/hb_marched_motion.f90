@@ -39,6 +39,7 @@ module hb_marched_motion
    real(wp), parameter :: aim = 1.0e-2_wp                             ! spread at which the march ends, relative to that allowed
    real(wp), parameter :: close = 0.1_wp                              ! likewise, after `least_windows`
    real(wp), parameter :: clearly = 0.3_wp                            ! below which one part of the motion is none of another
+   real(wp), parameter :: mostly = 0.7_wp                             ! above which it is another
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
    real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the one before
    real(wp), parameter :: kick = 1.0e-6_wp                            ! of the length of the system, at the start
@@ -58,7 +59,7 @@ contains
       type(march_state_t), intent(in), optional :: start
       type(coordinates_t) :: coordinates
       type(march_config_t) :: config
-      type(march_record_t) :: record
+      type(march_record_t) :: next, record
       type(march_state_t) :: state
       type(march_system_t), target :: system
       complex(wp), allocatable :: before(:, :), now(:, :)
@@ -97,32 +98,32 @@ contains
          do window = 1, most_windows
             config%duration = n_first*2**(window - 1)*period
             if (config%duration/step*system%n_dofs > largest_record) exit
-            call march_from(system, config, step, dofs, state, record, error, watch=watch)
-            if (record%is_out_of_work .and. window > least_windows) then
-               deallocate (error)
+            call march_from(system, config, step, dofs, state, next, error, watch=watch)
+            if (next%is_out_of_work .and. allocated(settled%message)) then
+               deallocate (error)                                     ! what there is may be enough
                exit
             end if
             if (allocated(error)) return
+            call move_alloc(next%every_displacement, record%every_displacement)
+            record%start = next%start
+            record%step = next%step
             settled%n_periods = settled%n_periods + n_first*2**(window - 1)
             z = coordinates%values_of(record%every_displacement(:, law_dofs))
             now = averages_of(z, record, frequencies)
             spread_before = spread
             if (window > 1) spread = maxval(distance_of(now, before))
             before = now
-            if (spread <= aim*allowed) exit
             has_forgotten = window == most_windows .or. rate*settled%n_periods*period >= enough_decay .or. &
                             (rate <= 0.0_wp .and. window > least_windows)   ! no mode of the structure decays, or none is known
-            if (window < least_windows) cycle
-            if (spread <= close*allowed) exit
             settled%spread = spread
+            if (window < least_windows .and. spread > aim*allowed) cycle
             call tell(scene, settled, z, now, record, allowed, has_forgotten)
             if (settled%status == outcome%subharmonic) exit
+            if (settled%status == outcome%marched .and. spread <= close*allowed) exit
             if (settled%status == outcome%broadband .and. (spread > falling*spread_before .or. is_disordered)) exit
             is_disordered = settled%status == outcome%broadband
          end do
-         settled%spread = spread
          settled%work = look*system%laws%n_gathered
-         call tell(scene, settled, z, now, record, allowed, has_forgotten)
          if (settled%status == outcome%marched) &
             settled%amplitudes = transpose(averages_of(record%every_displacement, record, frequencies))
       end associate
@@ -167,10 +168,10 @@ contains
       repeats = [(abs(defect_of(rest, scale, turns, part)), part=1, most_parts)]   ! 1 where that cannot be told
       part = findloc(repeats <= max(allowed, 2.0_wp*minval(repeats(2:))), .true., dim=1)
       if (left_out > allowed .and. part > 1 .and. minval(repeats(2:)) <= clearly*min(repeats(1), left_out)) then
-         settled%status = outcome%subharmonic
+         if (has_forgotten) settled%status = outcome%subharmonic
       else if (left_out <= allowed .or. repeats(1) <= max(allowed, clearly*left_out)) then
          if (settled%spread <= allowed) settled%status = outcome%marched
-      else if (has_forgotten) then
+      else if (repeats(1) >= mostly*left_out .and. has_forgotten) then
          settled%status = outcome%broadband
       end if
       select case (settled%status)
@@ -183,7 +184,8 @@ contains
       case (outcome%broadband)
          settled%message = marched_for//": the motion does not repeat, its averages spread by "//to_text(settled%spread)
       case default
-         settled%message = marched_for//": the averages still spread by "//to_text(settled%spread)
+         settled%message = marched_for//": the averages spread by "//to_text(settled%spread)// &
+                           ", and it does not show yet whether the motion repeats"
       end select
    end subroutine tell
 

@@ -1040,6 +1040,13 @@ MUTANTS = [
             "repeats(1) <= max(1.0e3_wp*allowed, clearly*left_out)) then",
         ),
         (
+            "marched_transient",
+            "test_hb_marched_motion",
+            "what is left of the start is a motion of several periods",
+            "if (has_forgotten) settled%status = outcome%subharmonic",
+            "settled%status = outcome%subharmonic",
+        ),
+        (
             "marched_budget",
             "test_hb_marched_motion",
             "a march has no budget of work",
