@@ -85,11 +85,15 @@ contains
    subroutine split_damping(self, mass, damping, stiffness)
       type(krylov_basis_t), intent(inout) :: self
       type(sparse_t), intent(in) :: mass, damping, stiffness
-      real(wp) :: alpha(mass%n_rows), beta(mass%n_rows)
-      type(products_t) :: all, row(mass%n_rows)
-      logical :: is_sound(mass%n_rows)
-      integer :: i
+      real(wp), allocatable :: alpha(:), beta(:)
+      real(wp) :: more_alpha, more_beta
+      type(products_t), allocatable :: row(:)
+      type(products_t) :: all
+      logical, allocatable :: is_sound(:)
+      logical :: is_fit
+      integer :: i, pass
 
+      allocate (alpha(mass%n_rows), beta(mass%n_rows), row(mass%n_rows), is_sound(mass%n_rows))
       do i = 1, mass%n_rows
          row(i) = products_of_row(i, mass, damping, stiffness)
          call row(i)%fit(alpha(i), beta(i), is_sound(i))
@@ -97,18 +101,19 @@ contains
       if (any(is_sound)) then
          self%alpha = median(pack(alpha, is_sound))
          self%beta = median(pack(beta, is_sound))
-         do i = 1, mass%n_rows                                        ! those alone that agree, together: less rounding
-            if (.not. row(i)%rest(self%alpha, self%beta) <= agreement**2*row(i)%dd) cycle
-            associate (scale => 1.0_wp/max(row(i)%kk, tiny(1.0_wp)))
-               call all%add(row(i), scale)
-            end associate
-         end do
-         call all%fit(alpha(1), beta(1), is_sound(1))
-         if (is_sound(1)) then
-            self%alpha = alpha(1)
-            self%beta = beta(1)
-         end if
       end if
+      is_sound = [(row(i)%rest(self%alpha, self%beta) <= agreement**2*row(i)%dd, i=1, mass%n_rows)]
+      do pass = 1, 2                                                  ! what most rows have in common leaves nothing in them
+         self%rest_of_damping = sparse_sum(1.0_wp, damping, -1.0_wp, sparse_sum(self%alpha, mass, self%beta, stiffness))
+         all = products_t()
+         do i = 1, mass%n_rows
+            if (.not. (is_sound(i) .and. row(i)%kk > 0.0_wp)) cycle
+            call all%add(products_of_row(i, mass, self%rest_of_damping, stiffness), 1.0_wp/row(i)%kk)
+         end do
+         call all%fit(more_alpha, more_beta, is_fit)
+         self%alpha = self%alpha + more_alpha
+         self%beta = self%beta + more_beta
+      end do
       self%rest_of_damping = without_rounding(sparse_sum(1.0_wp, damping, -1.0_wp, &
                                                          sparse_sum(self%alpha, mass, self%beta, stiffness)), damping)
    end subroutine split_damping
