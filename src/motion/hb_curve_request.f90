@@ -6,7 +6,7 @@ module hb_curve_request
    use hb_scene_problem, only: moving_value_t
    implicit none
    private
-   public :: curve_kind, curve_kind_names, curve_request_t
+   public :: curve_kind, curve_kind_names, curve_request_t, over_t
 
    !> What a point of a curve is; numbers as in the result file.
    type :: curve_kind_t
@@ -26,6 +26,13 @@ module hb_curve_request
    character(*), parameter :: curve_kind_names(0:10) = [character(7) :: "none", "regular", "start", "fold", "peak", "value", &
       "end", "branch", "flip", "torus", "split"]
 
+   !> A peak or fold over a first value that is followed along a second one, in place of the motion itself.
+   type :: over_t
+      integer :: kind = curve_kind%peak                               !! or fold
+      type(moving_value_t) :: moving                                  !! the first value
+      real(wp) :: from = 0.0_wp, to = 0.0_wp                          !! its range
+   end type over_t
+
    !> What is asked for.
    type :: curve_request_t
       type(moving_value_t) :: moving
@@ -38,5 +45,6 @@ module hb_curve_request
       type(response_t), allocatable :: peaks(:)                       !! whose maxima are looked for
       type(curve_origin_t), allocatable :: origin                     !! if given: where the curve leaves another one, in place
                                                                       !! of a first motion at `start`
+      type(over_t), allocatable :: over                               !! hb_motion_ridge
    end type curve_request_t
 end module hb_curve_request

@@ -44,6 +44,7 @@ module hb_motion_curve
    real(wp), parameter :: least_motion = 1.0e-3_wp                    ! relative to the linear one: smaller is no unit of length
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
    integer, parameter :: most_corrections = 10
+   real(wp), parameter :: most_slack = 1.0e4_wp
    real(wp), parameter :: first_part = 0.02_wp                        ! of the motion: other ones where they leave a curve
 
    !> Where another curve crosses.
@@ -75,6 +76,8 @@ module hb_motion_curve
       real(wp), private :: length = 0.0_wp                            ! of this way so far
       real(wp), allocatable, private :: x_start(:), direction_start(:)
       integer, allocatable, private :: which(:)                       ! parameters of the problem that are unknown, the value last
+      real(wp), private :: unevenness = 0.0_wp                        ! of the residual over frequencies, at the start of this way
+      real(wp), private :: slack = 1.0_wp                             ! by which it may have grown on the way
       logical, private :: has_collapsed = .false.                     ! the motion of an unknown tone has died out
       logical, private :: is_closed = .false.                         ! this way has come back to its start
       integer, private :: n_told = 0
@@ -87,6 +90,10 @@ module hb_motion_curve
       procedure :: begin => motion_curve_begin
       procedure :: go_on_from => motion_curve_go_on_from
       procedure :: next => motion_curve_next
+      procedure :: begin_next_to => motion_curve_begin_next_to
+      procedure :: look_for => motion_curve_look_for
+      procedure :: measure => motion_curve_measure
+      procedure, nopass :: n_entries
       procedure :: destroy => motion_curve_destroy
       procedure, private :: renew => motion_curve_renew
       procedure, private :: step => motion_curve_step
@@ -103,6 +110,13 @@ contains
 
       state_size = 2*(n_unknowns + n_further(scene)) + 3
    end function state_size
+
+   !> Number of unknowns in a state, which a file fills up with NaN.
+   pure integer function n_entries(state)
+      real(wp), intent(in) :: state(:)
+
+      n_entries = (findloc(ieee_is_finite(state), .true., dim=1, back=.true.) - 1)/2
+   end function n_entries
 
    !> Unknowns beside those of the balance: frequencies, artificial damping, and the value that moves.
    pure integer function n_further(scene)
@@ -179,9 +193,6 @@ contains
    subroutine find_first(self, is_found)
       class(motion_curve_t), intent(inout), target :: self
       logical, intent(out) :: is_found
-      type(solver_config_t) :: corrector
-      type(bordered_problem_t) :: bordered
-      type(report_t) :: report
       real(wp) :: across(self%problem%n_unknowns), joined
       logical :: is_possible
 
@@ -198,18 +209,99 @@ contains
          across = across/norm2(across/self%weights)*norm2(self%x_first(:n)/self%weights)
          self%first_direction = [across, spread(0.0_wp, 1, n_which)]
          self%x_first = self%x_first + first_part*self%first_direction
-         call new_bordered_problem(bordered, self%problem, self%which, spread(self%first_direction/[self%weights, &
-            self%problem%parameter_scales(self%which)]**2, 2, n_which), spread(0.0_wp, 1, n_which))
-         self%curve%x = self%x_first
-         self%curve%problem = bordered
-         call set_conditions(self%problem, self%which, self%curve, self%weights)
-         self%curve%problem%values = matmul(self%x_first, self%curve%problem%forms)
-         call self%curve%problem%rescale()
-         corrector = self%problem%scene%solver
-         call solve_newton(self%curve%problem, corrector, self%x_first, report)
-         is_found = report%status == outcome%converged
       end associate
+      call find_on_plane(self, is_found)
    end subroutine find_first
+
+   !> Corrects the first motion, in the plane across the first direction.
+   subroutine find_on_plane(self, is_found)
+      class(motion_curve_t), intent(inout), target :: self
+      logical, intent(out) :: is_found
+      type(bordered_problem_t) :: bordered
+      type(report_t) :: report
+      type(solver_config_t) :: corrector
+      real(wp) :: units(size(self%x_first))
+      logical :: is_possible
+
+      call move(self, self%x_first, is_possible)
+      is_found = is_possible
+      if (.not. is_found) return
+      units = [self%weights*max(least_motion, norm2(self%x_first(:self%problem%n_unknowns)/self%weights)), &
+               self%problem%parameter_scales(self%which)]
+      call new_bordered_problem(bordered, self%problem, self%which, spread(self%first_direction/units**2, 2, size(self%which)), &
+                                spread(0.0_wp, 1, size(self%which)))
+      self%curve%x = self%x_first
+      self%curve%problem = bordered
+      call set_conditions(self%problem, self%which, self%curve, self%weights)
+      self%curve%problem%values = matmul(self%x_first, self%curve%problem%forms)
+      call self%curve%problem%rescale()
+      corrector = self%problem%scene%solver
+      corrector%tolerance = max(corrector%tolerance, 10.0_wp*self%problem%unevenness(self%x_first(:self%problem%n_unknowns)))
+      corrector%max_iterations = 2*most_corrections
+      call solve_newton(self%curve%problem, corrector, self%x_first, report)
+      is_found = report%status == outcome%converged
+   end subroutine find_on_plane
+
+   !> Takes the place of `begin`: next to a motion and tangent of another curve, in the plane across this. `is_found` is false where
+   !> there is no motion.
+   subroutine motion_curve_begin_next_to(self, scene, document, request, available_memory, x, direction, is_found, error, watch)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene
+      type(document_t), intent(in) :: document                        !! from which it was read
+      type(curve_request_t), intent(in) :: request
+      real(wp), intent(in) :: available_memory                        !! bytes
+      real(wp), intent(in) :: x(:), direction(:)                      !! unknowns and tangent of the other curve
+      logical, intent(out) :: is_found
+      type(error_t), allocatable, intent(out) :: error
+      class(watch_t), intent(inout), target :: watch
+
+      self%request = request
+      self%watch => watch
+      self%way = 1
+      is_found = .false.
+      if (allocated(self%waiting)) deallocate (self%waiting, self%origins)
+      call prepare(self, scene, document, available_memory, x(size(x) - n_further(scene) + 1:), error)
+      if (allocated(error)) return
+      self%x_first = x
+      self%first_direction = direction
+      call find_on_plane(self, is_found)
+      if (is_found) call set_out(self)
+      self%first_waiting = 1
+   end subroutine motion_curve_begin_next_to
+
+   !> Goes on to the first point of a kind, if so many steps lead there, and tells that point alone.
+   subroutine motion_curve_look_for(self, kind, most_steps, result, n_steps, is_found, error)
+      class(motion_curve_t), intent(inout), target :: self
+      integer, intent(in) :: kind, most_steps
+      type(motion_result_t), intent(out) :: result
+      integer, intent(out) :: n_steps
+      logical, intent(out) :: is_found
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      is_found = .false.
+      do n_steps = 1, most_steps
+         call self%step()
+         if (self%curve%status /= outcome%pending) return
+         i = findloc(self%waiting%kind, kind, dim=1)
+         is_found = i > 0
+         if (is_found) exit
+         self%first_waiting = size(self%waiting) + 1
+      end do
+      if (.not. is_found) return
+      call self%tell(self%waiting(i), result, error)
+      call count_work(self%curve%report, report_t(), result)
+   end subroutine motion_curve_look_for
+
+   !> The first response of the request at a stored state.
+   real(wp) function motion_curve_measure(self, state) result(measure)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: state(:)
+
+      measure = 0.0_wp
+      if (size(self%request%peaks) > 0) &
+         measure = sqrt(square_at(self%problem, self%which, self%request%peaks(1), state(:size(self%x_first))))
+   end function motion_curve_measure
 
    !> The list of points that wait is the start of this way alone.
    subroutine put_start(self)
@@ -288,6 +380,8 @@ contains
       self%length = 0.0_wp
       self%largest = least_motion
       call move(self, self%x_start, is_possible)
+      self%slack = 1.0_wp
+      self%unevenness = self%problem%unevenness(self%x_start(:self%problem%n_unknowns))
       forms = 0.0_wp
       forms(:, size(self%which)) = direction
       call new_bordered_problem(bordered, self%problem, self%which, forms, 0.0_wp*forms(1, :))
@@ -297,6 +391,7 @@ contains
       call set_conditions(self%problem, self%which, self%curve, self%weights)
       bordered = self%curve%problem
       units = self%curve%units
+      if (self%unevenness > 0.0_wp) config%shortest_step = 1.0e-3_wp*config%longest_step   ! no step is as short as to help
       call new_curve(self%curve, bordered, self%x_start, direction, units, config, corrector)
       if (self%way > 2) then
          call turn_off(self, direction)
@@ -390,7 +485,7 @@ contains
 
       self%request = request
       self%watch => watch
-      n = (findloc(ieee_is_finite(stored(1)%state), .true., dim=1, back=.true.) - 3)/2
+      n = n_entries(stored(1)%state)
       call prepare(self, scene, document, available_memory, stored(1)%state(n - n_further(scene) + 1:n), error)
       self%is_done = allocated(error)
       if (self%is_done) return
@@ -428,7 +523,8 @@ contains
       associate (n => self%problem%n_unknowns, curve => self%curve)
          self%largest = max(self%largest, norm2(curve%x(:n)/self%weights))
          curve%units = [self%weights*self%largest, self%problem%parameter_scales(self%which)]
-         curve%corrector%tolerance = max(self%problem%scene%solver%tolerance, 2.0_wp*self%problem%rounding_level(curve%x(:n)))
+         curve%corrector%tolerance = max(self%problem%scene%solver%tolerance, 2.0_wp*self%problem%rounding_level(curve%x(:n)), &
+                                         10.0_wp*self%slack*self%unevenness)
       end associate
    end subroutine motion_curve_renew
 
@@ -539,6 +635,7 @@ contains
       if (allocated(self%problem%complaint)) deallocate (self%problem%complaint)
       call move(self, self%curve%x, is_possible)
       call self%problem%renew()                                       ! a stored curve, too, goes on from there
+      self%slack = 1.0_wp
       call set_conditions(self%problem, self%which, self%curve, self%weights)
       associate (curve => self%curve)
          do
@@ -547,6 +644,13 @@ contains
             n_branch_points = curve%n_branch_points
             call curve%advance()
             if (curve%status == outcome%stalled) call try_end(self)
+            if (curve%status == outcome%stalled .and. self%unevenness > 0.0_wp .and. self%slack < most_slack) then
+               self%slack = 10.0_wp*self%slack
+               call self%renew()
+               curve%status = outcome%pending
+               curve%step = curve%config%first_step
+               cycle
+            end if
             if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
             call self%renew()
             call curve%turn()
@@ -622,12 +726,14 @@ contains
       n = size(self%curve%x)
       allocate (x(n))
       associate (curve => self%curve, request => self%request)
+         if (self%unevenness > 0.0_wp) curve%corrector%tolerance = 10.0_wp*curve%corrector%tolerance   ! of many points
          n_pieces = 1
          places = [0.0_wp, curve%last_step, curve%last_step]
          values = [curve%last_x(n), curve%x(n), curve%x(n)]
          if (curve%last_direction(n)*curve%direction(n) < 0.0_wp .and. .not. (self%way > 2 .and. self%length <= 0.0_wp)) then
             fold%curve = curve
-            call find(fold, [curve%last_direction(n), curve%direction(n)]/curve%units(n), located, curve_kind%fold)
+            call find(fold, [curve%last_direction(n), curve%direction(n)]/curve%units(n), &
+                      max(located, 10.0_wp*curve%corrector%tolerance), curve_kind%fold)
             if (is_found) then
                n_pieces = 2
                places(2) = self%waiting(size(self%waiting))%place
@@ -645,7 +751,8 @@ contains
             peak%response = request%peaks(i)
             peak%unit = square_at(self%problem, self%which, request%peaks(i), curve%x)
             if (.not. peak%unit > 0.0_wp) cycle
-            call find(peak, [slopes_before(i), slopes(i)]/peak%unit, located, curve_kind%peak)
+            call find(peak, [slopes_before(i), slopes(i)]/peak%unit, max(located, 10.0_wp*curve%corrector%tolerance), &
+                      curve_kind%peak)
          end do
          if (allocated(self%multipliers) .and. allocated(multipliers)) then
             change%problem => self%problem
@@ -834,6 +941,8 @@ contains
       else if (point%kind == curve_kind%branch) then
          result%curve%state = [point%x, self%curve%direction]
          if (self%request%switches .and. self%way <= 2) call note_origin(self, result%curve%state)
+      else if (any(point%kind == [curve_kind%fold, curve_kind%peak])) then
+         result%curve%state = [point%x, self%curve%direction]
       else if (any(point%kind == [curve_kind%flip, curve_kind%torus]) .and. allocated(result%stability%multipliers)) then
          result%curve%state = [point%x, self%curve%direction, angle_of_pair(result%stability%multipliers)]
       end if

@@ -1,6 +1,6 @@
 !> What an input asks for with `&curve`: which value moves, where, how far, and what is to be found on the way.
 module hb_curve_plan
-   use hb_curve_request, only: curve_request_t
+   use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -16,6 +16,7 @@ module hb_curve_plan
    !> Groups whose numbers can move.
    character(*), parameter :: groups(4) = [character(9) :: "structure", "tones", "load", "law"]
    character(*), parameter :: ties(2) = [character(5) :: "none", "ratio"]
+   character(*), parameter :: followed(3) = [character(6) :: "motion", "peak", "fold"]
 
    type :: curve_plan_t
       character(:), allocatable :: path                               !! in the input, such as tones%frequency
@@ -31,6 +32,10 @@ module hb_curve_plan
       character(:), allocatable :: origin                             !! result file from whose point the curve leaves; empty: none
       integer :: origin_point = 0                                     !! from 0
       integer, allocatable :: torus_order(:)                          !! of the set of a torus that leaves the curve; none: chosen
+      character(:), allocatable :: follow                             !! motion, peak or fold
+      character(:), allocatable :: over                               !! path of the value over which peak or fold is one
+      type(parameter_t), private :: first_parameter                   ! what that names
+      real(wp), private :: over_from = 0.0_wp, over_to = 0.0_wp
       character(:), allocatable :: tie
       real(wp), allocatable :: ratios(:)                              !! of all tones to the one that moves, if these are tied
    contains
@@ -67,6 +72,16 @@ contains
       call group%get("peak_of", self%peak_of)
       call group%get("tie", self%tie, choices=ties)
       call group%get("switch", self%switches)
+      self%follow = trim(followed(1))
+      call group%get("follow", self%follow, choices=followed)
+      if (self%follow /= followed(1)) then
+         call group%get("over", self%over, required=.true.)
+         call group%get("over_from", self%over_from, required=.true.)
+         call group%get("over_to", self%over_to, required=.true.)
+         if (self%follow == followed(2) .and. size(self%peak_of) /= 1) &
+            call group%problem("peak_of", "name the one response whose maximum is followed")
+         if (abs(self%start - self%from) > 0.0_wp) call group%problem("start", "a peak or fold is followed from 'from'")
+      end if
       self%origin = ""
       call group%get("origin", self%origin)
       if (len(self%origin) > 0) call group%get("origin_point", self%origin_point, required=.true., minimum=0)
@@ -88,6 +103,17 @@ contains
       if (allocated(error)) then
          error%message = self%place//": parameter '"//shown(self%path)//"': "//error%message
          return
+      end if
+      if (allocated(self%over)) then
+         call document%resolve(self%over, self%first_parameter, error)
+         if (.not. allocated(error)) then
+            if (.not. any(groups == document%groups%holders(self%first_parameter%i_group)%group%name)) &
+               call fail(error, "a curve follows a number of &structure, &tones, &load or &law")
+         end if
+         if (allocated(error)) then
+            error%message = self%place//": over '"//shown(self%over)//"': "//error%message
+            return
+         end if
       end if
       associate (name => document%groups%holders(self%parameter%i_group)%group%name)
          if (.not. any(groups == name)) call fail(error, self%place//": parameter '"//shown(self%path)// &
@@ -130,6 +156,26 @@ contains
       if (len(complaint) > 0) then
          call fail(error, self%place//": parameter '"//shown(self%path)//"': "//complaint)
          return
+      end if
+      if (allocated(self%over)) then
+         if (any(scene%tones%is_unknown)) then
+            complaint = "tones must be given"
+         else if (scene%tones%n_tones > 1 .and. self%first_parameter%element(1) == 0 .and. &
+                  document%groups%holders(self%first_parameter%i_group)%group%name == "tones") then
+            complaint = "say which tone moves, such as '"//trim(lower(self%over))//"(1)'"
+         else if (.not. document%is_real(self%first_parameter)) then
+            complaint = "is no real number; only such can move by and by"
+         end if
+         if (len(complaint) > 0) then
+            call fail(error, self%place//": over '"//shown(self%over)//"': "//complaint)
+            return
+         end if
+         allocate (request%over)
+         request%over%kind = merge(curve_kind%peak, curve_kind%fold, self%follow == followed(2))
+         request%over%moving%parameter = self%first_parameter
+         request%over%moving%typical = abs(self%over_to - self%over_from)
+         request%over%from = self%over_from
+         request%over%to = self%over_to
       end if
       request%moving%parameter = self%parameter
       request%moving%typical = abs(self%to - self%from)

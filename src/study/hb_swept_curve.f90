@@ -11,6 +11,7 @@ module hb_swept_curve
    use hb_model_file, only: model_file_t
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_place_t, motion_result_t
+   use hb_motion_ridge, only: motion_ridge_t
    use hb_outcome, only: is_solved, outcome
    use hb_results, only: results_layout_t, results_t
    use hb_scene, only: scene_t
@@ -27,6 +28,7 @@ module hb_swept_curve
       integer, allocatable :: stored(:)                               !! statuses of the points of the file behind which it goes on
       logical :: is_done = .false.                                    !! there is no further point
       type(motion_curve_t), private :: curve
+      type(motion_ridge_t), private :: ridge                          ! in its place where a peak or fold is followed
       type(curve_request_t), private :: request
       type(scene_t), private :: scene
       type(document_t), private :: document
@@ -75,8 +77,12 @@ contains
       if (allocated(error)) return
       last = last_step(status, places%kind)
       if (last == 0) return
-      call self%curve%go_on_from(self%scene, self%document, self%request, available_memory, places(:last), failure, watch)
-      self%is_done = self%curve%is_done .or. allocated(failure)
+      if (allocated(self%request%over)) then
+         call self%ridge%go_on_from(self%scene, self%document, self%request, available_memory, places(:last), watch)
+      else
+         call self%curve%go_on_from(self%scene, self%document, self%request, available_memory, places(:last), failure, watch)
+      end if
+      self%is_done = self%curve%is_done .or. self%ridge%is_done .or. allocated(failure)
       self%has_begun = .true.
       self%stored = status(:last)
       self%last_parameter = places(last)%parameter
@@ -107,14 +113,20 @@ contains
       real(wp) :: started
 
       started = wall_clock()
-      if (self%has_begun) then
+      if (self%has_begun .and. allocated(self%request%over)) then
+         call self%ridge%next(result, error)
+      else if (self%has_begun) then
          call self%curve%next(result, error)
+      else if (allocated(self%request%over)) then
+         call self%ridge%begin(self%scene, self%document, self%request, self%available_memory, result, error, watch, &
+                               marching_judge_t())
+         self%has_begun = .true.
       else
          call self%curve%begin(self%scene, self%document, self%request, self%available_memory, result, error, watch, &
                                marching_judge_t())
          self%has_begun = .true.
       end if
-      self%is_done = self%curve%is_done
+      self%is_done = self%curve%is_done .or. self%ridge%is_done
       if (allocated(error)) then
          result%status = outcome%failed
          result%message = error%message
@@ -135,5 +147,6 @@ contains
       class(swept_curve_t), intent(inout) :: self
 
       call self%curve%destroy()
+      call self%ridge%destroy()
    end subroutine swept_curve_destroy
 end module hb_swept_curve

@@ -1,0 +1,256 @@
+!> The maximum of a response, or a fold, followed along a second value of the input: a resonance peak over a gap, a fold over a load.
+!>
+!> At each of its points a curve along the first value is begun next to the point before, and followed to the peak or fold, which is
+!> located as on any curve. Steps of the second value grow where that is near and shrink where it is not found, or is another one.
+module hb_motion_ridge
+   use hb_clock, only: wall_clock
+   use hb_curve_request, only: curve_kind, curve_request_t
+   use hb_document, only: document_t
+   use hb_error, only: error_t
+   use hb_judge, only: judge_t
+   use hb_kinds, only: wp
+   use hb_motion_curve, only: motion_curve_t
+   use hb_motion_result, only: curve_place_t, motion_result_t
+   use hb_outcome, only: outcome
+   use hb_scene, only: scene_t
+   use hb_scene_reader, only: update_scene
+   use hb_text, only: to_text
+   use hb_watch, only: verdict, watch_t
+   implicit none
+   private
+   public :: motion_ridge_t
+
+   real(wp), parameter :: shortest = 1.0e-4_wp                        ! of the longest step
+   real(wp), parameter :: largest_change = 0.5_wp                     ! of the motion on a step, relative
+   integer, parameter :: easy_steps = 4, most_steps = 12              ! of a curve, up to the point that is sought
+
+   !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
+   type :: motion_ridge_t
+      logical :: is_done = .false.                                    !! there is no further point
+      type(curve_request_t), private :: request
+      type(curve_request_t), private :: inner                         ! of the curves along the first value
+      type(motion_curve_t), private :: curve
+      type(scene_t), private :: scene
+      type(document_t), private :: document
+      real(wp), private :: available_memory = huge(1.0_wp)            ! bytes
+      real(wp), allocatable, private :: x(:), direction(:)            ! the last point, and the tangent of the curve there
+      real(wp), private :: value = 0.0_wp                             ! second value there
+      real(wp), private :: step = 0.0_wp, length = 0.0_wp             ! relative to the range of the second value
+      integer, private :: n_told = 0
+      class(watch_t), pointer, private :: watch => null()
+   contains
+      procedure :: begin => motion_ridge_begin
+      procedure :: go_on_from => motion_ridge_go_on_from
+      procedure :: next => motion_ridge_next
+      procedure :: destroy => motion_ridge_destroy
+   end type motion_ridge_t
+
+contains
+
+   !> Follows a whole curve along the first value at the start of the second: its highest peak, or its first fold, is the first point.
+   subroutine motion_ridge_begin(self, scene, document, request, available_memory, result, error, watch, judge)
+      class(motion_ridge_t), intent(inout), target :: self
+      type(scene_t), intent(inout) :: scene                           !! at the start
+      type(document_t), intent(in) :: document                        !! from which it was read
+      type(curve_request_t), intent(in) :: request                    !! with `over`
+      real(wp), intent(in) :: available_memory                        !! bytes
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      class(watch_t), intent(inout), target :: watch
+      class(judge_t), intent(in), optional :: judge
+      type(motion_result_t) :: point
+      real(wp) :: highest, measure
+      logical :: is_new
+
+      call prepare(self, scene, document, request, available_memory, watch)
+      call set_values(self, request%start, self%inner%start)
+      call update_scene(self%scene, self%document, is_new, error, available_memory)
+      if (.not. allocated(error)) &
+         call self%curve%begin(self%scene, self%document, self%inner, available_memory, point, error, watch, judge)
+      self%is_done = allocated(error)
+      if (self%is_done) return
+      highest = -huge(1.0_wp)
+      result = point
+      do while (.not. self%curve%is_done)
+         call self%curve%next(point, error)
+         if (allocated(error) .or. point%status == outcome%interrupted) then
+            result%status = point%status
+            self%is_done = .true.
+            return
+         end if
+         if (.not. allocated(point%curve)) cycle                      ! where the curve was lost
+         if (point%curve%kind /= request%over%kind) cycle
+         measure = self%curve%measure(point%curve%state)
+         if (measure <= highest .or. (highest >= 0.0_wp .and. request%over%kind == curve_kind%fold)) cycle
+         highest = measure
+         result = point
+      end do
+      self%is_done = highest < 0.0_wp
+      if (self%is_done) then
+         if (result%status == outcome%converged) result%status = outcome%stalled
+         result%curve = curve_place_t(curve_kind%none, request%start)
+         result%message = "no such point is on the curve from "//to_text(self%inner%from)//" to "//to_text(self%inner%to)
+         return
+      end if
+      call take(self, result%curve%state, request%start, curve_kind%start, result)
+   end subroutine motion_ridge_begin
+
+   !> Takes the place of `begin`: the ridge stands where a stored one has been.
+   subroutine motion_ridge_go_on_from(self, scene, document, request, available_memory, stored, watch)
+      class(motion_ridge_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene
+      type(document_t), intent(in) :: document
+      type(curve_request_t), intent(in) :: request
+      real(wp), intent(in) :: available_memory                        !! bytes
+      type(curve_place_t), intent(in) :: stored(:)                    !! all points up to the one to go on from
+      class(watch_t), intent(inout), target :: watch
+      integer :: n
+
+      call prepare(self, scene, document, request, available_memory, watch)
+      associate (last => stored(size(stored)))
+         n = self%curve%n_entries(last%state)
+         self%x = last%state(:n)
+         self%direction = last%state(n + 1:2*n)
+         self%step = last%state(2*n + 1)
+         self%value = last%parameter
+         self%length = last%length
+      end associate
+      self%n_told = size(stored)
+      self%is_done = self%n_told >= request%n_points
+   end subroutine motion_ridge_go_on_from
+
+   subroutine prepare(self, scene, document, request, available_memory, watch)
+      class(motion_ridge_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene
+      type(document_t), intent(in) :: document
+      type(curve_request_t), intent(in) :: request
+      real(wp), intent(in) :: available_memory
+      class(watch_t), intent(inout), target :: watch
+
+      self%request = request
+      self%scene = scene
+      self%document = document
+      self%available_memory = available_memory
+      self%watch => watch
+      self%step = 0.25_wp*request%longest_step
+      self%inner%moving = request%over%moving
+      self%inner%from = request%over%from
+      self%inner%to = request%over%to
+      self%inner%start = request%over%from
+      self%inner%longest_step = request%longest_step
+      self%inner%n_points = huge(1)
+      self%inner%peaks = request%peaks
+   end subroutine prepare
+
+   !> Sets both values in the document.
+   subroutine set_values(self, value, first_value)
+      class(motion_ridge_t), intent(inout), target :: self
+      real(wp), intent(in) :: value, first_value
+
+      call self%document%set(self%request%moving%parameter, value)
+      call self%document%set(self%inner%moving%parameter, first_value)
+   end subroutine set_values
+
+   !> Makes a point of a curve along the first value the last one of the ridge.
+   subroutine take(self, state, value, kind, result)
+      class(motion_ridge_t), intent(inout) :: self
+      real(wp), intent(in) :: state(:)                                !! unknowns and direction
+      real(wp), intent(in) :: value
+      integer, intent(in) :: kind
+      type(motion_result_t), intent(inout) :: result
+
+      if (kind /= curve_kind%start) self%length = self%length + abs(value - self%value)/self%request%moving%typical
+      self%x = state(:size(state)/2)
+      self%direction = state(size(state)/2 + 1:)
+      self%value = value
+      result%curve = curve_place_t(kind, value, self%length, 0, self%x)
+      if (any(kind == [curve_kind%start, curve_kind%regular])) result%curve%state = [self%x, self%direction, self%step]
+      self%n_told = self%n_told + 1
+      self%is_done = kind == curve_kind%end .or. self%n_told >= self%request%n_points
+   end subroutine take
+
+   !> The next point. Its status tells where there is no way on.
+   subroutine motion_ridge_next(self, result, error)
+      class(motion_ridge_t), intent(inout), target :: self
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: far, started, value
+      integer :: i, kind, n_steps
+      logical :: is_found
+
+      started = wall_clock()
+      call self%watch%begin(self%scene%solver%time_limit)
+      associate (request => self%request, way => sign(1.0_wp, self%request%to - self%request%from))
+         do
+            value = self%value + way*self%step*request%moving%typical
+            kind = curve_kind%regular
+            far = request%to
+            do i = 1, size(request%values)
+               if (way*(request%values(i) - self%value) > 0.0_wp .and. way*(far - request%values(i)) > 0.0_wp) &
+                  far = request%values(i)
+            end do
+            if (way*(value - far) >= 0.0_wp) then
+               value = far
+               kind = merge(curve_kind%end, curve_kind%value, abs(far - request%to) <= 0.0_wp)
+            end if
+            call try(self, value, result, n_steps, is_found, error)
+            if (allocated(error) .or. is_found) exit
+            if (self%watch%verdict /= verdict%go_on) exit
+            self%step = 0.5_wp*min(self%step, abs(value - self%value)/request%moving%typical)
+            if (self%step < shortest*request%longest_step) exit
+         end do
+         if (is_found) then
+            if (n_steps <= easy_steps) self%step = min(request%longest_step, 1.5_wp*self%step)
+            call take(self, result%curve%state, value, kind, result)
+         else if (.not. allocated(error)) then
+            result = motion_result_t()
+            result%status = outcome%stalled
+            if (self%watch%verdict == verdict%timed_out) result%status = outcome%timed_out
+            if (self%watch%verdict == verdict%interrupted) result%status = outcome%interrupted
+            result%message = "no such point is found next to the last one beyond the value "//to_text(self%value)// &
+               ", as where it meets another one and both end"
+            self%is_done = .true.
+         else
+            self%is_done = .true.
+         end if
+      end associate
+      result%solver_seconds = wall_clock() - started - result%certificate_seconds
+   end subroutine motion_ridge_next
+
+   !> Looks for the point at another second value, next to the last one: along the curve there, then the other way.
+   subroutine try(self, value, result, n_steps, is_found, error)
+      class(motion_ridge_t), intent(inout), target :: self
+      real(wp), intent(in) :: value
+      type(motion_result_t), intent(out) :: result
+      integer, intent(out) :: n_steps                                 !! of the curve
+      logical, intent(out) :: is_found
+      type(error_t), allocatable, intent(out) :: error
+      integer :: sense
+      logical :: is_new
+
+      is_found = .false.
+      n_steps = 0
+      call set_values(self, value, self%x(size(self%x)))
+      call update_scene(self%scene, self%document, is_new, error, self%available_memory)
+      if (allocated(error)) return
+      do sense = 1, -1, -2
+         call self%curve%destroy()
+         call self%curve%begin_next_to(self%scene, self%document, self%inner, self%available_memory, self%x, &
+                                       sense*self%direction, is_found, error, self%watch)
+         if (allocated(error) .or. .not. is_found) return
+         call self%curve%look_for(self%request%over%kind, most_steps, result, n_steps, is_found, error)
+         if (allocated(error) .or. is_found) exit
+      end do
+      if (allocated(error) .or. .not. is_found) return
+      associate (found => result%curve%state(:size(self%x)), n => size(self%x) - 1)
+         is_found = norm2(found(:n) - self%x(:n)) <= largest_change*norm2(self%x(:n))
+      end associate
+   end subroutine try
+
+   !> Frees the curve; safe to call twice.
+   subroutine motion_ridge_destroy(self)
+      class(motion_ridge_t), intent(inout) :: self
+
+      call self%curve%destroy()
+   end subroutine motion_ridge_destroy
+end module hb_motion_ridge
