@@ -10,7 +10,7 @@ module hb_accurate_motion
    use hb_basis, only: transfer_coefficients
    use hb_certificate, only: certificate_t
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t, new_box
+   use hb_harmonics, only: harmonics_t, new_box, new_harmonics
    use hb_judge, only: judge_t
    use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory
@@ -21,7 +21,7 @@ module hb_accurate_motion
    use hb_scene, only: scene_t
    use hb_stability, only: stability_method
    use hb_torus, only: fast_size, new_torus, samples_for, torus_t
-   use hb_tuple_choice, only: choose_tuples, lowest_order, new_lowest_set
+   use hb_tuple_choice, only: choose_tuples, largest_places, lowest_order, new_lowest_set
    use hb_watch, only: watch_t
    implicit none
    private
@@ -35,6 +35,10 @@ module hb_accurate_motion
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
+   real(wp), parameter :: largest_amplification = 5.0_wp              ! of what is neglected, by what answers it
+   real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, from one rung to the next
+   integer, parameter :: smallest_growing = 50                        ! tuples, from which on that is looked at
+   real(wp), parameter :: spare = 0.1_wp                              ! of the tolerance: what a neighbour need not have
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
    real(wp), parameter :: decay = 2.4_wp                              ! power of the spacing of samples with which aliasing falls
    real(wp), parameter :: least_density = 1.3_wp                      ! samples of a grid, relative to 2 N + 1
@@ -85,6 +89,7 @@ contains
       call find_first(here, scene, result, error, top, start, account, watch, judge)
       if (allocated(error) .or. .not. allocated(top%unknowns)) return
       is_checked = .false.
+      if (present(start)) is_checked = allocated(start%unknowns) .and. account%n_rungs == 1 ! as the neighbour was
       best_estimate = huge(1.0_wp)
       before = estimate_of(result)
       n_failures = 0
@@ -97,7 +102,7 @@ contains
          goal = max(step*estimate, scene%accuracy%tolerance)
          if (estimate <= scene%accuracy%tolerance) goal = max(0.3_wp*estimate, step*scene%accuracy%tolerance)
          goal = goal*3.0_wp**n_failures
-         call choose_next(here, scene, result, top, goal, n_failures, next, is_there)
+         call choose_next(scene, result, top, goal, n_failures, next, is_there)
          if (.not. is_there) exit
          call take(here, scene, next, next%unknowns, n_failures == most_failures - 1, account, trial, trouble, watch)
          if (trial%status == outcome%interrupted) then
@@ -130,17 +135,53 @@ contains
          result%certificate%truncation = max(result%certificate%truncation, best_estimate)
       end if
       call finish(scene, result, top, account, difference, watch)
+      if (scene%accuracy%grows_set .and. result%status == outcome%converged) call trim_set(scene, top)
    end subroutine solve_to_tolerance
 
+   !> Takes out of a rung what a neighbour can do without: tuples that together carry a small share of the tolerance.
+   subroutine trim_set(scene, rung)
+      type(scene_t), intent(in) :: scene
+      type(rung_t), intent(inout) :: rung
+      type(rung_t) :: trimmed
+      type(error_t), allocatable :: error
+      real(wp), allocatable :: amplitudes(:)
+      integer, allocatable :: kept(:)
+      integer :: h
+
+      amplitudes = amplitudes_of(rung)
+      amplitudes = amplitudes/max(norm2(amplitudes), tiny(1.0_wp))
+      do h = 1, rung%set%n_harmonics
+         if (is_needed_at(scene, rung%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
+      end do
+      kept = largest_places(amplitudes, spare*scene%accuracy%tolerance, size(amplitudes))
+      if (size(kept) == size(amplitudes)) return
+      call new_harmonics(trimmed%set, rung%set%tuples(:, kept), error)
+      if (allocated(error)) return
+      trimmed%n_samples = rung%n_samples
+      trimmed%unknowns = on_other_set(rung, trimmed%set)
+      rung = trimmed
+   end subroutine trim_set
+
+   !> Whether a set must have a tuple: the mean value, fundamentals, and what is loaded.
+   pure logical function is_needed_at(scene, tuple) result(is_needed)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: tuple(:)
+      integer :: h
+
+      is_needed = sum(abs(tuple)) <= 1
+      h = scene%harmonics%index_of(tuple)
+      if (h > 0 .and. .not. is_needed) is_needed = any(abs(scene%loads(:, h)) > 0.0_wp)
+   end function is_needed_at
+
    !> Corrects the estimates of a rung by what the rung below shows. Its motion was off by the difference of the two: an estimate
-   !> that was below that is raised by as much here. Where the upper rung neglects clearly less, its own error is less than the
-   !> difference by as much, and at least what it neglects: one linear step from a set with ragged ends may say far more.
+   !> that was below that is raised by as much here. What the upper rung is off by is less than the difference by as much as it
+   !> neglects less, but not below what it neglects: one linear step from a set with ragged ends may say far more.
    pure subroutine calibrate(upper, lower, estimate_below, difference)
       type(certificate_t), intent(inout) :: upper
       type(certificate_t), intent(in) :: lower
       real(wp), intent(in) :: estimate_below                          !! of the lower rung, as its certificate had it
       real(wp), intent(in) :: difference                              !! of their motions, relative
-      real(wp), parameter :: clearly = 0.9_wp, safety = 1.5_wp
+      real(wp), parameter :: safety = 2.0_wp
       real(wp) :: above, below, correction
 
       correction = max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction))
@@ -150,8 +191,7 @@ contains
       if (.not. (allocated(upper%neglected) .and. allocated(lower%neglected))) return
       above = norm2(upper%neglected)
       below = norm2(lower%neglected)
-      if (above > clearly*below) return
-      upper%truncation = min(upper%truncation, max(safety*above, difference*above/below))
+      upper%truncation = min(upper%truncation, max(safety*above, difference*min(1.0_wp, above/below)))
    end subroutine calibrate
 
    !> Estimated error of a motion: those by its set and by its grid have nothing to do with each other.
@@ -298,8 +338,7 @@ contains
    end function on_set
 
    !> Chooses the next rung, with the motion of this one as first guess; there is none where nothing is left to change, or no room.
-   subroutine choose_next(here, scene, result, top, goal, n_failures, next, is_there)
-      type(scene_t), intent(in) :: here                               !! on the rung
+   subroutine choose_next(scene, result, top, goal, n_failures, next, is_there)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(in) :: result
       type(rung_t), intent(in) :: top
@@ -314,7 +353,7 @@ contains
       is_there = .false.
       next%set = top%set
       next%n_samples = top%n_samples
-      if (scene%accuracy%grows_set) call choose_set(here, scene, result, top, goal, next%set, error)
+      if (scene%accuracy%grows_set) call choose_set(scene, result, top, goal, next%set, error)
       if (allocated(error)) return
       if (scene%accuracy%refines_grid) then
          least = needed_samples(next%set%highest, degree_of(scene))
@@ -347,8 +386,8 @@ contains
    end function same_set
 
    !> Chooses the set of the next rung.
-   subroutine choose_set(here, scene, result, top, goal, set, error)
-      type(scene_t), intent(in) :: here, scene
+   subroutine choose_set(scene, result, top, goal, set, error)
+      type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(in) :: result
       type(rung_t), intent(in) :: top
       real(wp), intent(in) :: goal                                    !! estimated error
@@ -362,7 +401,7 @@ contains
 
       carried = amplitudes_of(top)
       carried = carried/max(norm2(carried), tiny(1.0_wp))
-      is_needed = [(sum(abs(top%set%tuples(:, h))) <= 1 .or. any(abs(here%loads(:, h)) > 0.0_wp), h=1, top%set%n_harmonics)]
+      is_needed = [(is_needed_at(scene, top%set%tuples(:, h)), h=1, top%set%n_harmonics)]
       if (allocated(result%certificate%neglected)) then
          around = result%certificate%around
          neglected = result%certificate%neglected
@@ -371,9 +410,10 @@ contains
          if (allocated(error)) return
          allocate (neglected(around%n_harmonics), source=goal)
       end if
-      amplification = max(1.0_wp, result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp))) ! by what the kept ones answer
+      amplification = result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp)) ! by what the kept ones answer
+      amplification = max(1.0_wp, min(amplification, largest_amplification))
       call choose_tuples(set, top%set, carried, around, neglected, is_needed, share_of_tail*goal/amplification, &
-                         scene%accuracy%max_harmonics, error)
+                         min(scene%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing))), error)
    end subroutine choose_set
 
    !> Norm of the coefficients of each tuple over all coordinates.
