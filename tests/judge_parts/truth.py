@@ -66,6 +66,21 @@ def farthest(library: ctypes.CDLL, scene: Scene, motion: Motion, seed: int) -> f
     return worst
 
 
+def error_of(library: ctypes.CDLL, scene: Scene, motion: Motion) -> float:
+    """Root of the mean square, over the last periods of a march from the motion and over the coordinates of the laws, of what
+    separates the two, relative to that of the motion: what a tolerance is about."""
+    size = np.abs(motion.amplitudes).sum(0).max()
+    if size == 0.0:
+        return 0.0
+    start = np.zeros(1)
+    times, marched = _march(library, scene, motion, motion.at(start)[0], motion.rate_at(start)[0], 1e3 * size)
+    if times is None:
+        return np.inf
+    shapes = np.array([law.shape for law in scene.laws]).T
+    there = motion.at(times) @ shapes
+    return float(np.linalg.norm(marched @ shapes - there) / np.linalg.norm(there))
+
+
 def _march(library, scene: Scene, motion: Motion, q, v, bound):
     inverse = np.linalg.inv(scene.mass)
     frequencies, decay = scene.modes()
