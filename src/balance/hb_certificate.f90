@@ -292,7 +292,7 @@ contains
       call solve_tangent(alias)
       if (is_singular) return
       aliasing = norm2(alias(:size(u)))/size_of_motion
-      if (any(abs(change(:size(u))) > much_force*balance%r_scale)) then
+      if (.not. has_multipliers(balance) .and. any(abs(change(:size(u))) > much_force*balance%r_scale)) then
          call start_from_finer_grid(is_there)
          if (is_singular .or. .not. is_there) return
       end if

@@ -15,11 +15,11 @@ module hb_marched_result
 
 contains
 
-   !> Whether a search has ended without a motion, and with time left.
+   !> Whether a search has ended without a motion, and with time left; laws without a force would end a march as well.
    elemental logical function is_lost(status)
       integer, intent(in) :: status
 
-      is_lost = any(status == [outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%not_finite, outcome%diverged])
+      is_lost = any(status == [outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%diverged])
    end function is_lost
 
    !> First guess of the balance, as hb_motion takes it: coefficients at the coordinates, then all base frequencies.
