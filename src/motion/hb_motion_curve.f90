@@ -147,6 +147,10 @@ contains
       end if
       call solve_motion(scene, result, error, unknowns=unknowns, watch=watch, judge=judge)
       self%is_done = allocated(error) .or. .not. allocated(unknowns)
+      if (result%status == outcome%marched) then
+         result%status = outcome%stalled                              ! a motion, but no point of a curve
+         result%message = "a curve starts from a balance; "//result%message
+      end if
       if (self%is_done) return
       further = [pack(result%frequency, scene%tones%is_unknown)]
       if (scene%normal_mode%is_asked) further = [further, pack(result%artificial_damping, scene%tones%is_unknown)]

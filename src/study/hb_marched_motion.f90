@@ -34,7 +34,8 @@ module hb_marched_motion
    integer, parameter :: least_windows = 4                            ! before the spread counts as one that does not fall
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one in its period, at least
    integer, parameter :: most_parts = 8                               ! periods that a subharmonic motion may take
-   integer, parameter :: largest_record = 40000000                    ! numbers
+   real(wp), parameter :: largest_record = 1.0e7_wp                   ! numbers
+   real(wp), parameter :: most_terms = 2.0e9_wp                       ! of the averages over one window
    real(wp), parameter :: largest_spread = 1.0e-2_wp                  ! of a steady motion, relative
    real(wp), parameter :: aim = 1.0e-2_wp                             ! spread at which the march ends, relative to that allowed
    real(wp), parameter :: close = 0.1_wp                              ! likewise, after `least_windows`
@@ -98,6 +99,7 @@ contains
          do window = 1, most_windows
             config%duration = n_first*2**(window - 1)*period
             if (config%duration/step*system%n_dofs > largest_record) exit
+            if (config%duration/step*coordinates%n*size(frequencies) > most_terms) exit
             call march_from(system, config, step, dofs, state, next, error, watch=watch)
             if (next%is_out_of_work .and. allocated(settled%message)) then
                deallocate (error)                                     ! what there is may be enough
@@ -123,7 +125,9 @@ contains
             if (settled%status == outcome%broadband .and. (spread > falling*spread_before .or. is_disordered)) exit
             is_disordered = settled%status == outcome%broadband
          end do
-         settled%work = look*system%laws%n_gathered
+         if (.not. allocated(settled%message)) settled%message = "marching: a window of "//to_text(n_first)// &
+            " periods has too many samples"
+         settled%work = look*system%laws%n_gathered + 2.0_wp*settled%n_periods*(period/step)*coordinates%n*size(frequencies)
          if (settled%status == outcome%marched) &
             settled%amplitudes = transpose(averages_of(record%every_displacement, record, frequencies))
       end associate
