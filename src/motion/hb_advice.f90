@@ -14,7 +14,7 @@ module hb_advice
    use hb_text, only: to_text
    implicit none
    private
-   public :: advice_on, circumstances_t, find_circumstances
+   public :: advice_on, circumstances_t, find_circumstances, rounded
 
    real(wp), parameter :: stiff = 100.0_wp                            ! contact relative to the structure, from where it is hard
    real(wp), parameter :: hardly_sliding = 1.5_wp                     ! motion relative to what a slider sticks over
@@ -186,7 +186,7 @@ contains
       end do
    end function tried
 
-   !> Two digits: 7800.0 as 7.8E+03.
+   !> Gives a number with two digits: 7800, 0.12, 4.9E-05.
    pure function rounded(value) result(text)
       real(wp), intent(in) :: value
       character(:), allocatable :: text

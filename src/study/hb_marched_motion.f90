@@ -7,6 +7,7 @@
 !> told (hb_frequency_analysis).
 module hb_marched_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_advice, only: rounded
    use hb_birkhoff, only: coefficients_at
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t, fail
@@ -180,15 +181,15 @@ contains
       end if
       select case (settled%status)
       case (outcome%marched)
-         settled%message = marched_for//": the averages spread by "//to_text(settled%spread)// &
-                           ", harmonics beyond the set carry "//to_text(left_out)//" of the motion"
+         settled%message = marched_for//": the averages spread by "//rounded(settled%spread)// &
+                           ", harmonics beyond the set carry "//rounded(left_out)//" of the motion"
       case (outcome%subharmonic)
          settled%message = marched_for//": the motion repeats after "//to_text(part)//" periods; use tones "//to_text(part)// &
                            " times lower"
       case (outcome%broadband)
-         settled%message = marched_for//": the motion does not repeat, its averages spread by "//to_text(settled%spread)
+         settled%message = marched_for//": the motion does not repeat, its averages spread by "//rounded(settled%spread)
       case default
-         settled%message = marched_for//": the averages spread by "//to_text(settled%spread)// &
+         settled%message = marched_for//": the averages spread by "//rounded(settled%spread)// &
                            ", and it does not show yet whether the motion repeats"
       end select
    end subroutine tell
