@@ -120,7 +120,7 @@ contains
                             (rate <= 0.0_wp .and. window > least_windows)   ! no mode of the structure decays, or none is known
             settled%spread = spread
             if (window < least_windows .and. spread > aim*allowed) cycle
-            call tell(scene, settled, z, now, record, allowed, has_forgotten)
+            call tell(scene, settled, z, now, record, allowed, has_forgotten, window == most_windows)
             if (settled%status == outcome%subharmonic) exit
             if (settled%status == outcome%marched .and. spread <= close*allowed) exit
             if (settled%status == outcome%broadband .and. (spread > falling*spread_before .or. is_disordered)) exit
@@ -150,7 +150,7 @@ contains
    end subroutine begin
 
    !> Says what a steady record is.
-   subroutine tell(scene, settled, z, c, record, allowed, has_forgotten)
+   subroutine tell(scene, settled, z, c, record, allowed, has_forgotten, is_last)
       type(scene_t), intent(in) :: scene
       type(settled_t), intent(inout) :: settled
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
@@ -158,6 +158,7 @@ contains
       type(march_record_t), intent(in) :: record
       real(wp), intent(in) :: allowed                                 !! largest spread of a steady motion
       logical, intent(in) :: has_forgotten                            !! how it began, as far as damping tells
+      logical, intent(in) :: is_last                                  !! there is no longer window
       real(wp), allocatable :: rest(:, :)
       real(wp) :: left_out, repeats(most_parts), scale(size(z, 2)), turns(scene%tones%n_tones)
       character(:), allocatable :: marched_for
@@ -176,7 +177,7 @@ contains
          if (has_forgotten) settled%status = outcome%subharmonic
       else if (left_out <= allowed .or. repeats(1) <= max(allowed, clearly*left_out)) then
          if (settled%spread <= allowed) settled%status = outcome%marched
-      else if (repeats(1) >= mostly*left_out .and. has_forgotten) then
+      else if (has_forgotten .and. (is_last .or. repeats(1) >= mostly*left_out)) then
          settled%status = outcome%broadband
       end if
       select case (settled%status)
