@@ -12,7 +12,7 @@ module hb_tuple_choice
    private
    public :: choose_tuples, largest_places, lowest_order, new_lowest_set, new_doubled_set
 
-   real(wp), parameter :: loyalty = 30.0_wp                           ! a kept tuple counts for that many times its amplitude
+   real(wp), parameter :: loyalty = 300.0_wp                          ! a kept tuple counts for that many times its amplitude
    integer, parameter :: lowest_orders(4) = [7, 5, 3, 2]              ! of the first box, by number of tones
 
 contains

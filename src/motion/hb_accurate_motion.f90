@@ -35,13 +35,17 @@ module hb_accurate_motion
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
+   real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
    real(wp), parameter :: largest_amplification = 5.0_wp              ! of what is neglected, by what answers it
    real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, from one rung to the next
    integer, parameter :: smallest_growing = 50                        ! tuples, from which on that is looked at
    real(wp), parameter :: spare = 0.1_wp                              ! of the tolerance: what a neighbour need not have
+   real(wp), parameter :: clearly = 1.25_wp                           ! larger set
+   real(wp), parameter :: wider = 1.6_wp                              ! orders of a box around a set that says nothing
+   real(wp), parameter :: least_refinement = 0.8_wp, largest_refinement = 2.5_wp ! of a grid
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
    real(wp), parameter :: decay = 2.4_wp                              ! power of the spacing of samples with which aliasing falls
-   real(wp), parameter :: least_density = 1.3_wp                      ! samples of a grid, relative to 2 N + 1
+   real(wp), parameter :: least_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
 
    !> A set with its grid, and a motion in it.
    type :: rung_t
@@ -117,7 +121,8 @@ contains
          difference = distance(top, next, any(scene%tones%is_unknown))
          is_checked = before < reliable
          raw = estimate_of(trial)
-         if (is_checked) call calibrate(trial%certificate, result%certificate, before, difference)
+         if (is_checked) call calibrate(trial%certificate, result%certificate, before, difference, &
+                                          next%set%n_harmonics > clearly*top%set%n_harmonics)
          before = raw
          if (is_checked .and. max(estimate, difference) < best_estimate) then
             best = result
@@ -175,12 +180,13 @@ contains
 
    !> Corrects the estimates of a rung by what the rung below shows. Its motion was off by the difference of the two: an estimate
    !> that was below that is raised by as much here. What the upper rung is off by is less than the difference by as much as it
-   !> neglects less, but not below what it neglects: one linear step from a set with ragged ends may say far more.
-   pure subroutine calibrate(upper, lower, estimate_below, difference)
+   !> neglects less, but not below what it neglects, where its set is clearly larger: one linear step from a set with ragged ends may say far more.
+   pure subroutine calibrate(upper, lower, estimate_below, difference, is_clear)
       type(certificate_t), intent(inout) :: upper
       type(certificate_t), intent(in) :: lower
       real(wp), intent(in) :: estimate_below                          !! of the lower rung, as its certificate had it
       real(wp), intent(in) :: difference                              !! of their motions, relative
+      logical, intent(in) :: is_clear                                 !! the upper set is clearly larger
       real(wp), parameter :: safety = 2.0_wp
       real(wp) :: above, below, correction
 
@@ -188,7 +194,7 @@ contains
       upper%truncation = min(1.0_wp, correction*upper%truncation)
       upper%aliasing = min(1.0_wp, correction*upper%aliasing)
       if (allocated(upper%frequency_error)) upper%frequency_error = correction*upper%frequency_error
-      if (.not. (allocated(upper%neglected) .and. allocated(lower%neglected))) return
+      if (.not. (is_clear .and. allocated(upper%neglected) .and. allocated(lower%neglected))) return
       above = norm2(upper%neglected)
       below = norm2(lower%neglected)
       upper%truncation = min(upper%truncation, max(safety*above, difference*min(1.0_wp, above/below)))
@@ -290,6 +296,7 @@ contains
       if (allocated(error)) return
       here%solver%rescue = scene%solver%rescue .and. with_rescue
       here%solver%rescue_work = min(scene%solver%rescue_work, max(0.0_wp, scene%accuracy%max_work - account%work))
+      if (account%n_rungs > 0) here%solver%rescue_work = share_of_rescue*here%solver%rescue_work
       call solve_motion(here, result, error, first_guess, found, watch, judge)
       account%n_rungs = account%n_rungs + 1
       account%iterations = account%iterations + result%iterations
@@ -353,14 +360,15 @@ contains
       is_there = .false.
       next%set = top%set
       next%n_samples = top%n_samples
-      if (scene%accuracy%grows_set) call choose_set(scene, result, top, goal, next%set, error)
+      if (scene%accuracy%grows_set) call choose_set(scene, result, top, goal, &
+         result%certificate%truncation >= reliable .or. n_failures == most_failures - 1, next%set, error)
       if (allocated(error)) return
       if (scene%accuracy%refines_grid) then
          least = needed_samples(next%set%highest, degree_of(scene))
          finer = 1.0_wp
          if (degree_of(scene) == 0) then
             finer = (result%certificate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
-            finer = max(0.6_wp, min(finer, 2.5_wp))*1.3_wp**n_failures
+            finer = max(least_refinement, min(finer, largest_refinement))*1.3_wp**n_failures
          end if
          next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
          if (degree_of(scene) > 0) next%n_samples = least
@@ -386,11 +394,12 @@ contains
    end function same_set
 
    !> Chooses the set of the next rung.
-   subroutine choose_set(scene, result, top, goal, set, error)
+   subroutine choose_set(scene, result, top, goal, as_box, set, error)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(in) :: result
       type(rung_t), intent(in) :: top
       real(wp), intent(in) :: goal                                    !! estimated error
+      logical, intent(in) :: as_box                                   !! what the set neglects cannot be told
       type(harmonics_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: around
@@ -399,6 +408,11 @@ contains
       logical, allocatable :: is_needed(:)
       integer :: h
 
+      if (as_box) then
+         call new_box(set, ceiling(wider*top%set%highest), .false., error)
+         if (allocated(error)) return
+         if (set%n_harmonics <= scene%accuracy%max_harmonics .and. has_all_of(set, top%set)) return
+      end if
       carried = amplitudes_of(top)
       carried = carried/max(norm2(carried), tiny(1.0_wp))
       is_needed = [(is_needed_at(scene, top%set%tuples(:, h)), h=1, top%set%n_harmonics)]
@@ -415,6 +429,13 @@ contains
       call choose_tuples(set, top%set, carried, around, neglected, is_needed, share_of_tail*goal/amplification, &
                          min(scene%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing))), error)
    end subroutine choose_set
+
+   pure logical function has_all_of(set, other)
+      type(harmonics_t), intent(in) :: set, other
+      integer :: h
+
+      has_all_of = all([(set%index_of(other%tuples(:, h)) > 0, h=1, other%n_harmonics)])
+   end function has_all_of
 
    !> Norm of the coefficients of each tuple over all coordinates.
    pure function amplitudes_of(rung) result(amplitudes)
