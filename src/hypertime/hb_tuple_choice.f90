@@ -81,8 +81,9 @@ contains
       call new_harmonics(self, tuples, error)
    end subroutine choose_tuples
 
-   !> Makes the set that reaches twice as far as another in all directions: all tuples j of which j/2, rounded away from zero,
-   !> is in it, and the next ones around each. A box of order N becomes one of order 2 N at least.
+   !> Makes the set that reaches twice as far as another in all directions: all tuples j of which j/2, with each entry rounded
+   !> up or down, is in it, and the next ones around each. Both, because a set of odd tuples has (2, 3) but not (3, 3) for (5, 6).
+   !> A box of order N becomes one of order 2 N.
    subroutine new_doubled_set(self, set, error)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
@@ -92,13 +93,9 @@ contains
 
       call union%add(set%tuples)
       do h = 1, set%n_harmonics
-         do k = 0, 2**set%n_tones - 1                                 ! bit m: whether entry m is one less in magnitude
-            j = 2*set%tuples(:, h)
-            do m = 1, set%n_tones
-               if (btest(k, m - 1)) j(m) = j(m) - sign(1, j(m))
-            end do
-            if (any(j /= 2*set%tuples(:, h) .and. set%tuples(:, h) == 0)) cycle
-            call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
+         do k = 0, 3**set%n_tones - 1                                 ! digit m: what is added to entry m, and one
+            j = [(2*set%tuples(m, h) + modulo(k/3**(m - 1), 3) - 1, m=1, set%n_tones)]
+            if (all(abs(j) <= 2*set%highest)) call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
          end do
          do m = 1, set%n_tones
             do k = -1, 1, 2

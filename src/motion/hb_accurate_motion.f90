@@ -180,7 +180,8 @@ contains
 
    !> Corrects the estimates of a rung by what the rung below shows. Its motion was off by the difference of the two: an estimate
    !> that was below that is raised by as much here. What the upper rung is off by is less than the difference by as much as it
-   !> neglects less, but not below what it neglects, where its set is clearly larger: one linear step from a set with ragged ends may say far more.
+   !> neglects less, but not below what it neglects, where its set is clearly larger: one linear step
+   !> from a set with ragged ends may say far more.
    pure subroutine calibrate(upper, lower, estimate_below, difference, is_clear)
       type(certificate_t), intent(inout) :: upper
       type(certificate_t), intent(in) :: lower
