@@ -33,6 +33,7 @@ module hb_accurate_motion
    integer, parameter :: most_failures = 3                            ! of rungs one after the other
    real(wp), parameter :: step = 0.03_wp                              ! of the error, from one rung to the next
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
+   real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates have been up to 1.6 times too small
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
    real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
@@ -101,10 +102,10 @@ contains
       difference = 0.0_wp
       do rung = 1, most_rungs
          estimate = estimate_of(result)
-         if (estimate <= scene%accuracy%tolerance*merge(1.0_wp, unchecked, is_checked)) exit
+         if (estimate <= scene%accuracy%tolerance*merge(margin, unchecked, is_checked)) exit
          if (account%work > scene%accuracy%max_work .or. n_idle == most_idle) exit
-         goal = max(step*estimate, scene%accuracy%tolerance)
-         if (estimate <= scene%accuracy%tolerance) goal = max(0.3_wp*estimate, step*scene%accuracy%tolerance)
+         goal = max(step*estimate, margin*scene%accuracy%tolerance)
+         if (estimate <= margin*scene%accuracy%tolerance) goal = max(0.3_wp*estimate, step*scene%accuracy%tolerance)
          goal = goal*3.0_wp**n_failures
          call choose_next(scene, result, top, goal, n_failures, next, is_there)
          if (.not. is_there) exit
