@@ -33,12 +33,16 @@ module hb_accurate_motion
    integer, parameter :: most_failures = 3                            ! of rungs one after the other
    real(wp), parameter :: step = 0.03_wp                              ! of the error, from one rung to the next
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
-   real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates have been up to 1.6 times too small
+   real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates were up to 1.6 times too small
+   real(wp), parameter :: caution = 3.0_wp                            ! with rigid laws, whose estimates have been as much too small
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
    real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
    real(wp), parameter :: largest_amplification = 5.0_wp              ! of what is neglected, by what answers it
    real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, from one rung to the next
+   real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that does not hold the motion
+   integer, parameter :: most_tails = 6
+   real(wp), parameter :: smaller_tail = 0.2_wp
    integer, parameter :: smallest_growing = 50                        ! tuples, from which on that is looked at
    real(wp), parameter :: spare = 0.1_wp                              ! of the tolerance: what a neighbour need not have
    real(wp), parameter :: clearly = 1.25_wp                           ! larger set
@@ -291,6 +295,7 @@ contains
       class(watch_t), intent(inout), target :: watch
       class(judge_t), intent(in), optional :: judge
       real(wp), allocatable :: first_guess(:), found(:)
+      integer :: i
 
       if (allocated(guess)) first_guess = guess
       if (allocated(rung%unknowns)) deallocate (rung%unknowns)
@@ -310,6 +315,8 @@ contains
       account%certificate_seconds = account%certificate_seconds + result%certificate_seconds
       account%certificate_cpu_seconds = account%certificate_cpu_seconds + result%certificate_cpu_seconds
       if (allocated(error)) return
+      if (any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])) &
+         result%certificate%truncation = min(1.0_wp, caution*result%certificate%truncation)
       if (is_solved(result%status) .and. allocated(found)) call move_alloc(found, rung%unknowns)
    end subroutine take
 
@@ -406,7 +413,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: around
       real(wp), allocatable :: carried(:), neglected(:)
-      real(wp) :: amplification
+      real(wp) :: amplification, tail
+      integer :: i, room
       logical, allocatable :: is_needed(:)
       integer :: h
 
@@ -428,8 +436,14 @@ contains
       end if
       amplification = result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp)) ! by what the kept ones answer
       amplification = max(1.0_wp, min(amplification, largest_amplification))
-      call choose_tuples(set, top%set, carried, around, neglected, is_needed, share_of_tail*goal/amplification, &
-                         min(scene%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing))), error)
+      tail = share_of_tail*goal/amplification
+      room = min(scene%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
+      do i = 1, most_tails                                            ! what is neglected may look small and matter
+         call choose_tuples(set, top%set, carried, around, neglected, is_needed, tail, room, error)
+         if (allocated(error)) return
+         if (result%certificate%truncation <= goal .or. set%n_harmonics > least_growth*top%set%n_harmonics) return
+         tail = smaller_tail*tail
+      end do
    end subroutine choose_set
 
    pure logical function has_all_of(set, other)

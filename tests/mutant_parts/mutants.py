@@ -1211,4 +1211,52 @@ MUTANTS = [
             "if (n*cursor%seconds < self%block_seconds)",
         ),
     ),
+    *of(
+        "hypertime/hb_tuple_choice.f90",
+        (
+            "tuples_tail",
+            "test_hb_tuple_choice",
+            "what is left out adds up without end",
+            "left_out = left_out + amplitudes(order(n))**2",
+            "left_out = amplitudes(order(n))**2",
+        ),
+        (
+            "tuples_needed",
+            "test_hb_tuple_choice",
+            "needed tuples go like others",
+            "merge(huge(1.0_wp), min(loyalty*carried, huge(1.0_wp)/loyalty), is_needed)",
+            "merge(carried, min(loyalty*carried, huge(1.0_wp)/loyalty), is_needed)",
+        ),
+        (
+            "tuples_doubled",
+            "test_hb_tuple_choice",
+            "of a set of odd tuples a part of the odd ones around it is missing",
+            "modulo(k/3**(m - 1), 3) - 1",
+            "2*(modulo(k/3**(m - 1), 3)/2)",
+        ),
+    ),
+    *of(
+        "motion/hb_accurate_motion.f90",
+        (
+            "accuracy_raised",
+            "test_hb_accurate_motion",
+            "an estimate that was too small is not raised",
+            "correction = max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction))",
+            "correction = 1.0_wp",
+        ),
+        (
+            "accuracy_converged",
+            "test_hb_accurate_motion",
+            "a point whose budget is spent counts as converged",
+            "estimate_of(result) <= scene%accuracy%tolerance)",
+            "estimate_of(result) <= 1.0_wp)",
+        ),
+        (
+            "accuracy_neighbour",
+            "test_hb_accurate_motion",
+            "the set of a neighbour is not used",
+            "if (allocated(start%unknowns)) then",
+            "if (.false.) then",
+        ),
+    ),
 ]
