@@ -165,7 +165,7 @@ contains
             return
          end if
          call say("structure   "//to_text(reduction%n_full)//" degrees of freedom, reduced to "//to_text(structure%n_dofs))
-         write (words, "(es7.1, a, es9.3, a, f0.1, a)") reduction%error, " up to ", reduction%up_to, " rad/s; made in ", &
+         write (words, "(es7.1, a, es9.3, a, es7.1, a)") reduction%error, " up to ", reduction%reach%up_to, " rad/s; made in ", &
             reduction%seconds, " s"
          call say("            error of its flexibility "//trim(words))
       end associate

@@ -214,7 +214,7 @@ contains
       end if
       result%frequency = start%omega
       result%n_harmonics = basis%whole%n_harmonics
-      call scene%structure%check_reach(basis%harmonics%frequencies(start%omega), error)
+      call scene%structure%reduction%reach%check(basis%harmonics%frequencies(start%omega), error)
       if (allocated(error)) return
       call new_dynamic_stiffness(stiffness, scene%structure, coordinates, basis%harmonics%frequencies(start%omega), &
                                  basis%amplitudes_of(scene%loads), error, with_slopes=is_autonomous, &

@@ -4,8 +4,9 @@ module hb_scene_reduction
    use hb_checksum, only: checksum
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
-   use hb_kinds, only: wp
+   use hb_kinds, only: two_pi, wp
    use hb_node_sets, only: name_length, named_vectors_t
+   use hb_parameter_path, only: split_index, split_path
    use hb_properties, only: properties_t
    use hb_reduction, only: reduce_structure
    use hb_scene, only: scene_t
@@ -35,6 +36,7 @@ contains
       if (.not. allocated(self%structure%sparse) .or. self%structure%reduction%flexibility == flexibility%exact) return
       call find_names(self, document, kept, loads, is_sound)
       if (.not. is_sound) return                                      ! whoever reads these groups says why
+      self%structure%reduction%widening = widening_by_curve(self, document)
       up_to = highest_for(self, self%tones%omega)
       if (.not. up_to > 0.0_wp) then
          if (self%structure%reduction%flexibility == flexibility%krylov) &
@@ -73,7 +75,7 @@ contains
 
       is_reduced_for = .true.
       if (self%structure%reduction%n_full > 0) &
-         is_reduced_for = abs(highest_for(self, omega) - self%structure%reduction%up_to) <= 0.0_wp
+         is_reduced_for = abs(highest_for(self, omega) - self%structure%reduction%reach%up_to) <= 0.0_wp
    end function is_reduced_for
 
    !> Frequency up to which the flexibility is wanted [rad/s]: given, or steps of a quarter, so that a sweep needs few of them.
@@ -82,13 +84,40 @@ contains
       real(wp), intent(in) :: omega(:)
       real(wp), parameter :: step = 1.25_wp, margin = 1.02_wp, margin_of_unknown = 2.0_wp
 
-      highest = maxval([0.0_wp, abs(self%harmonics%frequencies(omega))])*merge(margin_of_unknown, margin, &
-                                                                               any(self%tones%is_unknown))
+      highest = maxval([0.0_wp, abs(self%harmonics%frequencies(omega))])*self%structure%reduction%widening* &
+                merge(margin_of_unknown, margin, any(self%tones%is_unknown))
       if (highest > 0.0_wp) highest = step**ceiling(log(highest)/log(step))
       associate (given => self%structure%reduction)
-         if (given%is_given) highest = given%up_to
+         if (given%asked_up_to > 0.0_wp) highest = given%asked_up_to
       end associate
    end function highest_for
+
+   !> How much higher frequencies become along a curve than they are at its start.
+   real(wp) function widening_by_curve(self, document) result(widening)
+      type(scene_t), intent(in) :: self
+      type(document_t), intent(inout), target :: document
+      type(properties_t), pointer :: group
+      character(:), allocatable :: key, name, path, selector
+      real(wp) :: from, to
+      integer :: i, j
+      logical :: is_good
+
+      widening = 1.0_wp
+      if (document%count("curve") == 0) return
+      group => document%group("curve", 1)
+      from = 0.0_wp
+      to = 0.0_wp
+      call group%get("parameter", path)
+      call group%get("from", from)
+      call group%get("to", to)
+      if (.not. allocated(path)) return
+      call split_path(path, name, selector, key)
+      if (name /= "tones") return
+      call split_index(key, name, i, j, is_good)
+      i = max(1, min(i, size(self%tones%omega)))
+      if (self%tones%omega(i) > 0.0_wp) widening = &
+         max(1.0_wp, max(abs(from), abs(to))*merge(two_pi, 1.0_wp, name == "hertz")/self%tones%omega(i))
+   end function widening_by_curve
 
    function place_of(document) result(place)
       type(document_t), intent(inout), target :: document
@@ -125,6 +154,16 @@ contains
       do i = 1, document%count("start")
          call keep_named(document%group("start", i), "dof")
       end do
+      if (document%count("curve") > 0) then
+         group => document%group("curve", 1)
+         call group%get("peak_of", names)
+         if (allocated(names)) then
+            do i = 1, size(names)
+               call keep(names(i)%value(:index(names(i)%value//"(", "(") - 1))
+            end do
+            deallocate (names)
+         end if
+      end if
       if (document%count("normal_mode") > 0) call keep_named(document%optional_group("normal_mode"), "dof")
       if (document%count("phase") > 0) then
          group => document%optional_group("phase")

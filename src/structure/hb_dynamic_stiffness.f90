@@ -17,7 +17,7 @@ module hb_dynamic_stiffness
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_lapack, only: zgbcon, zgbtrf, zgbtrs, zgecon, zgetrf, zgetrs
-   use hb_structure, only: structure_t
+   use hb_structure, only: reach_t, structure_t
    use hb_structure_block, only: new_structure_block, structure_block_t
    use hb_text, only: to_text
    implicit none
@@ -34,6 +34,7 @@ module hb_dynamic_stiffness
       type(block_solver_t) :: solver                         ! of rr
       complex(wp), allocatable :: loads(:, :)                ! [N], (n_dofs, n_harmonics)
       complex(wp), allocatable :: load_slopes(:, :)          ! dP/dw [N s], as loads
+      type(reach_t) :: reach                                 ! of the frequencies
    end type parts_t
 
    type :: dynamic_stiffness_t
@@ -117,6 +118,7 @@ contains
       self%coordinates = coordinates
       self%interior = all_but(coordinates%places, structure%n_dofs)
       allocate (parts)
+      parts%reach = structure%reduction%reach
       parts%loads = coordinates%forces_in(loads)
       parts%load_slopes = (0.0_wp, 0.0_wp)*loads
       if (present(load_slopes)) parts%load_slopes = coordinates%forces_in(load_slopes)
@@ -183,6 +185,8 @@ contains
          call fail(error, "dynamic stiffness: made without slopes, it cannot move to other frequencies")
          return
       end if
+      call self%parts%reach%check(frequencies, error)
+      if (allocated(error)) return
       call move_alloc(self%parts, parts)
       call condense(self, parts, frequencies, drives, error)
       call move_alloc(parts, self%parts)

@@ -85,8 +85,7 @@ contains
       call group%get("flexibility", word, choices=flexibility_names)
       reduction%flexibility = max(1, findloc(flexibility_names == word, .true., dim=1))
       call group%get("flexibility_tolerance", reduction%tolerance, unit="1", above=0.0_wp)
-      call group%get("flexibility_up_to", reduction%up_to, unit="rad/s", minimum=0.0_wp)
-      reduction%is_given = reduction%up_to > 0.0_wp
+      call group%get("flexibility_up_to", reduction%asked_up_to, unit="rad/s", minimum=0.0_wp)
       structural_frequency = 0.0_wp
       call group%get("structural_frequency", structural_frequency, unit="rad/s", minimum=0.0_wp)
       call read_proportional_damping(group, proportional)

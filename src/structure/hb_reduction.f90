@@ -14,7 +14,7 @@ module hb_reduction
    use hb_lapack, only: dgemm, dgeqrf, dorgqr, dsyev, dtrsm
    use hb_node_sets, only: named_vectors_t
    use hb_sparse, only: sparse_t
-   use hb_structure, only: label_length, new_structure, structure_t, unit_length
+   use hb_structure, only: label_length, new_structure, reach_t, structure_t, unit_length
    use hb_text, only: to_text
    implicit none
    private
@@ -59,7 +59,7 @@ contains
       if (allocated(error)) return
       small%reduction = full%reduction
       small%reduction%n_full = full%n_dofs
-      small%reduction%up_to = up_to
+      small%reduction%reach = reach_t(.true., up_to)
       small%reduction%error = error_left_out
       small%reduction%bytes = bytes
       small%reduction%seconds = wall_clock() - started

@@ -14,7 +14,7 @@ module hb_structure
    implicit none
    private
    public :: check_room, flexibility, flexibility_names, label_length, max_dofs, max_sparse_dofs, most_dense, new_structure
-   public :: reduction_t, structure_t, unit_length
+   public :: reach_t, reduction_t, structure_t, unit_length
 
    integer, parameter :: label_length = 16                   !! longest name of a degree of freedom
    integer, parameter :: unit_length = 8
@@ -36,12 +36,21 @@ module hb_structure
    type(flexibility_t), parameter :: flexibility = flexibility_t()
    character(6), parameter :: flexibility_names(3) = [character(6) :: "auto", "exact", "krylov"]
 
+   !> Frequencies for which a structure holds.
+   type :: reach_t
+      logical :: is_limited = .false.
+      real(wp) :: up_to = 0.0_wp                                      !! [rad/s]
+   contains
+      procedure :: check => reach_check
+   end type reach_t
+
    !> What a structure is to be reduced to, and has been.
    type :: reduction_t
       integer :: flexibility = flexibility%exact
       real(wp) :: tolerance = 1.0e-10_wp                              !! error of the flexibility, relative
-      real(wp) :: up_to = 0.0_wp                                      !! [rad/s], 0: as the tones ask for
-      logical :: is_given = .false.                                   !! whether `up_to` is
+      real(wp) :: asked_up_to = 0.0_wp                                !! [rad/s], 0: as the tones ask for
+      real(wp) :: widening = 1.0_wp                                   !! of the tones, that something else than them asks for
+      type(reach_t) :: reach                                          !! of the reduced structure
       integer :: n_full = 0                                           !! degrees of freedom before; 0: it is not reduced
       real(wp) :: error = 0.0_wp                                      !! of the flexibility up to there, estimated at frequencies
                                                                       !! left out, relative
@@ -61,7 +70,6 @@ module hb_structure
       type(named_vectors_t) :: vectors                       !! named loads; of models alone
       type(reduction_t) :: reduction
    contains
-      procedure :: check_reach => structure_check_reach
       procedure :: damping_times => structure_damping_times
       procedure :: diagonals => structure_diagonals
       procedure :: dof_index => structure_dof_index
@@ -247,17 +255,17 @@ contains
    end subroutine structure_refuse_large
 
    !> Fails where a reduced structure is asked for what it does beyond the frequencies that it holds for.
-   pure subroutine structure_check_reach(self, frequencies, error)
-      class(structure_t), intent(in) :: self
+   pure subroutine reach_check(self, frequencies, error)
+      class(reach_t), intent(in) :: self
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], of any sign
       type(error_t), allocatable, intent(out) :: error
       real(wp), parameter :: rounding = 1.0e-12_wp
 
-      if (self%reduction%n_full == 0) return
-      if (maxval([0.0_wp, abs(frequencies)]) <= (1.0_wp + rounding)*self%reduction%up_to) return
+      if (.not. self%is_limited) return
+      if (maxval([0.0_wp, abs(frequencies)]) <= (1.0_wp + rounding)*self%up_to) return
       call fail(error, "a harmonic of "//to_text(maxval(abs(frequencies)))//" rad/s is beyond those for which the structure "// &
-                "was reduced, "//to_text(self%reduction%up_to)//" rad/s; give a higher flexibility_up_to in &structure")
-   end subroutine structure_check_reach
+                "was reduced, "//to_text(self%up_to)//" rad/s; give a higher flexibility_up_to in &structure")
+   end subroutine reach_check
 
    !> Makes the matrices dense.
    subroutine structure_unpack(self)

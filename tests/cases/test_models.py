@@ -204,3 +204,103 @@ def test_plate_that_rattles_on_four_stops(tmp_path):
     assert post(["vtk", str(tmp_path / "run.h5"), "--model", model, "--frames", "2"]) == 0
     assert post(["deflection", str(tmp_path / "run.h5"), "--model", model, "--dpi", "40"]) == 0
     assert (tmp_path / "run_motion" / "0001.vtu").exists()
+
+
+N_X, N_Y = 40, 30
+
+
+@pytest.fixture(scope="module")
+def net(tmp_path_factory):
+    """1200 masses on a net, held along one edge: more than are kept dense. A dashpot at one of them."""
+    folder = tmp_path_factory.mktemp("net")
+    path = lambda n, end: sp.diags([np.r_[np.full(n - 1, 2.0), end], -np.ones(n - 1), -np.ones(n - 1)], [0, 1, -1])  # noqa: E731
+    free = path(N_Y, 1.0).tolil()
+    free[0, 0] = 1.0
+    stiffness = (sp.kron(sp.eye(N_Y), path(N_X, 1.0)) + sp.kron(free, sp.eye(N_X))).tocsr()
+    n = N_X * N_Y
+    mass = sp.diags(1.0 + 0.1 * (np.arange(n) % 7))
+    dashpot = sp.csr_matrix(([0.3], ([555], [555])), shape=(n, n))
+    Model(
+        mass=mass,
+        stiffness=stiffness,
+        damping=0.02 * stiffness + dashpot,
+        labels=[f"n{i + 1}.z" for i in range(n)],
+        node_numbers=np.arange(1, n + 1),
+        coordinates=np.c_[np.arange(n) % N_X, np.arange(n) // N_X, np.zeros(n)].astype(float),
+        dof_node=np.arange(n),
+        dof_direction=["z"] * n,
+        sets={"stops": np.array([399, 799]), "edge": np.arange(N_X - 1, n, N_X)},
+    ).write(folder / "net.h5")
+    return folder
+
+
+NET = """&structure type = 'model', file = 'net.h5', damping_mass = 0.001 /
+&tones frequency = 0.05, 0.0714142 /
+&harmonics order = 3 /
+&load dof = 'edge.z', tuple = 1, 0, cos = 0.002 /
+&load dof = 'n100.z', tuple = 0, 1, sin = 0.01 /
+&law type = 'elastic_stop', label = 'stop', dof = 'stops.z', stiffness = 1.0, gap = 0.3 /
+&output dofs = 'stops.z', 'n1111.z' /
+&solver tolerance = 1e-13 /
+"""
+EXACT = ("--set", "structure%flexibility='exact'")
+
+
+def largest_difference(ours, other):
+    return np.abs(ours - other).max() / np.abs(other).max()
+
+
+def test_a_reduced_model_moves_as_the_whole(net):
+    """At the places of laws and &output, under loads on many nodes and on one, with a dashpot."""
+    ours = solve(net, NET)
+    whole = solve(net, NET, *EXACT, name="whole")
+    assert np.abs(whole["force_coefficients"]).max() > 0.01
+    for key in ("coefficients", "force_coefficients"):
+        assert largest_difference(ours[key], whole[key]) < 1e-9
+
+
+def test_the_error_of_a_reduced_model_is_told(net):
+    loose = solve(net, NET, "--set", "structure%flexibility_tolerance=1e-4", name="loose")
+    told = run("check", "loose.nml", "--set", "structure%flexibility_tolerance=1e-4", cwd=net).stdout
+    assert "1200 degrees of freedom, reduced to" in told
+    error = float(told.split("error of its flexibility")[1].split()[0])
+    assert error <= 1e-4
+    whole = solve(net, NET, *EXACT, name="whole")
+    assert 1e-12 < largest_difference(loose["coefficients"], whole["coefficients"]) < 10 * error
+
+
+def test_sweeps_of_a_reduced_model(net):
+    """Over gaps, and over frequencies beyond what the first reduction holds for; on two ranks as on one."""
+    for parameter, values in (("law(stop)%gap", "0.2, 0.25"), ("tones%frequency(1)", "0.05, 0.09")):
+        sweep = f"&sweep parameter = '{parameter}', values = {values} /\n&solver first_guess = 'linear', tolerance = 1e-13 /\n"
+        text = NET.replace("&solver tolerance = 1e-13 /\n", sweep)
+        ours = solve(net, text, ranks=2)
+        np.testing.assert_array_equal(ours["coefficients"], solve(net, text, name="alone")["coefficients"])
+        assert largest_difference(ours["coefficients"], solve(net, text, *EXACT, name="whole")["coefficients"]) < 1e-9
+
+
+def test_curves_of_a_reduced_model_reach_their_end(net):
+    one = "&tones frequency = 0.05 /\n&harmonics order = 3 /\n&load dof = 'edge.z', tuple = 1, cos = 0.001 /\n"
+    text = NET.splitlines()[0] + "\n" + one + "\n".join(NET.splitlines()[5:]) + "\n"
+    text += "&curve parameter = 'tones%frequency', from = 0.05, to = 0.1, peak_of = 'n1111.z (1)' /\n&certificate is_on = .false. /\n"
+    (net / "curve.nml").write_text(text)
+    done = run("solve", "curve.nml", "--overwrite", cwd=net)
+    with h5py.File(net / "curve.h5") as file:
+        frequency = file["frequency"][()]
+    assert np.nanmax(frequency) == pytest.approx(0.1), done.stdout + done.stderr
+
+
+def test_what_cannot_be_reduced_is_refused_or_exact(net):
+    with h5py.File(net / "net.h5") as source, h5py.File(net / "soft.h5", "w") as copy:
+        for key in source:
+            source.copy(key, copy)
+        copy.attrs.update(source.attrs)
+        copy["stiffness/data"][0] = -50.0
+    soft = NET.replace("net.h5", "soft.h5")
+    asked = soft.replace("&structure", "&structure flexibility = 'krylov',")
+    (net / "soft.nml").write_text(asked)
+    done = run("check", "soft.nml", cwd=net)
+    assert done.status == BAD_INPUT
+    assert "the stiffness is indefinite" in done.stderr and "soft.nml:1" in done.stderr
+    (net / "soft.nml").write_text(soft)
+    assert "1200 degrees of freedom\n" in run("check", "soft.nml", cwd=net).stdout
