@@ -239,8 +239,9 @@ NET = """&structure type = 'model', file = 'net.h5', damping_mass = 0.001 /
 &harmonics order = 3 /
 &load dof = 'edge.z', tuple = 1, 0, cos = 0.002 /
 &load dof = 'n100.z', tuple = 0, 1, sin = 0.01 /
-&law type = 'elastic_stop', label = 'stop', dof = 'stops.z', stiffness = 1.0, gap = 0.3 /
+&law type = 'elastic_stop', label = 'stop', dof = 'stops.z', stiffness = 1.0, gap = 0.025 /
 &output dofs = 'stops.z', 'n1111.z' /
+&certificate is_on = .false. /
 &solver tolerance = 1e-13 /
 """
 EXACT = ("--set", "structure%flexibility='exact'")
@@ -254,7 +255,7 @@ def test_a_reduced_model_moves_as_the_whole(net):
     """At the places of laws and &output, under loads on many nodes and on one, with a dashpot."""
     ours = solve(net, NET)
     whole = solve(net, NET, *EXACT, name="whole")
-    assert np.abs(whole["force_coefficients"]).max() > 0.01
+    assert np.abs(whole["force_coefficients"]).max() > 1e-3
     for key in ("coefficients", "force_coefficients"):
         assert largest_difference(ours[key], whole[key]) < 1e-9
 
@@ -271,7 +272,7 @@ def test_the_error_of_a_reduced_model_is_told(net):
 
 def test_sweeps_of_a_reduced_model(net):
     """Over gaps, and over frequencies beyond what the first reduction holds for; on two ranks as on one."""
-    for parameter, values in (("law(stop)%gap", "0.2, 0.25"), ("tones%frequency(1)", "0.05, 0.09")):
+    for parameter, values in (("law(stop)%gap", "0.025, 0.03"), ("tones%frequency(1)", "0.05, 0.09")):
         sweep = f"&sweep parameter = '{parameter}', values = {values} /\n&solver first_guess = 'linear', tolerance = 1e-13 /\n"
         text = NET.replace("&solver tolerance = 1e-13 /\n", sweep)
         ours = solve(net, text, ranks=2)
@@ -282,7 +283,7 @@ def test_sweeps_of_a_reduced_model(net):
 def test_curves_of_a_reduced_model_reach_their_end(net):
     one = "&tones frequency = 0.05 /\n&harmonics order = 3 /\n&load dof = 'edge.z', tuple = 1, cos = 0.001 /\n"
     text = NET.splitlines()[0] + "\n" + one + "\n".join(NET.splitlines()[5:]) + "\n"
-    text += "&curve parameter = 'tones%frequency', from = 0.05, to = 0.1, peak_of = 'n1111.z (1)' /\n&certificate is_on = .false. /\n"
+    text += "&curve parameter = 'tones%frequency', from = 0.05, to = 0.1, peak_of = 'n1111.z (1)' /\n"
     (net / "curve.nml").write_text(text)
     done = run("solve", "curve.nml", "--overwrite", cwd=net)
     with h5py.File(net / "curve.h5") as file:
