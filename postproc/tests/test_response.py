@@ -140,6 +140,20 @@ def test_lines_are_broken_where_the_motion_jumps(tmp_path):
     assert all(np.isfinite(line.get_xdata()).all() for line in across), "numbers along the fastest parameter alone"
 
 
+def test_no_line_crosses_a_jump_where_stability_is_known(tmp_path):
+    path = grid_file(tmp_path / "a.h5", n_gaps=2, branch=[1, 1, 1, 2, 2, 1, 1, 1, 1, 1])
+    with h5py.File(path, "r+") as file:
+        file["is_stable"] = np.ones(10, dtype=np.int32)
+    with Results(path) as results:
+        fig = draw_response(results, over="tones%frequency")
+        across = draw_response(results, over="law(1)%gap", logarithmic="none")
+    assert [line.get_xdata().tolist() for line in curves_of(fig)] == [[1.0, 2.0, 3.0], [4.0, 5.0], [1.0, 2.0, 3.0, 4.0, 5.0]]
+    (legend,) = [c for ax in fig.axes for c in ax.get_children() if type(c).__name__ == "Legend"][:1]
+    shown = {line.get_linestyle() for line in legend.get_lines()} - {"None"}
+    assert shown == {"-"}, "the legend shows the lines as they are drawn"
+    assert len(curves_of(across)) == 5
+
+
 def test_a_hundred_curves_are_thinned_and_said_so(tmp_path):
     with Results(grid_file(tmp_path / "a.h5", n_gaps=100)) as results:
         fig = draw_response(results, over="tones%frequency")

@@ -44,9 +44,17 @@ class Curve:
     def line(self, has_place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """x, y and what has converged, with a gap at points without a value and where the motion jumps to another branch."""
         y = np.where(has_place(self.y), self.y, np.nan)
-        is_jump = (np.diff(self.branch) != 0) & (self.branch[1:] > 0) & (self.branch[:-1] > 0) | (self.branch[1:] < 0)
-        jumps = np.flatnonzero(is_jump) + 1
+        jumps = np.flatnonzero(self.is_jump) + 1
         return np.insert(self.x, jumps, np.nan), np.insert(y, jumps, np.nan), np.insert(self.is_converged, jumps, False)
+
+    @property
+    def is_jump(self) -> np.ndarray:
+        """Whether the motion jumps to another branch, between each point and the next."""
+        return (np.diff(self.branch) != 0) & (self.branch[1:] > 0) & (self.branch[:-1] > 0) | (self.branch[1:] < 0)
+
+    @property
+    def dashes_tell_stability(self) -> bool:
+        return bool((self.kind != "").any() or self.stability.any())
 
     @property
     def stability(self) -> np.ndarray:
@@ -218,19 +226,20 @@ def _refuse(files, curves, measure) -> None:
     raise UsageError(f"{path}: none of the chosen points is solved; in the file: {told}")
 
 
-def _curve_look(i: int, is_joined: bool, is_followed: bool = False) -> dict:
-    """Colour and dashes of a curve; dots alone along words, which have no order to join them in. Dashes of a curve that was followed
-    tell of its stability."""
-    dashes = "-" if is_followed else style.DASHES[i % len(style.DASHES)] if is_joined else "none"
+def _curve_look(i: int, curve: Curve, is_joined: bool) -> dict:
+    """Colour and dashes of a curve; dots alone along words, which have no order to join them in."""
+    dashes = "-" if curve.dashes_tell_stability else style.DASHES[i % len(style.DASHES)]
+    dashes = dashes if is_joined else "none"
     return {"color": style.COLOURS[i % len(style.COLOURS)], "linestyle": dashes, "linewidth": 1.4}
 
 
 def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined) -> None:
     """The line, its converged points (where there are few, or alone between gaps), and marks of the others."""
-    look = _curve_look(i, is_joined, (curve.kind != "").any())
-    x, y, is_converged = curve.line(np.isfinite if scales[1] == "linear" else lambda values: values > 0.0)
-    if curve.stability.any():
-        _draw_by_stability(ax, curve, x_factor, factor, look)
+    look = _curve_look(i, curve, is_joined)
+    has_place = np.isfinite if scales[1] == "linear" else lambda values: values > 0.0
+    x, y, is_converged = curve.line(has_place)
+    if curve.stability.any() and is_joined:
+        _draw_by_stability(ax, curve, has_place, x_factor, factor, look)
     else:
         ax.plot(x_factor * x, factor * y, **look, gid="curve")
     for kind, shape in _SPECIAL.items():
@@ -254,17 +263,19 @@ _SPECIAL = {
 _WORDS = {"branch": "branch point"}
 
 
-def _draw_by_stability(ax, curve: Curve, x_factor, factor, look) -> None:
-    """The line, solid between stable points, dashed where one end is unstable, dotted where it is not known."""
-    stable, i = curve.stability, 0
-    y = np.where(np.isfinite(curve.y), factor * curve.y, np.nan)
+def _draw_by_stability(ax, curve: Curve, has_place, x_factor, factor, look) -> None:
+    """The line, solid between stable points, dashed where one end is unstable, dotted where it is not known; none over a jump."""
+    stable, i, no_line = curve.stability, 0, 2
+    y = np.where(has_place(curve.y), factor * curve.y, np.nan)
     between = np.where((stable[1:] < 0) | (stable[:-1] < 0), -1, np.minimum(stable[1:], stable[:-1]))
+    between = np.where(curve.is_jump, no_line, between)
     while i < between.size:  # runs of one kind, each a line of its own
         end = i
         while end < between.size and between[end] == between[i]:
             end += 1
-        dashes = {1: "-", -1: (0, (4, 2)), 0: ":"}[int(between[i])]
-        ax.plot(x_factor * curve.x[i : end + 1], y[i : end + 1], **(look | {"linestyle": dashes}), gid="curve")
+        dashes = {1: "-", -1: (0, (4, 2)), 0: ":", no_line: "none"}[int(between[i])]
+        if dashes != "none":
+            ax.plot(x_factor * curve.x[i : end + 1], y[i : end + 1], **(look | {"linestyle": dashes}), gid="curve")
         i = end
 
 
@@ -308,7 +319,7 @@ def _curve_keys(curves: list[Curve], is_joined: bool) -> list[Line2D]:
     for i, curve in enumerate(curves):
         label = curve.label.removeprefix(first) if is_common else curve.label
         dot = {} if is_joined else {"marker": "o"}
-        entries.append(Line2D([], [], **_curve_look(i, is_joined, (curve.kind != "").any()), **dot, label=label))
+        entries.append(Line2D([], [], **_curve_look(i, curve, is_joined), **dot, label=label))
     return entries
 
 
