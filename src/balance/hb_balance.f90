@@ -4,7 +4,7 @@
 !> of this discrete residual. Unknowns u(n_coefficients, n_dofs) are cosines and sines, degree of freedom by degree of
 !> freedom. Source: docs/user/theory.md, sections 3 to 5.
 !>
-!> Forces with memory depend on all samples; their columns of the tangent come from the walk that found them.
+!> Forces with memory depend on all samples; their columns of the tangent come from the march that found them.
 !>
 !> Glossary: u unknowns, S condensed dynamic stiffness, s reaction = F_ext - S u, q motion and v rate on the samples.
 module hb_balance
@@ -282,19 +282,19 @@ contains
       call count_work(self, torus)
    end subroutine new_balance
 
-   !> What a residual and a tangent cost, in about a nanosecond: transforms and laws by samples, memory walked along time for
+   !> What a residual and a tangent cost, in about a nanosecond: transforms and laws by samples, laws with memory by steps for
    !> each unknown, factors by multiplications.
    subroutine count_work(self, torus)
       class(balance_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
-      real(wp), parameter :: per_sample = 50.0_wp, per_walk = 200.0_wp, per_multiplication = 0.25_wp
+      real(wp), parameter :: per_sample = 50.0_wp, per_step = 200.0_wp, per_multiplication = 0.25_wp
       real(wp) :: n
 
       n = self%n_unknowns
       self%residual_work = per_sample*torus%n_total*self%n_dofs
-      if (self%law_set%has_memory) self%residual_work = self%residual_work + per_walk*torus%n_total*self%n_dofs
+      if (self%law_set%has_memory) self%residual_work = self%residual_work + per_step*torus%n_total*self%n_dofs
       self%tangent_work = per_multiplication*n**3
-      if (self%law_set%has_memory) self%tangent_work = self%tangent_work + n*per_walk*torus%n_total
+      if (self%law_set%has_memory) self%tangent_work = self%tangent_work + n*per_step*torus%n_total
    end subroutine count_work
 
    subroutine balance_residual(self, x, r)
@@ -317,7 +317,7 @@ contains
       call self%law_set%transform%to_coefficients(self%law_set%samples%f%values, self%force)
       if (.not. all(ieee_is_finite(self%force(1, :)))) call self%law_set%listen()
       r = self%law_set%factor*self%force - self%reaction
-      call self%stiffness%add_supports(self%harmonics, u, r)
+      if (self%stiffness%has_supports) call self%stiffness%add_supports(self%harmonics, u, r)
    end subroutine balance_residual_of
 
    !> Brings the motion onto the torus: q, and v and s where a law asks for them.
@@ -331,7 +331,7 @@ contains
       self%has_samples = .true.
    end subroutine balance_sample
 
-   !> The same, unless these samples are there: a tangent is mostly asked for where the residual was.
+   !> Samples a motion unless its samples are there: a tangent is mostly asked for where the residual was.
    subroutine balance_sample_if_new(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
@@ -374,7 +374,7 @@ contains
       call self%tangent_product%apply(self%law_set, u, self%reaction, self%frequencies, self%force, error)
       if (allocated(error)) call move_alloc(error, self%trouble)
       product = self%law_set%factor*self%force - self%reaction
-      call self%stiffness%add_supports(self%harmonics, u, product)
+      if (self%stiffness%has_supports) call self%stiffness%add_supports(self%harmonics, u, product)
    end subroutine apply_tangent_to
 
    subroutine balance_tangent(self, x, jacobian)

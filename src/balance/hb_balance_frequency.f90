@@ -204,7 +204,7 @@ contains
    !> dR/domega_m = j_m (dS/dw u - dP/dw) + the projection of df/dv dv/domega_m + df/ds ds/domega_m.
    !>
    !> What laws were told by the structure (`prepare`) stays. Fails where the stiffness was made without slopes, for a tone
-   !> that does not exist, where the answer of a memory does not repeat, and out of memory. docs/user/theory.md, section 5.6.
+   !> that does not exist, where the states of a law with memory do not repeat, and out of memory. docs/user/theory.md, section 5.6.
    module subroutine balance_frequency_derivative(self, u, m, derivative, error)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]

@@ -80,7 +80,7 @@ contains
       end do
    end subroutine new_law_jacobian
 
-   !> A Jacobian of these pairs, without room for derivatives.
+   !> Makes a Jacobian of these pairs, without room for derivatives.
    pure type(law_jacobian_t) function law_jacobian_pattern(self) result(pattern)
       class(law_jacobian_t), intent(in) :: self
 

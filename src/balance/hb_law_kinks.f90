@@ -128,7 +128,7 @@ contains
       law_kinks_are_met = any([(self%lines(i)%slopes%n > 0, i=1, size(self%lines))])
    end function law_kinks_are_met
 
-   !> How the force of line i at all samples answers to the coordinate at neighbour number `part` of them.
+   !> How the force of line i at all samples responds to the coordinate at neighbour number `part` of them.
    subroutine law_kinks_fill_part(self, i, part, samples, is_any)
       class(law_kinks_t), intent(in) :: self
       integer, intent(in) :: i
@@ -148,7 +148,7 @@ contains
       end associate
    end subroutine law_kinks_fill_part
 
-   !> Adds how forces answer to the motion at the same sample to the derivatives of the pairs.
+   !> Adds how forces respond to the motion at the same sample to the derivatives of the pairs.
    subroutine law_kinks_add_own_slopes(self, pair_at, df_dq)
       class(law_kinks_t), intent(in) :: self
       integer, intent(in) :: pair_at(:, :)                            !! (n_dofs, n_dofs)

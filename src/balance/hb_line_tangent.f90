@@ -1,4 +1,4 @@
-!> How the force of a law with memory answers to the coefficients of its motion under one tone, without a walk for each of them.
+!> How the force of a law with memory responds to the coefficients of its motion under one tone, without a march for each of them.
 !>
 !> Under one tone the samples form a single line in time. A slider that is pushed moves with the bound that pushes it; one
 !> that sticks stays where it was pushed last. So the derivative of the force is a product with the motion at the same
@@ -15,7 +15,7 @@ module hb_line_tangent
    private
    public :: line_tangent_t, new_line_tangent
 
-   integer, parameter :: most_runs = 64                               ! of sticking, beyond which walks are used
+   integer, parameter :: most_runs = 64                               ! of sticking, beyond which each is marched
 
    !> Complex numbers of all harmonics: sums of exp(i j.tau).
    type :: line_tangent_t
@@ -122,7 +122,7 @@ contains
       end do
    end function is_turned
 
-   !> The product g and the runs of sticking by which force `a` answers to coordinate `c`, after `prepare`.
+   !> The product g and the runs of sticking by which force `a` responds to coordinate `c`, after `prepare`.
    subroutine line_tangent_find(self, memory, a, c)
       class(line_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: memory

@@ -14,6 +14,7 @@ module hb_linear_part
 
    type, extends(dynamic_stiffness_t) :: linear_part_t
       logical, allocatable :: is_singular(:)                          !! (n_harmonics) where the structure is free to move
+      logical :: has_supports = .false.                               !! in any harmonic
       real(wp) :: support_share = 0.0_wp                              !! of the supports in residual and tangent, 0 to 1
       real(wp), allocatable, private :: support(:)                    ! (n_law) [N/m]
       type(block_factors_t), private :: factors                       ! LU of S of each harmonic, on its supports
@@ -45,6 +46,7 @@ contains
          call new_block_factors(self%factors, self%pattern, self%n_harmonics)
          allocate (self%is_singular(self%n_harmonics), free_motion(n, self%n_harmonics))
          call self%linear_amplitudes(free_motion, self%is_singular)
+         self%has_supports = any(self%is_singular)
          h = max(1, findloc(self%is_singular, .false., dim=1))
          self%support = [(weakness*abs(self%entry(i, i, h)), i=1, n)]
          stiffest = maxval(self%support)
@@ -81,7 +83,7 @@ contains
       if (self%is_singular(h)) stiffness = self%support_share*self%support(i)
    end function linear_part_support_in
 
-   !> Adds the forces of the supports.
+   !> Adds the forces of the supports, if there are any.
    subroutine linear_part_add_supports(self, set, u, r)
       class(linear_part_t), intent(in) :: self
       type(harmonics_t), intent(in) :: set
@@ -89,7 +91,6 @@ contains
       real(wp), intent(inout) :: r(:, :)                              !! [N], as u
       integer :: h, i
 
-      if (.not. any(self%is_singular)) return
       do i = 1, size(u, 2)
          do h = 1, set%n_harmonics
             if (.not. self%is_singular(h)) cycle
@@ -107,7 +108,7 @@ contains
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in), contiguous :: u(:, :)                     !! [m], (n_coefficients, n_law)
       real(wp), intent(in) :: load_factor
-      real(wp), intent(inout) :: reaction(:, :)                       !! [N], as u
+      real(wp), intent(inout), contiguous :: reaction(:, :)           !! [N], as u
       complex(wp) :: c, s(size(u, 2))
       integer :: h, k
 
@@ -135,8 +136,8 @@ contains
    pure subroutine find_reaction_of_one(set, load, stiffness, u, reaction)
       type(harmonics_t), intent(in) :: set
       complex(wp), intent(in) :: load(:), stiffness(:)                !! (n_harmonics)
-      real(wp), intent(in) :: u(:)                                    !! (n_coefficients)
-      real(wp), intent(inout) :: reaction(:)                          !! as u
+      real(wp), intent(in), contiguous :: u(:)                        !! (n_coefficients)
+      real(wp), intent(inout), contiguous :: reaction(:)              !! as u
       integer :: h
 
       do h = 1, set%n_harmonics

@@ -1,8 +1,8 @@
-!> How the force of one hysteretic law answers to each coefficient of its motion: the exact derivative of the discrete
-!> walk over the torus.
+!> How the force of one hysteretic law responds to each coefficient of its motion: the exact derivative of the discrete
+!> march over the torus.
 !>
 !> Columns belong to the motions exp(i j.tau) of a coordinate; real and imaginary part are those of cos and sin. They take
-!> the same walk as the states, from rest and through all rounds, with every step replaced by its derivative, then
+!> the steps of the states, from rest and through all rounds, with every step replaced by its derivative, then
 !> further rounds until they repeat as well. A block of columns goes at once. Source: docs/user/theory.md, section 5.5.
 module hb_memory_tangent
    use hb_characteristic, only: characteristic_t

@@ -66,9 +66,9 @@ contains
    subroutine projected_laws_bring_to(self, samples, u, reaction, frequencies)
       class(projected_laws_t), intent(inout) :: self
       type(law_samples_t), intent(inout) :: samples                   !! all but forces
-      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
-      real(wp), intent(in) :: reaction(:, :)                          !! [N], as u
-      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      real(wp), intent(in), contiguous :: u(:, :)                     !! [m], (n_coefficients, n_dofs)
+      real(wp), intent(in), contiguous :: reaction(:, :)              !! [N], as u
+      real(wp), intent(in), contiguous :: frequencies(:)              !! j.omega [rad/s], (n_harmonics)
       real(wp) :: angle(size(frequencies))
       integer :: h, i
 

@@ -17,7 +17,7 @@ module hb_search
    use hb_solver_types, only: report_t, solver_config_t
    implicit none
    private
-   public :: climb_orders, first_amplitude, fundamental, last_amplitude, neutral, new_search, search_t, path_point_t
+   public :: climb_orders, first_amplitude, fundamental, last_amplitude, neutral, new_search, path_point_t, search_t
 
    real(wp), parameter :: first_amplitude = 1.0e-3_wp                 !! of a search, relative to the length of the scene
    real(wp), parameter :: last_amplitude = 1.0e3_wp                   !! likewise

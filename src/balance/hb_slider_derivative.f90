@@ -1,4 +1,4 @@
-!> How the states of one hysteretic law answer to one direction, of the motion or by a base frequency: the exact derivative of
+!> How the states of one hysteretic law respond to one direction, of the motion or by a base frequency: the exact derivative of
 !> the discrete march over the torus.
 !>
 !> A direction of the motion changes the paths of the steps; a frequency changes these, and the weights by which states are

@@ -9,7 +9,7 @@ module hb_tangent_choice
 
    integer, parameter :: with_smooth_laws = 40                        ! few products each step, few steps
    integer, parameter :: with_kinks = 120                             ! steps that are not quite exact cost a step or two more
-   integer, parameter :: with_memory = 250                            ! each product walks along time
+   integer, parameter :: with_memory = 250                            ! each product marches along time
 
 contains
 

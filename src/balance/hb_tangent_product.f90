@@ -69,10 +69,10 @@ contains
    subroutine tangent_product_apply(self, laws, u, reaction, frequencies, force, error)
       class(tangent_product_t), intent(inout) :: self
       type(projected_laws_t), intent(inout) :: laws
-      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
-      real(wp), intent(in) :: reaction(:, :)                          !! -S u [N], as u
-      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
-      real(wp), intent(out) :: force(:, :)                            !! [N], as u
+      real(wp), intent(in), contiguous :: u(:, :)                     !! [m], (n_coefficients, n_dofs)
+      real(wp), intent(in), contiguous :: reaction(:, :)              !! -S u [N], as u
+      real(wp), intent(in), contiguous :: frequencies(:)              !! j.omega [rad/s], (n_harmonics)
+      real(wp), intent(out), contiguous :: force(:, :)                !! [N], as u
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: weight_slope(:)
 

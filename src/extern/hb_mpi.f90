@@ -9,7 +9,7 @@ module hb_mpi
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use mpi_f08, only: comm_t => MPI_Comm, MPI_Abort, MPI_ADDRESS_KIND, MPI_Allreduce, MPI_Barrier, &
+   use mpi_f08, only: comm_t => MPI_Comm, MPI_ADDRESS_KIND, MPI_Allreduce, MPI_Barrier, &
       MPI_Bcast, MPI_CHARACTER, MPI_DOUBLE_PRECISION, MPI_Comm_dup, MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, &
       MPI_Comm_set_errhandler, MPI_Comm_size, MPI_Comm_split_type, MPI_COMM_TYPE_SHARED, MPI_COMM_WORLD, &
       MPI_Error_string, MPI_ERRORS_ARE_FATAL, &
@@ -20,7 +20,7 @@ module hb_mpi
       operator(/=)
    implicit none
    private
-   public :: abort_run, as_comm, barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, gather_rows, max_over, &
+   public :: as_comm, barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, gather_rows, max_over, &
       new_work_counter, no_info_handle, rank_of, ranks_on_node, share_error, size_of, start_mpi, stop_mpi, sum_over, &
       work_counter_t, world
 
@@ -81,15 +81,6 @@ contains
       call MPI_Finalized(is_stopped)
       is_running = is_started .and. .not. is_stopped
    end function is_running
-
-   !> Ends the whole run at once on all ranks with exit status `status`; for drivers, when a collective end is
-   !> impossible.
-   subroutine abort_run(comm, status)
-      type(comm_t), intent(in) :: comm
-      integer, intent(in) :: status
-
-      call MPI_Abort(comm, status)
-   end subroutine abort_run
 
    !> Gives the communicator of all ranks.
    type(comm_t) function world()

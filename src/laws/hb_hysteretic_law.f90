@@ -2,7 +2,7 @@
 !> friction slider.
 !>
 !> On the torus time runs along the characteristic d tau/dt = omega. The law knows one step of it: the state at a sample from
-!> the state one step earlier and the path of its coordinates in between. Walking over the torus is hb_slider_states's.
+!> the state one step earlier and the path of its coordinates in between. Marching over the torus is the task of hb_slider_states.
 !> Source: docs/user/theory.md, section 5.5.
 module hb_hysteretic_law
    use hb_kinds, only: wp
@@ -104,7 +104,7 @@ contains
       upper_rate = 0.0_wp
    end subroutine hysteretic_law_bounds
 
-   !> Forces after loading from rest straight to z; this is how the walk over the torus starts.
+   !> Forces after loading from rest straight to z; this is how the march over the torus starts.
    subroutine hysteretic_law_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(hysteretic_law_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)

@@ -45,7 +45,7 @@ contains
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(in), optional :: guess(:)         !! in place of that of the scene: coefficients of what the
+      real(wp), intent(in), optional :: guess(:)                      !! in place of that of the scene: coefficients of what the
                                                                       !! laws feel, then all base frequencies
       real(wp), allocatable, intent(out), optional :: unknowns(:)     !! of a converged solution, as `guess`; none without laws
       class(watch_t), intent(inout), optional, target :: watch        !! may end the point, which then is `interrupted`
@@ -59,9 +59,7 @@ contains
       its_watch => own_watch
       if (present(watch)) its_watch => watch
       call its_watch%begin(scene%solver%time_limit)
-      if (present(guess)) then
-         if (allocated(guess)) first_guess = guess
-      end if
+      if (present(guess)) first_guess = guess
       call find_basis(basis, is_odd, scene, error, first_guess)
       if (allocated(error)) return
       call solve_scene(scene, basis, its_watch, result, error, first_guess, found, judge)

@@ -24,15 +24,13 @@ contains
       logical, intent(out) :: is_odd
       type(scene_t), intent(in) :: scene
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(in), optional :: guess(:)         !! coefficients of all tuples, then all base frequencies
+      real(wp), intent(in), optional :: guess(:)                      !! coefficients of all tuples, then all base frequencies
 
       is_odd = is_solved_odd(scene)
       if (is_odd .and. present(guess) .and. scene%symmetry == symmetry%auto) then
-         if (allocated(guess)) then
-            associate (n => scene%harmonics%n_coefficients, n_all => size(guess) - scene%tones%n_tones)
-               is_odd = even_part(scene%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= rounding
-            end associate
-         end if
+         associate (n => scene%harmonics%n_coefficients, n_all => size(guess) - scene%tones%n_tones)
+            is_odd = even_part(scene%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= rounding
+         end associate
       end if
       if (is_odd) then
          call new_basis(self, scene%harmonics, modulo(sum(scene%harmonics%tuples, dim=1), 2) == 1, half_of_odd(scene), error)
