@@ -43,6 +43,7 @@ module hb_motion_curve
    real(wp), parameter :: left_behind = 1.0e-5_wp                     ! value of that function where a curve begins at its zero
    real(wp), parameter :: least_motion = 1.0e-3_wp                    ! relative to the linear one: smaller is no unit of length
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
+   real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to what is expected next
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: most_slack = 1.0e4_wp
    real(wp), parameter :: first_part = 0.02_wp                        ! of the motion: other ones where they leave a curve
@@ -112,10 +113,11 @@ contains
    end function state_size
 
    !> Number of unknowns in a state, which a file fills up with NaN.
-   pure integer function n_entries(state)
+   pure integer function n_entries(state, n_more)
       real(wp), intent(in) :: state(:)
+      integer, intent(in) :: n_more                                   !! numbers behind unknowns and direction
 
-      n_entries = (findloc(ieee_is_finite(state), .true., dim=1, back=.true.) - 1)/2
+      n_entries = (findloc(ieee_is_finite(state), .true., dim=1, back=.true.) - n_more)/2
    end function n_entries
 
    !> Unknowns beside those of the balance: frequencies, artificial damping, and the value that moves.
@@ -217,6 +219,16 @@ contains
       call find_on_plane(self, is_found)
    end subroutine find_first
 
+   !> Units of length by one motion.
+   function units_at(self, x) result(units)
+      class(motion_curve_t), intent(in) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp) :: units(size(x))
+
+      units = [self%weights*max(least_motion, norm2(x(:self%problem%n_unknowns)/self%weights)), &
+               self%problem%parameter_scales(self%which)]
+   end function units_at
+
    !> Corrects the first motion, in the plane across the first direction.
    subroutine find_on_plane(self, is_found)
       class(motion_curve_t), intent(inout), target :: self
@@ -230,8 +242,7 @@ contains
       call move(self, self%x_first, is_possible)
       is_found = is_possible
       if (.not. is_found) return
-      units = [self%weights*max(least_motion, norm2(self%x_first(:self%problem%n_unknowns)/self%weights)), &
-               self%problem%parameter_scales(self%which)]
+      units = units_at(self, self%x_first)
       call new_bordered_problem(bordered, self%problem, self%which, spread(self%first_direction/units**2, 2, size(self%which)), &
                                 spread(0.0_wp, 1, size(self%which)))
       self%curve%x = self%x_first
@@ -240,14 +251,24 @@ contains
       self%curve%problem%values = matmul(self%x_first, self%curve%problem%forms)
       call self%curve%problem%rescale()
       corrector = self%problem%scene%solver
-      corrector%tolerance = max(corrector%tolerance, 10.0_wp*self%problem%unevenness(self%x_first(:self%problem%n_unknowns)))
+      associate (u => self%x_first(:self%problem%n_unknowns))
+         self%unevenness = self%problem%unevenness(u)
+         corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(u), 10.0_wp*self%unevenness)
+      end associate
       corrector%max_iterations = 2*most_corrections
-      call solve_newton(self%curve%problem, corrector, self%x_first, report)
-      is_found = report%status == outcome%converged
+      self%slack = 1.0_wp
+      do
+         call solve_newton(self%curve%problem, corrector, self%x_first, report)
+         is_found = report%status == outcome%converged
+         if (is_found .or. .not. self%unevenness > 0.0_wp .or. self%slack >= most_slack) exit
+         self%slack = 10.0_wp*self%slack
+         corrector%tolerance = 10.0_wp*corrector%tolerance
+         self%x_first = self%curve%x
+      end do
    end subroutine find_on_plane
 
-   !> Takes the place of `begin`: next to a motion and tangent of another curve, in the plane across this. `is_found` is false where
-   !> there is no motion.
+   !> Takes the place of `begin`: next to a motion and tangent of another curve, in the plane across this a little before it, so that
+   !> what is there lies ahead. `is_found` is false where there is no motion.
    subroutine motion_curve_begin_next_to(self, scene, document, request, available_memory, x, direction, is_found, error, watch)
       class(motion_curve_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
@@ -266,7 +287,7 @@ contains
       if (allocated(self%waiting)) deallocate (self%waiting, self%origins)
       call prepare(self, scene, document, available_memory, x(size(x) - n_further(scene) + 1:), error)
       if (allocated(error)) return
-      self%x_first = x
+      self%x_first = x - run_up*request%longest_step*direction/norm2(direction/units_at(self, x))
       self%first_direction = direction
       call find_on_plane(self, is_found)
       if (is_found) call set_out(self)
@@ -489,7 +510,7 @@ contains
 
       self%request = request
       self%watch => watch
-      n = n_entries(stored(1)%state)
+      n = n_entries(stored(1)%state, 3)
       call prepare(self, scene, document, available_memory, stored(1)%state(n - n_further(scene) + 1:n), error)
       self%is_done = allocated(error)
       if (self%is_done) return

@@ -108,7 +108,7 @@ contains
 
       call prepare(self, scene, document, request, available_memory, watch)
       associate (last => stored(size(stored)))
-         n = self%curve%n_entries(last%state)
+         n = self%curve%n_entries(last%state, 1)
          self%x = last%state(:n)
          self%direction = last%state(n + 1:2*n)
          self%step = last%state(2*n + 1)
