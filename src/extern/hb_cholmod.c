@@ -10,7 +10,8 @@ struct hb_cholesky {
    cholmod_dense *y, *e; /* kept from solution to solution */
 };
 
-int hb_cholesky_factorise(int64_t n, int64_t *first, int64_t *row, double *value, hb_cholesky_t **factors, double *bytes)
+int hb_cholesky_factorise(int64_t n, int64_t *first, int64_t *row, double *value, double most_bytes, hb_cholesky_t **factors,
+                          double *bytes)
 {
    hb_cholesky_t *const self = calloc(1, sizeof *self);
    cholmod_sparse matrix;
@@ -36,9 +37,12 @@ int hb_cholesky_factorise(int64_t n, int64_t *first, int64_t *row, double *value
    self->common.print = 0;
    self->common.final_ll = 1;
    self->factor = cholmod_l_analyze(&matrix, &self->common);
-   if (self->factor != NULL) cholmod_l_factorize(&matrix, self->factor, &self->common);
+   if (self->factor != NULL) {
+      *bytes = self->common.lnz * (double)(sizeof *value);
+      if (*bytes <= most_bytes) cholmod_l_factorize(&matrix, self->factor, &self->common);
+   }
    status = hb_cholesky_good;
-   if (self->factor == NULL || self->common.status < CHOLMOD_OK) {
+   if (self->factor == NULL || *bytes > most_bytes || self->common.status < CHOLMOD_OK) {
       status = hb_cholesky_no_memory;
    } else if (self->common.status == CHOLMOD_NOT_POSDEF || self->factor->minor < self->factor->n) {
       status = hb_cholesky_not_definite;

@@ -7,6 +7,7 @@ module hb_cholmod
    private
    public :: cholesky_t
 
+   real(wp), parameter :: mib = 1024.0_wp**2
    integer(c_int), parameter :: is_good = 0, is_not_definite = 1
 
    !> In the order of use: `factorise`, `solve` as often as wanted, `destroy`, which may be called twice.
@@ -22,11 +23,12 @@ module hb_cholmod
    end type cholesky_t
 
    interface
-      integer(c_int) function hb_cholesky_factorise(n, first, row, value, factors, bytes) bind(c)
+      integer(c_int) function hb_cholesky_factorise(n, first, row, value, most_bytes, factors, bytes) bind(c)
          import :: c_double, c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: n
          integer(c_int64_t), intent(in) :: first(*), row(*)
          real(c_double), intent(in) :: value(*)
+         real(c_double), value :: most_bytes
          type(c_ptr), intent(out) :: factors
          real(c_double), intent(out) :: bytes
       end function hb_cholesky_factorise
@@ -48,26 +50,28 @@ module hb_cholmod
 contains
 
    !> Factorises a symmetric matrix; fails where it is not positive definite, or memory is short.
-   subroutine cholesky_factorise(self, first, row, value, error)
+   subroutine cholesky_factorise(self, first, row, value, most_bytes, error)
       class(cholesky_t), intent(inout) :: self
       integer, intent(in) :: first(:)                                 !! (n + 1): column j of the lower triangle has entries
                                                                       !! first(j) to first(j + 1) - 1
       integer, intent(in) :: row(:)                                   !! of each entry, ascending in a column
       real(wp), intent(in) :: value(:)
+      real(wp), intent(in) :: most_bytes                              !! that the factors may take
       type(error_t), allocatable, intent(out) :: error
       integer(c_int) :: status
 
       call self%destroy()
       self%n = size(first) - 1
       status = hb_cholesky_factorise(int(self%n, c_int64_t), int(first - 1, c_int64_t), int(row - 1, c_int64_t), value, &
-                                     self%factors, self%bytes)
+                                     most_bytes, self%factors, self%bytes)
       self%is_indefinite = status == is_not_definite
       if (status == is_good) return
       self%factors = c_null_ptr
       if (self%is_indefinite) then
          call fail(error, "the matrix is not positive definite")
       else
-         call fail(error, "memory is short for the factors of a matrix of order "//order_text(self%n))
+         call fail(error, "memory is short for the factors of a matrix of order "//text_of(real(self%n, wp))//": they take "// &
+                   text_of(self%bytes/mib)//" MiB")
       end if
    end subroutine cholesky_factorise
 
@@ -80,7 +84,7 @@ contains
 
       if (size(b) == 0) return
       if (hb_cholesky_solve(self%factors, int(size(b, 2), c_int64_t), b, x) /= is_good) &
-         call fail(error, "memory is short for solutions with the factors of a matrix of order "//order_text(self%n))
+         call fail(error, "memory is short for solutions with the factors of a matrix of order "//text_of(real(self%n, wp)))
    end subroutine cholesky_solve
 
    !> Gives the memory of the library back.
@@ -91,12 +95,13 @@ contains
       self%factors = c_null_ptr
    end subroutine cholesky_destroy
 
-   function order_text(n) result(text)
-      integer, intent(in) :: n
+   function text_of(number) result(text)
+      real(wp), intent(in) :: number
       character(:), allocatable :: text
-      character(12) :: digits
+      character(24) :: digits
 
-      write (digits, "(i0)") n
-      text = trim(digits)
-   end function order_text
+      write (digits, "(f24.0)") number
+      text = trim(adjustl(digits))
+      text = text(:len(text) - 1)                                     ! without the point
+   end function text_of
 end module hb_cholmod

@@ -12,8 +12,9 @@ enum { hb_cholesky_good = 0, hb_cholesky_not_definite = 1, hb_cholesky_no_memory
 
 /* Factorises a symmetric matrix of order n given by the columns of its lower triangle: column j has the entries first[j] to
  * first[j + 1] - 1, with rows ascending, all from 0. Returns one of the numbers above; *factors is null unless it is good, and
- * *bytes what the factors take. */
-int hb_cholesky_factorise(int64_t n, int64_t *first, int64_t *row, double *value, hb_cholesky_t **factors, double *bytes);
+ * *bytes what the factors take, or would take where that is more than most_bytes. */
+int hb_cholesky_factorise(int64_t n, int64_t *first, int64_t *row, double *value, double most_bytes, hb_cholesky_t **factors,
+                          double *bytes);
 
 /* Solves A X = B for n_rhs columns, each of n numbers one after the other. Returns hb_cholesky_good, or hb_cholesky_no_memory. */
 int hb_cholesky_solve(hb_cholesky_t *factors, int64_t n_rhs, double *b, double *x);

@@ -51,7 +51,7 @@ contains
          is_found = .false.
          if (allocated(self%models)) call self%models%recall(mark, small, is_found)
          if (.not. is_found) then
-            call reduce_structure(self%structure, kept, loads, up_to, small, error)
+            call reduce_structure(self%structure, kept, loads, up_to, self%memory_limit, small, error)
             if (.not. allocated(error) .and. allocated(self%models)) call self%models%keep(mark, small)
          end if
          if (.not. allocated(error)) then
@@ -61,7 +61,7 @@ contains
          end if
       end if
       if (.not. allocated(error)) return
-      if (self%structure%reduction%flexibility == flexibility%krylov) then
+      if (self%structure%reduction%flexibility == flexibility%krylov .or. small%reduction%bytes > self%memory_limit) then
          call annotate(error, place_of(document))
       else
          deallocate (error)                                           ! exact, then

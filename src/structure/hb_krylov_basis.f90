@@ -58,11 +58,12 @@ module hb_krylov_basis
 contains
 
    !> Factorises; the basis is empty yet. Fails where K_s is not positive definite.
-   subroutine new_krylov_basis(self, mass, damping, stiffness, inputs, shift, error)
+   subroutine new_krylov_basis(self, mass, damping, stiffness, inputs, shift, most_bytes, error)
       type(krylov_basis_t), intent(out) :: self
       type(sparse_t), intent(in) :: mass, damping, stiffness          !! (n_dofs, n_dofs)
       real(wp), intent(in) :: inputs(:, :)                            !! B, (n_dofs, n_inputs), independent columns
       real(wp), intent(in) :: shift                                   !! s**2 [rad**2/s**2], > 0
+      real(wp), intent(in) :: most_bytes                              !! that the factors may take
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: first(:), row(:)
       real(wp), allocatable :: value(:)
@@ -76,7 +77,7 @@ contains
       self%rest_of_stiffness = without_rounding(sparse_sum(0.5_wp, stiffness, -0.5_wp, turned), stiffness)
       call split_damping(self, mass, damping, sparse_sum(0.5_wp, stiffness, 0.5_wp, turned))
       call lower_triangle(self%k, first, row, value)
-      call self%factors%factorise(first, row, value, error)
+      call self%factors%factorise(first, row, value, most_bytes, error)
       if (.not. allocated(error)) return
       if (self%factors%is_indefinite) call fail(error, "the stiffness is indefinite, or something moves without stiffness or mass")
    end subroutine new_krylov_basis

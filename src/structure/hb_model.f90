@@ -10,7 +10,7 @@ module hb_model
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_sparse, only: sparse_sum, sparse_t
-   use hb_structure, only: check_room, flexibility, flexibility_names, max_sparse_dofs, most_dense, new_structure, reduction_t, &
+   use hb_structure, only: check_room, flexibility, flexibility_names, max_sparse_dofs, new_structure, reduction_t, &
                            structure_t
    use hb_text, only: to_text
    implicit none
@@ -96,7 +96,8 @@ contains
       else
          call source%fetch(beside(group%file_name, file), model, error)
       end if
-      if (.not. allocated(error)) call check_room(min(model%n_dofs, most_dense), error, memory_limit)
+      if (.not. allocated(error)) call check_room(model%n_dofs, error, memory_limit, model%mass%n_entries() + &
+                                                        2*model%stiffness%n_entries() + model%damping%n_entries())
       if (.not. allocated(error)) call new_model_structure(structure, model, proportional, structural_frequency, error)
       call annotate(error, group%place())
       structure%reduction = reduction

@@ -28,11 +28,12 @@ contains
 
    !> Reduces a structure with sparse matrices to some of its degrees of freedom and as many shapes as the flexibility there takes,
    !> also under the named loads. Fails where the stiffness is indefinite, or where too many shapes would be needed.
-   subroutine reduce_structure(full, kept, loads, up_to, small, error)
+   subroutine reduce_structure(full, kept, loads, up_to, most_bytes, small, error)
       type(structure_t), intent(in) :: full
       integer, intent(in) :: kept(:)                                  !! degrees of freedom, each once
       type(named_vectors_t), intent(in) :: loads                      !! that the small structure has by name
       real(wp), intent(in) :: up_to                                   !! [rad/s]
+      real(wp), intent(in) :: most_bytes                              !! of memory that there are
       type(structure_t), intent(out) :: small
       type(error_t), allocatable, intent(out) :: error
       type(krylov_basis_t) :: basis
@@ -44,7 +45,7 @@ contains
       started = wall_clock()
       associate (matrices => full%sparse)
          call new_krylov_basis(basis, matrices%mass, matrices%damping, matrices%stiffness, inputs_of(full%n_dofs, kept, loads), &
-                               (shift_to_highest*up_to)**2, error)
+                               (shift_to_highest*up_to)**2, most_bytes, error)
       end associate
       if (.not. allocated(error)) then
          places = kept
@@ -56,12 +57,13 @@ contains
       if (.not. allocated(error)) call find_transformation(basis, places, transformation, error)
       if (.not. allocated(error)) call make_small(full, basis, places, loads, transformation, rests_are_kept, small, error)
       call annotate(error, "reduction of the structure to its flexibility")
+      small%reduction%bytes = bytes
       if (allocated(error)) return
       small%reduction = full%reduction
+      small%reduction%bytes = bytes
       small%reduction%n_full = full%n_dofs
       small%reduction%reach = reach_t(.true., up_to)
       small%reduction%error = error_left_out
-      small%reduction%bytes = bytes
       small%reduction%seconds = wall_clock() - started
    end subroutine reduce_structure
 

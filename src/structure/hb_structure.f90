@@ -94,14 +94,28 @@ contains
    end function structure_bytes
 
    !> Fails when the matrices of a structure need more than the limit: for readers, before these are made.
-   subroutine check_room(n_dofs, error, memory_limit)
+   !> Sparse ones are counted by their entries.
+   subroutine check_room(n_dofs, error, memory_limit, n_entries)
       integer, intent(in) :: n_dofs
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: memory_limit                  !! bytes
+      integer, intent(in), optional :: n_entries                      !! of all sparse matrices
       real(wp), parameter :: gib = 1024.0_wp**3
+      real(wp), parameter :: bytes_of_entry = 12.0_wp, copies = 4.0_wp, bytes_of_dof = 200.0_wp
       character(20) :: needed, there
+      real(wp) :: bytes
 
       if (.not. present(memory_limit)) return
+      if (present(n_entries) .and. n_dofs > most_dense) then
+         bytes = copies*bytes_of_entry*n_entries + bytes_of_dof*n_dofs
+         if (bytes <= memory_limit) return
+         write (needed, "(f20.2)") bytes/gib
+         write (there, "(f20.2)") memory_limit/gib
+         call fail(error, "the sparse matrices of "//to_text(n_dofs)//" degrees of freedom would need "// &
+                   trim(adjustl(needed))//" GiB of memory while they are read, "//trim(adjustl(there))// &
+                   " GiB are there for each process")
+         return
+      end if
       if (structure_bytes(n_dofs) <= memory_limit) return
       write (needed, "(f20.2)") structure_bytes(n_dofs)/gib
       write (there, "(f20.2)") memory_limit/gib
