@@ -127,6 +127,10 @@ contains
          call annotate(error, document%file_name)
          return
       end if
+      if (self%accuracy%is_on .and. self%certificate%improvement_steps > 0) then
+         group => document%optional_group("certificate")
+         call group%problem("improvement_steps", "needs a given set: give &harmonics order and leave out &accuracy, or leave it out")
+      end if
       if (any(self%tones%is_unknown)) then
          if (self%certificate%improvement_steps > 0) then
             group => document%optional_group("certificate")

@@ -1,0 +1,85 @@
+"""Points that choose their harmonics and samples for a tolerance: the same on any number of ranks, killed and resumed, read and refused."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+from nhbm_post.reader import Results
+
+from program import BAD_INPUT, run
+
+SCENE = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, ground_stiffness = 1.0, coupling_stiffness = 0.0, damping_mass = 0.2 /
+&tones frequency = 1.0, 1.618033988749895 /
+&load dof = 'x1', tuple = 1, 0, cos = 0.4 /
+&load dof = 'x1', tuple = 0, 1, cos = 0.4 /
+&law type = 'elastic_stop', dof = 'x1', gap = 0.6, stiffness = 5.0 /
+"""
+SWEEP = "&solver chain_length = 4 /\n&sweep parameter = 'law(1)%gap', from = 0.55, to = 0.8, n = 8 /\n"
+MADE_BY_WHOM = ("rank", "solve_seconds")
+
+
+def _solve(text, folder, *options, ranks=None, name="out.h5"):
+    (folder / "scene.nml").write_text(text)
+    return run("solve", "scene.nml", "-o", name, "--overwrite", *options, cwd=folder, ranks=ranks), folder / name
+
+
+def _numbers(path):
+    with h5py.File(path) as file:
+        return {
+            name: file[name][()].tobytes()
+            for name in file
+            if name not in MADE_BY_WHOM and not name.startswith("worker") and file[name].shape[:1] == file["status"].shape
+        }
+
+
+def test_ranks_and_resume_change_no_bit(tmp_path):
+    done, one = _solve(SCENE + SWEEP, tmp_path)
+    assert done.status == 0, done.stderr
+    _solve(SCENE + SWEEP, tmp_path, ranks=2, name="two.h5")
+    assert _numbers(one) == _numbers(tmp_path / "two.h5")
+    with h5py.File(tmp_path / "two.h5", "r+") as file:  # as after a kill
+        file["status"][5:] = 0
+    assert run("resume", "two.h5", cwd=tmp_path).status == 0
+    assert _numbers(one) == _numbers(tmp_path / "two.h5")
+    assert run("info", "--check", one, cwd=tmp_path).status == 0
+
+
+def test_sets_differ_and_are_read(tmp_path):
+    done, path = _solve(SCENE + SWEEP, tmp_path)
+    assert done.status == 0, done.stderr
+    with Results(path) as results:
+        sizes = [results.series(point, "x1").n_harmonics for point in range(8)]
+        assert results.per_point("n_harmonics").tolist() == sizes
+        assert len(set(sizes)) > 1
+    with h5py.File(path) as file:
+        n = file["n_harmonics"][0]
+        assert np.all(file["tuples"][0, n:] == 0) and np.all(file["coefficients"][0, :, n:] == 0), "sums over all places are right"
+        assert path.stat().st_blocks * 512 < path.stat().st_size, "unused places take no space"
+
+
+def test_one_percent_without_a_word(tmp_path):
+    done, path = _solve(SCENE, tmp_path)
+    assert done.status == 0, done.stderr
+    with h5py.File(path) as file:
+        assert np.hypot(file["truncation_estimate"][0], file["aliasing_estimate"][0]) < 1e-2
+
+
+@pytest.mark.parametrize(
+    ("group", "words"),
+    [
+        ("&accuracy tolerance = 0 /", "tolerance"),
+        ("&certificate improvement_steps = 3 /", "improvement_steps"),
+        ("&curve parameter = 'law(1)%gap', from = 0.5, to = 0.9 /", "&harmonics order"),
+    ],
+)
+def test_what_cannot_be_is_refused(group, words, tmp_path):
+    done, _ = _solve(SCENE + group, tmp_path)
+    assert done.status == BAD_INPUT and words in done.stderr
+
+
+def test_a_given_order_stays(tmp_path):
+    done, path = _solve(SCENE + "&harmonics order = 3 /\n&accuracy tolerance = 1e-6 /", tmp_path)
+    with h5py.File(path) as file:
+        assert file["n_harmonics"][0] == 25 and file["status"][0] == 7
