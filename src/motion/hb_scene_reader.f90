@@ -129,7 +129,8 @@ contains
       end if
       if (self%accuracy%is_on .and. self%certificate%improvement_steps > 0) then
          group => document%optional_group("certificate")
-         call group%problem("improvement_steps", "needs a given set: give &harmonics order and leave out &accuracy, or leave it out")
+         call group%problem("improvement_steps", &
+                            "needs a given set: give &harmonics order and leave out &accuracy, or leave it out")
       end if
       if (any(self%tones%is_unknown)) then
          if (self%certificate%improvement_steps > 0) then
