@@ -46,7 +46,6 @@ module hb_marched_motion
    real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the one before
    real(wp), parameter :: kick = 1.0e-6_wp                            ! of the length of the system, at the start
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the length of the system
-   real(wp), parameter :: share_of_rescues = 0.25_wp                  ! of the work allowed to them
 
 contains
 
@@ -87,8 +86,8 @@ contains
          config%transient = 0.0_wp
          config%decimation = huge(1)
          config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
-         look = 30.0_wp + 2.0_wp*real(system%n_dofs, wp)**2 + 30.0_wp*system%laws%n_coordinates
-         config%most_looks = int(min(share_of_rescues*scene%solver%rescue_work/look, 1.0e18_wp), int64)
+         look = 150.0_wp + 6.0_wp*real(system%n_dofs, wp)**2 + 60.0_wp*system%laws%n_coordinates
+         config%most_looks = int(min(scene%solver%rescue_work/look, 1.0e18_wp), int64)
          allowed = min(scene%certificate%truncation, largest_spread)
          dofs = [(i, i=1, system%n_dofs)]
          rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)

@@ -1231,8 +1231,8 @@ MUTANTS = [
             "marched_budget",
             "test_hb_marched_motion",
             "a march has no budget of work",
-            "config%most_looks = int(min(share_of_rescues*",
-            "config%most_looks = int(min(1.0e9_wp*share_of_rescues*",
+            "config%most_looks = int(min(scene%solver",
+            "config%most_looks = int(min(1.0e9_wp*scene%solver",
         ),
     ),
     *of(
