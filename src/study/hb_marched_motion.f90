@@ -1,10 +1,9 @@
 !> The last way to a motion: the scene is followed through time until it is steady.
 !>
-!> Windows twice as long one after the other follow each other. The averages over each (hb_birkhoff) are coefficients at all tuples of
-!> the set; how far they differ from those of the window before, which is shorter and nearer to the start, is the spread, and where it
-!> no longer falls the motion has no order or is still on its way. Averages see nothing of lines between the tuples: what the series leaves of the
-!> record has to repeat as the tones do (hb_recurrence), or in several periods of them. Where it does neither the largest line is
-!> told (hb_frequency_analysis).
+!> Windows follow each other, each twice as long as the one before. The averages over each (hb_birkhoff) are coefficients at all tuples
+!> of the set; how far they differ from those of the window before, which is shorter and nearer to the start, is the spread, and where
+!> it no longer falls the motion has no order or is still on its way. Averages see nothing of lines between the tuples: what the series
+!> leaves of the record has to repeat as the tones do (hb_recurrence), or in several periods of them.
 module hb_marched_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: rounded
@@ -49,8 +48,8 @@ module hb_marched_motion
 
 contains
 
-   !> Marches from the state given, else from the `&start` amplitudes, else from rest; a little beside these: no symmetry then holds a
-   !> motion that nobody would see.
+   !> Marches from the state given, else from the `&start` amplitudes, else from rest, a little beside both: no symmetry then
+   !> holds a motion that nobody would see.
    subroutine settle(scene, law_dofs, watch, settled, error, start)
       type(scene_t), intent(in) :: scene                              !! all of its tones given
       integer, intent(in) :: law_dofs(:)
