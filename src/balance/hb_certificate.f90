@@ -299,9 +299,11 @@ contains
       self%aliasing = aliasing
 
       call clear_kept(balance%harmonics, wide%harmonics, defect)
-      call wide%mean_response(big, defect, answer, error)
+      call wide%solve_mean_tangent(big, defect, answer, error)
       if (allocated(error)) return
       is_rigid = acts_rigidly(balance, wide)
+      if (is_rigid .and. .not. has_multipliers(balance)) call wide%mean_response(big, defect, answer, error)
+      if (allocated(error)) return
       call clear_kept(balance%harmonics, wide%harmonics, answer)
       self%around = wide%harmonics
       self%neglected = amplitudes(wide%harmonics, answer)/size_of_motion

@@ -285,14 +285,14 @@ contains
       end do
    end subroutine sampled_laws_mean_slopes
 
-   !> Samples at which contacts hold the motion, after `differentiate`; none where all laws are polynomials.
+   !> Samples at which contacts hold the motion, after `differentiate`; none where no law switches.
    pure function sampled_laws_held(self) result(is_held)
       class(sampled_laws_t), intent(in) :: self
       logical, allocatable :: is_held(:)
       integer :: i
 
       is_held = self%jacobian%held()
-      if (all([(self%laws(i)%law%degree > 0, i=1, size(self%laws))])) is_held = .false.
+      if (all([(self%laws(i)%law%n_switches == 0, i=1, size(self%laws))])) is_held = .false.
    end function sampled_laws_held
 
    !> Largest distance between degrees of freedom, among those of all laws, that one law with memory couples.
