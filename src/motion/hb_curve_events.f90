@@ -2,6 +2,7 @@
 module hb_curve_events
    use hb_bifurcation, only: bifurcation_value
    use hb_curve, only: curve_t, event_t
+   use hb_grazing, only: extremes_of_switches
    use hb_kinds, only: wp
    use hb_motion, only: stability_of
    use hb_response, only: response_t
@@ -9,8 +10,8 @@ module hb_curve_events
    use hb_stability, only: stability_t
    implicit none
    private
-   public :: bifurcation_event_t, branch_event_t, find_multipliers, fold_event_t, peak_event_t, sharp, slope_at, square_at
-   public :: value_event_t
+   public :: bifurcation_event_t, branch_event_t, find_extremes, find_multipliers, fold_event_t, graze_event_t, peak_event_t
+   public :: sharp, slope_at, square_at, value_event_t
 
    real(wp), parameter :: sharp = 1.0e-11_wp                          !! tolerance of multipliers at a bifurcation
 
@@ -47,6 +48,16 @@ module hb_curve_events
       procedure :: value => bifurcation_event_value
    end type bifurcation_event_t
 
+   !> Where an extreme of a switch of a law is zero.
+   type, extends(event_t) :: graze_event_t
+      type(scene_problem_t), pointer :: problem => null()
+      integer, allocatable :: which(:)
+      integer :: extreme = 0, switch = 0                              ! in the list of `find_extremes`
+      real(wp) :: unit = 1.0_wp
+   contains
+      procedure :: value => graze_event_value
+   end type graze_event_t
+
    !> Where the value is a given one.
    type, extends(event_t) :: value_event_t
       real(wp) :: wanted = 0.0_wp, unit = 1.0_wp
@@ -65,6 +76,37 @@ contains
       value = 0.0_wp
       if (allocated(multipliers)) value = bifurcation_value(self%kind, multipliers)
    end function bifurcation_event_value
+
+   !> Smallest and largest value of each switch of the laws, (2, any), hb_grazing.
+   subroutine find_extremes(problem, which, x, extremes)
+      type(scene_problem_t), intent(inout), target :: problem
+      integer, intent(in) :: which(:)                                 !! parameters that are unknown
+      real(wp), intent(in) :: x(:)
+      real(wp), allocatable, intent(out) :: extremes(:, :)
+      complex(wp), allocatable :: c(:, :)
+      integer :: i
+      logical :: is_possible
+
+      allocate (extremes(2, 0))
+      if (all([(problem%scene%laws(i)%law%n_switches == 0, i=1, size(problem%scene%laws))])) return
+      call problem%set_parameters(which, x(problem%n_unknowns + 1:), is_possible)
+      if (.not. is_possible) return
+      associate (scene => problem%scene, balance => problem%balance)
+         allocate (c(scene%structure%n_dofs, balance%harmonics%n_harmonics))
+         call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
+         call extremes_of_switches(scene%laws, balance%harmonics%tuples, balance%omega, c, extremes)
+      end associate
+   end subroutine find_extremes
+
+   real(wp) function graze_event_value(self, x) result(value)
+      class(graze_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), allocatable :: extremes(:, :)
+
+      call find_extremes(self%problem, self%which, x, extremes)
+      value = 0.0_wp
+      if (size(extremes, 2) >= self%switch) value = extremes(self%extreme, self%switch)/self%unit
+   end function graze_event_value
 
    real(wp) function fold_event_value(self, x) result(value)
       class(fold_event_t), intent(inout) :: self

@@ -21,10 +21,11 @@ module hb_curve_request
       integer :: flip = 8                                             !! a multiplier passes -1: motions of twice the period
       integer :: torus = 9                                            !! a pair of them passes the unit circle: a tone joins
       integer :: split = 10                                           !! a multiplier passes 1, and nothing that is sought is there
+      integer :: graze = 11                                           !! a contact begins or is never left any more
    end type curve_kind_t
    type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
-   character(*), parameter :: curve_kind_names(0:10) = [character(7) :: "none", "regular", "start", "fold", "peak", "value", &
-      "end", "branch", "flip", "torus", "split"]
+   character(*), parameter :: curve_kind_names(0:11) = [character(7) :: "none", "regular", "start", "fold", "peak", "value", &
+      "end", "branch", "flip", "torus", "split", "graze"]
 
    !> A peak or fold over a first value that is followed along a second one, in place of the motion itself.
    type :: over_t

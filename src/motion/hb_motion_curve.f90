@@ -14,8 +14,8 @@ module hb_motion_curve
    use hb_clock, only: wall_clock
    use hb_curve, only: curve_config_t, curve_t, event_t, new_curve
    use hb_curve_conditions, only: is_mirrored, set_conditions
-   use hb_curve_events, only: bifurcation_event_t, branch_event_t, find_multipliers, fold_event_t, peak_event_t, sharp, slope_at, &
-      square_at, value_event_t
+   use hb_curve_events, only: bifurcation_event_t, branch_event_t, find_extremes, find_multipliers, fold_event_t, graze_event_t, &
+      peak_event_t, sharp, slope_at, square_at, value_event_t
    use hb_curve_origin, only: find_direction
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
@@ -43,6 +43,7 @@ module hb_motion_curve
    real(wp), parameter :: left_behind = 1.0e-5_wp                     ! value of that function where a curve begins at its zero
    real(wp), parameter :: least_motion = 1.0e-3_wp                    ! relative to the linear one: smaller is no unit of length
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
+   real(wp), parameter :: at_graze = 1.0e-5_wp                        ! of a step: multipliers jump where a contact begins
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to what is expected next
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: most_slack = 1.0e4_wp
@@ -85,6 +86,7 @@ module hb_motion_curve
       integer, private :: first_waiting = 1
       type(waiting_t), allocatable, private :: waiting(:)
       real(wp), allocatable, private :: slopes(:)                     ! of the responses along the curve, at its point
+      real(wp), allocatable, private :: extremes(:, :)                ! of the switches of laws, at its point
       complex(wp), allocatable, private :: multipliers(:)             ! at its point; not allocated where they are not looked for
       class(watch_t), pointer, private :: watch => null()
    contains
@@ -267,7 +269,7 @@ contains
       end do
    end subroutine find_on_plane
 
-   !> Takes the place of `begin`: next to a motion and tangent of another curve, in the plane across this a little before it, so that
+   !> Takes the place of `begin`: next to a motion and tangent of another curve, in the plane across this a bit before it, so that
    !> what is there lies ahead. `is_found` is false where there is no motion.
    subroutine motion_curve_begin_next_to(self, scene, document, request, available_memory, x, direction, is_found, error, watch)
       class(motion_curve_t), intent(inout), target :: self
@@ -428,6 +430,7 @@ contains
       call self%renew()
       self%slopes = slopes_of(self)
       call find_multipliers(self%problem, self%which, self%curve%x, self%problem%scene%stability%tolerance, self%multipliers)
+      call find_extremes(self%problem, self%which, self%curve%x, self%extremes)
    end subroutine set_out
 
    !> 1 on the first of two ways from one point, -1 on the other.
@@ -536,6 +539,7 @@ contains
       call self%renew()
       self%slopes = slopes_of(self)
       call find_multipliers(self%problem, self%which, self%curve%x, self%problem%scene%stability%tolerance, self%multipliers)
+      call find_extremes(self%problem, self%which, self%curve%x, self%extremes)
       self%is_done = self%n_told >= request%n_points
    end subroutine motion_curve_go_on_from
 
@@ -652,7 +656,7 @@ contains
    subroutine motion_curve_step(self)
       class(motion_curve_t), intent(inout), target :: self
       complex(wp), allocatable :: multipliers(:)
-      real(wp), allocatable :: slopes(:)
+      real(wp), allocatable :: extremes(:, :), slopes(:)
       real(wp) :: largest, units(size(self%curve%x))
       integer :: n_branch_points
       logical :: is_possible
@@ -696,9 +700,11 @@ contains
          allocate (self%waiting(0))
          self%first_waiting = 1
          call find_multipliers(self%problem, self%which, curve%x, self%problem%scene%stability%tolerance, multipliers)
-         call self%look_back(self%slopes, slopes, curve%n_branch_points > n_branch_points, multipliers)
+         call find_extremes(self%problem, self%which, curve%x, extremes)
+         call self%look_back(self%slopes, slopes, curve%n_branch_points > n_branch_points, multipliers, extremes)
          self%slopes = slopes
          call move_alloc(multipliers, self%multipliers)
+         call move_alloc(extremes, self%extremes)
       end associate
    end subroutine motion_curve_step
 
@@ -733,14 +739,16 @@ contains
    end subroutine try_end
 
    !> Finds folds, peaks, bifurcations, wanted values and ends on the step behind the curve, in their order.
-   subroutine motion_curve_look_back(self, slopes_before, slopes, has_branched, multipliers)
+   subroutine motion_curve_look_back(self, slopes_before, slopes, has_branched, multipliers, extremes)
       class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: slopes_before(:), slopes(:)             !! of the responses
       logical, intent(in) :: has_branched                             !! a branch point was passed by
       complex(wp), allocatable, intent(in) :: multipliers(:)          !! at the point of the curve
+      real(wp), intent(in) :: extremes(:, :)                          !! of switches, likewise
       type(bifurcation_event_t) :: change
       type(branch_event_t) :: branch
       type(fold_event_t) :: fold
+      type(graze_event_t) :: graze
       type(peak_event_t) :: peak
       type(value_event_t) :: event
       real(wp), allocatable :: ends(:), wanted(:), x(:)
@@ -778,6 +786,20 @@ contains
             if (.not. peak%unit > 0.0_wp) cycle
             call find(peak, [slopes_before(i), slopes(i)]/peak%unit, max(located, 10.0_wp*curve%corrector%tolerance), &
                       curve_kind%peak)
+         end do
+         graze%problem => self%problem
+         graze%which = self%which
+         do k = 1, size(extremes, 2)
+            if (size(self%extremes, 2) /= size(extremes, 2)) exit
+            graze%switch = k
+            graze%unit = max(maxval(abs(extremes(:, k))), tiny(1.0_wp))
+            do i = 1, 2
+               if (.not. self%extremes(i, k)*extremes(i, k) < 0.0_wp) cycle
+               if (i == 2 .and. same_change(self%extremes(:, k), extremes(:, k))) cycle   ! all round the same distance: one event
+               graze%extreme = i
+               call find(graze, [self%extremes(i, k), extremes(i, k)]/graze%unit, max(located, 10.0_wp*curve%corrector%tolerance), &
+                         curve_kind%graze)
+            end do
          end do
          if (allocated(self%multipliers) .and. allocated(multipliers)) then
             change%problem => self%problem
@@ -833,6 +855,8 @@ contains
          if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) < left_behind) return
          call self%curve%find_zero(change, [0.0_wp, self%curve%last_step], at_ends, located_multiplier, x, place, is_found)
          if (.not. is_found) return
+         if (any(self%waiting%kind == curve_kind%graze .and. &
+                 abs(self%waiting%place - place) <= at_graze*self%curve%last_step)) return
          if (change%kind == bifurcation%torus) then
             call find_multipliers(self%problem, self%which, x, sharp, there)
             if (.not. allocated(there)) return
@@ -860,6 +884,15 @@ contains
          call move_alloc(longer, self%waiting)
       end subroutine add
    end subroutine motion_curve_look_back
+
+   !> Whether both extremes are the same before and after, as of a whirl round the middle of a ring.
+   pure logical function same_change(before, after)
+      real(wp), intent(in) :: before(2), after(2)
+      real(wp), parameter :: round = 1.0e-9_wp
+
+      same_change = abs(before(2) - before(1)) <= round*maxval(abs(before)) .and. &
+         abs(after(2) - after(1)) <= round*maxval(abs(after))
+   end function same_change
 
    !> Solves for the motion at the value of x, next to where it is.
    subroutine land(self, x, is_there)

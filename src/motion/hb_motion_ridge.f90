@@ -1,4 +1,4 @@
-!> The maximum of a response, or a fold, followed along a second value of the input: a resonance peak over a gap, a fold over a load.
+!> The maximum of a response, or a fold, followed along a second value of the input: a resonance peak over a gap, say.
 !>
 !> At each of its points a curve along the first value is begun next to the point before, and followed to the peak or fold, which is
 !> located as on any curve. Steps of the second value grow where that is near and shrink where it is not found, or is another one.
@@ -47,7 +47,7 @@ module hb_motion_ridge
 
 contains
 
-   !> Follows a whole curve along the first value at the start of the second: its highest peak, or its first fold, is the first point.
+   !> Follows a whole curve along the first value at the start of the second: its highest peak or first fold is where to begin.
    subroutine motion_ridge_begin(self, scene, document, request, available_memory, result, error, watch, judge)
       class(motion_ridge_t), intent(inout), target :: self
       type(scene_t), intent(inout) :: scene                           !! at the start

@@ -274,6 +274,23 @@ MUTANTS = [
         ),
     ),
     *of(
+        "stability/hb_grazing.f90",
+        (
+            "grazing_no_refinement",
+            "test_hb_grazing",
+            "the extreme is that of the grid",
+            "      do round = 1, n_rounds",
+            "      do round = 1, 0",
+        ),
+        (
+            "grazing_largest_alone",
+            "test_hb_grazing",
+            "the smallest value is that at the largest",
+            "call refine(laws(i), motion, s, phases, values, -1.0_wp, extremes(1, n))",
+            "call refine(laws(i), motion, s, phases, values, 1.0_wp, extremes(1, n))",
+        ),
+    ),
+    *of(
         "motion/hb_curve_origin.f90",
         (
             "origin_tuples",
