@@ -43,7 +43,6 @@ module hb_motion_curve
    real(wp), parameter :: left_behind = 1.0e-5_wp                     ! value of that function where a curve begins at its zero
    real(wp), parameter :: least_motion = 1.0e-3_wp                    ! relative to the linear one: smaller is no unit of length
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
-   real(wp), parameter :: at_graze = 1.0e-5_wp                        ! of a step: multipliers jump where a contact begins
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to what is expected next
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: most_slack = 1.0e4_wp
@@ -801,7 +800,7 @@ contains
                          curve_kind%graze)
             end do
          end do
-         if (allocated(self%multipliers) .and. allocated(multipliers)) then
+         if (allocated(self%multipliers) .and. allocated(multipliers) .and. all(self%waiting%kind /= curve_kind%graze)) then
             change%problem => self%problem
             change%which = self%which
             do i = bifurcation%branch, bifurcation%torus
@@ -855,8 +854,6 @@ contains
          if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) < left_behind) return
          call self%curve%find_zero(change, [0.0_wp, self%curve%last_step], at_ends, located_multiplier, x, place, is_found)
          if (.not. is_found) return
-         if (any(self%waiting%kind == curve_kind%graze .and. &
-                 abs(self%waiting%place - place) <= at_graze*self%curve%last_step)) return
          if (change%kind == bifurcation%torus) then
             call find_multipliers(self%problem, self%which, x, sharp, there)
             if (.not. allocated(there)) return
