@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -12,20 +13,27 @@ FILES = sorted([*INPUTS.glob("paper/*.nml"), *INPUTS.glob("gallery/*.nml")])
 
 # Of the largest coefficient of a point; both solvers stop at a residual of 1e-12.
 SAME_POINT = 1e-10
+# Points of curves that are located, such as peaks, are where a function of the motion is zero as far as that is told.
+SAME_EVENT = 1e-7
+LOCATED = [3, 4, 7, 8, 9, 10, 11]  # fold, peak, branch, flip, torus, split, graze
 
 
 def solved(source: Path, method: str, folder: Path) -> tuple[np.ndarray, ...]:
+    """Coefficients, statuses, and how far they may differ."""
     result = folder / f"{method}.h5"
     options = ("--set", f"solver%method='{method}'", "--set", "certificate%is_on=.false.")
     done = run("solve", source, "--output", result, *options, cwd=folder)
     assert "converged" in done.stdout, done.stderr
-    return read(result, "coefficients", "status")
+    coefficients, status = read(result, "coefficients", "status")
+    with h5py.File(result, "r") as file:
+        kinds = file["curve_kind"][()].ravel() if "curve_kind" in file else np.zeros(status.size, dtype=int)
+    return coefficients, status, np.where(np.isin(kinds, LOCATED), SAME_EVENT, SAME_POINT)
 
 
 @pytest.mark.parametrize("source", FILES, ids=lambda file: str(file.relative_to(INPUTS)))
 def test_krylov_agrees_with_dense_newton(source, tmp_path):
-    newton, newton_status = solved(source, "newton", tmp_path)
-    krylov, krylov_status = solved(source, "krylov", tmp_path)
+    newton, newton_status, same = solved(source, "newton", tmp_path)
+    krylov, krylov_status, _ = solved(source, "krylov", tmp_path)
     assert krylov_status.ravel().tolist() == newton_status.ravel().tolist()
     assert (np.isnan(krylov) == np.isnan(newton)).all()  # harmonics that a point does not have, rows that a curve did not need
     points = newton.reshape(newton_status.size, -1)
@@ -33,7 +41,7 @@ def test_krylov_agrees_with_dense_newton(source, tmp_path):
     assert is_used.any()
     krylov, points = krylov.reshape(points.shape)[is_used], points[is_used]
     difference = np.nanmax(np.abs(krylov - points), axis=1)
-    assert (difference <= SAME_POINT * np.nanmax(np.abs(points), axis=1)).all()
+    assert (difference <= same[is_used] * np.nanmax(np.abs(points), axis=1)).all()
 
 
 def test_large_sets_are_solved_by_products(tmp_path):
