@@ -37,6 +37,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: other
       real(wp), allocatable :: old(:, :)
+      real(wp) :: first                                               ! base frequency of the motion that is left [rad/s]
       integer :: h, k, n, n_coordinates, n_further
 
       call new_harmonics(other, tuples, error)
@@ -67,7 +68,9 @@ contains
       end associate
       associate (found => state(n - n_further + 1:n - 1), value => state(n), angle => state(2*n + 1))
          if (is_torus) then
-            self%further = [found, angle/two_pi*merge(found(1), scene%tones%omega(1), scene%tones%is_unknown(1)), value]
+            first = scene%tones%omega(1)
+            if (scene%tones%is_unknown(1)) first = found(1)
+            self%further = [found, angle/two_pi*first, value]
          else
             self%further = [0.5_wp*found, value]
          end if

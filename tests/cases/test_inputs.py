@@ -47,12 +47,13 @@ def test_input_gives_what_it_promises(source, tmp_path):
 
 @pytest.mark.parametrize(("name", "least"), [("random_contact_beam", 16), ("random_contact_mass", 9)])
 def test_a_tenth_of_the_random_problems(name, least, tmp_path):
-    """Of every tenth of 200 problems as large a share is solved as of all."""
+    """Of every tenth of 200 problems as large a share is solved by the balance alone as of all."""
 
     def every_tenth(values):
         return "values =" + ",".join(values.group(1).split(",")[::10]) + "/"
 
     text = re.sub(r"values =([^/]*)/", every_tenth, (INPUTS / "hard" / f"{name}.nml").read_text())
+    text += "&solver rescue_by_march = .false. /\n"
     with Results(solve(text, tmp_path, status=NOT_ALL_CONVERGED)) as results:
         assert results.n_points == 20
         assert sum(status in SOLVED for status in results.status) >= least

@@ -59,7 +59,7 @@ def test_large_sets_are_solved_by_products(tmp_path):
     source.write_text(text)
     results = {}
     for method in ("auto", "krylov", "newton"):
-        results[method], status = solved(source, method, tmp_path)
+        results[method], status, _ = solved(source, method, tmp_path)
         assert status.ravel().tolist() == [1]
     assert (results["auto"] == results["krylov"]).all()
     assert np.abs(results["auto"] - results["newton"]).max() <= SAME_POINT * np.abs(results["newton"]).max()
@@ -76,9 +76,9 @@ def test_chain_of_stops_is_solved_as_a_band(tmp_path):
     lines += [f"&law type = 'elastic_stop', dof = 'x{i}', stiffness = 5.0, gap = {0.1 + 0.001 * i} /" for i in range(1, 121)]
     source = tmp_path / "chain.nml"
     source.write_text("\n".join(lines) + "\n")
-    newton, status = solved(source, "newton", tmp_path)
+    newton, status, _ = solved(source, "newton", tmp_path)
     assert status.ravel().tolist() == [1]
-    krylov, status = solved(source, "krylov", tmp_path)
+    krylov, status, _ = solved(source, "krylov", tmp_path)
     assert status.ravel().tolist() == [1]
     assert np.abs(krylov - newton).max() <= SAME_POINT * np.abs(newton).max()
 
