@@ -85,7 +85,7 @@ contains
          config%transient = 0.0_wp
          config%decimation = huge(1)
          config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
-         look = 150.0_wp + 6.0_wp*real(system%n_dofs, wp)**2 + 60.0_wp*system%laws%n_coordinates
+         look = 600.0_wp + 6.0_wp*real(system%n_dofs, wp)**2 + 60.0_wp*system%laws%n_coordinates
          config%most_looks = int(min(scene%solver%rescue_work/look, 1.0e18_wp), int64)
          allowed = min(scene%certificate%truncation, largest_spread)
          dofs = [(i, i=1, system%n_dofs)]

@@ -35,6 +35,7 @@ program fuzz_input
    integer, parameter :: largest_unknowns = 150, largest_samples = 1000, largest_structure = 60   ! of what is solved
    integer, parameter :: every = 10                                   ! inputs, one of which is solved
    real(wp), parameter :: memory_limit = 2.5e8_wp                     ! bytes that a study may ask for
+   real(wp), parameter :: share_of_work = 0.05_wp                     ! of rescues and of marching, which take seconds when they may
    character(:), allocatable :: folder, mutant
    type(string_t), allocatable :: texts(:)
    type(generator_t) :: generator
@@ -139,6 +140,7 @@ contains
       end do
       study%scene%solver%max_iterations = min(study%scene%solver%max_iterations, 2)
       study%scene%solver%homotopy_iterations = min(study%scene%solver%homotopy_iterations, 2)
+      study%scene%solver%rescue_work = share_of_work*study%scene%solver%rescue_work
       call solve_motion(study%scene, result, error, judge=marching_judge_t())
    end subroutine try
 
