@@ -107,11 +107,12 @@ contains
       call read_laws(self, document, error)
       if (allocated(error)) return
       call read_certificate(self%certificate, document%optional_group("certificate"))
-      call read_stability(self%stability, document%optional_group("stability"))
+      call read_stability(self%stability, document%optional_group("stability"), &
+                          on_curve=document%count("curve") > 0 .and. self%tones%n_tones == 1)
       call read_output(self, document%optional_group("output"))
       call reduce_scene(self, document, error)
       if (allocated(error)) return
-      call read_sampling(self, document%optional_group("sampling"))
+      call read_sampling(self, document%optional_group("sampling"), on_curve=document%count("curve") > 0)
       call check_memory(sizes_of(self), self%memory_limit, error)
       if (allocated(error)) then
          call annotate(error, document%file_name)

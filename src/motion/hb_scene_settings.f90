@@ -16,6 +16,7 @@ module hb_scene_settings
    public :: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
 
    real(wp), parameter :: unit_of_work = 1.0e9_wp                     ! about a second of the processor
+   real(wp), parameter :: patience_on_curves = 20.0_wp                 ! usual points that the stability of one of a curve may take
    character(9), parameter :: first_guess_names(5) = [character(9) :: "auto", "linear", "zero", "neighbour", "march"]
    character(9), parameter :: kink_names(2) = [character(9) :: "plain", "corrected"]
 
@@ -83,9 +84,10 @@ contains
    end subroutine read_accuracy
 
    !> Reads `&sampling`: `samples` per tone, whether kinks between them are corrected, effort and wisdom file of FFTW.
-   subroutine read_sampling(self, group)
+   subroutine read_sampling(self, group, on_curve)
       type(scene_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
+      logical, intent(in) :: on_curve                                 !! the motion is followed: samples must not make folds of their own
       integer, allocatable :: samples(:)
       character(:), allocatable :: effort, kinks
       type(error_t), allocatable :: error
@@ -114,7 +116,7 @@ contains
          samples = merge(samples, default_samples(self%harmonics, degree), samples > 0)
       call new_torus(self%torus, samples, self%harmonics, error)
       if (allocated(error)) call group%problem("samples", error%message)
-      kinks = trim(kink_names(merge(2, 1, self%accuracy%is_on)))
+      kinks = trim(kink_names(merge(2, 1, self%accuracy%is_on .or. on_curve)))
       call group%get("kinks", kinks, choices=kink_names)
       self%torus%corrects_kinks = kinks == kink_names(2)
 
@@ -143,12 +145,14 @@ contains
    end subroutine read_certificate
 
    !> Reads `&stability`: whether and how multipliers are found.
-   subroutine read_stability(self, group)
+   subroutine read_stability(self, group, on_curve)
       type(stability_config_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
+      logical, intent(in) :: on_curve                                 !! a motion with one tone is followed
       character(:), allocatable :: name
 
       name = trim(stability_method_names(self%method))
+      if (on_curve) self%patience = patience_on_curves
       call group%get("method", name, choices=stability_method_names)
       call group%get("tolerance", self%tolerance, unit="1", above=0.0_wp)
       self%method = max(1, findloc(stability_method_names == name, .true., dim=1)) - 1

@@ -42,6 +42,7 @@ module hb_stability
 
    type :: stability_config_t
       integer :: method = stability_method%auto
+      real(wp) :: patience = 1.0_wp                                   !! of `auto`: work that it may take, in usual points
       real(wp) :: tolerance = 1.0e-6_wp                               !! of the monodromy matrix, relative
    end type stability_config_t
 
@@ -87,7 +88,7 @@ contains
       if (allocated(error)) return
       work = work_of_exponents(variation)
       if (size(omega) == 1) work = work_of_transfer(variation, two_pi/omega(1))
-      if (config%method == stability_method%auto .and. work > work_allowed) return
+      if (config%method == stability_method%auto .and. work > config%patience*work_allowed) return
       self%method = stability_method%march
       if (config%method == stability_method%hill .and. variation%is_smooth()) then
          allocate (hill)
