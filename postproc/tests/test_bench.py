@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+
 from nhbm_post import ReaderError, UsageError, draw
 from nhbm_post.bench import KERNELS, Bench, read_reference
 from nhbm_post.cli import main

@@ -1,9 +1,11 @@
 !> Whether a record repeats as a motion of given tones does: after a time in which all of their phases come back.
 !>
-!> A motion of given tones is a function of their phases. After a shift in which each tone makes nearly whole turns, and before it, its
+!> A motion of given tones is a function of their phases. After a shift in which each tone makes nearly whole turns, and before
+!> it, its
 !> record is nearly the same: the mean of both differs from it by a curvature times the square of what is missing to whole turns. A
 !> motion with a period of n turns repeats where whole turns are multiples of n and changes elsewhere; one without order nowhere
-!> does. With one tone this is the stroboscopic section. Source: J.-P. Eckmann, S. Oliffson Kamphorst and D. Ruelle, Recurrence plots
+!> does. With one tone this is the stroboscopic section. Source: J.-P. Eckmann, S. Oliffson Kamphorst and D. Ruelle, Recurrence
+!> plots
 !> of dynamical systems, Europhysics Letters 4 (1987) 973-977.
 module hb_recurrence
    use hb_kinds, only: wp

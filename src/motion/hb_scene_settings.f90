@@ -87,7 +87,7 @@ contains
    subroutine read_sampling(self, group, on_curve)
       type(scene_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
-      logical, intent(in) :: on_curve                                 !! the motion is followed: samples must not make folds of their own
+      logical, intent(in) :: on_curve                                 !! the motion is followed: samples must not make folds
       integer, allocatable :: samples(:)
       character(:), allocatable :: effort, kinks
       type(error_t), allocatable :: error

@@ -175,9 +175,9 @@ contains
       end do
       where (self%held < lower .or. (self%slip > 0 .and. lower_rate > 0.0_wp))
          self%slip = 1
-      elsewhere (self%held > upper .or. (self%slip < 0 .and. upper_rate < 0.0_wp))
+      else where (self%held > upper .or. (self%slip < 0 .and. upper_rate < 0.0_wp))
          self%slip = -1
-      elsewhere
+      else where
          self%slip = 0
       end where
       self%held = min(max(self%held, lower), upper)

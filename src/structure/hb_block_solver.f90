@@ -1,7 +1,9 @@
 !> Linear equations with a square block of the dynamic stiffness at one frequency after the other.
 !>
-!> Blocks that are diagonal but for a border are factored as such (hb_arrow_factors), narrow ones as band matrices, large ones with few
-!> entries as sparse ones (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the first with row exchanges. Rows and columns are scaled once with the sizes on the diagonal, so that the verdict
+!> Blocks that are diagonal but for a border are factored as such (hb_arrow_factors), narrow ones as band matrices, large ones
+!> with few
+!> entries as sparse ones (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the first with row exchanges. Rows
+!> and columns are scaled once with the sizes on the diagonal, so that the verdict
 !> "singular" does not depend on units.
 module hb_block_solver
    use hb_arrow_factors, only: arrow_factors_t, new_arrow_factors
@@ -247,7 +249,8 @@ contains
       length_of = sqrt(sum(real(column)**2 + aimag(column)**2))
    end function length_of
 
-   !> Fills the matrix, or factorises it where it is diagonal but for a border; `norm` is the largest row sum of the terms of S before they cancel each other.
+   !> Fills the matrix, or factorises it where it is diagonal but for a border; `norm` is the largest row sum of the terms of S
+   !> before they cancel each other.
    subroutine block_solver_assemble(self, frequency, drive, norm)
       class(block_solver_t), intent(inout) :: self
       real(wp), intent(in) :: frequency, drive

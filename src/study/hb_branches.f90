@@ -157,7 +157,8 @@ contains
       returns = across <= return_ratio*slope*abs(self%parameter(i + 1) - self%parameter(i - 1))
    end function returns
 
-   !> Whether numbers of two neighbours of a chain tell that the motion jumps between them: the mark of a point that was just solved,
+   !> Whether numbers of two neighbours of a chain tell that the motion jumps between them: the mark of a point that was just
+   !> solved,
    !> or numbers of a run before.
    elemental logical function is_told(before, branch)
       integer, intent(in) :: before, branch

@@ -313,7 +313,8 @@ contains
       end subroutine write_up
    end subroutine verify_point
 
-   !> Verdict on a motion that was marched: another march, from the motion itself and with its own tolerance, until it is steady. What
+   !> Verdict on a motion that was marched: another march, from the motion itself and with its own tolerance, until it is
+   !> steady. What
    !> the set cannot hold of the motion is not part of its coefficients, so that these are compared.
    subroutine verify_marched(scene, system, amplitudes, start, spread, result, error)
       type(scene_t), intent(in) :: scene

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from ..bench import Bench, Curve, Motion
+from ..bench import Bench, Curve
 from ..errors import UsageError
 from ..rates import Rate, convergence_rate, cost_exponent
 from . import style
