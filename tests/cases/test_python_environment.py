@@ -20,7 +20,9 @@ def without_packages(script: Path, *arguments: str) -> subprocess.CompletedProce
     )
 
 
-@pytest.mark.parametrize("name", ["accuracy", "certificate", "hard", "large", "performance"])
+@pytest.mark.parametrize(
+    "name", ["accuracy", "certificate", "compare", "hard", "judge", "jumps", "large", "marched", "performance"]
+)
 def test_script_finds_an_environment(name):
     done = without_packages(TESTS / name, "--help")
     assert done.returncode == 0, done.stderr
