@@ -8,8 +8,9 @@
 SUBJECT is a coefficient, `DOF (j1,j2,...) cos|sin|amplitude`, the frequency of a tone, `tone M frequency`, or one of
 penetration, residual, iterations, n_harmonics.
 TOLERANCE is relative; `<` compares the magnitude. Parameters are named as in the result file (law_1_gap) and select
-points, as does curve_kind (fold, peak, ...) where there are curves; without any, the line is about every point. It must hold at each selected point, and there must be one. `solved`
-counts the points whose equations are solved, well enough for the certificate or not, and lets the others end as they do.
+points, as does curve_kind (fold, peak, ...) where there are curves; without any, the line is about every point. It must
+hold at each selected point, and there must be one. `solved` counts the points whose equations are solved, well enough for
+the certificate or not, and lets the others end as they do.
 """
 
 from __future__ import annotations

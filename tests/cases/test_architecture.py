@@ -251,7 +251,9 @@ def test_compiler_options_stand_in_one_file():
             continue
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
             found = option.search(line.partition("#")[0])
-            assert not found, f"{path.relative_to(ROOT)}:{number}: '{found.group(1)}'; options of compilers stand in cmake/Flags.cmake"
+            assert not found, (
+                f"{path.relative_to(ROOT)}:{number}: '{found.group(1)}'; options of compilers stand in cmake/Flags.cmake"
+            )
     flags = (ROOT / "cmake" / "Flags.cmake").read_text(encoding="utf-8")
     for entry in re.findall(r"^[^#\n]*?[\s:]-f(?!sanitize|no-omit)[a-z]", flags, re.MULTILINE):
         assert "ID:" in entry, f"cmake/Flags.cmake: no compiler is named in '{entry}'"

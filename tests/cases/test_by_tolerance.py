@@ -1,4 +1,5 @@
-"""Points that choose their harmonics and samples for a tolerance: the same on any number of ranks, killed and resumed, read and refused."""
+"""Points that choose their harmonics and samples for a tolerance: the same on any number of ranks, killed and resumed, read
+and refused."""
 
 from __future__ import annotations
 
@@ -10,7 +11,8 @@ from nhbm_post.reader import Results
 from program import BAD_INPUT, run
 
 SCENE = """
-&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, ground_stiffness = 1.0, coupling_stiffness = 0.0, damping_mass = 0.2 /
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, ground_stiffness = 1.0, coupling_stiffness = 0.0,
+   damping_mass = 0.2 /
 &tones frequency = 1.0, 1.618033988749895 /
 &load dof = 'x1', tuple = 1, 0, cos = 0.4 /
 &load dof = 'x1', tuple = 0, 1, cos = 0.4 /

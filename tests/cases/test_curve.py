@@ -120,7 +120,8 @@ def test_motions_are_unstable_exactly_between_the_folds(tmp_path):
 
 
 def test_limit_cycles_are_followed_and_end_where_they_die(tmp_path):
-    """A negative damping that fades: the cycle of x'' - e (1 - x**2) x' + d x' + x = 0 has the amplitude 2 sqrt(1 - d/e) and dies at d = e."""
+    """A negative damping that fades: the cycle of x'' - e (1 - x**2) x' + d x' + x = 0 has the amplitude 2 sqrt(1 - d/e)
+    and dies at d = e."""
     text = """
 &structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,
    damping_mass = 1e-3 /
@@ -135,7 +136,8 @@ def test_limit_cycles_are_followed_and_end_where_they_die(tmp_path):
         assert results.amplitude(there, "x1", (1,)) == pytest.approx(1.0, abs=2e-4)
         assert results.frequency(there)[0] == pytest.approx(1.0, abs=1e-3)
         last = results.used[-1]
-        assert results.status_name(last) == "collapsed" and results.per_point("structure_damping_mass")[last] == pytest.approx(0.05, rel=0.01)
+        assert results.status_name(last) == "collapsed"
+        assert results.per_point("structure_damping_mass")[last] == pytest.approx(0.05, rel=0.01)
 
 
 def test_budget_of_points_is_kept(tmp_path):
@@ -158,8 +160,14 @@ def test_budget_of_points_is_kept(tmp_path):
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x2'", "unknown degree of freedom 'x2'"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x1 (1,0)'", "is no response"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x1 (9)'", "does not have this tuple"),
-        ("parameter = 'tones%frequency', from = 0.5, to = 1.5 /\n&sweep parameter = 'tones%frequency', values = 1, 2", "moves along the curve"),
-        ("parameter = 'tones%frequency', from = 0.5, to = 1.5 /\n&sweep parameter = 'curve%to', values = 1, 2", "cannot vary a curve"),
+        (
+            "parameter = 'tones%frequency', from = 0.5, to = 1.5 /\n&sweep parameter = 'tones%frequency', values = 1, 2",
+            "moves along the curve",
+        ),
+        (
+            "parameter = 'tones%frequency', from = 0.5, to = 1.5 /\n&sweep parameter = 'curve%to', values = 1, 2",
+            "cannot vary a curve",
+        ),
     ],
 )
 def test_what_is_wrong_with_a_curve_is_said(tmp_path, keys, says):

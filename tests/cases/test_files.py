@@ -164,7 +164,10 @@ def test_full_device_is_told(arguments, folder):
 def test_too_little_address_space_is_told(megabytes, folder):
     """OpenBLAS asks for its memory again and again."""
     limit = megabytes * 1000**2
-    words = f"import os, resource, sys; resource.setrlimit(resource.RLIMIT_AS, ({limit}, {limit})); os.execv(sys.argv[1], sys.argv[1:])"
+    words = (
+        f"import os, resource, sys; resource.setrlimit(resource.RLIMIT_AS, ({limit}, {limit})); "
+        "os.execv(sys.argv[1], sys.argv[1:])"
+    )
     done = subprocess.run(
         ["python3", "-c", words, *command("solve", "case.nml")],
         cwd=folder, env=environment(), capture_output=True, text=True, timeout=60,

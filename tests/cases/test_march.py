@@ -127,7 +127,8 @@ def test_forced_mass_is_that_of_the_balance(tmp_path):
             "cannot hold rigid walls",
         ),
         (
-            FORCED + "&march duration=1 /\n&law type='contact_table', contact='rigid', dofs='x1', n_contacts=1, shapes=-1, gaps=1 /",
+            FORCED + "&march duration=1 /\n"
+            "&law type='contact_table', contact='rigid', dofs='x1', n_contacts=1, shapes=-1, gaps=1 /",
             "no method of &march holds rigid contacts",
         ),
         (FORCED + "&march duration=1e12 /", "at most 2147483647 can be counted"),

@@ -16,9 +16,9 @@ Draws and prints what is in an HDF5 result file of nhbm.
 
 A point of a sweep is chosen by --point NUMBER or by --at PARAMETER=VALUE (path of a swept parameter in
 the input, such as law(1)%gap, or its name in the file; values to six digits; repeat it for several
-parameters). Without either it is the first converged point. Without --dof it is the first degree of freedom on which a law acts. Pictures go
-next to the file and are named after it: beam.h5 gives beam_spectrum.png; --output chooses another
-name, and its ending the format (.png, .pdf or .svg).
+parameters). Without either it is the first converged point. Without --dof it is the first degree of
+freedom on which a law acts. Pictures go next to the file and are named after it: beam.h5 gives
+beam_spectrum.png; --output chooses another name, and its ending the format (.png, .pdf or .svg).
 """
 
 
@@ -189,9 +189,9 @@ def _parser() -> argparse.ArgumentParser:
         "Draws a measure of a degree of freedom over a swept parameter; further swept parameters, and further files, make "
         "several curves, seven at most unless told otherwise. Points are counted as nhbm solve counts them. A solved point "
         "that has not converged stands on its curve with the mark of its status, any other in a row below, one a curve; "
-        "curves are broken there, and where the motion jumps to another branch. What a &curve has followed is drawn along its arc, with "
-        "folds and peaks marked and, where stability is known, unstable parts dashed; files of normal modes after it are drawn over the "
-        "frequency found, as backbones.",
+        "curves are broken there, and where the motion jumps to another branch. What a &curve has followed is drawn along its "
+        "arc, with folds and peaks marked and, where stability is known, unstable parts dashed; files of normal modes after it "
+        "are drawn over the frequency found, as backbones.",
         several=True,
     )
     options.add_dof(sub)
@@ -292,8 +292,8 @@ def _parser() -> argparse.ArgumentParser:
         "vtk",
         verbs.vtk,
         "the motion of a structure in space, for ParaView",
-        "Writes FILE_harmonics.vtu, the deflection shapes of harmonics (cos, sin and amplitude at each node), and FILE_motion.pvd with "
-        "a folder of files, the motion over time. Reduced models give the motion of the full one.",
+        "Writes FILE_harmonics.vtu, the deflection shapes of harmonics (cos, sin and amplitude at each node), and FILE_motion.pvd "
+        "with a folder of files, the motion over time. Reduced models give the motion of the full one.",
     )
     sub.add_argument("--model", type=Path, required=True, metavar="MODEL", help="model file of the run")
     options.add_point(sub)
@@ -304,15 +304,17 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--harmonics", type=options.count(1), default=8, metavar="N", help="harmonics to write at most (default 8)")
     sub.add_argument("--from", dest="t_from", type=float, default=0.0, metavar="T", help="start of the motion [s] (default 0)")
     sub.add_argument("--to", dest="t_to", type=float, metavar="T", help="its end [s] (default: a period of the slowest tone later)")
-    sub.add_argument("--frames", type=options.count(0), default=48, metavar="N", help="moments of the motion, 0 for none (default 48)")
+    sub.add_argument(
+        "--frames", type=options.count(0), default=48, metavar="N", help="moments of the motion, 0 for none (default 48)"
+    )
     sub.add_argument("--output", "-o", type=Path, metavar="STEM", help="beginning of the names of the files")
 
     sub = command(
         "deflection",
         verbs.deflection,
         "deflected structure, one harmonic or one moment",
-        "Draws the surface of a finite element model, deflected by a harmonic at its largest (--tuple) or by the motion at a moment "
-        "(--time), coloured by the amplitude of the harmonic or the size of the displacement.",
+        "Draws the surface of a finite element model, deflected by a harmonic at its largest (--tuple) or by the motion at a "
+        "moment (--time), coloured by the amplitude of the harmonic or the size of the displacement.",
     )
     sub.add_argument("--model", type=Path, required=True, metavar="MODEL", help="model file of the run")
     options.add_point(sub)

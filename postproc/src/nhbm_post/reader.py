@@ -292,7 +292,8 @@ class Results:
         return _strings(self._file["message"][point : point + 1])[0] if "message" in self._file else ""
 
     def branch(self) -> np.ndarray:
-        """Number of the branch on which each point lies along the fastest parameter, from 1; 0 where the file does not tell; -1 where a chain left its branch, in a run that has not ended."""
+        """Number of the branch on which each point lies along the fastest parameter, from 1; 0 where the file does not
+        tell; -1 where a chain left its branch, in a run that has not ended."""
         return self.per_point("branch") if "branch" in self._file else np.zeros(self.n_points, dtype=int)
 
     def multipliers(self) -> np.ndarray:

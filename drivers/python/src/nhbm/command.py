@@ -72,7 +72,9 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("model")
     verb.add_argument("--keep", required=True, help="degrees of freedom and sets that stay as they are: n3.z,contact.z,corner")
     verb.add_argument("--modes", type=int, default=20, help="number of modes (default: 20)")
-    verb.add_argument("--method", choices=reduction.METHODS, default=reduction.METHODS[0], help=f"(default: {reduction.METHODS[0]})")
+    verb.add_argument(
+        "--method", choices=reduction.METHODS, default=reduction.METHODS[0], help=f"(default: {reduction.METHODS[0]})"
+    )
     verb.add_argument("--up-to", type=float, metavar="RAD/S", help="highest frequency at which the error is told")
     verb.add_argument("--no-error", action="store_true", help="do not compare with the full model")
     _output(verb)

@@ -77,8 +77,8 @@ def _craig_bampton(model, kept, n_modes) -> np.ndarray:
 
 def _free_interface(model, kept, n_modes) -> np.ndarray:
     """Modes of the free structure and the response to unit forces at the kept degrees of freedom, in a form that has these as
-    coordinates. A small shift makes the stiffness of a structure that can move as a whole invertible; static answers are exact where
-    there is none."""
+    coordinates. A small shift makes the stiffness of a structure that can move as a whole invertible; static answers are exact
+    where there is none."""
     k, m = model.stiffness, model.mass
     shift = 1.0e-4 * float(np.median(k.diagonal() / np.where(m.diagonal() > 0, m.diagonal(), np.inf)))
     for _ in range(6):

@@ -41,8 +41,9 @@ def draw_multipliers(results: Results, *, where=None):
             part = (size > 1.0) == is_outside
             if part.any():
                 drawn = ax.scatter(
-                    values[part].real, values[part].imag, c=colour[part], cmap=style.COLOUR_MAP, marker=marker, s=22 if is_outside else 12,
-                    vmin=colour.min(), vmax=colour.max(), edgecolors=style.INK if is_outside else "none", linewidths=0.4,
+                    values[part].real, values[part].imag, c=colour[part], cmap=style.COLOUR_MAP, marker=marker,
+                    s=22 if is_outside else 12, vmin=colour.min(), vmax=colour.max(),
+                    edgecolors=style.INK if is_outside else "none", linewidths=0.4,
                     gid="outside" if is_outside else "inside",
                 )  # fmt: skip
         if along:
@@ -52,5 +53,6 @@ def draw_multipliers(results: Results, *, where=None):
         ax.grid(True)
         notes = f"{int(is_far.sum())} of magnitude above {_LARGEST:g} stand at {_LARGEST:g}" if is_far.any() else ""
         told = f"{points.size} point{'s' * (points.size > 1)}, {n_unstable} unstable"
-        style.head(fig, "Floquet multipliers", ", ".join(t for t in (results.title, results.where_text(where or {}), told) if t), notes)
+        about = ", ".join(t for t in (results.title, results.where_text(where or {}), told) if t)
+        style.head(fig, "Floquet multipliers", about, notes)
     return fig

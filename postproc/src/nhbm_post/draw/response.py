@@ -159,7 +159,8 @@ def _curves(results, name, dof, measure, over, where, n_curves, axis=None) -> tu
     points = points[np.isin(points, results.used)]
     if axis is not None and axis.path.startswith("tones%frequency") and axis.path not in results.swept:
         return _backbone(results, name, dof, measure, points, axis)
-    moving = results.curve if over in (None, "amplitude", *([results.curve.path, results.curve.name] if results.curve else [])) else None
+    names_of_curve = [results.curve.path, results.curve.name] if results.curve else []
+    moving = results.curve if over in (None, "amplitude", *names_of_curve) else None
     along = swept = moving or _swept_parameter(results, None if over == "amplitude" else over, points)
     if over == "amplitude":
         peaks = Measure("peak").values(results, dof)
@@ -199,7 +200,8 @@ def _curves(results, name, dof, measure, over, where, n_curves, axis=None) -> tu
 
 
 def _along_the_arc(results: Results) -> np.ndarray:
-    """Where each point of a curve stands in its order: by the length of the arc; where the curve was lost, behind its last point."""
+    """Where each point of a curve stands in its order: by the length of the arc; where the curve was lost, behind its last
+    point."""
     length = results.per_point("curve_length").copy()
     for point in np.flatnonzero(np.isnan(length) & np.isin(np.arange(results.n_points), results.used)):
         length[point] = length[point - 1] if point else 0.0
