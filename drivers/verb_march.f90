@@ -71,7 +71,7 @@ contains
       type(document_t), target :: document
 
       if (options%point < 0 .and. study%plan%n_points == 1) return
-      if (options%point < 0 .and. allocated(study%plan%curve) .and. study%plan%n_points == study%plan%n_fastest()) return   ! the start
+      if (options%point < 0 .and. allocated(study%plan%curve) .and. study%plan%n_points == study%plan%n_fastest()) return  ! start
       if (options%point < 0 .or. options%point >= study%plan%n_points) then
          call fail(error, "the input has the points 0 to "//to_text(study%plan%n_points - 1)// &
                    "; march follows one of them, say which by --point")

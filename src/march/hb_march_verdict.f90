@@ -17,7 +17,7 @@ module hb_march_verdict
    real(wp), parameter :: growing = 3.0_wp                            ! of the distance: before the motion was left, growth
    real(wp), parameter :: forgotten = 100.0_wp                        ! fall of the distance after which the start does not matter
    real(wp), parameter :: falling = 1.3_wp                            ! of the difference, from one stretch of periods to the next
-   real(wp), parameter :: half_decay = 1.5_wp                         ! likewise over `decay` periods, as a logarithm: half of its fall
+   real(wp), parameter :: half_decay = 1.5_wp                     ! likewise over `decay` periods, as a logarithm: half of its fall
    real(wp), parameter :: halved = 2.0_wp                             ! fall of the distance that is one
    real(wp), parameter :: neutral = 1.2_wp                            ! rise of the distance that is none
    real(wp), parameter :: sheared = 4.5_wp                            ! likewise where nothing decays: like the square of time

@@ -13,7 +13,7 @@ module hb_branches
    private
    public :: is_far_above, is_told, jumps_between, left_branch, line_t, new_line
 
-   integer, parameter :: left_branch = -1                             !! number of a point where a chain was seen to leave its branch
+   integer, parameter :: left_branch = -1                           !! number of a point where a chain was seen to leave its branch
 
    real(wp), parameter :: least_ratio = 3.0_wp                        ! to the larger slope beside a jump
    real(wp), parameter :: mean_ratio = 6.0_wp                         ! to larger**(3/4)*smaller**(1/4)

@@ -191,7 +191,7 @@ contains
          do i = 1, size(names)
             call add_parameter(file, trim(names(i)), layout%parameters(i), plan, error)
          end do
-         do i = 1, merge(0, size(layout%tuples, 1), layout%has_own_tuples) ! xarray selects by an index of such, not by rows of a matrix
+         do i = 1, merge(0, size(layout%tuples, 1), layout%has_own_tuples)   ! xarray selects by an index, not by rows
             entries = layout%tuples(i, :)
             call file%put(tuple_entry_name(i), entries, [harmonic], "1", "entry of the tuple for tone "//to_text(i), error)
          end do

@@ -83,7 +83,7 @@ module hb_verify
       type(study_t) :: study
       real(wp), allocatable :: frequency_estimates(:, :)              !! [rad/s], as frequency
       real(wp), allocatable :: coefficients(:, :, :, :)               !! (2, n_harmonics, n_dofs, n_points)
-      integer, allocatable :: own_tuples(:, :, :)                     !! (n_tones, n_harmonics, n_points), where points have their own
+      integer, allocatable :: own_tuples(:, :, :)                 !! (n_tones, n_harmonics, n_points), where points have their own
       integer, allocatable :: n_harmonics(:)                          !! of them (n_points)
       real(wp), allocatable :: estimates(:)                           !! of truncation and aliasing together, (n_points)
    end type stored_t
