@@ -181,8 +181,8 @@ def _law(scene: Scene, draw, shape: np.ndarray, kind: int) -> Law:
 
 
 def _scale(scene: Scene, shape: np.ndarray) -> tuple[float, float, float]:
-    """Amplitude, speed and stiffness of a coordinate in the linear motion."""
-    amplitude = speed = 0.0
+    """Amplitude, speed and stiffness of a coordinate in the linear motion, a little where nothing moves it."""
+    amplitude = speed = 1e-9
     for harmonic, cosine, sine in scene.loads:
         w = float(np.dot(harmonic, scene.omega))
         response = np.linalg.solve(scene.stiffness - w**2 * scene.mass + 1j * w * scene.damping, cosine - 1j * sine)
