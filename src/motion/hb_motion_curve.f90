@@ -78,6 +78,7 @@ module hb_motion_curve
       real(wp), allocatable, private :: x_start(:), direction_start(:)
       integer, allocatable, private :: which(:)                       ! parameters of the problem that are unknown, the value last
       real(wp), private :: unevenness = 0.0_wp                        ! of the residual over frequencies, at the start of this way
+      logical, private :: is_uneven = .false.                         ! more than the tolerance allows
       real(wp), private :: slack = 1.0_wp                             ! by which it may have grown on the way
       logical, private :: has_collapsed = .false.                     ! the motion of an unknown tone has died out
       logical, private :: is_closed = .false.                         ! this way has come back to its start
@@ -254,6 +255,7 @@ contains
       corrector = self%problem%scene%solver
       associate (u => self%x_first(:self%problem%n_unknowns))
          self%unevenness = self%problem%unevenness(u)
+         self%is_uneven = 10.0_wp*self%unevenness > corrector%tolerance
          corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(u), 10.0_wp*self%unevenness)
       end associate
       corrector%max_iterations = 2*most_corrections
@@ -261,7 +263,7 @@ contains
       do
          call solve_newton(self%curve%problem, corrector, self%x_first, report)
          is_found = report%status == outcome%converged
-         if (is_found .or. .not. self%unevenness > 0.0_wp .or. self%slack >= most_slack) exit
+         if (is_found .or. .not. self%is_uneven .or. self%slack >= most_slack) exit
          self%slack = 10.0_wp*self%slack
          corrector%tolerance = 10.0_wp*corrector%tolerance
          self%x_first = self%curve%x
@@ -408,6 +410,7 @@ contains
       call move(self, self%x_start, is_possible)
       self%slack = 1.0_wp
       self%unevenness = self%problem%unevenness(self%x_start(:self%problem%n_unknowns))
+      self%is_uneven = 10.0_wp*self%unevenness > corrector%tolerance
       forms = 0.0_wp
       forms(:, size(self%which)) = direction
       call new_bordered_problem(bordered, self%problem, self%which, forms, 0.0_wp*forms(1, :))
@@ -417,7 +420,7 @@ contains
       call set_conditions(self%problem, self%which, self%curve, self%weights)
       bordered = self%curve%problem
       units = self%curve%units
-      if (self%unevenness > 0.0_wp) config%shortest_step = 1.0e-3_wp*config%longest_step   ! no step is as short as to help
+      if (self%is_uneven) config%shortest_step = 1.0e-3_wp*config%longest_step   ! no step is as short as to help
       call new_curve(self%curve, bordered, self%x_start, direction, units, config, corrector)
       if (self%way > 2) then
          call turn_off(self, direction)
@@ -672,7 +675,7 @@ contains
             n_branch_points = curve%n_branch_points
             call curve%advance()
             if (curve%status == outcome%stalled) call try_end(self)
-            if (curve%status == outcome%stalled .and. self%unevenness > 0.0_wp .and. self%slack < most_slack) then
+            if (curve%status == outcome%stalled .and. self%is_uneven .and. self%slack < most_slack) then
                self%slack = 10.0_wp*self%slack
                call self%renew()
                curve%status = outcome%pending
@@ -758,7 +761,7 @@ contains
       n = size(self%curve%x)
       allocate (x(n))
       associate (curve => self%curve, request => self%request)
-         if (self%unevenness > 0.0_wp) curve%corrector%tolerance = 10.0_wp*curve%corrector%tolerance   ! of many points
+         if (self%is_uneven) curve%corrector%tolerance = 10.0_wp*curve%corrector%tolerance   ! of many points
          n_pieces = 1
          places = [0.0_wp, curve%last_step, curve%last_step]
          values = [curve%last_x(n), curve%x(n), curve%x(n)]
