@@ -42,6 +42,7 @@ module hb_curve_request
       real(wp), allocatable :: values(:)                              !! to be met exactly
       real(wp) :: longest_step = 0.04_wp                              !! in units of the range and of the largest motion
       integer :: n_points = 0                                         !! at most
+      real(wp) :: available_memory = huge(1.0_wp)                     !! bytes
       logical :: switches = .false.                                   !! at branch points: the other curve is followed as well
       type(response_t), allocatable :: peaks(:)                       !! whose maxima are looked for
       type(curve_origin_t), allocatable :: origin                     !! if given: where the curve leaves another one, in place

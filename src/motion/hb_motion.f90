@@ -27,6 +27,7 @@ module hb_motion
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, rescue
    use hb_stability, only: find_stability, stability_config_t, stability_t, stability_verdict => verdict
+   use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
    use hb_watch, only: verdict, watch_t
@@ -388,12 +389,14 @@ contains
       real(wp), intent(in) :: tolerance
       type(stability_t), intent(out) :: stability
       type(stability_config_t) :: config
+      type(tones_t) :: tones
 
       if (scene%normal_mode%is_asked) return
       config = scene%stability
       config%tolerance = tolerance
-      call find_stability(stability, config, scene%structure, scene%laws, balance%harmonics%tuples, balance%omega, &
-                          scene%tones%is_unknown, c, usual_work(balance))
+      tones = scene%tones
+      tones%omega = balance%omega
+      call find_stability(stability, config, scene%structure, scene%laws, balance%harmonics%tuples, tones, c, usual_work(balance))
    end subroutine stability_of
 
    !> About how many nanoseconds a point takes that needs nothing unusual, from counts alone: the same for all points of a sweep.

@@ -32,7 +32,6 @@ module hb_motion_ridge
       type(motion_curve_t), private :: curve
       type(scene_t), private :: scene
       type(document_t), private :: document
-      real(wp), private :: available_memory = huge(1.0_wp)            ! bytes
       real(wp), allocatable, private :: x(:), direction(:)            ! the last point, and the tangent of the curve there
       real(wp), private :: value = 0.0_wp                             ! second value there
       real(wp), private :: step = 0.0_wp, length = 0.0_wp             ! relative to the range of the second value
@@ -48,12 +47,11 @@ module hb_motion_ridge
 contains
 
    !> Follows a whole curve along the first value at the start of the second: its highest peak or first fold is where to begin.
-   subroutine motion_ridge_begin(self, scene, document, request, available_memory, result, error, watch, judge)
+   subroutine motion_ridge_begin(self, scene, document, request, result, error, watch, judge)
       class(motion_ridge_t), intent(inout), target :: self
       type(scene_t), intent(inout) :: scene                           !! at the start
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request                    !! with `over`
-      real(wp), intent(in) :: available_memory                        !! bytes
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       class(watch_t), intent(inout), target :: watch
@@ -62,11 +60,11 @@ contains
       real(wp) :: highest, measure
       logical :: is_new
 
-      call prepare(self, scene, document, request, available_memory, watch)
+      call prepare(self, scene, document, request, watch)
       call set_values(self, request%start, self%inner%start)
-      call update_scene(self%scene, self%document, is_new, error, available_memory)
+      call update_scene(self%scene, self%document, is_new, error, request%available_memory)
       if (.not. allocated(error)) &
-         call self%curve%begin(self%scene, self%document, self%inner, available_memory, point, error, watch, judge)
+         call self%curve%begin(self%scene, self%document, self%inner, point, error, watch, judge)
       self%is_done = allocated(error)
       if (self%is_done) return
       highest = -huge(1.0_wp)
@@ -96,17 +94,16 @@ contains
    end subroutine motion_ridge_begin
 
    !> Takes the place of `begin`: the ridge stands where a stored one has been.
-   subroutine motion_ridge_go_on_from(self, scene, document, request, available_memory, stored, watch)
+   subroutine motion_ridge_go_on_from(self, scene, document, request, stored, watch)
       class(motion_ridge_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
       type(document_t), intent(in) :: document
       type(curve_request_t), intent(in) :: request
-      real(wp), intent(in) :: available_memory                        !! bytes
       type(curve_place_t), intent(in) :: stored(:)                    !! all points up to the one to go on from
       class(watch_t), intent(inout), target :: watch
       integer :: n
 
-      call prepare(self, scene, document, request, available_memory, watch)
+      call prepare(self, scene, document, request, watch)
       associate (last => stored(size(stored)))
          n = self%curve%n_entries(last%state, 1)
          self%x = last%state(:n)
@@ -119,18 +116,16 @@ contains
       self%is_done = self%n_told >= request%n_points
    end subroutine motion_ridge_go_on_from
 
-   subroutine prepare(self, scene, document, request, available_memory, watch)
+   subroutine prepare(self, scene, document, request, watch)
       class(motion_ridge_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
       type(document_t), intent(in) :: document
       type(curve_request_t), intent(in) :: request
-      real(wp), intent(in) :: available_memory
       class(watch_t), intent(inout), target :: watch
 
       self%request = request
       self%scene = scene
       self%document = document
-      self%available_memory = available_memory
       self%watch => watch
       self%step = 0.25_wp*request%longest_step
       self%inner%moving = request%over%moving
@@ -140,6 +135,7 @@ contains
       self%inner%longest_step = request%longest_step
       self%inner%n_points = huge(1)
       self%inner%peaks = request%peaks
+      self%inner%available_memory = request%available_memory
    end subroutine prepare
 
    !> Sets both values in the document.
@@ -231,12 +227,12 @@ contains
       is_found = .false.
       n_steps = 0
       call set_values(self, value, self%x(size(self%x)))
-      call update_scene(self%scene, self%document, is_new, error, self%available_memory)
+      call update_scene(self%scene, self%document, is_new, error, self%request%available_memory)
       if (allocated(error)) return
       do sense = 1, -1, -2
          call self%curve%destroy()
-         call self%curve%begin_next_to(self%scene, self%document, self%inner, self%available_memory, self%x, &
-                                       sense*self%direction, is_found, error, self%watch)
+         call self%curve%begin_next_to(self%scene, self%document, self%inner, [self%x, sense*self%direction], is_found, error, &
+                                       self%watch)
          if (allocated(error) .or. .not. is_found) return
          call self%curve%look_for(self%request%over%kind, most_steps, result, n_steps, is_found, error)
          if (allocated(error) .or. is_found) exit

@@ -13,6 +13,7 @@ module hb_stability
    use hb_monodromy, only: find_monodromy, monodromy_t, work_of_transfer
    use hb_multipliers, only: deflate, eigenvalues_of
    use hb_structure, only: structure_t
+   use hb_tones, only: tones_t
    use hb_variation, only: new_variation, variation_t
    implicit none
    private
@@ -68,14 +69,13 @@ contains
 
    !> Finds out whether a motion is stable; `auto` does so where it takes no more work than allowed. What cannot be told
    !> stays unknown.
-   subroutine find_stability(self, config, structure, laws, tuples, omega, is_unknown, amplitudes, work_allowed)
+   subroutine find_stability(self, config, structure, laws, tuples, tones, amplitudes, work_allowed)
       type(stability_t), intent(out) :: self
       type(stability_config_t), intent(in) :: config
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
-      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
-      logical, intent(in) :: is_unknown(:)                            !! tones of the motion's own, (n_tones)
+      type(tones_t), intent(in) :: tones                              !! of the motion
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin, (n_dofs, n_harmonics)
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(variation_t) :: variation
@@ -84,10 +84,10 @@ contains
       real(wp) :: work
 
       if (config%method == stability_method%off) return
-      call new_variation(variation, structure, laws, tuples, omega, amplitudes, error)
+      call new_variation(variation, structure, laws, tuples, tones%omega, amplitudes, error)
       if (allocated(error)) return
       work = work_of_exponents(variation)
-      if (size(omega) == 1) work = work_of_transfer(variation, two_pi/omega(1))
+      if (tones%n_tones == 1) work = work_of_transfer(variation, two_pi/tones%omega(1))
       if (config%method == stability_method%auto .and. work > config%patience*work_allowed) return
       self%method = stability_method%march
       if (config%method == stability_method%hill .and. variation%is_smooth()) then
@@ -96,10 +96,10 @@ contains
          if (allocated(error)) return
          self%method = stability_method%hill
       end if
-      if (size(omega) == 1) then
-         call judge_period(self, config, variation, amplitudes, is_unknown(1), hill)
+      if (tones%n_tones == 1) then
+         call judge_period(self, config, variation, amplitudes, tones%is_unknown(1), hill)
       else
-         call judge_torus(self, config, variation, amplitudes, is_unknown, max(work, work_allowed), hill)
+         call judge_torus(self, config, variation, amplitudes, tones%is_unknown, max(work, work_allowed), hill)
       end if
    end subroutine find_stability
 

@@ -32,7 +32,6 @@ module hb_swept_curve
       type(curve_request_t), private :: request
       type(scene_t), private :: scene
       type(document_t), private :: document
-      real(wp), private :: available_memory = huge(1.0_wp)            ! bytes
       real(wp), private :: last_parameter = 0.0_wp
       integer, private :: last_branch = 0
       logical, private :: has_begun = .false.
@@ -63,11 +62,11 @@ contains
       logical :: is_new
 
       self%document = document
-      self%available_memory = available_memory
       call plan%apply(first, self%document)
       call update_scene(self%scene, self%document, is_new, failure, available_memory, model_file_t())
       if (.not. allocated(failure)) call check_layout(self%scene, layout, failure)
       if (.not. allocated(failure)) call plan%curve%make_request(self%scene, self%document, self%request, failure)
+      self%request%available_memory = available_memory
       allocate (self%stored(0))
       self%is_done = allocated(failure)
       self%last_parameter = plan%curve%start
@@ -78,9 +77,9 @@ contains
       last = last_step(status, places%kind)
       if (last == 0) return
       if (allocated(self%request%over)) then
-         call self%ridge%go_on_from(self%scene, self%document, self%request, available_memory, places(:last), watch)
+         call self%ridge%go_on_from(self%scene, self%document, self%request, places(:last), watch)
       else
-         call self%curve%go_on_from(self%scene, self%document, self%request, available_memory, places(:last), failure, watch)
+         call self%curve%go_on_from(self%scene, self%document, self%request, places(:last), failure, watch)
       end if
       self%is_done = self%curve%is_done .or. self%ridge%is_done .or. allocated(failure)
       self%has_begun = .true.
@@ -118,12 +117,10 @@ contains
       else if (self%has_begun) then
          call self%curve%next(result, error)
       else if (allocated(self%request%over)) then
-         call self%ridge%begin(self%scene, self%document, self%request, self%available_memory, result, error, watch, &
-                               marching_judge_t())
+         call self%ridge%begin(self%scene, self%document, self%request, result, error, watch, marching_judge_t())
          self%has_begun = .true.
       else
-         call self%curve%begin(self%scene, self%document, self%request, self%available_memory, result, error, watch, &
-                               marching_judge_t())
+         call self%curve%begin(self%scene, self%document, self%request, result, error, watch, marching_judge_t())
          self%has_begun = .true.
       end if
       self%is_done = self%curve%is_done .or. self%ridge%is_done

@@ -341,6 +341,33 @@ MUTANTS = [
     *of(
         "motion/hb_motion_curve.f90",
         (
+            "motion_curve_other_way",
+            "test_hb_motion_curve",
+            "the curve is followed one way alone",
+            "if (self%way == 2 .and. .not. is_inside(self%request, self%request%start)) self%way = 3",
+            "if (self%way == 2) self%way = 3",
+        ),
+    ),
+    *of(
+        "motion/hb_motion_curve_start.f90",
+        (
+            "motion_curve_branch_sense",
+            "test_hb_motion_curve",
+            "both ways along another curve are one",
+            "self%curve%direction = self%sense()*direction",
+            "self%curve%direction = direction",
+        ),
+        (
+            "motion_curve_stored_scale",
+            "test_hb_motion_curve",
+            "a stored curve goes on in other units of length",
+            "self%largest = last%state(2*n + 3)",
+            "self%largest = 3.0_wp*last%state(2*n + 3)",
+        ),
+    ),
+    *of(
+        "motion/hb_motion_curve_step.f90",
+        (
             "motion_curve_no_fold",
             "test_hb_motion_curve",
             "folds are not looked for",
@@ -355,32 +382,11 @@ MUTANTS = [
             "               x(:n - 1) = 1.001_wp*x(:n - 1)",
         ),
         (
-            "motion_curve_other_way",
-            "test_hb_motion_curve",
-            "the curve is followed one way alone",
-            "if (self%way == 2 .and. .not. is_inside(self%request, self%request%start)) self%way = 3",
-            "if (self%way == 2) self%way = 3",
-        ),
-        (
-            "motion_curve_branch_sense",
-            "test_hb_motion_curve",
-            "both ways along another curve are one",
-            "self%curve%direction = sense_of(self)*direction",
-            "self%curve%direction = direction",
-        ),
-        (
             "motion_curve_no_branch",
             "test_hb_motion_curve",
             "branch points are not looked for",
             "if (has_branched) then",
             "if (has_branched .and. n < 0) then",
-        ),
-        (
-            "motion_curve_stored_scale",
-            "test_hb_motion_curve",
-            "a stored curve goes on in other units of length",
-            "self%largest = last%state(2*n + 3)",
-            "self%largest = 3.0_wp*last%state(2*n + 3)",
         ),
         (
             "motion_curve_peak",
@@ -704,8 +710,8 @@ MUTANTS = [
             "certificate_aliasing",
             "test_hb_certificate",
             "aliasing is a third of what it is",
-            "self%aliasing = norm2(alias(:size(u)))/size_of_motion",
-            "self%aliasing = norm2(alias(:size(u)))/size_of_motion/3",
+            "aliasing = norm2(alias(:size(u)))/size_of_motion",
+            "aliasing = norm2(alias(:size(u)))/size_of_motion/3",
         ),
         (
             "certificate_grid",

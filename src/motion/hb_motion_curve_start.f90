@@ -1,0 +1,367 @@
+!> Where a curve begins: at a motion that is solved first, next to another curve, or where a stored one has been; and its ways.
+submodule (hb_motion_curve) hb_motion_curve_start
+   use hb_bordered, only: bordered_problem_t, new_bordered_problem
+   use hb_curve, only: curve_config_t, new_curve
+   use hb_curve_conditions, only: set_conditions
+   use hb_curve_events, only: find_extremes, find_multipliers
+   use hb_curve_origin, only: find_direction
+   use hb_motion, only: solve_motion
+   use hb_newton, only: solve_newton
+   use hb_scene_problem, only: new_scene_problem
+   use hb_solver_types, only: solver_config_t
+   use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   implicit none
+
+   integer, parameter :: most_corrections = 10
+   real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to what is expected next
+   real(wp), parameter :: first_part = 0.02_wp                        ! of the motion: other ones where they leave a curve
+
+contains
+
+   module subroutine motion_curve_begin(self, scene, document, request, result, error, watch, judge)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(inout) :: scene                           !! at the start
+      type(document_t), intent(in) :: document                        !! from which it was read
+      type(curve_request_t), intent(in) :: request
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      class(watch_t), intent(inout), target :: watch
+      class(judge_t), intent(in), optional :: judge
+      real(wp), allocatable :: further(:), unknowns(:)
+
+      self%request = request
+      self%watch => watch
+      if (allocated(request%origin)) then
+         call begin_at_origin(self, scene, document, result, error)
+         return
+      end if
+      call solve_motion(scene, result, error, unknowns=unknowns, watch=watch, judge=judge)
+      self%is_done = allocated(error) .or. .not. allocated(unknowns)
+      if (result%status == outcome%marched) then
+         result%status = outcome%stalled                              ! a motion, but no point of a curve
+         result%message = "a curve starts from a balance; "//result%message
+      end if
+      if (self%is_done) return
+      further = [pack(result%frequency, scene%tones%is_unknown)]
+      if (scene%normal_mode%is_asked) further = [further, pack(result%artificial_damping, scene%tones%is_unknown)]
+      further = [further, request%start]
+      call prepare(self, scene, document, further, error)
+      self%is_done = allocated(error)
+      if (self%is_done) return
+      self%x_first = [unknowns(:self%problem%n_unknowns), further]
+      call self%set_out()
+      self%n_told = 1
+      result%curve = curve_place_t(curve_kind%start, request%start, 0.0_wp, 0, self%state())
+      self%is_done = self%n_told >= request%n_points
+   end subroutine motion_curve_begin
+
+   !> Begins where the curve leaves another one, a small way along it: at the very point the tangent has no inverse.
+   subroutine begin_at_origin(self, scene, document, result, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene
+      type(document_t), intent(in) :: document
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      logical :: is_found
+
+      call prepare(self, scene, document, self%request%origin%further, error)
+      self%is_done = allocated(error)
+      if (self%is_done) return
+      call find_first(self, is_found)
+      if (.not. is_found) then
+         result%status = outcome%stalled
+         result%message = "next to the point where it leaves the other curve no motion was found"
+         self%is_done = .true.
+         return
+      end if
+      call self%set_out()
+      call self%put_start()
+      call self%tell(self%waiting(1), result, error)
+      self%first_waiting = 2
+      self%n_told = 1
+      self%is_done = allocated(error) .or. self%n_told >= self%request%n_points
+   end subroutine begin_at_origin
+
+   !> The first motion of a curve that leaves another one, and the direction there.
+   subroutine find_first(self, is_found)
+      class(motion_curve_t), intent(inout), target :: self
+      logical, intent(out) :: is_found
+      real(wp) :: across(self%problem%n_unknowns), joined
+      logical :: is_possible
+
+      associate (origin => self%request%origin, n => self%problem%n_unknowns, n_which => size(self%which))
+         self%x_first = [origin%u, origin%further]
+         call self%move(self%x_first, is_possible)
+         is_found = is_possible
+         if (.not. is_found) return
+         joined = 0.0_wp
+         if (origin%is_torus) joined = self%x_first(n + n_which - 1)
+         call find_direction(self%problem, origin, joined, across, is_found)
+         if (.not. is_found) return
+         if (origin%is_torus) self%x_first(n + n_which - 1) = joined
+         across = across/norm2(across/self%weights)*norm2(self%x_first(:n)/self%weights)
+         self%first_direction = [across, spread(0.0_wp, 1, n_which)]
+         self%x_first = self%x_first + first_part*self%first_direction
+      end associate
+      call find_on_plane(self, is_found)
+   end subroutine find_first
+
+   !> Units of length by one motion.
+   function units_at(self, x) result(units)
+      class(motion_curve_t), intent(in) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp) :: units(size(x))
+
+      units = [self%weights*max(least_motion, norm2(x(:self%problem%n_unknowns)/self%weights)), &
+               self%problem%parameter_scales(self%which)]
+   end function units_at
+
+   !> Corrects the first motion, in the plane across the first direction.
+   subroutine find_on_plane(self, is_found)
+      class(motion_curve_t), intent(inout), target :: self
+      logical, intent(out) :: is_found
+      type(bordered_problem_t) :: bordered
+      type(report_t) :: report
+      type(solver_config_t) :: corrector
+      real(wp) :: units(size(self%x_first))
+      logical :: is_possible
+
+      call self%move(self%x_first, is_possible)
+      is_found = is_possible
+      if (.not. is_found) return
+      units = units_at(self, self%x_first)
+      call new_bordered_problem(bordered, self%problem, self%which, spread(self%first_direction/units**2, 2, size(self%which)), &
+                                spread(0.0_wp, 1, size(self%which)))
+      self%curve%x = self%x_first
+      self%curve%problem = bordered
+      call set_conditions(self%problem, self%which, self%curve, self%weights)
+      self%curve%problem%values = matmul(self%x_first, self%curve%problem%forms)
+      call self%curve%problem%rescale()
+      corrector = self%problem%scene%solver
+      associate (u => self%x_first(:self%problem%n_unknowns))
+         self%unevenness = self%problem%unevenness(u)
+         self%is_uneven = 10.0_wp*self%unevenness > corrector%tolerance
+         corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(u), 10.0_wp*self%unevenness)
+      end associate
+      corrector%max_iterations = 2*most_corrections
+      self%slack = 1.0_wp
+      do
+         call solve_newton(self%curve%problem, corrector, self%x_first, report)
+         is_found = report%status == outcome%converged
+         if (is_found .or. .not. self%is_uneven .or. self%slack >= most_slack) exit
+         self%slack = 10.0_wp*self%slack
+         corrector%tolerance = 10.0_wp*corrector%tolerance
+         self%x_first = self%curve%x
+      end do
+   end subroutine find_on_plane
+
+   module subroutine motion_curve_begin_next_to(self, scene, document, request, place, is_found, error, watch)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene
+      type(document_t), intent(in) :: document                        !! from which it was read
+      type(curve_request_t), intent(in) :: request
+      real(wp), intent(in) :: place(:)
+      logical, intent(out) :: is_found
+      type(error_t), allocatable, intent(out) :: error
+      class(watch_t), intent(inout), target :: watch
+
+      self%request = request
+      self%watch => watch
+      self%way = 1
+      is_found = .false.
+      if (allocated(self%waiting)) deallocate (self%waiting, self%origins)
+      associate (x => place(:size(place)/2), direction => place(size(place)/2 + 1:))
+         call prepare(self, scene, document, x(size(x) - self%n_further(scene) + 1:), error)
+         if (allocated(error)) return
+         self%x_first = x - run_up*request%longest_step*direction/norm2(direction/units_at(self, x))
+         self%first_direction = direction
+      end associate
+      call find_on_plane(self, is_found)
+      if (is_found) call self%set_out()
+      self%first_waiting = 1
+   end subroutine motion_curve_begin_next_to
+
+   module subroutine motion_curve_go_on_from(self, scene, document, request, stored, error, watch)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene                              !! at the start
+      type(document_t), intent(in) :: document                        !! from which it was read
+      type(curve_request_t), intent(in) :: request
+      type(curve_place_t), intent(in) :: stored(:)                    !! all points up to the one to go on from
+      type(error_t), allocatable, intent(out) :: error
+      class(watch_t), intent(inout), target :: watch
+      integer :: i, n
+
+      self%request = request
+      self%watch => watch
+      n = n_entries(stored(1)%state, 3)
+      call prepare(self, scene, document, stored(1)%state(n - self%n_further(scene) + 1:n), error)
+      self%is_done = allocated(error)
+      if (self%is_done) return
+      self%x_first = stored(1)%state(:n)
+      if (allocated(request%origin)) self%first_direction = stored(1)%state(n + 1:2*n)
+      do i = 2, size(stored)
+         if (stored(i)%kind == curve_kind%branch .and. stored(i)%branch == 0 .and. request%switches) &
+            call self%note_origin(stored(i)%state(:2*n))
+      end do
+      associate (last => stored(size(stored)))
+         self%way = 2*last%branch + merge(2, 1, last%length < 0.0_wp .or. &
+                                          (last%branch > 0 .and. count(stored%kind == curve_kind%start .and. &
+                                                                       stored%branch == last%branch) > 1))
+         call self%set_out()
+         self%n_told = size(stored)
+         self%length = abs(last%length)
+         self%curve%x = last%state(:n)
+         self%curve%direction = last%state(n + 1:2*n)
+         self%curve%step = last%state(2*n + 1)
+         self%curve%orientation = last%state(2*n + 2)
+         self%largest = last%state(2*n + 3)
+      end associate
+      call self%renew()
+      self%slopes = self%slopes_along()
+      call find_multipliers(self%problem, self%which, self%curve%x, self%problem%scene%stability%tolerance, self%multipliers)
+      call find_extremes(self%problem, self%which, self%curve%x, self%extremes)
+      self%is_done = self%n_told >= request%n_points
+   end subroutine motion_curve_go_on_from
+
+   !> The problem of the curve, at its start.
+   subroutine prepare(self, scene, document, further, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene
+      type(document_t), intent(in) :: document
+      real(wp), intent(in) :: further(:)                              !! unknowns beside those of the balance, at the start
+      type(error_t), allocatable, intent(out) :: error
+      type(scene_t) :: found
+      integer :: i, n_unknown
+
+      found = scene
+      associate (tones => found%tones)
+         n_unknown = count(tones%is_unknown)
+         self%which = pack([(i, i=1, tones%n_tones)], tones%is_unknown)
+         tones%omega(self%which) = further(:n_unknown)
+         if (scene%normal_mode%is_asked) self%which = [self%which, tones%n_tones + self%which]
+      end associate
+      self%problem%watch => self%watch
+      call new_scene_problem(self%problem, found, document, self%request%moving, self%request%start, &
+                             self%request%available_memory, error)
+      if (allocated(error)) return
+      self%which = [self%which, self%problem%own]
+      self%weights = self%problem%x_scale
+      if (.not. allocated(self%request%values)) allocate (self%request%values(0))
+      if (.not. allocated(self%request%peaks)) allocate (self%request%peaks(0))
+      do i = 1, size(self%request%peaks)
+         associate (peak => self%request%peaks(i))
+            peak%column = self%problem%balance%stiffness%coordinates%number_of(peak%dof)
+         end associate
+      end do
+      allocate (self%waiting(0), self%origins(0))
+      self%first_sense = sign(1.0_wp, self%request%to - self%request%start)
+      if (.not. abs(self%request%to - self%request%start) > 0.0_wp) self%first_sense = -sign(1.0_wp, self%first_sense)
+   end subroutine prepare
+
+   module subroutine motion_curve_set_out(self)
+      class(motion_curve_t), intent(inout), target :: self
+      type(bordered_problem_t) :: bordered
+      type(curve_config_t) :: config
+      type(solver_config_t) :: corrector
+      real(wp), dimension(size(self%x_first)) :: direction, units
+      real(wp) :: forms(size(self%x_first), size(self%which))
+      logical :: is_possible
+
+      config%longest_step = self%request%longest_step
+      config%first_step = 0.1_wp*config%longest_step
+      config%shortest_step = 1.0e-6_wp*config%longest_step
+      config%kink_step = 1.0e-4_wp*config%longest_step
+      config%angle = 0.12_wp
+      config%growth = 2.0_wp
+      corrector = self%problem%scene%solver
+      corrector%max_iterations = most_corrections
+      corrector%line_search = .false.
+      self%x_start = self%x_first
+      direction = 0.0_wp
+      direction(size(direction)) = self%first_sense*self%sense()
+      if (allocated(self%first_direction)) direction = self%first_direction
+      if (self%way > 2) then
+         self%x_start = self%origins((self%way - 1)/2)%x
+         direction = self%origins((self%way - 1)/2)%direction
+      end if
+      self%has_collapsed = .false.
+      self%length = 0.0_wp
+      self%largest = least_motion
+      call self%move(self%x_start, is_possible)
+      self%slack = 1.0_wp
+      self%unevenness = self%problem%unevenness(self%x_start(:self%problem%n_unknowns))
+      self%is_uneven = 10.0_wp*self%unevenness > corrector%tolerance
+      forms = 0.0_wp
+      forms(:, size(self%which)) = direction
+      call new_bordered_problem(bordered, self%problem, self%which, forms, 0.0_wp*forms(1, :))
+      self%curve%x = self%x_start
+      self%curve%problem = bordered
+      call self%renew()
+      call set_conditions(self%problem, self%which, self%curve, self%weights)
+      bordered = self%curve%problem
+      units = self%curve%units
+      if (self%is_uneven) config%shortest_step = 1.0e-3_wp*config%longest_step   ! no step is as short as to help
+      call new_curve(self%curve, bordered, self%x_start, direction, units, config, corrector)
+      if (self%way > 2) then
+         call turn_off(self, direction)
+         self%curve%direction = self%sense()*direction
+         self%curve%orientation = 0.0_wp                              ! not known where the determinant vanishes
+         self%curve%status = outcome%pending
+      end if
+      self%direction_start = self%curve%direction
+      call self%renew()
+      self%slopes = self%slopes_along()
+      call find_multipliers(self%problem, self%which, self%curve%x, self%problem%scene%stability%tolerance, self%multipliers)
+      call find_extremes(self%problem, self%which, self%curve%x, self%extremes)
+   end subroutine motion_curve_set_out
+
+   !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve across this one,
+   !> by inverse iteration.
+   subroutine turn_off(self, direction)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), intent(inout), contiguous :: direction(:)             !! of the curve; of the other one
+      type(tangent_solver_t) :: solver
+      real(wp) :: along(size(direction)), next(size(direction))
+      integer :: i
+      integer, parameter :: n_rounds = 3
+      real(wp), parameter :: nearby = 1.0e-9_wp                       ! where the tangent is not singular to the last digit
+      logical :: is_singular
+
+      associate (curve => self%curve)
+         along = direction/curve%units
+         along = along/norm2(along)
+         call curve%put_plane(curve%x, direction, 0.0_wp)
+         next = curve%units*across(cos([(real(i, wp), i=1, size(next))]), along)
+         call new_tangent_solver(solver, curve%problem, curve%x, is_singular)
+         if (is_singular) call new_tangent_solver(solver, curve%problem, curve%x + nearby*direction, is_singular)
+         if (is_singular) return
+         do i = 1, n_rounds
+            next = next/curve%units*curve%problem%r_scale             ! as a residual
+            call solver%solve(curve%problem, next, is_singular)
+            next = curve%units*across(next/curve%units, along)
+         end do
+         direction = next
+      end associate
+
+   contains
+
+      !> The part of a vector across another one, of length 1.
+      pure function across(vector, other) result(part)
+         real(wp), intent(in) :: vector(:), other(:)
+         real(wp) :: part(size(vector))
+
+         part = vector - dot_product(vector, other)*other
+         part = part/norm2(part)
+      end function across
+   end subroutine turn_off
+
+   module subroutine motion_curve_put_start(self)
+      class(motion_curve_t), intent(inout) :: self
+
+      if (allocated(self%waiting)) deallocate (self%waiting)
+      allocate (self%waiting(1))
+      self%waiting(1)%kind = curve_kind%start
+      self%waiting(1)%x = self%x_start
+      self%first_waiting = 1
+   end subroutine motion_curve_put_start
+end submodule hb_motion_curve_start

@@ -1,0 +1,325 @@
+!> A step of a curve, and what is found on it: folds, peaks, bifurcations, wanted values and ends, located and in their order.
+submodule (hb_motion_curve) hb_motion_curve_step
+   use hb_bifurcation, only: bifurcation, bifurcation_value, is_torus
+   use hb_bordered, only: bordered_problem_t
+   use hb_curve, only: event_t
+   use hb_curve_conditions, only: is_mirrored, set_conditions
+   use hb_curve_events, only: bifurcation_event_t, branch_event_t, find_extremes, find_multipliers, fold_event_t, graze_event_t, &
+      peak_event_t, sharp, value_event_t
+   use hb_newton, only: solve_newton
+   implicit none
+
+   real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
+   real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
+   real(wp), parameter :: located = 1.0e-11_wp                        ! of a function that is zero at a fold or a peak
+   real(wp), parameter :: located_multiplier = 1.0e-9_wp              ! of a function that is zero at a bifurcation
+   real(wp), parameter :: left_behind = 1.0e-5_wp                     ! value of that function where a curve begins at its zero
+   real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
+
+contains
+
+   module subroutine motion_curve_step(self)
+      class(motion_curve_t), intent(inout), target :: self
+      complex(wp), allocatable :: multipliers(:)
+      real(wp), allocatable :: extremes(:, :), slopes(:)
+      real(wp) :: largest, units(size(self%curve%x))
+      integer :: n_branch_points
+      logical :: is_possible
+
+      if (allocated(self%problem%complaint)) deallocate (self%problem%complaint)
+      call self%move(self%curve%x, is_possible)
+      call self%problem%renew()                                       ! a stored curve, too, goes on from there
+      self%slack = 1.0_wp
+      call set_conditions(self%problem, self%which, self%curve, self%weights)
+      associate (curve => self%curve)
+         do
+            largest = self%largest
+            units = curve%units
+            n_branch_points = curve%n_branch_points
+            call curve%advance()
+            if (curve%status == outcome%stalled) call try_end(self)
+            if (curve%status == outcome%stalled .and. self%is_uneven .and. self%slack < most_slack) then
+               self%slack = 10.0_wp*self%slack
+               call self%renew()
+               curve%status = outcome%pending
+               curve%step = curve%config%first_step
+               cycle
+            end if
+            if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
+            call self%renew()
+            call curve%turn()
+            if (curve%angle <= largest_turn .or. curve%last_step <= short*curve%config%longest_step) exit
+            call curve%retreat()
+            if (curve%status == outcome%stalled) call try_end(self)
+            if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
+            self%largest = largest
+            curve%units = units
+         end do
+         self%has_collapsed = is_mirrored(self%problem, self%which, self%curve, self%weights)
+         if (self%has_collapsed) then
+            curve%status = outcome%collapsed
+            return
+         end if
+         slopes = self%slopes_along()
+         deallocate (self%waiting)
+         allocate (self%waiting(0))
+         self%first_waiting = 1
+         call find_multipliers(self%problem, self%which, curve%x, self%problem%scene%stability%tolerance, multipliers)
+         call find_extremes(self%problem, self%which, curve%x, extremes)
+         call look_back(self, self%slopes, slopes, curve%n_branch_points > n_branch_points, multipliers, extremes)
+         self%slopes = slopes
+         call move_alloc(multipliers, self%multipliers)
+         call move_alloc(extremes, self%extremes)
+      end associate
+   end subroutine motion_curve_step
+
+   !> Lands on an end of the range that is ahead and so near that no step fits in between: there may be nothing beyond.
+   subroutine try_end(self)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), parameter :: very_near = 1.0e-4_wp                    ! of the range
+      real(wp) :: ends(2), gap, x(size(self%curve%x))
+      integer :: i, n
+      logical :: is_there
+
+      n = size(x)
+      ends = [self%request%from, self%request%to]
+      do i = 1, size(ends)
+         associate (curve => self%curve)
+            gap = ends(i) - curve%x(n)
+            if (abs(gap) > very_near*curve%units(n) .or. .not. gap*curve%direction(n) > 0.0_wp) cycle
+            x = curve%x + gap/curve%direction(n)*curve%direction
+            x(n) = ends(i)
+            call land(self, x, is_there)
+            if (.not. is_there) cycle
+            curve%status = outcome%pending
+            deallocate (self%waiting)
+            allocate (self%waiting(1))
+            self%waiting(1)%kind = curve_kind%end
+            self%waiting(1)%place = norm2((x - curve%x)/curve%units)
+            self%waiting(1)%x = x
+            self%first_waiting = 1
+            return
+         end associate
+      end do
+   end subroutine try_end
+
+   !> Finds folds, peaks, bifurcations, wanted values and ends on the step behind the curve, in their order.
+   subroutine look_back(self, slopes_before, slopes, has_branched, multipliers, extremes)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: slopes_before(:), slopes(:)             !! of the responses
+      logical, intent(in) :: has_branched                             !! a branch point was passed by
+      complex(wp), allocatable, intent(in) :: multipliers(:)          !! at the point of the curve
+      real(wp), intent(in) :: extremes(:, :)                          !! of switches, likewise
+      type(bifurcation_event_t) :: change
+      type(branch_event_t) :: branch
+      type(fold_event_t) :: fold
+      type(graze_event_t) :: graze
+      type(peak_event_t) :: peak
+      type(value_event_t) :: event
+      real(wp), allocatable :: ends(:), wanted(:), x(:)
+      real(wp) :: places(3), values(3)
+      integer :: i, k, n, n_pieces
+      logical :: is_found, is_there
+
+      n = size(self%curve%x)
+      allocate (x(n))
+      associate (curve => self%curve, request => self%request)
+         if (self%is_uneven) curve%corrector%tolerance = 10.0_wp*curve%corrector%tolerance   ! of many points
+         n_pieces = 1
+         places = [0.0_wp, curve%last_step, curve%last_step]
+         values = [curve%last_x(n), curve%x(n), curve%x(n)]
+         if (curve%last_direction(n)*curve%direction(n) < 0.0_wp .and. .not. (self%way > 2 .and. self%length <= 0.0_wp)) then
+            fold%curve = curve
+            call find(fold, [curve%last_direction(n), curve%direction(n)]/curve%units(n), &
+                      max(located, 10.0_wp*curve%corrector%tolerance), curve_kind%fold)
+            if (is_found) then
+               n_pieces = 2
+               places(2) = self%waiting(size(self%waiting))%place
+               values(2) = x(n)
+            end if
+         end if
+         if (has_branched) then
+            branch%curve = curve
+            call find(branch, [-curve%orientation, curve%orientation], 0.0_wp, curve_kind%branch)
+         end if
+         do i = 1, size(request%peaks)
+            if (.not. (slopes_before(i) > 0.0_wp .and. slopes(i) <= 0.0_wp)) cycle
+            peak%curve = curve
+            peak%problem => self%problem
+            peak%response = request%peaks(i)
+            peak%unit = square_at(self%problem, self%which, request%peaks(i), curve%x)
+            if (.not. peak%unit > 0.0_wp) cycle
+            call find(peak, [slopes_before(i), slopes(i)]/peak%unit, max(located, 10.0_wp*curve%corrector%tolerance), &
+                      curve_kind%peak)
+         end do
+         graze%problem => self%problem
+         graze%which = self%which
+         do k = 1, size(extremes, 2)
+            if (size(self%extremes, 2) /= size(extremes, 2)) exit
+            graze%switch = k
+            graze%unit = max(maxval(abs(extremes(:, k))), tiny(1.0_wp))
+            do i = 1, 2
+               if (.not. self%extremes(i, k)*extremes(i, k) < 0.0_wp) cycle
+               if (i == 2 .and. same_change(self%extremes(:, k), extremes(:, k))) cycle   ! all round the same distance: one event
+               graze%extreme = i
+               call find(graze, [self%extremes(i, k), extremes(i, k)]/graze%unit, max(located, 10.0_wp*curve%corrector%tolerance), &
+                         curve_kind%graze)
+            end do
+         end do
+         if (allocated(self%multipliers) .and. allocated(multipliers) .and. all(self%waiting%kind /= curve_kind%graze)) then
+            change%problem => self%problem
+            change%which = self%which
+            do i = bifurcation%branch, bifurcation%torus
+               if (i == bifurcation%branch .and. (n_pieces > 1 .or. has_branched)) cycle   ! that is known
+               change%kind = i
+               call find_bifurcation([bifurcation_value(i, self%multipliers), bifurcation_value(i, multipliers)])
+            end do
+         end if
+         ends = [request%from, request%to]
+         wanted = [ends, request%values]
+         event%unit = abs(request%to - request%from)
+         do i = 1, size(wanted)
+            if (i > 2 .and. any(abs(wanted(i) - ends) <= 0.0_wp)) cycle
+            event%wanted = wanted(i)
+            do k = 1, n_pieces
+               if (.not. (values(k) - wanted(i))*(values(k + 1) - wanted(i)) < 0.0_wp) then
+                  if (.not. abs(values(k + 1) - wanted(i)) <= 0.0_wp) cycle
+               end if
+               call curve%find_zero(event, places(k:k + 1), (values(k:k + 1) - wanted(i))/event%unit, 1.0e-13_wp, x, places(3), &
+                                    is_found)
+               if (.not. is_found) cycle
+               x(n) = wanted(i)
+               call land(self, x, is_there)
+               call add(merge(curve_kind%end, curve_kind%value, i <= 2), places(3), x)
+            end do
+         end do
+         self%is_closed = is_back(self)
+         if (self%is_closed) call add(curve_kind%end, curve%last_step, self%x_start)
+         call add(curve_kind%regular, curve%last_step, curve%x)
+      end associate
+      call put_in_order(self%waiting)
+
+   contains
+
+      subroutine find(an_event, at_ends, tolerance, kind)
+         class(event_t), intent(inout) :: an_event
+         real(wp), intent(in) :: at_ends(2), tolerance
+         integer, intent(in) :: kind
+         real(wp) :: place
+
+         call self%curve%find_zero(an_event, [0.0_wp, self%curve%last_step], at_ends, tolerance, x, place, is_found)
+         if (is_found) call add(kind, place, x)
+      end subroutine find
+
+      !> Between two points at which the function of `change` is known; real multipliers that pass each other's inverse are none.
+      subroutine find_bifurcation(at_ends)
+         real(wp), intent(in) :: at_ends(2)
+         complex(wp), allocatable :: there(:)
+         real(wp) :: place
+
+         if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) < left_behind) return
+         call self%curve%find_zero(change, [0.0_wp, self%curve%last_step], at_ends, located_multiplier, x, place, is_found)
+         if (.not. is_found) return
+         if (change%kind == bifurcation%torus) then
+            call find_multipliers(self%problem, self%which, x, sharp, there)
+            if (.not. allocated(there)) return
+            if (.not. is_torus(there)) return
+         end if
+         select case (change%kind)
+         case (bifurcation%branch); call add(curve_kind%split, place, x)
+         case (bifurcation%doubling); call add(curve_kind%flip, place, x)
+         case default; call add(curve_kind%torus, place, x)
+         end select
+      end subroutine find_bifurcation
+
+      subroutine add(kind, place, x_there)
+         integer, intent(in) :: kind
+         real(wp), intent(in) :: place, x_there(:)
+         type(waiting_t), allocatable :: longer(:)
+
+         associate (n_before => size(self%waiting))
+            allocate (longer(n_before + 1))
+            longer(:n_before) = self%waiting
+            longer(n_before + 1)%kind = kind
+            longer(n_before + 1)%place = place
+            longer(n_before + 1)%x = x_there
+         end associate
+         call move_alloc(longer, self%waiting)
+      end subroutine add
+   end subroutine look_back
+
+   !> Whether both extremes are the same before and after, as of a whirl round the middle of a ring.
+   pure logical function same_change(before, after)
+      real(wp), intent(in) :: before(2), after(2)
+      real(wp), parameter :: round = 1.0e-9_wp
+
+      same_change = abs(before(2) - before(1)) <= round*maxval(abs(before)) .and. &
+         abs(after(2) - after(1)) <= round*maxval(abs(after))
+   end function same_change
+
+   !> Solves for the motion at the value of x, next to where it is.
+   subroutine land(self, x, is_there)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), intent(inout) :: x(:)
+      logical, intent(out) :: is_there                                !! else x stays what it was
+      type(bordered_problem_t) :: problem
+      type(report_t) :: report
+      real(wp), parameter :: near = 1.0e-6_wp
+      real(wp) :: there(size(x))
+      integer :: last
+
+      problem = self%curve%problem
+      last = size(self%which)
+      problem%forms(:, last) = 0.0_wp
+      problem%forms(size(x), last) = 1.0_wp
+      problem%values(last) = x(size(x))
+      call problem%rescale()
+      there = x
+      call solve_newton(problem, self%curve%corrector, there, report)
+      call self%curve%report%add(report)
+      there(size(x)) = x(size(x))
+      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%curve%units) < near   ! at a fold it may not
+      if (is_there) x = there
+   end subroutine land
+
+   !> Whether the curve has come back to its start, after steps that led away from it.
+   logical function is_back(self)
+      class(motion_curve_t), intent(in) :: self
+      real(wp) :: along
+
+      is_back = .false.
+      associate (curve => self%curve, units => self%curve%units)
+         if (self%length < 3.0_wp*curve%last_step) return
+         associate (way => (self%x_start - curve%last_x)/units, direction => curve%last_direction/units)
+            along = dot_product(way, direction)/norm2(direction)
+            if (along <= 0.0_wp .or. along > curve%last_step) return
+            if (norm2(way - along*direction/norm2(direction)) > closed*curve%last_step) return
+            is_back = dot_product(self%direction_start/units, direction) > 0.0_wp
+         end associate
+      end associate
+   end function is_back
+
+   !> Puts points into their order on the step, and drops those behind an end.
+   subroutine put_in_order(points)
+      type(waiting_t), allocatable, intent(inout) :: points(:)
+      type(waiting_t), allocatable :: up_to_end(:)
+      type(waiting_t) :: point
+      integer :: i, k
+
+      do i = 2, size(points)
+         point = points(i)
+         k = i - 1
+         do while (k >= 1)
+            if (points(k)%place <= point%place) exit
+            points(k + 1) = points(k)
+            k = k - 1
+         end do
+         points(k + 1) = point
+      end do
+      i = findloc(points%kind, curve_kind%end, dim=1)
+      if (i == 0) return
+      allocate (up_to_end(i))
+      up_to_end = points(:i)
+      call move_alloc(up_to_end, points)
+   end subroutine put_in_order
+end submodule hb_motion_curve_step
