@@ -10,7 +10,7 @@ from nhbm_post.cli import main
 from nhbm_post.draw import draw_response
 from nhbm_post.measure import Measure
 
-KINDS = "none regular start fold peak value end"
+KINDS = "none regular start fold peak value end branch flip torus split graze"
 START, REGULAR, FOLD, PEAK, END = 2, 1, 3, 4, 6
 CONVERGED, UNUSED = 1, 17
 # An S: up to the fold at 3, back to that at 2, up again. Two rows are not used.
@@ -66,6 +66,17 @@ def test_a_curve_followed_both_ways_is_one_line(tmp_path):
     with Results(curve_file(tmp_path / "c.h5", stability=None, length=length)) as results:
         [line] = lines(draw_response(results, measure=Measure("harmonic", (1,))), "curve")
     assert line.get_xdata().tolist() == [4.0, 3.0, 2.0, 1.0, 2.0, 3.0, 2.5]
+
+
+def test_bifurcations_and_grazes_are_marked(tmp_path):
+    path = curve_file(tmp_path / "c.h5")
+    with h5py.File(path, "r+") as file:
+        file["curve_kind"][1:6] = [7, 8, 9, 10, 11]
+    with Results(path) as results:
+        fig = draw_response(results, measure=Measure("harmonic", (1,)))
+    for kind, place in (("branch", 2.0), ("flip", 3.0), ("torus", 2.5), ("split", 2.0), ("graze", 3.0)):
+        assert [x for mark in lines(fig, kind) for x in mark.get_xdata()] == [place], kind
+    assert {"1 period doubling", "1 Neimark-Sacker point", "1 change of stability", "1 graze"} <= set(legend_of(fig))
 
 
 def test_unstable_parts_are_dashed(tmp_path):

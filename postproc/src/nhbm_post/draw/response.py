@@ -62,7 +62,7 @@ class Curve:
         return self.results.stability()[self.points]
 
     def is_special(self, kind: str) -> np.ndarray:
-        """Which points are folds, or peaks."""
+        """Which points are folds, peaks, or another kind."""
         return self.kind == kind if self.kind.size else np.zeros(self.points.size, dtype=bool)
 
 
@@ -84,7 +84,7 @@ def draw_response(
     values. A curve is broken where a point is not solved and where the motion jumps; solved points that have not converged
     are marked on the curve, others in a row below, one a curve. `others`: (label, results) of more files to draw.
     `logarithmic`: `x`, `y`, `xy` or `none`; without it, x where the sweep runs so. Curves that were followed (`&curve`) are drawn
-    in the order of their arc, with marks at folds and peaks; where the stability of motions is known, what is unstable is dashed.
+    in the order of their arc, with marks at what was located, such as folds and peaks; where the stability of motions is known, what is unstable is dashed.
     A file of normal modes among curves over a frequency is drawn over the frequency found: its backbone.
     """
     measure = measure or Measure()
@@ -254,15 +254,27 @@ def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined) -> Non
     _mark(ax, curve, x_factor * curve.x, factor * curve.y, are_solved=True)
 
 
+def _shape(marker: str, size: float) -> dict:
+    return {"linestyle": "none", "marker": marker, "markersize": size, "markerfacecolor": "white", "markeredgewidth": 1.3}
+
+
 # Shapes of what was located on a curve.
 _SPECIAL = {
-    "fold": {"linestyle": "none", "marker": "o", "markersize": 5.5, "markerfacecolor": "white", "markeredgewidth": 1.3},
-    "peak": {"linestyle": "none", "marker": "^", "markersize": 6.0, "markerfacecolor": "white", "markeredgewidth": 1.3},
-    "branch": {"linestyle": "none", "marker": "D", "markersize": 5.5, "markerfacecolor": "white", "markeredgewidth": 1.3},
+    "fold": _shape("o", 5.5),
+    "peak": _shape("^", 6.0),
+    "branch": _shape("D", 5.5),
+    "flip": _shape("s", 5.5),
+    "torus": _shape("h", 7.0),
+    "split": _shape("p", 6.5),
+    "graze": _shape("v", 6.0),
 }
-
-
-_WORDS = {"branch": "branch point"}
+_WORDS = {
+    "branch": ("branch point", "branch points"),
+    "flip": ("period doubling", "period doublings"),
+    "torus": ("Neimark-Sacker point", "Neimark-Sacker points"),
+    "split": ("change of stability", "changes of stability"),
+    "graze": ("graze", "grazes"),
+}
 
 
 def _draw_by_stability(ax, curve: Curve, has_place, x_factor, factor, look) -> None:
@@ -326,12 +338,13 @@ def _curve_keys(curves: list[Curve], is_joined: bool) -> list[Line2D]:
 
 
 def _special_keys(curves: list[Curve]) -> list[Line2D]:
-    """Legend of folds, peaks and dashes, as far as there are any."""
+    """Legend of what was located, and of dashes, as far as there are any."""
     entries = []
     for kind, shape in _SPECIAL.items():
         n = sum(int(curve.is_special(kind).sum()) for curve in curves)
         if n:
-            entries.append(Line2D([], [], **shape, color=style.INK, label=f"{n} {_WORDS.get(kind, kind)}{'s' * (n > 1)}"))
+            one, several = _WORDS.get(kind, (kind, f"{kind}s"))
+            entries.append(Line2D([], [], **shape, color=style.INK, label=f"{n} {one if n == 1 else several}"))
     stability = np.concatenate([curve.stability for curve in curves])
     for verdict, dashes, word in ((1, "-", "stable"), (-1, (0, (4, 2)), "unstable")):
         if (stability == verdict).any():
