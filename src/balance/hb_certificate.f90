@@ -59,6 +59,8 @@ module hb_certificate
                                                                       !! relative to the motion; not allocated where not known
       real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_law_dofs);
                                                                       !! not allocated where it was not asked for
+      complex(wp), allocatable :: refined(:, :)                       !! motion of one tone with its first-order errors taken out
+                                                                      !! [m], (all dofs, tuples of `around`)
    end type certificate_t
 
 contains
@@ -315,6 +317,7 @@ contains
       if (is_rigid .and. .not. has_multipliers(balance)) &
          change = change*min(1.0_wp, most_given_way*norm2(answer)/max(norm2(change(:size(u))), tiny(1.0_wp)))
       self%truncation = sqrt(norm2(change(:size(u)))**2 + norm2(answer)**2)/size_of_motion
+      if (size(balance%omega) == 1) call keep_refined()
       if (present(phase)) then
          associate (first => size(u) + 1, last => size(u) + size(phase%tones))
             self%frequency_error(phase%tones) = hypot(change(first:last), alias(first:last))
@@ -361,6 +364,17 @@ contains
          is_there = norm2(alias(:size(u))) < nearer*unbalanced
          if (is_there) call solve_tangent(alias)
       end subroutine start_from_finer_grid
+
+      subroutine keep_refined()
+         real(wp) :: kept(size(u)), refined(size(big, 1), size(big, 2))
+
+         kept = alias(:size(u)) + change(:size(u))
+         call transfer_coefficients(balance%harmonics, wide%harmonics, reshape(kept, shape(u)), refined)
+         refined = big - answer - refined
+         if (allocated(self%refined)) deallocate (self%refined)
+         allocate (self%refined(wide%stiffness%n_dofs, wide%harmonics%n_harmonics))
+         call wide%all_dofs(refined, self%refined)
+      end subroutine keep_refined
 
       subroutine solve_tangent(r)
          real(wp), intent(inout), contiguous :: r(:)

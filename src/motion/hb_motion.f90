@@ -375,8 +375,10 @@ contains
          result%certificate_cpu_seconds = cpu_ended - cpu_begun
          if (allocated(error)) return
       end if
-      if (is_solved(result%status)) &
+      if (is_solved(result%status)) then
          call stability_of(scene, balance, c, scene%stability%tolerance, result%stability)
+         call compare_with_refined(scene, balance, result)
+      end if
       if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, basis, balance, u, result, error)
    end subroutine describe_motion
@@ -398,6 +400,30 @@ contains
       tones%omega = balance%omega
       call find_stability(stability, config, scene%structure, scene%laws, balance%harmonics%tuples, tones, c, usual_work(balance))
    end subroutine stability_of
+
+   !> A verdict holds only where the motion with its first-order errors taken out has it, too: multipliers feel errors of the motion
+   !> that are small beside it, such as those in when a hard stop is left.
+   subroutine compare_with_refined(scene, balance, result)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(in) :: balance
+      type(motion_result_t), intent(inout) :: result
+      real(wp), parameter :: exact = 1.0e-6_wp                        ! error of a motion, relative, that multipliers do not feel
+      type(stability_config_t) :: config
+      type(stability_t) :: refined
+      type(tones_t) :: tones
+
+      associate (found => result%certificate, stability => result%stability)
+         if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
+         if (max(found%truncation, found%aliasing) <= exact) return
+         config = scene%stability
+         config%patience = huge(1.0_wp)
+         tones = scene%tones
+         tones%omega = balance%omega
+         call find_stability(refined, config, scene%structure, scene%laws, found%around%tuples, tones, found%refined, &
+                             usual_work(balance))
+         call stability%hold_against(refined)
+      end associate
+   end subroutine compare_with_refined
 
    !> About how many nanoseconds a point takes that needs nothing unusual, from counts alone: the same for all points of a sweep.
    pure real(wp) function usual_work(balance) result(work)

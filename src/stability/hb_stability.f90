@@ -51,11 +51,14 @@ module hb_stability
       integer :: verdict = verdict%unknown
       integer :: n_unstable = 0                                       !! multipliers outside of the unit circle, or exponents > 0
       integer :: method = stability_method%off                        !! that was used
-      real(wp) :: estimate = 0.0_wp                                   !! of the error of the monodromy matrix, relative, or of what
-                                                                      !! it makes of a shift of the motion's own phase; of several
+      real(wp) :: estimate = 0.0_wp                                   !! of the error of the monodromy matrix, relative, of what it
+                                                                      !! makes of a shift of the motion's own phase, or of the
+                                                                      !! largest multiplier by that of the motion; of several
                                                                       !! tones the spread of the largest exponent [1/s]
       complex(wp), allocatable :: multipliers(:)                      !! of one tone, the largest first
       real(wp), allocatable :: exponents(:)                           !! [1/s], the largest first; of one tone growth rates
+   contains
+      procedure :: hold_against => stability_hold_against
    end type stability_t
 
 contains
@@ -66,6 +69,24 @@ contains
 
       n_multipliers_of = min(2*n_dofs, most_multipliers)
    end function n_multipliers_of
+
+   !> Compares with what was found along a better motion: a verdict on which both do not agree, or which lies within twice the
+   !> change of the largest multiplier, is not known.
+   pure subroutine stability_hold_against(self, better)
+      class(stability_t), intent(inout) :: self
+      type(stability_t), intent(in) :: better
+
+      if (.not. (allocated(self%multipliers) .and. allocated(better%multipliers))) then
+         self%verdict = verdict%unknown
+         return
+      end if
+      associate (here => abs(self%multipliers(1)), there => abs(better%multipliers(1)))
+         self%estimate = max(self%estimate, abs(here - there))
+         if (self%verdict /= better%verdict) self%verdict = verdict%unknown
+         if (self%verdict == verdict%stable .and. max(here, there) >= 1.0_wp - 2.0_wp*abs(here - there)) &
+            self%verdict = verdict%unknown
+      end associate
+   end subroutine stability_hold_against
 
    !> Finds out whether a motion is stable; `auto` does so where it takes no more work than allowed. What cannot be told
    !> stays unknown.

@@ -225,6 +225,13 @@ MUTANTS = [
     *of(
         "stability/hb_stability.f90",
         (
+            "stability_better_motion",
+            "test_hb_stability",
+            "what a better motion says of the multipliers counts for nothing",
+            "if (self%verdict /= better%verdict) self%verdict = verdict%unknown",
+            "if (.false.) self%verdict = verdict%unknown",
+        ),
+        (
             "stability_circle",
             "test_hb_stability",
             "multipliers inside of the unit circle are counted as unstable",
