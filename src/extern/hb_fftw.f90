@@ -1,5 +1,5 @@
 !> FFTW 3 behind a few types: aligned memory, batched real n-dimensional plans, complex ones along an axis, wisdom. Nobody
-!> else touches FFTW.
+!> else touches FFTW. Threads may solve a scene each: whoever touches the store or has FFTW plan holds a lock (hb_lock.h).
 !>
 !> Source of the interfaces: FFTW 3.3 manual, chapter "Calling FFTW from Modern Fortran".
 module hb_fftw
@@ -75,6 +75,14 @@ module hb_fftw
    integer, parameter :: n_places = 128                               ! in the store, unless more are in use at once
    type(stored_plan_t), allocatable, save :: store(:)
    integer(int64), save :: n_uses = 0
+
+   interface
+      subroutine lock_store() bind(c, name="hb_lock")
+      end subroutine lock_store
+
+      subroutine unlock_store() bind(c, name="hb_unlock")
+      end subroutine unlock_store
+   end interface
 
 contains
 
@@ -156,12 +164,14 @@ contains
 
       call self%destroy()
       key = [is_real, effort, n_batch, n_samples]
+      call lock_store()
       slot = slot_of(key)
       if (slot == 0) then
          call plan_real(n_samples, n_batch, effort, samples, spectrum, backward, forward)
          call keep(key, backward, forward, slot)
       end if
       call borrow(self, slot, error)
+      call unlock_store()
    end subroutine new_fft_plan
 
    !> Plans complex transforms of length `n` along the middle axis of arrays (leading, n, n_outer), out of place, both ways, for
@@ -182,20 +192,37 @@ contains
 
       call self%destroy()
       key = [is_along_axis, effort, n, n_inner, n_outer, lead_spectrum, lead_samples]
+      call lock_store()
       slot = slot_of(key)
       if (slot == 0) then
          call new_complex_block(spectrum, lead_spectrum*n*n_outer, 1, error)
          if (.not. allocated(error)) call new_complex_block(samples, lead_samples*n*n_outer, 1, error)
          if (.not. allocated(error)) then
-            call plan_axis(n, n_inner, n_outer, lead_spectrum, lead_samples, effort, spectrum%values, samples%values, &
-                           backward, forward)
+            call plan_axis(spectrum%values, samples%values)
             call keep(key, backward, forward, slot)
          end if
          call spectrum%destroy()
          call samples%destroy()
-         if (allocated(error)) return
       end if
-      call borrow(self, slot, error)
+      if (.not. allocated(error)) call borrow(self, slot, error)
+      call unlock_store()
+
+   contains
+
+      subroutine plan_axis(spectrum, samples)
+         complex(wp), intent(inout), contiguous :: spectrum(:, :), samples(:, :)
+         type(fftw_iodim) :: axis(1), batch(2)
+         integer(c_int) :: flags
+
+         flags = int(effort, c_int)
+         axis(1) = fftw_iodim(n, lead_spectrum, lead_samples)
+         batch(1) = fftw_iodim(n_inner, 1, 1)
+         batch(2) = fftw_iodim(n_outer, lead_spectrum*n, lead_samples*n)
+         backward = fftw_plan_guru_dft(1, axis, 2, batch, spectrum, samples, FFTW_BACKWARD, flags)
+         axis(1) = fftw_iodim(n, lead_samples, lead_spectrum)
+         batch(2) = fftw_iodim(n_outer, lead_samples*n, lead_spectrum*n)
+         forward = fftw_plan_guru_dft(1, axis, 2, batch, samples, spectrum, FFTW_FORWARD, flags)
+      end subroutine plan_axis
    end subroutine new_axis_plan
 
    !> Hands out the plans of a place of the store; fails where there is none.
@@ -286,23 +313,6 @@ contains
                                        spectrum, spectrum_c, 1, product(spectrum_c), flags)
    end subroutine plan_real
 
-   subroutine plan_axis(n, n_inner, n_outer, lead_spectrum, lead_samples, effort, spectrum, samples, backward, forward)
-      integer, intent(in) :: n, n_inner, n_outer, lead_spectrum, lead_samples, effort
-      complex(wp), intent(inout), contiguous :: spectrum(:, :), samples(:, :)
-      type(c_ptr), intent(out) :: backward, forward
-      type(fftw_iodim) :: axis(1), batch(2)
-      integer(c_int) :: flags
-
-      flags = int(effort, c_int)
-      axis(1) = fftw_iodim(n, lead_spectrum, lead_samples)
-      batch(1) = fftw_iodim(n_inner, 1, 1)
-      batch(2) = fftw_iodim(n_outer, lead_spectrum*n, lead_samples*n)
-      backward = fftw_plan_guru_dft(1, axis, 2, batch, spectrum, samples, FFTW_BACKWARD, flags)
-      axis(1) = fftw_iodim(n, lead_samples, lead_spectrum)
-      batch(2) = fftw_iodim(n_outer, lead_samples*n, lead_spectrum*n)
-      forward = fftw_plan_guru_dft(1, axis, 2, batch, samples, spectrum, FFTW_FORWARD, flags)
-   end subroutine plan_axis
-
    subroutine empty_slot(slot)
       integer, intent(in) :: slot
 
@@ -352,7 +362,11 @@ contains
    subroutine plan_pair_destroy(self)
       class(plan_pair_t), intent(inout) :: self
 
-      if (self%slot > 0) store(self%slot)%n_users = store(self%slot)%n_users - 1
+      if (self%slot > 0) then
+         call lock_store()
+         store(self%slot)%n_users = store(self%slot)%n_users - 1
+         call unlock_store()
+      end if
       self%slot = 0
       self%backward = c_null_ptr
       self%forward = c_null_ptr
@@ -363,25 +377,31 @@ contains
    subroutine forget_plans()
       integer :: slot
 
+      call lock_store()
       if (allocated(store)) then
          do slot = 1, size(store)
             if (store(slot)%n_users == 0) call empty_slot(slot)
          end do
       end if
       call fftw_forget_wisdom()
+      call unlock_store()
    end subroutine forget_plans
 
    !> Reads wisdom of earlier runs from a file; false when there is none that can be used.
    logical function import_wisdom(path)
       character(*), intent(in) :: path
 
+      call lock_store()
       import_wisdom = fftw_import_wisdom_from_filename(path//c_null_char) /= 0
+      call unlock_store()
    end function import_wisdom
 
    !> Writes the wisdom gathered so far to a file; false when the file cannot be written.
    logical function export_wisdom(path)
       character(*), intent(in) :: path
 
+      call lock_store()
       export_wisdom = fftw_export_wisdom_to_filename(path//c_null_char) /= 0
+      call unlock_store()
    end function export_wisdom
 end module hb_fftw

@@ -41,6 +41,16 @@ MUTANTS = [
         ),
     ),
     *of(
+        "extern/hb_lock.c",
+        (
+            "lock_none",
+            "test_two_threads",
+            "two threads touch the store of plans at once",
+            "(void)pthread_mutex_lock(&mutex);",
+            "(void)mutex;",
+        ),
+    ),
+    *of(
         "extern/hb_checksum.c",
         (
             "checksum_tail",
