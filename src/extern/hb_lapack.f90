@@ -6,9 +6,9 @@ module hb_lapack
    use hb_kinds, only: wp
    implicit none
    private
-   public :: ddot, dgbtrf, dgbtrs, dgecon, dgeev, dgels, dgemm, dgemv, dgeqrf, dgetrf, dgetrs
+   public :: dgbtrf, dgbtrs, dgeev, dgemm, dgemv, dgeqrf, dgetrf, dgetrs
    public :: dggev, dnrm2, dorgqr, dpotrf, dpotrs, dsyev, dsygv, dtrsm, zgbcon, zgbtrf, zgbtrs, zgecon
-   public :: zgemm, zgemv, zgetrf, zgetrs
+   public :: zgemm, zgetrf, zgetrs
 
    ! Linear equations, dense
    interface
@@ -31,19 +31,6 @@ module hb_lapack
          real(wp), intent(inout) :: b(ldb, *)
          integer, intent(out) :: info
       end subroutine dgetrs
-
-      !> Estimates 1/(anorm |A^-1|) from the factors of `dgetrf`; work(4n), iwork(n).
-      subroutine dgecon(norm, n, a, lda, anorm, rcond, work, iwork, info)
-         import :: wp
-         character, intent(in) :: norm
-         integer, intent(in) :: n, lda
-         real(wp), intent(in) :: a(lda, *)
-         real(wp), intent(in) :: anorm
-         real(wp), intent(out) :: rcond
-         real(wp), intent(inout) :: work(*)
-         integer, intent(inout) :: iwork(*)
-         integer, intent(out) :: info
-      end subroutine dgecon
 
       !> LU factors with row exchanges of a complex matrix; info = i > 0: pivot i is exactly zero.
       subroutine zgetrf(m, n, a, lda, ipiv, info)
@@ -96,16 +83,6 @@ module hb_lapack
          real(wp), intent(inout) :: b(ldb, *)
          integer, intent(out) :: info
       end subroutine dpotrs
-
-      !> Least squares: min |b - A x| for m >= n and full rank; the first n rows of `b` return x.
-      subroutine dgels(trans, m, n, nrhs, a, lda, b, ldb, work, lwork, info)
-         import :: wp
-         character, intent(in) :: trans
-         integer, intent(in) :: m, n, nrhs, lda, ldb, lwork
-         real(wp), intent(inout) :: a(lda, *), b(ldb, *)
-         real(wp), intent(inout) :: work(*)
-         integer, intent(out) :: info
-      end subroutine dgels
    end interface
 
    ! Linear equations, band matrices
@@ -216,14 +193,6 @@ module hb_lapack
 
    ! Products
    interface
-      !> Scalar product.
-      function ddot(n, x, incx, y, incy) result(value)
-         import :: wp
-         integer, intent(in) :: n, incx, incy
-         real(wp), intent(in) :: x(*), y(*)
-         real(wp) :: value
-      end function ddot
-
       !> Euclidean norm, safe against overflow.
       function dnrm2(n, x, incx) result(value)
          import :: wp
@@ -241,16 +210,6 @@ module hb_lapack
          real(wp), intent(in) :: a(lda, *), x(*)
          real(wp), intent(inout) :: y(*)
       end subroutine dgemv
-
-      !> y := alpha op(A) x + beta y.
-      subroutine zgemv(trans, m, n, alpha, a, lda, x, incx, beta, y, incy)
-         import :: wp
-         character, intent(in) :: trans
-         integer, intent(in) :: m, n, lda, incx, incy
-         complex(wp), intent(in) :: alpha, beta
-         complex(wp), intent(in) :: a(lda, *), x(*)
-         complex(wp), intent(inout) :: y(*)
-      end subroutine zgemv
 
       !> X A = b, or A X = b, in place for a triangular A.
       subroutine dtrsm(side, uplo, transa, diag, m, n, alpha, a, lda, b, ldb)
