@@ -3,7 +3,7 @@
 !> Whoever makes them, a namelist file (hb_namelist) or a caller with numbers:
 !>
 !>     call law%set("gap", 1.5e-3_wp)
-!>     call law%get("gap", gap, required=.true., unit="m", minimum=0.0_wp)
+!>     call law%get("gap", gap, required=.true., unit="m", limits=limits_t(minimum=0.0_wp))
 !>     call law%finish(error)
 !>
 !> `get` takes the value of a key when it is there, else what the variable holds is the default; it collects what is wrong
@@ -19,7 +19,7 @@ module hb_properties
    use hb_text, only: join, lower, quote, shown, string_t, to_text
    implicit none
    private
-   public :: new_properties, properties_t
+   public :: limits_t, new_properties, properties_t
 
    integer, parameter :: single_value(0) = [integer ::]     !! extents, as for `pick`
 
@@ -47,13 +47,18 @@ module hb_properties
       procedure, private :: set_matrix => properties_set_matrix
    end type properties_t
 
-   !> What a reader wants of a key: minimum, maximum, above and below are limits of each number.
+   !> Where each number of a key must be; what is not named limits nothing.
+   type :: limits_t
+      real(wp) :: minimum = -huge(1.0_wp), maximum = huge(1.0_wp)     !! which itself may be
+      real(wp) :: above = -huge(1.0_wp), below = huge(1.0_wp)         !! which itself may not be
+   end type limits_t
+
+   !> What a reader wants of a key.
    type :: wanted_t
       integer :: kind = 0                                   !! one of `kind_of`
       logical :: is_required = .false.
       character(max_unit) :: unit = ""
-      logical :: is_limited(4) = .false.
-      real(wp) :: limit(4) = 0.0_wp                         !! holds any integer exactly
+      type(limits_t) :: limits                              !! holds any integer exactly
    end type wanted_t
 
 contains
@@ -71,36 +76,36 @@ contains
    end subroutine new_properties
 
    !> Takes a real; NaN and infinity are problems.
-   pure subroutine properties_get_real(self, key, value, required, unit, minimum, maximum, above, below)
+   pure subroutine properties_get_real(self, key, value, required, unit, limits)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       real(wp), intent(inout) :: value
       logical, intent(in), optional :: required             !! the key must be there
       character(*), intent(in), optional :: unit
-      real(wp), intent(in), optional :: minimum, maximum, above, below !! value >= minimum, > above, ...
+      type(limits_t), intent(in), optional :: limits
       type(wanted_t) :: wanted
       real(wp), allocatable :: numbers(:)
       integer :: i_asked
 
-      wanted = wanting(kind_of%number, required, unit, minimum, maximum, above, below)
+      wanted = wanting(kind_of%number, required, unit, limits)
       call read_numbers(self, key, wanted, single_value, i_asked, numbers)
       if (allocated(numbers)) value = numbers(1)
       if (allocated(numbers) .or. .not. wanted%is_required) call keep(self, i_asked, wanted, [value])
    end subroutine properties_get_real
 
    !> Takes an integer.
-   pure subroutine properties_get_integer(self, key, value, required, unit, minimum, maximum, above, below)
+   pure subroutine properties_get_integer(self, key, value, required, unit, limits)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       integer, intent(inout) :: value
       logical, intent(in), optional :: required
       character(*), intent(in), optional :: unit
-      integer, intent(in), optional :: minimum, maximum, above, below
+      type(limits_t), intent(in), optional :: limits
       type(wanted_t) :: wanted
       real(wp), allocatable :: numbers(:)
       integer :: i_asked
 
-      wanted = wanting_integers(required, unit, minimum, maximum, above, below)
+      wanted = wanting(kind_of%whole, required, unit, limits)
       call read_numbers(self, key, wanted, single_value, i_asked, numbers)
       if (allocated(numbers)) value = nint(numbers(1))
       if (allocated(numbers) .or. .not. wanted%is_required) call keep(self, i_asked, wanted, [real(value, wp)])
@@ -143,38 +148,38 @@ contains
    end subroutine properties_get_word
 
    !> Takes a list of reals of any length, or of length `n`.
-   pure subroutine properties_get_reals(self, key, value, n, required, unit, minimum, maximum, above, below)
+   pure subroutine properties_get_reals(self, key, value, n, required, unit, limits)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       real(wp), allocatable, intent(inout) :: value(:)
       integer, intent(in), optional :: n
       logical, intent(in), optional :: required
       character(*), intent(in), optional :: unit
-      real(wp), intent(in), optional :: minimum, maximum, above, below
+      type(limits_t), intent(in), optional :: limits
       type(wanted_t) :: wanted
       real(wp), allocatable :: numbers(:)
       integer :: i_asked
 
-      wanted = wanting(kind_of%number, required, unit, minimum, maximum, above, below)
+      wanted = wanting(kind_of%number, required, unit, limits)
       call read_numbers(self, key, wanted, list_of(n), i_asked, numbers)
       if (allocated(numbers)) call move_alloc(numbers, value)
       if (allocated(value)) call keep(self, i_asked, wanted, value)
    end subroutine properties_get_reals
 
    !> Takes a list of integers of any length, or of length `n`.
-   pure subroutine properties_get_integers(self, key, value, n, required, unit, minimum, maximum, above, below)
+   pure subroutine properties_get_integers(self, key, value, n, required, unit, limits)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       integer, allocatable, intent(inout) :: value(:)
       integer, intent(in), optional :: n
       logical, intent(in), optional :: required
       character(*), intent(in), optional :: unit
-      integer, intent(in), optional :: minimum, maximum, above, below
+      type(limits_t), intent(in), optional :: limits
       type(wanted_t) :: wanted
       real(wp), allocatable :: numbers(:)
       integer :: i_asked
 
-      wanted = wanting_integers(required, unit, minimum, maximum, above, below)
+      wanted = wanting(kind_of%whole, required, unit, limits)
       call read_numbers(self, key, wanted, list_of(n), i_asked, numbers)
       if (allocated(numbers)) value = nint(numbers)
       if (allocated(value)) call keep(self, i_asked, wanted, real(value, wp))
@@ -214,19 +219,19 @@ contains
    end subroutine properties_get_words
 
    !> Takes a real matrix of `n` rows and `m` columns, listed row by row, or element by element as key(i, j).
-   pure subroutine properties_get_matrix(self, key, value, n, m, required, unit, minimum, maximum, above, below)
+   pure subroutine properties_get_matrix(self, key, value, n, m, required, unit, limits)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       real(wp), allocatable, intent(inout) :: value(:, :)   !! (n, m)
       integer, intent(in) :: n, m
       logical, intent(in), optional :: required
       character(*), intent(in), optional :: unit
-      real(wp), intent(in), optional :: minimum, maximum, above, below
+      type(limits_t), intent(in), optional :: limits
       type(wanted_t) :: wanted
       real(wp), allocatable :: numbers(:)
       integer :: i_asked
 
-      wanted = wanting(kind_of%number, required, unit, minimum, maximum, above, below)
+      wanted = wanting(kind_of%number, required, unit, limits)
       call read_numbers(self, key, wanted, [n, m], i_asked, numbers)
       if (allocated(numbers)) value = reshape(numbers, [n, m], order=[2, 1])
       if (.not. allocated(value)) return
@@ -316,34 +321,17 @@ contains
 
    ! What a reader wants, and what is said where a value is not so
 
-   pure type(wanted_t) function wanting(kind, required, unit, minimum, maximum, above, below) result(wanted)
+   pure type(wanted_t) function wanting(kind, required, unit, limits) result(wanted)
       integer, intent(in) :: kind
       logical, intent(in), optional :: required
       character(*), intent(in), optional :: unit
-      real(wp), intent(in), optional :: minimum, maximum, above, below
+      type(limits_t), intent(in), optional :: limits
 
       wanted%kind = kind
       if (present(required)) wanted%is_required = required
       if (present(unit)) wanted%unit = unit
-      wanted%is_limited = [present(minimum), present(maximum), present(above), present(below)]
-      if (present(minimum)) wanted%limit(1) = minimum
-      if (present(maximum)) wanted%limit(2) = maximum
-      if (present(above)) wanted%limit(3) = above
-      if (present(below)) wanted%limit(4) = below
+      if (present(limits)) wanted%limits = limits
    end function wanting
-
-   pure type(wanted_t) function wanting_integers(required, unit, minimum, maximum, above, below) result(wanted)
-      logical, intent(in), optional :: required
-      character(*), intent(in), optional :: unit
-      integer, intent(in), optional :: minimum, maximum, above, below
-
-      wanted = wanting(kind_of%whole, required, unit)
-      wanted%is_limited = [present(minimum), present(maximum), present(above), present(below)]
-      if (present(minimum)) wanted%limit(1) = real(minimum, wp)
-      if (present(maximum)) wanted%limit(2) = real(maximum, wp)
-      if (present(above)) wanted%limit(3) = real(above, wp)
-      if (present(below)) wanted%limit(4) = real(below, wp)
-   end function wanting_integers
 
    !> Whether a value is of the kind that is wanted, finite and within the limits.
    pure logical function suits(value, wanted)
@@ -352,52 +340,53 @@ contains
 
       suits = value%kind == wanted%kind .or. (value%kind == kind_of%whole .and. wanted%kind == kind_of%number)
       if (suits) suits = ieee_is_finite(value%number)
-      if (suits .and. any(wanted%is_limited)) suits = exceeded(value%number, wanted) == 0
+      if (suits) suits = is_within(value%number, wanted%limits)
    end function suits
 
-   !> The first limit that a number exceeds, 0 for none.
-   pure integer function exceeded(number, wanted)
+   pure logical function is_within(number, limits)
       real(wp), intent(in) :: number
-      type(wanted_t), intent(in) :: wanted
+      type(limits_t), intent(in) :: limits
 
-      associate (limit => wanted%limit)
-         exceeded = findloc(wanted%is_limited .and. &
-            [number < limit(1), number > limit(2), number <= limit(3), number >= limit(4)], .true., dim=1)
-      end associate
-   end function exceeded
+      is_within = number >= limits%minimum .and. number <= limits%maximum .and. &
+                  (number > limits%above .or. limits%above <= -huge(1.0_wp)) .and. &
+                  (number < limits%below .or. limits%below >= huge(1.0_wp))
+   end function is_within
 
    !> What is wrong with a value that does not suit.
    pure function complaint(value, wanted) result(text)
       type(value_t), intent(in) :: value
       type(wanted_t), intent(in) :: wanted
       character(:), allocatable :: text
-      integer :: i
 
       if (wanted%kind == kind_of%truth) then
          text = "must be .true. or .false."
       else if (value%kind == kind_of%word) then
          text = "must be "//what(wanted%kind, single_value)//", without quotes"
       else if (wanted%kind == kind_of%whole .and. value%kind /= kind_of%whole) then
-         text = "must be an integer like 3, at most "//to_text(huge(i))
+         text = "must be an integer like 3, at most "//to_text(huge(1))
       else if (.not. any(value%kind == [kind_of%number, kind_of%whole])) then
          text = "must be a real number like 1.5e-3, below 1.8e308"
       else if (.not. ieee_is_finite(value%number)) then
          text = "must be finite"
+      else if (value%number < wanted%limits%minimum) then
+         text = "must be "//limit_text(wanted%limits%minimum)//" or greater"
+      else if (value%number > wanted%limits%maximum) then
+         text = "must be "//limit_text(wanted%limits%maximum)//" or less"
+      else if (value%number <= wanted%limits%above) then
+         text = "must be above "//limit_text(wanted%limits%above)
       else
-         i = exceeded(value%number, wanted)
-         text = to_text(wanted%limit(i))
-         if (wanted%kind == kind_of%whole) text = to_text(nint(wanted%limit(i)))
-         select case (i)
-         case (1)
-            text = "must be "//text//" or greater"
-         case (2)
-            text = "must be "//text//" or less"
-         case (3)
-            text = "must be above "//text
-         case (4)
-            text = "must be below "//text
-         end select
+         text = "must be below "//limit_text(wanted%limits%below)
       end if
+
+   contains
+
+      pure function limit_text(limit)
+         real(wp), intent(in) :: limit
+         character(:), allocatable :: limit_text
+
+         limit_text = to_text(limit)
+         if (wanted%kind == kind_of%whole) limit_text = to_text(nint(limit))
+      end function limit_text
    end function complaint
 
    !> What a key needs, for messages.

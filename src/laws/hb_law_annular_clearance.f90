@@ -8,7 +8,7 @@
 module hb_law_annular_clearance
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -78,16 +78,16 @@ contains
       friction = 0.0_wp
       spin = trim(spin_names(1))
       center = self%center
-      call group%get("stiffness", stiffness, required=.true., unit="N/m", minimum=0.0_wp)
-      call group%get("clearance", clearance, required=.true., unit="m", minimum=0.0_wp)
-      call group%get("friction_coefficient", friction, unit="1", minimum=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., unit="N/m", limits=limits_t(minimum=0.0_wp))
+      call group%get("clearance", clearance, required=.true., unit="m", limits=limits_t(minimum=0.0_wp))
+      call group%get("friction_coefficient", friction, unit="1", limits=limits_t(minimum=0.0_wp))
       if (group%given("rotor_radius")) then
          radius = 0.0_wp
          speed = 0.0_wp
          slip_velocity = 0.0_wp
-         call group%get("rotor_radius", radius, required=.true., unit="m", above=0.0_wp)
+         call group%get("rotor_radius", radius, required=.true., unit="m", limits=limits_t(above=0.0_wp))
          call group%get("rotor_speed", speed, required=.true., unit="rad/s")
-         call group%get("slip_velocity", slip_velocity, required=.true., unit="m/s", above=0.0_wp)
+         call group%get("slip_velocity", slip_velocity, required=.true., unit="m/s", limits=limits_t(above=0.0_wp))
          if (slip_velocity > 0.0_wp) call set_sliding(self, radius*speed, slip_velocity)
          if (group%given("spin")) call group%problem("spin", "not beside 'rotor_radius': the sign of 'rotor_speed' tells the sense")
       else

@@ -12,7 +12,7 @@ module hb_law_blade_contact
    use hb_kinds, only: int64, two_pi, wp
    use hb_law, only: read_dofs
    use hb_law_contact_table, only: contact_table_t, make_rigid, new_contact_table, one_for_each, read_hardness, set_turns
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -73,11 +73,11 @@ contains
       shares = [1.0_wp]
       self%has_potential = .true.                                     ! until it is known
       call read_dofs(self, group, structure)
-      call group%get("n_diameters", n_diameters, required=.true., minimum=1)
-      call group%get("n_blades", n_blades, required=.true., minimum=1, maximum=100000)
+      call group%get("n_diameters", n_diameters, required=.true., limits=limits_t(minimum=1))
+      call group%get("n_blades", n_blades, required=.true., limits=limits_t(minimum=1, maximum=100000))
       call group%get("gaps", gaps, required=.true., unit="m")
       call read_hardness(group, is_rigid, stiffness, augmentation)
-      call group%get("friction_coefficient", friction, unit="1", minimum=0.0_wp)
+      call group%get("friction_coefficient", friction, unit="1", limits=limits_t(minimum=0.0_wp))
       call group%get("shares", shares, unit="1")
       call group%get("frame", frame, choices=known_frames)
       if (any(friction > 0.0_wp)) then
@@ -86,7 +86,7 @@ contains
          arms = [0.0_wp, 0.0_wp]
          call group%get("friction_arms", arms, unit="1", n=2)
       end if
-      if (frame /= known_frames(1)) call group%get("tone", tone, required=.true., minimum=1)
+      if (frame /= known_frames(1)) call group%get("tone", tone, required=.true., limits=limits_t(minimum=1))
       if (.not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness) .and. allocated(arms))) return
       if (size(self%dofs) /= 4) call group%problem("dofs", "name both coordinates of the disk, then both of the casing")
       if (n_blades < 1 .or. n_diameters < 1) return

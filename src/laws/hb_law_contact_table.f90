@@ -15,7 +15,7 @@ module hb_law_contact_table
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
    use hb_law, only: defects_t, hold_t, kink_t, law_t, read_dofs
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_rigid_contacts, only: new_rigid_contacts, rigid_contacts_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
@@ -128,11 +128,11 @@ contains
       friction = [0.0_wp]
       self%has_potential = .true.                                     ! until it is known
       call read_dofs(self, group, structure)
-      call group%get("n_contacts", n, required=.true., minimum=1, maximum=100000)
+      call group%get("n_contacts", n, required=.true., limits=limits_t(minimum=1, maximum=100000))
       call group%get("gaps", gaps, required=.true., unit="m")
       call read_hardness(group, is_rigid, stiffness, augmentation)
-      call group%get("friction_coefficient", friction, unit="1", minimum=0.0_wp)
-      call group%get("tone", tone, minimum=0)
+      call group%get("friction_coefficient", friction, unit="1", limits=limits_t(minimum=0.0_wp))
+      call group%get("tone", tone, limits=limits_t(minimum=0))
       if (tone > 0) call group%get("turns", turns, required=.true., unit="1")
       if (n < 1 .or. .not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness))) return
       call group%get("shapes", shapes, required=.true., unit="1", n=n, m=size(self%dofs))
@@ -177,7 +177,7 @@ contains
       call group%get("contact", kind, choices=kinds)
       is_rigid = kind == kinds(2)
       if (.not. is_rigid) then
-         call group%get("stiffness", stiffness, required=.true., unit="N/m", minimum=0.0_wp)
+         call group%get("stiffness", stiffness, required=.true., unit="N/m", limits=limits_t(minimum=0.0_wp))
          if (group%given("augmentation")) call group%problem("augmentation", "only rigid contacts have one: leave it out, or "// &
                                                              "take contact = 'rigid'")
          return
@@ -185,7 +185,7 @@ contains
       if (group%given("stiffness")) call group%problem("stiffness", "rigid contacts have none: leave it out, or take "// &
                                                        "contact = 'elastic'")
       stiffness = [0.0_wp]
-      call group%get("augmentation", augmentation, unit="N/m", minimum=0.0_wp)
+      call group%get("augmentation", augmentation, unit="N/m", limits=limits_t(minimum=0.0_wp))
    end subroutine read_hardness
 
    !> Spreads one number over all contacts.

@@ -7,7 +7,7 @@
 module hb_law_coulomb_rigid
    use hb_kinds, only: wp
    use hb_law, only: defects_t, hold_t, law_t, read_place
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -49,8 +49,8 @@ contains
 
       limit = 0.0_wp
       augmentation = self%augmentation
-      call group%get("limit", limit, required=.true., unit="N", minimum=0.0_wp)
-      call group%get("augmentation", augmentation, unit="N s/m", minimum=0.0_wp)
+      call group%get("limit", limit, required=.true., unit="N", limits=limits_t(minimum=0.0_wp))
+      call group%get("augmentation", augmentation, unit="N s/m", limits=limits_t(minimum=0.0_wp))
       call new_coulomb_rigid(self, limit, augmentation)
       call read_place(self, group, structure)
    end subroutine coulomb_rigid_read

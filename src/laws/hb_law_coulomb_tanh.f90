@@ -5,7 +5,7 @@
 module hb_law_coulomb_tanh
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -43,8 +43,8 @@ contains
 
       limit = 0.0_wp
       velocity = 0.0_wp
-      call group%get("limit", limit, required=.true., unit="N", minimum=0.0_wp)
-      call group%get("velocity", velocity, required=.true., unit="m/s", above=0.0_wp)
+      call group%get("limit", limit, required=.true., unit="N", limits=limits_t(minimum=0.0_wp))
+      call group%get("velocity", velocity, required=.true., unit="m/s", limits=limits_t(above=0.0_wp))
       call new_coulomb_tanh(self, limit, velocity)
       call read_place(self, group, structure)
    end subroutine coulomb_tanh_read

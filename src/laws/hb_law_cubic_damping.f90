@@ -6,7 +6,7 @@
 module hb_law_cubic_damping
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -50,7 +50,7 @@ contains
       call read_dofs(self, group, structure)
       call group%get("coefficient", coefficient, required=.true., unit="N s3/m3")
       call group%get("speed", speed, unit="rad/s")
-      call group%get("n_diameters", n_diameters, minimum=1)
+      call group%get("n_diameters", n_diameters, limits=limits_t(minimum=1))
       call new_cubic_damping(self, coefficient, n_diameters*speed)
       if (.not. allocated(self%dofs)) return
       if (abs(speed) > 0.0_wp .and. size(self%dofs) /= 2) then

@@ -3,7 +3,7 @@
 module hb_law_elastic_stop
    use hb_kinds, only: wp
    use hb_law, only: kink_t, law_t, read_place
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -52,7 +52,7 @@ contains
       stiffness = 0.0_wp
       gap = 0.0_wp
       two_sided = self%two_sided
-      call group%get("stiffness", stiffness, required=.true., unit="N/m", minimum=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., unit="N/m", limits=limits_t(minimum=0.0_wp))
       call group%get("gap", gap, required=.true., unit="m")
       call group%get("two_sided", two_sided)
       call new_elastic_stop(self, stiffness, gap, two_sided)

@@ -6,7 +6,7 @@ module hb_law_iwan
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_law, only: read_place
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_slider, only: move_slider, pushed_by
    use hb_structure, only: structure_t
    implicit none
@@ -46,11 +46,11 @@ contains
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: limit(:), stiffness(:)
 
-      call group%get("stiffness", stiffness, required=.true., unit="N/m", above=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., unit="N/m", limits=limits_t(above=0.0_wp))
       if (allocated(stiffness)) then
-         call group%get("limit", limit, required=.true., unit="N", n=size(stiffness), above=0.0_wp)
+         call group%get("limit", limit, required=.true., unit="N", n=size(stiffness), limits=limits_t(above=0.0_wp))
       else
-         call group%get("limit", limit, required=.true., unit="N", above=0.0_wp)
+         call group%get("limit", limit, required=.true., unit="N", limits=limits_t(above=0.0_wp))
       end if
       if (allocated(stiffness) .and. allocated(limit)) call new_iwan(self, stiffness, limit)
       call read_place(self, group, structure)

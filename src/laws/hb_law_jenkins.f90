@@ -6,7 +6,7 @@ module hb_law_jenkins
    use hb_hysteretic_law, only: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_law, only: place_coordinate, read_place
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_slider, only: move_slider, move_steadily, pushed_by
    use hb_structure, only: structure_t
    use hb_text, only: string_t
@@ -58,9 +58,9 @@ contains
 
       stiffness = 0.0_wp
       limit = 0.0_wp
-      call group%get("stiffness", stiffness, required=.true., unit="N/m", above=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., unit="N/m", limits=limits_t(above=0.0_wp))
       if (.not. group%given("friction_coefficient")) then
-         call group%get("limit", limit, required=.true., unit="N", above=0.0_wp)
+         call group%get("limit", limit, required=.true., unit="N", limits=limits_t(above=0.0_wp))
          call new_jenkins(self, stiffness, limit)
          call read_place(self, group, structure)
          return
@@ -73,8 +73,8 @@ contains
          call group%problem("limit", "give either 'limit' or 'friction_coefficient', not both")
          call group%get("limit", limit, unit="N")
       end if
-      call group%get("friction_coefficient", self%friction_coefficient, required=.true., unit="1", above=0.0_wp)
-      call group%get("normal_stiffness", self%normal_stiffness, required=.true., unit="N/m", minimum=0.0_wp)
+      call group%get("friction_coefficient", self%friction_coefficient, required=.true., unit="1", limits=limits_t(above=0.0_wp))
+      call group%get("normal_stiffness", self%normal_stiffness, required=.true., unit="N/m", limits=limits_t(minimum=0.0_wp))
       call group%get("preload", self%preload, required=.true., unit="N")
       call read_place(self, group, structure)
       call group%get("normal_dofs", names, required=.true.)

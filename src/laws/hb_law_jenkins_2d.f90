@@ -8,7 +8,7 @@ module hb_law_jenkins_2d
    use hb_hysteretic_law, only: hysteretic_law_t, path_part
    use hb_kinds, only: wp
    use hb_law, only: place_coordinate, read_place
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
    implicit none
@@ -50,8 +50,8 @@ contains
 
       stiffness = 0.0_wp
       limit = 0.0_wp
-      call group%get("stiffness", stiffness, required=.true., unit="N/m", above=0.0_wp)
-      call group%get("limit", limit, required=.true., unit="N", above=0.0_wp)
+      call group%get("stiffness", stiffness, required=.true., unit="N/m", limits=limits_t(above=0.0_wp))
+      call group%get("limit", limit, required=.true., unit="N", limits=limits_t(above=0.0_wp))
       call new_jenkins_2d(self, stiffness, limit)
       call read_place(self, group, structure)
       call group%get("second_dofs", names, required=.true.)

@@ -7,7 +7,7 @@
 module hb_law_rigid_wall
    use hb_kinds, only: wp
    use hb_law, only: defects_t, hold_t, law_t, read_place
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -56,7 +56,7 @@ contains
       augmentation = self%augmentation
       two_sided = self%two_sided
       call group%get("gap", gap, required=.true., unit="m")
-      call group%get("augmentation", augmentation, unit="N/m", minimum=0.0_wp)
+      call group%get("augmentation", augmentation, unit="N/m", limits=limits_t(minimum=0.0_wp))
       call group%get("two_sided", two_sided)
       if (two_sided .and. gap < 0.0_wp) call group%problem("gap", "a two-sided rigid wall needs a gap of 0 or more")
       call new_rigid_wall(self, gap, augmentation, two_sided)

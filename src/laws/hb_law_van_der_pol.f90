@@ -4,7 +4,7 @@
 module hb_law_van_der_pol
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -45,7 +45,7 @@ contains
       strength = 0.0_wp
       threshold = self%threshold
       call group%get("strength", strength, required=.true., unit="N s/m")
-      call group%get("threshold", threshold, unit="m", above=0.0_wp)
+      call group%get("threshold", threshold, unit="m", limits=limits_t(above=0.0_wp))
       call new_van_der_pol(self, strength, threshold)
       call read_place(self, group, structure)
    end subroutine van_der_pol_read

@@ -1,7 +1,7 @@
 !> The group `&march`: how the scene is followed through time. The component initialisers are the defaults.
 module hb_march_config
    use hb_kinds, only: int64, two_pi, wp
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    implicit none
    private
    public :: march_config_t, march_method, march_method_names, march_start, read_march, step_of
@@ -53,18 +53,18 @@ contains
       start = trim(start_names(self%start))
       self%record = ""
       call group%get("method", method, choices=march_method_names)
-      call group%get("step", self%step, unit="s", minimum=0.0_wp)
-      call group%get("steps_per_period", self%steps_per_period, minimum=1)
-      call group%get("duration", self%duration, unit="s", minimum=0.0_wp)
-      call group%get("transient", self%transient, unit="s", minimum=0.0_wp)
-      call group%get("decimation", self%decimation, minimum=1)
-      call group%get("tolerance", self%tolerance, unit="1", above=0.0_wp)
+      call group%get("step", self%step, unit="s", limits=limits_t(minimum=0.0_wp))
+      call group%get("steps_per_period", self%steps_per_period, limits=limits_t(minimum=1))
+      call group%get("duration", self%duration, unit="s", limits=limits_t(minimum=0.0_wp))
+      call group%get("transient", self%transient, unit="s", limits=limits_t(minimum=0.0_wp))
+      call group%get("decimation", self%decimation, limits=limits_t(minimum=1))
+      call group%get("tolerance", self%tolerance, unit="1", limits=limits_t(above=0.0_wp))
       call group%get("is_stiff", self%is_stiff)
-      call group%get("restitution", self%restitution, unit="1", minimum=0.0_wp, maximum=1.0_wp)
-      call group%get("spectral_radius", self%spectral_radius, unit="1", minimum=0.0_wp, maximum=1.0_wp)
+      call group%get("restitution", self%restitution, unit="1", limits=limits_t(minimum=0.0_wp, maximum=1.0_wp))
+      call group%get("spectral_radius", self%spectral_radius, unit="1", limits=limits_t(minimum=0.0_wp, maximum=1.0_wp))
       call group%get("start", start, choices=start_names)
       call group%get("continue", self%record)
-      call group%get("n_peaks", self%n_peaks, minimum=0, maximum=1000)
+      call group%get("n_peaks", self%n_peaks, limits=limits_t(minimum=0, maximum=1000))
       self%method = max(1, findloc(march_method_names == method, .true., dim=1))
       self%start = merge(march_start%given, march_start%rest, start == start_names(march_start%given))
    end subroutine read_march

@@ -4,7 +4,7 @@ module hb_scene_loads
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_loads, only: add_harmonic
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_scene, only: scene_t
    implicit none
    private
@@ -47,7 +47,7 @@ contains
       integer :: h, power
 
       power = 0
-      call group%get("frequency_power", power, minimum=0, maximum=4)
+      call group%get("frequency_power", power, limits=limits_t(minimum=0, maximum=4))
       if (power > 0 .and. any(self%tones%is_unknown)) then
          call group%problem("frequency_power", "loads cannot grow with frequencies where some of these are unknown")
       end if

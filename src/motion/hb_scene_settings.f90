@@ -5,7 +5,7 @@ module hb_scene_settings
    use hb_fftw, only: planning, planning_names
    use hb_kinds, only: wp
    use hb_memory_estimate, only: gib
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_scene, only: accuracy_t, certificate_config_t, scene_t
    use hb_solver_types, only: method_names, start_names
    use hb_stability, only: stability_config_t, stability_method_names
@@ -34,25 +34,25 @@ contains
          first_jacobian = trim(start_names(merge(2, 1, solver%start_with_tangent)))
          first_guess = "auto"
          call group%get("method", name, choices=method_names)
-         call group%get("tolerance", solver%tolerance, unit="1", above=0.0_wp)
-         call group%get("max_iterations", solver%max_iterations, minimum=0)
+         call group%get("tolerance", solver%tolerance, unit="1", limits=limits_t(above=0.0_wp))
+         call group%get("max_iterations", solver%max_iterations, limits=limits_t(minimum=0))
          call group%get("line_search", solver%line_search)
          call group%get("rescue", solver%rescue)
          call group%get("rescue_by_march", solver%rescue_by_march)
-         call group%get("homotopy_iterations", solver%homotopy_iterations, minimum=0)
-         call group%get("memory", solver%memory, minimum=1, maximum=10000)
+         call group%get("homotopy_iterations", solver%homotopy_iterations, limits=limits_t(minimum=0))
+         call group%get("memory", solver%memory, limits=limits_t(minimum=1, maximum=10000))
          call group%get("first_jacobian", first_jacobian, choices=start_names)
          call group%get("first_guess", first_guess, choices=first_guess_names)
-         call group%get("chain_length", self%chain%length, minimum=1, maximum=1000000)
+         call group%get("chain_length", self%chain%length, limits=limits_t(minimum=1, maximum=1000000))
          call group%get("secant", self%chain%secant)
          limit = 0.0_wp
-         call group%get("memory_limit", limit, unit="GiB", minimum=0.0_wp)
+         call group%get("memory_limit", limit, unit="GiB", limits=limits_t(minimum=0.0_wp))
          if (limit > 0.0_wp) self%memory_limit = limit*gib
          limit = 0.0_wp
-         call group%get("time_limit", limit, unit="s", minimum=0.0_wp)
+         call group%get("time_limit", limit, unit="s", limits=limits_t(minimum=0.0_wp))
          if (limit > 0.0_wp) solver%time_limit = limit
          limit = solver%rescue_work/unit_of_work
-         call group%get("rescue_work", limit, minimum=0.0_wp)
+         call group%get("rescue_work", limit, limits=limits_t(minimum=0.0_wp))
          solver%rescue_work = limit*unit_of_work
          solver%method = max(1, findloc(method_names == name, .true., dim=1))
          solver%start_with_tangent = first_jacobian == start_names(2)
@@ -76,10 +76,10 @@ contains
       if (.not. self%is_on) return
       group => document%optional_group("accuracy")
       work = self%max_work/unit_of_work
-      call group%get("tolerance", self%tolerance, unit="1", above=0.0_wp)
-      call group%get("max_harmonics", self%max_harmonics, minimum=1, maximum=1000000)
-      call group%get("max_samples", self%max_samples, minimum=1, maximum=100000000)
-      call group%get("max_work", work, minimum=0.0_wp)
+      call group%get("tolerance", self%tolerance, unit="1", limits=limits_t(above=0.0_wp))
+      call group%get("max_harmonics", self%max_harmonics, limits=limits_t(minimum=1, maximum=1000000))
+      call group%get("max_samples", self%max_samples, limits=limits_t(minimum=1, maximum=100000000))
+      call group%get("max_work", work, limits=limits_t(minimum=0.0_wp))
       self%max_work = work*unit_of_work
    end subroutine read_accuracy
 
@@ -103,9 +103,9 @@ contains
          end if
       end do
       samples = [0]                                                   ! so that a sweep over the order has its own at each point
-      call group%get("samples", samples, minimum=0)
+      call group%get("samples", samples, limits=limits_t(minimum=0))
       oversampling = 0.0_wp
-      call group%get("oversampling", oversampling, unit="1", minimum=0.0_wp, maximum=1000.0_wp)
+      call group%get("oversampling", oversampling, unit="1", limits=limits_t(minimum=0.0_wp, maximum=1000.0_wp))
       self%accuracy%refines_grid = all(samples == 0) .and. .not. oversampling > 0.0_wp
       if (oversampling > 0.0_wp) then
          if (any(samples > 0)) call group%problem("oversampling", "give either 'samples' or 'oversampling', not both")
@@ -136,12 +136,12 @@ contains
       type(properties_t), intent(inout) :: group
 
       call group%get("is_on", self%is_on)
-      call group%get("truncation", self%truncation, unit="1", above=0.0_wp)
-      call group%get("aliasing", self%aliasing, unit="1", above=0.0_wp)
-      call group%get("penetration", self%penetration, unit="1", above=0.0_wp)
-      call group%get("impact", self%impact, unit="1", above=0.0_wp)
-      call group%get("improvement_steps", self%improvement_steps, minimum=0, maximum=1000)
-      call group%get("commensurability", self%commensurability, unit="1", minimum=0.0_wp)
+      call group%get("truncation", self%truncation, unit="1", limits=limits_t(above=0.0_wp))
+      call group%get("aliasing", self%aliasing, unit="1", limits=limits_t(above=0.0_wp))
+      call group%get("penetration", self%penetration, unit="1", limits=limits_t(above=0.0_wp))
+      call group%get("impact", self%impact, unit="1", limits=limits_t(above=0.0_wp))
+      call group%get("improvement_steps", self%improvement_steps, limits=limits_t(minimum=0, maximum=1000))
+      call group%get("commensurability", self%commensurability, unit="1", limits=limits_t(minimum=0.0_wp))
    end subroutine read_certificate
 
    !> Reads `&stability`: whether and how multipliers are found.
@@ -154,7 +154,7 @@ contains
       name = trim(stability_method_names(self%method))
       if (on_curve) self%patience = patience_on_curves
       call group%get("method", name, choices=stability_method_names)
-      call group%get("tolerance", self%tolerance, unit="1", above=0.0_wp)
+      call group%get("tolerance", self%tolerance, unit="1", limits=limits_t(above=0.0_wp))
       self%method = max(1, findloc(stability_method_names == name, .true., dim=1)) - 1
    end subroutine read_stability
 
@@ -171,7 +171,7 @@ contains
       associate (output => self%output)
          output%title = ""
          call group%get("title", output%title)
-         call group%get("samples", output%samples, minimum=1)
+         call group%get("samples", output%samples, limits=limits_t(minimum=1))
          if (.not. allocated(output%samples)) allocate (output%samples(0))
          if (size(output%samples) == 1) output%samples = spread(output%samples(1), 1, self%tones%n_tones)
          if (size(output%samples) > 0 .and. size(output%samples) /= self%tones%n_tones) then

@@ -3,7 +3,7 @@ module hb_scene_tones
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_kinds, only: two_pi, wp
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_text, only: to_text
    use hb_tones, only: new_tones, tones_t
    implicit none
@@ -27,18 +27,18 @@ contains
       if (group%given("hertz")) then
          if (group%given("frequency")) then
             call group%problem("hertz", "give either 'frequency' [rad/s] or 'hertz', not both")
-            call group%get("frequency", omega, unit="rad/s", above=0.0_wp)
+            call group%get("frequency", omega, unit="rad/s", limits=limits_t(above=0.0_wp))
          end if
          if (group%given("unknown")) then
-            call group%get("hertz", omega, unit="Hz", minimum=0.0_wp)
+            call group%get("hertz", omega, unit="Hz", limits=limits_t(minimum=0.0_wp))
          else
-            call group%get("hertz", omega, unit="Hz", above=0.0_wp)
+            call group%get("hertz", omega, unit="Hz", limits=limits_t(above=0.0_wp))
          end if
          if (allocated(omega)) omega = two_pi*omega
       else if (.not. group%given("unknown")) then
-         call group%get("frequency", omega, required=.true., unit="rad/s", above=0.0_wp)
+         call group%get("frequency", omega, required=.true., unit="rad/s", limits=limits_t(above=0.0_wp))
       else if (group%given("frequency")) then
-         call group%get("frequency", omega, unit="rad/s", minimum=0.0_wp)
+         call group%get("frequency", omega, unit="rad/s", limits=limits_t(minimum=0.0_wp))
       else
          call group%get("unknown", is_unknown)
          if (allocated(is_unknown)) then
@@ -61,7 +61,7 @@ contains
          end if
       end if
       subharmonic = 1
-      call group%get("subharmonic", subharmonic, minimum=1, maximum=1000)
+      call group%get("subharmonic", subharmonic, limits=limits_t(minimum=1, maximum=1000))
       if (allocated(omega)) omega = omega/subharmonic
       call group%finish(error)
       if (allocated(error)) return

@@ -6,7 +6,7 @@ module hb_scene_unknown_tones
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_normal_mode, only: measure_names
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_scene, only: scene_t
    use hb_structure, only: most_dense
    use hb_text, only: string_t
@@ -65,9 +65,9 @@ contains
       associate (mode => self%normal_mode)
          mode%is_asked = .true.
          mode%has_energy = group%given("energy")
-         call group%get("mode", mode%mode, minimum=0)
+         call group%get("mode", mode%mode, limits=limits_t(minimum=0))
          if (mode%has_energy) then
-            call group%get("energy", mode%energy, required=.true., unit="J", above=0.0_wp)
+            call group%get("energy", mode%energy, required=.true., unit="J", limits=limits_t(above=0.0_wp))
             call refuse_beside_energy(group)
             call check_energy(self, group)
          else if (.not. any([group%given("amplitude"), group%given("dof"), group%given("measure")])) then

@@ -3,7 +3,7 @@ module hb_truncation
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_harmonics, only: exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_scene, only: symmetry, symmetry_names
    use hb_text, only: to_text
    use hb_tuple_choice, only: new_lowest_set
@@ -61,7 +61,7 @@ contains
                " integers are not a whole number of tuples of "//to_text(n_tones)//" tones")
          end if
       else
-         call group%get("order", order, required=.true., minimum=0)
+         call group%get("order", order, required=.true., limits=limits_t(minimum=0))
          call group%get("odd_only", self%odd_only)
          if (allocated(order)) then
             if (size(order) == 1 .and. set == "box") order = spread(order(1), 1, n_tones)

@@ -2,7 +2,7 @@
 module hb_chain
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_sparse, only: sparse_from_entries, sparse_sum, sparse_t
    use hb_structure, only: check_room, label_length, max_sparse_dofs, most_dense, new_structure, structure_t, unit_length
@@ -30,10 +30,10 @@ contains
       ends = "fixed"
       ground_stiffness = [0.0_wp]
       n_masses = 0
-      call group%get("n_masses", n_masses, required=.true., minimum=1, maximum=max_sparse_dofs)
+      call group%get("n_masses", n_masses, required=.true., limits=limits_t(minimum=1, maximum=max_sparse_dofs))
       call group%get("ends", ends, choices=known_ends)
-      call group%get("mass", mass, required=.true., unit="kg", minimum=0.0_wp)
-      call group%get("coupling_stiffness", coupling_stiffness, required=.true., unit="N/m", minimum=0.0_wp)
+      call group%get("mass", mass, required=.true., unit="kg", limits=limits_t(minimum=0.0_wp))
+      call group%get("coupling_stiffness", coupling_stiffness, required=.true., unit="N/m", limits=limits_t(minimum=0.0_wp))
       call group%get("ground_stiffness", ground_stiffness, unit="N/m")
       call read_proportional_damping(group, damping)
       if (n_masses > 0) then

@@ -6,7 +6,7 @@
 module hb_modal_beam
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: pi, wp
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t, unit_length
    use hb_text, only: to_text
@@ -30,10 +30,10 @@ contains
       length = 0.0_wp
       bending_stiffness = 0.0_wp
       mass_per_length = 0.0_wp
-      call group%get("length", length, required=.true., unit="m", above=0.0_wp)
-      call group%get("bending_stiffness", bending_stiffness, required=.true., unit="N m2", above=0.0_wp)
-      call group%get("mass_per_length", mass_per_length, required=.true., unit="kg/m", above=0.0_wp)
-      call group%get("n_modes", n_modes, required=.true., minimum=1, maximum=max_dofs)
+      call group%get("length", length, required=.true., unit="m", limits=limits_t(above=0.0_wp))
+      call group%get("bending_stiffness", bending_stiffness, required=.true., unit="N m2", limits=limits_t(above=0.0_wp))
+      call group%get("mass_per_length", mass_per_length, required=.true., unit="kg/m", limits=limits_t(above=0.0_wp))
+      call group%get("n_modes", n_modes, required=.true., limits=limits_t(minimum=1, maximum=max_dofs))
       call read_proportional_damping(group, damping)
       call group%finish(error)
       if (allocated(error)) return

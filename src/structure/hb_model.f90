@@ -7,7 +7,7 @@ module hb_model
    use hb_kinds, only: wp
    use hb_node_sets, only: named_vectors_t, node_sets_t
    use hb_path, only: beside
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_sparse, only: sparse_sum, sparse_t
    use hb_structure, only: check_room, flexibility, flexibility_names, max_sparse_dofs, new_structure, reduction_t, &
@@ -84,10 +84,10 @@ contains
       word = trim(flexibility_names(flexibility%auto))
       call group%get("flexibility", word, choices=flexibility_names)
       reduction%flexibility = max(1, findloc(flexibility_names == word, .true., dim=1))
-      call group%get("flexibility_tolerance", reduction%tolerance, unit="1", above=0.0_wp)
-      call group%get("flexibility_up_to", reduction%asked_up_to, unit="rad/s", minimum=0.0_wp)
+      call group%get("flexibility_tolerance", reduction%tolerance, unit="1", limits=limits_t(above=0.0_wp))
+      call group%get("flexibility_up_to", reduction%asked_up_to, unit="rad/s", limits=limits_t(minimum=0.0_wp))
       structural_frequency = 0.0_wp
-      call group%get("structural_frequency", structural_frequency, unit="rad/s", minimum=0.0_wp)
+      call group%get("structural_frequency", structural_frequency, unit="rad/s", limits=limits_t(minimum=0.0_wp))
       call read_proportional_damping(group, proportional)
       call group%finish(error)
       if (allocated(error)) return

@@ -1,7 +1,7 @@
 !> Damping made from the matrices that a builder has anyway, D = diagonal I + mass M + stiffness K.
 module hb_proportional_damping
    use hb_kinds, only: wp
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_sparse, only: sparse_identity, sparse_sum, sparse_t
    implicit none
    private
@@ -25,9 +25,9 @@ contains
       type(properties_t), intent(inout) :: group
       type(proportional_damping_t), intent(out) :: self
 
-      call group%get("damping_diagonal", self%diagonal, unit="N s/m", minimum=0.0_wp)
-      call group%get("damping_mass", self%mass, unit="1/s", minimum=0.0_wp)
-      call group%get("damping_stiffness", self%stiffness, unit="s", minimum=0.0_wp)
+      call group%get("damping_diagonal", self%diagonal, unit="N s/m", limits=limits_t(minimum=0.0_wp))
+      call group%get("damping_mass", self%mass, unit="1/s", limits=limits_t(minimum=0.0_wp))
+      call group%get("damping_stiffness", self%stiffness, unit="s", limits=limits_t(minimum=0.0_wp))
    end subroutine read_proportional_damping
 
    !> Gives the damping matrix for this mass and stiffness.
@@ -43,7 +43,7 @@ contains
       end do
    end function proportional_damping_matrix
 
-   !> The same of sparse matrices.
+   !> Damping matrix of sparse mass and stiffness.
    function proportional_damping_sparse_matrix(self, mass, stiffness) result(damping)
       class(proportional_damping_t), intent(in) :: self
       type(sparse_t), intent(in) :: mass, stiffness

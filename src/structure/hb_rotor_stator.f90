@@ -7,7 +7,7 @@
 module hb_rotor_stator
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: new_structure, structure_t
    use hb_text, only: join
@@ -41,15 +41,15 @@ contains
       frame = trim(known_frames(1))
       n_diameters = 1
       speed = 0.0_wp
-      call group%get("n_diameters", n_diameters, required=.true., minimum=1)
+      call group%get("n_diameters", n_diameters, required=.true., limits=limits_t(minimum=1))
       call group%get("speed", speed, required=.true., unit="rad/s")
       call group%get("frame", frame, choices=known_frames)
-      call group%get("disk_frequency", disk%frequency, required=.true., unit="rad/s", minimum=0.0_wp)
-      call group%get("casing_frequency", casing%frequency, required=.true., unit="rad/s", minimum=0.0_wp)
-      call group%get("disk_mass", disk%mass, unit="kg", above=0.0_wp)
-      call group%get("casing_mass", casing%mass, unit="kg", above=0.0_wp)
-      call group%get("disk_damping_ratio", disk%damping_ratio, unit="1", minimum=0.0_wp)
-      call group%get("casing_damping_ratio", casing%damping_ratio, unit="1", minimum=0.0_wp)
+      call group%get("disk_frequency", disk%frequency, required=.true., unit="rad/s", limits=limits_t(minimum=0.0_wp))
+      call group%get("casing_frequency", casing%frequency, required=.true., unit="rad/s", limits=limits_t(minimum=0.0_wp))
+      call group%get("disk_mass", disk%mass, unit="kg", limits=limits_t(above=0.0_wp))
+      call group%get("casing_mass", casing%mass, unit="kg", limits=limits_t(above=0.0_wp))
+      call group%get("disk_damping_ratio", disk%damping_ratio, unit="1", limits=limits_t(minimum=0.0_wp))
+      call group%get("casing_damping_ratio", casing%damping_ratio, unit="1", limits=limits_t(minimum=0.0_wp))
       call read_proportional_damping(group, damping)
       call group%finish(error)
       if (allocated(error)) return

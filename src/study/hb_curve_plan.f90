@@ -4,7 +4,7 @@ module hb_curve_plan
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_response, only: new_response
    use hb_scene, only: scene_t
    use hb_stored_origin, only: read_curve_origin
@@ -67,8 +67,8 @@ contains
       self%start = self%from
       call group%get("start", self%start)
       call group%get("values", self%values)
-      call group%get("points", self%n_points, minimum=2, maximum=1000000)
-      call group%get("max_step", self%longest_step, above=0.0_wp, maximum=1.0_wp)
+      call group%get("points", self%n_points, limits=limits_t(minimum=2, maximum=1000000))
+      call group%get("max_step", self%longest_step, limits=limits_t(above=0.0_wp, maximum=1.0_wp))
       call group%get("peak_of", self%peak_of)
       call group%get("tie", self%tie, choices=ties)
       call group%get("switch", self%switches)
@@ -84,9 +84,9 @@ contains
       end if
       self%origin = ""
       call group%get("origin", self%origin)
-      if (len(self%origin) > 0) call group%get("origin_point", self%origin_point, required=.true., minimum=0)
+      if (len(self%origin) > 0) call group%get("origin_point", self%origin_point, required=.true., limits=limits_t(minimum=0))
       allocate (self%torus_order(0))
-      call group%get("torus_order", self%torus_order, minimum=0, n=2)
+      call group%get("torus_order", self%torus_order, limits=limits_t(minimum=0), n=2)
       if (group%given("from") .and. group%given("to")) then
          if (.not. abs(self%to - self%from) > 0.0_wp) call group%problem("to", "is the same as 'from': there is no way to go")
          if ((self%start - self%from)*(self%start - self%to) > 0.0_wp) &

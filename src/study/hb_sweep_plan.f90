@@ -9,7 +9,7 @@ module hb_sweep_plan
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_text, only: lower, number_of, quote, shown, string_t, to_text
    implicit none
    private
@@ -172,7 +172,7 @@ contains
       allocate (axis_of(document%count("sweep")), source=0)
       do i = 1, size(axis_of)
          group => document%group("sweep", i)
-         if (group%given("axis")) call group%get("axis", axis_of(i), minimum=1)
+         if (group%given("axis")) call group%get("axis", axis_of(i), limits=limits_t(minimum=1))
       end do
       free = 1
       do i = 1, size(axis_of)
@@ -216,7 +216,7 @@ contains
          spacing = spacings(1)
          call group%get("from", self%range%first, required=.true.)
          call group%get("to", self%range%last, required=.true.)
-         call group%get("n", self%range%n, required=.true., minimum=1, maximum=100000000)
+         call group%get("n", self%range%n, required=.true., limits=limits_t(minimum=1, maximum=100000000))
          call group%get("spacing", spacing, choices=spacings)
          self%range%is_log = spacing == "log"
          if (self%range%is_log .and. .not. self%range%first*self%range%last > 0.0_wp) &

@@ -8,7 +8,7 @@ module hb_switched_input
    use hb_kinds, only: two_pi, wp
    use hb_model_file, only: model_file_t
    use hb_namelist, only: complete_text
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use hb_study, only: study_t
@@ -83,7 +83,7 @@ contains
       call add("harmonics%symmetry", "'none'")
       group => document%optional_group("sampling")
       samples = [0]
-      call group%get("samples", samples, minimum=0)
+      call group%get("samples", samples, limits=limits_t(minimum=0))
       if (is_torus) then
          call add("sampling%samples", as_list([samples(1), 0]))
       else
