@@ -7,9 +7,9 @@ module verb_march
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_place
    use hb_kinds, only: wp
-   use hb_march, only: judge, march_from, march_judgement_t, march_record_t, march_watcher_t
+   use hb_march, only: judge, march_from, march_record_t, march_watcher_t
    use hb_march_config, only: march_method_names, march_start, step_of
-   use hb_march_file, only: march_origin_t, read_march_state, write_march_file
+   use hb_march_file, only: march_content_t, march_origin_t, read_march_state, write_march_file
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
    use hb_model_file, only: model_file_t
@@ -89,9 +89,7 @@ contains
       character(*), intent(in) :: path                                !! of the record
       type(error_t), allocatable, intent(out) :: error
       type(march_system_t), target :: system
-      type(march_state_t) :: state
-      type(march_record_t) :: record
-      type(march_judgement_t) :: judgement
+      type(march_content_t) :: content
       type(march_origin_t) :: origin
       type(shown_progress_t) :: watcher
       real(wp) :: seconds, share, step
@@ -108,19 +106,19 @@ contains
          if (allocated(error)) return
          frequencies = scene%harmonics%frequencies(omega)
          call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, omega)
-         call first_state(scene, system, frequencies, state, error)
+         call first_state(scene, system, frequencies, content%state, error)
          if (allocated(error)) return
          step = step_of(scene%march, omega)
          watcher%level = options%level
          seconds = wall_clock()
-         call march_from(system, scene%march, step, scene%output%dofs, state, record, error, watcher)
+         call march_from(system, scene%march, step, scene%output%dofs, content%state, content%record, error, watcher)
          if (allocated(error)) return
          seconds = wall_clock() - seconds
          if (watcher%is_begun) call watcher%progress%finish(watcher%all, 0)
-         call read_frequencies(scene, record, omega, share, error)
+         call read_frequencies(scene, content%record, omega, share, error)
          if (allocated(error)) return
          frequencies = scene%harmonics%frequencies(omega)
-         call judge(record, frequencies, scene%march%n_peaks, judgement, error)
+         call judge(content%record, frequencies, scene%march%n_peaks, content%judgement, error)
          if (allocated(error)) return
          origin%title = scene%output%title
          origin%method = trim(march_method_names(scene%march%method))
@@ -129,12 +127,11 @@ contains
          origin%omega = omega
          origin%tuples = scene%harmonics%tuples
          origin%kept_dofs = scene%output%dofs
-         call write_march_file(path, options%overwrite, origin, scene%structure, system%laws, record, judgement, &
-                               state, error)
+         call write_march_file(path, options%overwrite, origin, scene%structure, system%laws, content, error)
       end associate
       if (allocated(error) .or. options%level < log_level%normal) return
       write (line, "(f0.3)") seconds
-      call say("marched to t = "//to_text(state%time)//" s in "//trim(line)//" s of computing; record in "//path)
+      call say("marched to t = "//to_text(content%state%time)//" s in "//trim(line)//" s of computing; record in "//path)
       if (any(study%scene%tones%is_unknown)) then
          if (share > 0.0_wp) then
             write (line, "(*(es23.15e2))") pack(omega, study%scene%tones%is_unknown)
@@ -143,7 +140,7 @@ contains
             call say("the record has no tone of its own; the coefficients of unknown tones mean nothing")
          end if
       end if
-      write (line, "(es7.1)") maxval(judgement%spread)
+      write (line, "(es7.1)") maxval(content%judgement%spread)
       call say("largest difference between coefficients of both halves of the record: "//trim(line))
    end subroutine march_scene
 

@@ -49,6 +49,13 @@ module hb_hdf5
       procedure, private :: put_text => file_put_text
    end type h5_file_t
 
+   !> What a dataset is made of.
+   type :: element_t
+      integer(hid_t) :: file_type = no_id
+      integer(hid_t) :: fill_type = no_id                 ! none: filled with zero bytes
+      type(c_ptr) :: fill = c_null_ptr                    ! address of the value that stands for none
+   end type element_t
+
 contains
 
    !> Makes a new file for this process alone. An existing file is an error, or is replaced when `replace` is
@@ -189,7 +196,7 @@ contains
       if (present(as_hole)) is_hole = as_hole
       fill = ieee_value(fill, ieee_quiet_nan)
       if (is_hole) fill = 0.0_wp
-      call add_dataset(self, name, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, extents, c_loc(fill), dataset, error, is_hole)
+      call add_dataset(self, name, extents, element_t(H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, c_loc(fill)), dataset, error, is_hole)
    end subroutine file_add_real
 
    !> Adds a dataset of int32, filled with zero, its space taken on the disk unless it is made `as_hole`.
@@ -203,7 +210,7 @@ contains
       integer, target :: fill
 
       fill = 0
-      call add_dataset(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, extents, c_loc(fill), dataset, error, as_hole)
+      call add_dataset(self, name, extents, element_t(H5T_STD_I32LE, H5T_NATIVE_INTEGER, c_loc(fill)), dataset, error, as_hole)
    end subroutine file_add_integer
 
    !> Adds a dataset of single bytes, all null, its space taken on the disk: the first extent is the room
@@ -223,7 +230,7 @@ contains
       call new_byte_type(byte_type, status)
       call check(status, "make the text type", error)
       if (allocated(error)) return
-      call add_dataset(self, name, byte_type, no_id, extents, c_null_ptr, dataset, error)
+      call add_dataset(self, name, extents, element_t(byte_type), dataset, error)
       call h5tclose_f(byte_type, status)
    end subroutine file_add_characters
 
@@ -281,7 +288,7 @@ contains
       call new_text_type(text_type, status)
       call check(status, "make the text type", error)
       if (allocated(error)) return
-      call add_dataset(self, name, text_type, no_id, extents, c_null_ptr, dataset, error)
+      call add_dataset(self, name, extents, element_t(text_type), dataset, error)
       if (.not. allocated(error) .and. size(addresses) > 0) then
          call h5dwrite_f(dataset%id, text_type, c_loc(addresses), status)
          call check(status, "write", error, dataset%place)
@@ -289,14 +296,12 @@ contains
       call h5tclose_f(text_type, status)
    end subroutine add_varying
 
-   !> Adds a dataset of any type with early allocation; without an address of a fill value the fill is zero
-   !> bytes.
-   subroutine add_dataset(file, name, file_type, fill_type, extents, fill, dataset, error, as_hole)
+   !> Adds a dataset of any type with early allocation.
+   subroutine add_dataset(file, name, extents, element, dataset, error, as_hole)
       class(h5_file_t), intent(in) :: file
       character(*), intent(in) :: name
-      integer(hid_t), intent(in) :: file_type, fill_type
       integer, intent(in) :: extents(:)
-      type(c_ptr), intent(in) :: fill
+      type(element_t), intent(in) :: element
       type(h5_dataset_t), intent(out) :: dataset
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: as_hole
@@ -313,8 +318,9 @@ contains
       if (status >= 0) call h5pcreate_f(H5P_DATASET_CREATE_F, properties, status)
       if (status >= 0) call h5pset_alloc_time_f(properties, H5D_ALLOC_TIME_EARLY_F, status)
       if (status >= 0) call h5pset_fill_time_f(properties, fill_time, status)
-      if (status >= 0 .and. fill_type /= no_id) call h5pset_fill_value_f(properties, fill_type, fill, status)
-      if (status >= 0) call h5dcreate_f(file%id, name, file_type, space, dataset%id, status, properties)
+      if (status >= 0 .and. element%fill_type /= no_id) &
+         call h5pset_fill_value_f(properties, element%fill_type, element%fill, status)
+      if (status >= 0) call h5dcreate_f(file%id, name, element%file_type, space, dataset%id, status, properties)
       call check(status, "create", error, dataset%place)
       if (allocated(error)) then
          dataset%id = no_id

@@ -48,6 +48,13 @@ module hb_hdf5_datasets
       procedure, private :: write_text_row => dataset_write_text_row
    end type h5_dataset_t
 
+   !> Values in memory.
+   type :: memory_t
+      integer(hid_t) :: type = no_id                   ! of each value
+      type(c_ptr) :: address = c_null_ptr
+      integer :: n_values = 0
+   end type memory_t
+
 contains
 
    !> Closes the dataset; safe to call twice.
@@ -98,7 +105,7 @@ contains
       class(h5_dataset_t), intent(in) :: self
       real(wp), intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
-      call transfer_values(self, .false., H5T_NATIVE_DOUBLE, c_loc(values), size(values), error)
+      call transfer_values(self, .false., memory_t(H5T_NATIVE_DOUBLE, c_loc(values), size(values)), error)
    end subroutine dataset_write_real
 
    !> Writes the whole dataset.
@@ -106,7 +113,7 @@ contains
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
-      call transfer_values(self, .false., H5T_NATIVE_INTEGER, c_loc(values), size(values), error)
+      call transfer_values(self, .false., memory_t(H5T_NATIVE_INTEGER, c_loc(values), size(values)), error)
    end subroutine dataset_write_integer
 
    !> Writes one whole row (all indices but the slowest), counted from 1, or several that follow each other;
@@ -117,7 +124,7 @@ contains
       real(wp), intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: n_rows       !! default 1
-      call transfer_values(self, .false., H5T_NATIVE_DOUBLE, c_loc(values), size(values), error, row, n_rows)
+      call transfer_values(self, .false., memory_t(H5T_NATIVE_DOUBLE, c_loc(values), size(values)), error, row, n_rows)
    end subroutine dataset_write_real_row
 
    !> Writes one whole row (all indices but the slowest), counted from 1, or several that follow each other;
@@ -128,7 +135,7 @@ contains
       integer, intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: n_rows       !! default 1
-      call transfer_values(self, .false., H5T_NATIVE_INTEGER, c_loc(values), size(values), error, row, n_rows)
+      call transfer_values(self, .false., memory_t(H5T_NATIVE_INTEGER, c_loc(values), size(values)), error, row, n_rows)
    end subroutine dataset_write_integer_row
 
    !> Writes the first `n_used` values along the second axis of one row, counted from 1; the others stay as they are.
@@ -137,7 +144,7 @@ contains
       integer, intent(in) :: row, n_used
       real(wp), intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
-      call transfer_values(self, .false., H5T_NATIVE_DOUBLE, c_loc(values), size(values), error, row, n_used=n_used)
+      call transfer_values(self, .false., memory_t(H5T_NATIVE_DOUBLE, c_loc(values), size(values)), error, row, n_used=n_used)
    end subroutine dataset_write_real_part
 
    !> Writes the first `n_used` values along the second axis of one row, counted from 1; the others stay as they are.
@@ -146,7 +153,7 @@ contains
       integer, intent(in) :: row, n_used
       integer, intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
-      call transfer_values(self, .false., H5T_NATIVE_INTEGER, c_loc(values), size(values), error, row, n_used=n_used)
+      call transfer_values(self, .false., memory_t(H5T_NATIVE_INTEGER, c_loc(values), size(values)), error, row, n_used=n_used)
    end subroutine dataset_write_integer_part
 
    !> Writes a string into row `row`, counted from 1, of a matrix of bytes; what is too long is cut.
@@ -171,17 +178,15 @@ contains
       call new_byte_type(byte_type, status)
       call check(status, "make the text type", error)
       if (allocated(error)) return
-      call transfer_values(self, .false., byte_type, c_loc(bytes), size(bytes), error, row)
+      call transfer_values(self, .false., memory_t(byte_type, c_loc(bytes), size(bytes)), error, row)
       call h5tclose_f(byte_type, status)
    end subroutine dataset_write_text_row
 
    !> Writes or reads the values of the dataset: all of them, or rows that follow each other; independent of other ranks.
-   subroutine transfer_values(self, is_reading, memory_type, address, n_values, error, row, n_rows, n_used)
+   subroutine transfer_values(self, is_reading, memory, error, row, n_rows, n_used)
       class(h5_dataset_t), intent(in) :: self
       logical, intent(in) :: is_reading
-      integer(hid_t), intent(in) :: memory_type
-      type(c_ptr), intent(in) :: address                !! of the values in memory
-      integer, intent(in) :: n_values
+      type(memory_t), intent(in) :: memory
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: row              !! the first of them, from 1; default: everything
       integer, intent(in), optional :: n_rows           !! default 1
@@ -195,16 +200,16 @@ contains
       n = 1
       if (present(n_rows)) n = n_rows
       if (present(row)) then
-         call select_rows(self, row, n, n_values, in_file, in_memory, error, n_used)
+         call select_rows(self, row, n, memory%n_values, in_file, in_memory, error, n_used)
       else
-         call check_size(self, n_values, product(self%extents), error)
+         call check_size(self, memory%n_values, product(self%extents), error)
       end if
-      if (allocated(error) .or. n_values == 0) return
-      buffer = address
+      if (allocated(error) .or. memory%n_values == 0) return
+      buffer = memory%address
       if (is_reading) then
-         call h5dread_f(self%id, memory_type, buffer, status, in_memory, in_file)
+         call h5dread_f(self%id, memory%type, buffer, status, in_memory, in_file)
       else
-         call h5dwrite_f(self%id, memory_type, buffer, status, in_memory, in_file)
+         call h5dwrite_f(self%id, memory%type, buffer, status, in_memory, in_file)
       end if
       call check(status, merge("read ", "write", is_reading), error, self%place)
       if (.not. present(row)) return
@@ -253,7 +258,7 @@ contains
       class(h5_dataset_t), intent(in) :: self
       real(wp), intent(out), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
-      call transfer_values(self, .true., H5T_NATIVE_DOUBLE, c_loc(values), size(values), error)
+      call transfer_values(self, .true., memory_t(H5T_NATIVE_DOUBLE, c_loc(values), size(values)), error)
    end subroutine dataset_read_real
 
    !> Reads the whole dataset.
@@ -261,7 +266,7 @@ contains
       class(h5_dataset_t), intent(in) :: self
       integer, intent(out), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
-      call transfer_values(self, .true., H5T_NATIVE_INTEGER, c_loc(values), size(values), error)
+      call transfer_values(self, .true., memory_t(H5T_NATIVE_INTEGER, c_loc(values), size(values)), error)
    end subroutine dataset_read_integer
 
    !> Reads whole rows (all indices but the slowest) that follow each other, as many as there is room for; independent
@@ -271,7 +276,7 @@ contains
       integer, intent(in) :: first                  !! row, from 1
       real(wp), intent(out), contiguous, target :: values(:, :)
       type(error_t), allocatable, intent(out) :: error
-      call transfer_values(self, .true., H5T_NATIVE_DOUBLE, c_loc(values), size(values), error, first, size(values, 2))
+      call transfer_values(self, .true., memory_t(H5T_NATIVE_DOUBLE, c_loc(values), size(values)), error, first, size(values, 2))
    end subroutine dataset_read_real_rows
 
    !> Reads integers of rows that follow each other, which the last axis of the values counts.
@@ -280,7 +285,8 @@ contains
       integer, intent(in) :: first                  !! row, from 1
       integer, intent(inout), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
-      call transfer_values(self, .true., H5T_NATIVE_INTEGER, c_loc(values), size(values), error, first, size(values, rank(values)))
+      call transfer_values(self, .true., memory_t(H5T_NATIVE_INTEGER, c_loc(values), size(values)), error, first, &
+                           size(values, rank(values)))
    end subroutine dataset_read_integer_rows
 
    !> Reads a row of bytes as text without the zeros behind it.
@@ -302,7 +308,7 @@ contains
       call new_byte_type(byte_type, status)
       call check(status, "make the text type", error)
       if (allocated(error)) return
-      call transfer_values(self, .true., byte_type, c_loc(bytes), size(bytes), error, row)
+      call transfer_values(self, .true., memory_t(byte_type, c_loc(bytes), size(bytes)), error, row)
       call h5tclose_f(byte_type, status)
       n = findloc(bytes, c_null_char, dim=1) - 1
       if (n < 0) n = size(bytes)

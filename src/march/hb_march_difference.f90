@@ -14,7 +14,7 @@ module hb_march_difference
    use hb_march, only: march_record_t
    implicit none
    private
-   public :: march_difference_t, motion, new_march_difference
+   public :: march_difference_t, motion, new_march_difference, series_t
 
    integer, parameter :: max_fits = 8                                 ! steps of Gauss and Newton in one period
    integer, parameter :: fewest_periods = 3                           ! from which a drift is taken
@@ -22,6 +22,14 @@ module hb_march_difference
    real(wp), parameter :: largest_step = 0.5_wp                       ! of a phase in one fit [rad]
    real(wp), parameter :: smallest_motion = 1.0e-3_wp                 ! of a coordinate, relative to the largest motion
    real(wp), parameter :: smallest_part = 5.0e-2_wp                   ! of one tone, relative to the motion of the coordinate
+
+   !> A motion sum of Re(amplitude exp(i j.omega t)).
+   type :: series_t
+      complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_harmonics, n_dofs)
+      integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics)
+      real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones)
+      logical, allocatable :: is_unknown(:)                           !! (n_tones)
+   end type series_t
 
    type :: march_difference_t
       integer :: n_dofs = 0, n_items = 0                              !! items: degrees of freedom, then coordinates of laws
@@ -51,34 +59,31 @@ module hb_march_difference
 
 contains
 
-   !> Difference to the motion sum of Re(amplitude exp(i j.omega t)).
-   subroutine new_march_difference(self, amplitudes, tuples, omega, is_unknown, shape, units, length, n_kept)
+   !> Difference to a motion.
+   subroutine new_march_difference(self, series, shape, units, length, n_kept)
       type(march_difference_t), intent(out) :: self
-      complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin [m], (n_harmonics, n_dofs)
-      integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
-      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
-      logical, intent(in) :: is_unknown(:)                            !! (n_tones)
+      type(series_t), intent(in) :: series
       real(wp), intent(in) :: shape(:, :)                             !! of the coordinates of the laws, (n_dofs, any)
       character(*), intent(in) :: units(:)                            !! (n_dofs)
       real(wp), intent(in) :: length                                  !! of the system [m]: scale where nothing moves
       integer, intent(in) :: n_kept                                   !! last periods that are kept for `parts`
       integer :: m, n
 
-      n = size(amplitudes, 2)
+      n = size(series%amplitudes, 2)
       self%n_dofs = n
       self%n_items = n + size(shape, 2)
       self%n_kept = n_kept
       self%length = length
-      allocate (self%amplitudes(size(amplitudes, 1), self%n_items))
-      self%amplitudes(:, :n) = amplitudes
-      self%amplitudes(:, n + 1:) = matmul(amplitudes, cmplx(shape, 0.0_wp, wp))
+      allocate (self%amplitudes(size(series%amplitudes, 1), self%n_items))
+      self%amplitudes(:, :n) = series%amplitudes
+      self%amplitudes(:, n + 1:) = matmul(series%amplitudes, cmplx(shape, 0.0_wp, wp))
       self%shape = shape
-      self%tuples = tuples
-      self%omega = omega
-      self%frequencies = matmul(omega, real(tuples, wp))
-      self%tones = pack([(m, m=1, size(omega))], is_unknown)
+      self%tuples = series%tuples
+      self%omega = series%omega
+      self%frequencies = matmul(series%omega, real(series%tuples, wp))
+      self%tones = pack([(m, m=1, size(series%omega))], series%is_unknown)
       self%units = units
-      self%period = two_pi/minval(omega)
+      self%period = two_pi/minval(series%omega)
       allocate (self%largest(self%n_items, 0), self%apart(0), self%phases(size(self%tones), 0), self%time(0))
       allocate (self%rest(0, size(shape, 2)))
    end subroutine new_march_difference

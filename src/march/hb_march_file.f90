@@ -15,7 +15,7 @@ module hb_march_file
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: march_origin_t, read_march_state, write_march_file
+   public :: march_content_t, march_origin_t, read_march_state, write_march_file
 
    integer, parameter :: schema_version = 1
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
@@ -29,6 +29,13 @@ module hb_march_file
       integer, allocatable :: kept_dofs(:)
    end type march_origin_t
 
+   !> What a march has come to.
+   type :: march_content_t
+      type(march_record_t) :: record
+      type(march_judgement_t) :: judgement
+      type(march_state_t) :: state                                    !! the last one
+   end type march_content_t
+
    type(h5_dataset_t), parameter :: no_scales(0) = [h5_dataset_t ::]
 
    !> A file in the making, with the scales of its dimensions.
@@ -40,15 +47,13 @@ module hb_march_file
 contains
 
    !> Writes the file; refuses an existing one unless `overwrite`.
-   subroutine write_march_file(path, overwrite, origin, structure, laws, record, judgement, state, error)
+   subroutine write_march_file(path, overwrite, origin, structure, laws, content, error)
       character(*), intent(in) :: path
       logical, intent(in) :: overwrite
       type(march_origin_t), intent(in) :: origin
       type(structure_t), intent(in) :: structure
       type(march_laws_t), intent(in) :: laws
-      type(march_record_t), intent(in) :: record
-      type(march_judgement_t), intent(in) :: judgement
-      type(march_state_t), intent(in) :: state
+      type(march_content_t), intent(in) :: content
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
       type(writer_t) :: writer
@@ -59,10 +64,10 @@ contains
       if (.not. allocated(error)) then
          call create_file(writer%file, temporary, .true., error)
          if (.not. allocated(error)) call write_attributes(writer%file, origin, error)
-         call write_scales(writer, origin, structure, laws, record, judgement, error)
-         call write_record(writer, origin, structure, record, error)
-         call write_judgement(writer, origin, structure, judgement, error)
-         call write_state(writer, structure, state, error)
+         call write_scales(writer, origin, structure, laws, content%record, content%judgement, error)
+         call write_record(writer, origin, structure, content%record, error)
+         call write_judgement(writer, origin, structure, content%judgement, error)
+         call write_state(writer, structure, content%state, error)
          call writer%file%put("input_text", origin%input_text, "the input as given", error)
          call writer%file%put("input_complete", origin%input_complete, "the input after defaults", error)
          call writer%file%close(error_in_close)

@@ -227,8 +227,12 @@ contains
       end if
       call new_balance(balance, basis%harmonics, basis%torus, start%omega, stiffness, laws_at(coordinates, scene%laws), &
                        scene%planning, error)
-      if (.not. allocated(error)) call solve_balance(scene, basis, start, watch, balance, started, result, error, &
-                                                     first_guess, unknowns, judge)
+      balance%watch => watch
+      result%setup_seconds = wall_clock() - started
+      if (.not. allocated(error)) call solve_balance(scene, basis, start, balance, result, error, first_guess, unknowns)
+      if (present(judge) .and. is_autonomous .and. scene%tones%n_tones > 1 .and. .not. allocated(error) &
+          .and. result%status /= outcome%interrupted) &
+         call look_for_locking(judge, scene, start, coordinates%dofs, watch, result)
       call balance%destroy()
    end subroutine solve_scene
 
@@ -264,26 +268,26 @@ contains
       if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
    end subroutine solve_linear_scene
 
-   subroutine solve_balance(scene, basis, start, watch, balance, started, result, error, guess, unknowns, judge)
+   !> Solves the balance, and describes the motion found.
+   subroutine solve_balance(scene, basis, start, balance, result, error, guess, unknowns)
       type(scene_t), intent(in) :: scene
       type(basis_t), intent(in) :: basis
       type(autonomous_start_t), intent(in) :: start
-      class(watch_t), intent(inout), target :: watch
-      type(balance_t), intent(inout), target :: balance
-      real(wp), intent(in) :: started                                 !! the set-up, on the wall clock [s]
-      type(motion_result_t), intent(inout) :: result
+      type(balance_t), intent(inout), target :: balance               !! with its watch
+      type(motion_result_t), intent(inout) :: result                  !! with the time that the set-up has taken so far
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in) :: guess(:)                   !! in the basis; not allocated: that of the scene
       real(wp), allocatable, intent(out) :: unknowns(:)               !! in the whole set
-      class(judge_t), intent(in), optional :: judge
+      class(watch_t), pointer :: watch
       type(circumstances_t) :: circumstances
       type(report_t) :: report
       type(search_t) :: search
       real(wp), allocatable :: linear_solution(:, :), u(:, :)
-      real(wp) :: begun
+      real(wp) :: begun, started
       logical :: is_stuck
 
-      balance%watch => watch
+      started = wall_clock()
+      watch => balance%watch
       allocate (u(basis%harmonics%n_coefficients, balance%n_dofs), source=0.0_wp)
       if (any(scene%tones%is_unknown)) then
          call add_start(scene, basis, balance%stiffness%coordinates, u)
@@ -309,7 +313,7 @@ contains
       if (watch%verdict /= verdict%go_on) report%status = status_of(watch)
       watch%is_patient = report%status == outcome%converged           ! what a solution is worth is found, unless the run ends
       if (.not. watch%is_patient) nullify (balance%watch)
-      result%setup_seconds = begun - started
+      result%setup_seconds = result%setup_seconds + begun - started
       result%solver_seconds = wall_clock() - begun
       if (report%status == outcome%converged) unknowns = [basis%expand(u), balance%omega]
       result%status = report%status
@@ -340,11 +344,7 @@ contains
       if (watch%verdict == verdict%interrupted) then
          result%status = outcome%interrupted
          if (allocated(error)) deallocate (error)                     ! of what was left half done
-         return
       end if
-      if (allocated(error)) return
-      if (present(judge) .and. any(scene%tones%is_unknown) .and. scene%tones%n_tones > 1) &
-         call look_for_locking(judge, scene, start, balance%stiffness%coordinates%dofs, watch, result)
    end subroutine solve_balance
 
    !> Adds to a result what follows from a solution: motion, forces, certificate, surfaces. A status that says `converged` is

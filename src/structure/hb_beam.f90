@@ -7,7 +7,7 @@
 module hb_beam
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t, unit_length
    use hb_text, only: join, to_text
@@ -27,6 +27,7 @@ contains
       real(wp), intent(in), optional :: memory_limit         !! bytes
       type(proportional_damping_t) :: damping
       character(:), allocatable :: left_support, right_support
+      character(7) :: ends(2)
       real(wp) :: bending_stiffness, length, mass_per_length
       integer :: n_elements
 
@@ -36,33 +37,33 @@ contains
       length = 0.0_wp
       bending_stiffness = 0.0_wp
       mass_per_length = 0.0_wp
-      call group%get("length", length, required=.true., unit="m", above=0.0_wp)
-      call group%get("bending_stiffness", bending_stiffness, required=.true., unit="N m2", above=0.0_wp)
-      call group%get("mass_per_length", mass_per_length, required=.true., unit="kg/m", above=0.0_wp)
-      call group%get("n_elements", n_elements, required=.true., minimum=1, maximum=max_dofs/2)
+      call group%get("length", length, required=.true., unit="m", limits=limits_t(above=0.0_wp))
+      call group%get("bending_stiffness", bending_stiffness, required=.true., unit="N m2", limits=limits_t(above=0.0_wp))
+      call group%get("mass_per_length", mass_per_length, required=.true., unit="kg/m", limits=limits_t(above=0.0_wp))
+      call group%get("n_elements", n_elements, required=.true., limits=limits_t(minimum=1, maximum=max_dofs/2))
       call group%get("left_support", left_support, choices=supports)
       call group%get("right_support", right_support, choices=supports)
       call read_proportional_damping(group, damping)
       call group%finish(error)
       if (allocated(error)) return
       call check_room(2*n_elements + 2, error, memory_limit)
+      ends(1) = left_support
+      ends(2) = right_support
       if (.not. allocated(error)) then
-         call new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, left_support, right_support, &
-            damping, error)
+         call new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, ends, damping, error)
       end if
       call annotate(error, group%place())
    end subroutine read_beam
 
    !> Makes a beam; fails for a size that is not positive, an unknown support, or when no degree of freedom is
    !> free.
-   subroutine new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, left_support, &
-                       right_support, damping, error)
+   subroutine new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, ends, damping, error)
       type(structure_t), intent(out) :: structure
       real(wp), intent(in) :: length                         !! [m]
       real(wp), intent(in) :: bending_stiffness              !! E I [N m**2]
       real(wp), intent(in) :: mass_per_length                !! rho A [kg/m]
       integer, intent(in) :: n_elements
-      character(*), intent(in) :: left_support, right_support !! `pinned`, `clamped`, `free` or `guided`
+      character(*), intent(in) :: ends(2)                    !! left and right: `pinned`, `clamped`, `free` or `guided`
       type(proportional_damping_t), intent(in) :: damping
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: mass(:, :), stiffness(:, :)
@@ -77,8 +78,8 @@ contains
          call fail(error, "beam: length, bending stiffness, mass per length and number of elements "// &
                    "must be above 0")
          return
-      else if (.not. (any(supports == left_support) .and. any(supports == right_support))) then
-         call fail(error, "beam: unknown support in '"//trim(left_support)//"' and '"//trim(right_support)// &
+      else if (.not. (any(supports == ends(1)) .and. any(supports == ends(2)))) then
+         call fail(error, "beam: unknown support in '"//trim(ends(1))//"' and '"//trim(ends(2))// &
                    "'; known: "//join(supports, ", "))
          return
       end if
@@ -93,8 +94,8 @@ contains
       end do
 
       allocate (is_free(n_all), source=.true.)
-      is_free(:2) = is_free_at(left_support)
-      is_free(n_all - 1:) = is_free_at(right_support)
+      is_free(:2) = is_free_at(ends(1))
+      is_free(n_all - 1:) = is_free_at(ends(2))
       kept = pack([(i, i=1, n_all)], is_free)
       if (size(kept) == 0) then
          call fail(error, "beam: one element between clamped ends has no degree of freedom; use 2 or more")

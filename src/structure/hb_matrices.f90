@@ -2,13 +2,13 @@
 module hb_matrices
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_properties, only: properties_t
+   use hb_properties, only: limits_t, properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t
    use hb_text, only: string_t, to_text
    implicit none
    private
-   public :: new_matrices, read_matrices
+   public :: read_matrices
 
 contains
 
@@ -27,7 +27,7 @@ contains
       integer :: i, n_dofs
 
       n_dofs = 0
-      call group%get("n_dofs", n_dofs, required=.true., minimum=1, maximum=max_dofs)
+      call group%get("n_dofs", n_dofs, required=.true., limits=limits_t(minimum=1, maximum=max_dofs))
       allocate (labels(max(n_dofs, 0)), units(max(n_dofs, 0)))
       do i = 1, n_dofs
          labels(i)%value = "x"//to_text(i)
@@ -54,37 +54,18 @@ contains
       if (allocated(error)) return
       call check_room(n_dofs, error, memory_limit)
       if (.not. allocated(error)) then
-         call new_matrices(structure, full(mass, n_dofs), full(damping, n_dofs), full(gyroscopic, n_dofs), full(stiffness, &
-            n_dofs), proportional, words(labels), words(units), error)
+         associate (m => full(mass, n_dofs), d => full(damping, n_dofs), g => full(gyroscopic, n_dofs), &
+                    k => full(stiffness, n_dofs))
+            if (maxval(abs(g + transpose(g))) > 1.0e-10_wp*maxval(abs(g))) then
+               call fail(error, "matrices: the gyroscopic matrix must be skew-symmetric, G(j, i) = -G(i, j); "// &
+                         "what dissipates belongs to the damping matrix")
+            else
+               call new_structure(structure, m, d + g + proportional%matrix(m, k), k, words(labels), words(units), error)
+            end if
+         end associate
       end if
       call annotate(error, group%place())
    end subroutine read_matrices
-
-   !> Makes a structure from its matrices; fails unless the gyroscopic one is skew-symmetric, else as
-   !> `new_structure`.
-   subroutine new_matrices(structure, mass, damping, gyroscopic, stiffness, proportional, labels, units, &
-                           error)
-      type(structure_t), intent(out) :: structure
-      real(wp), intent(in) :: mass(:, :)                     !! [kg], (n_dofs, n_dofs)
-      real(wp), intent(in) :: damping(:, :)                  !! [N s/m], (n_dofs, n_dofs)
-      real(wp), intent(in) :: gyroscopic(:, :)               !! [N s/m], (n_dofs, n_dofs), G = -transpose(G)
-      real(wp), intent(in) :: stiffness(:, :)                !! [N/m], (n_dofs, n_dofs)
-      type(proportional_damping_t), intent(in) :: proportional
-      character(*), intent(in) :: labels(:), units(:)        !! (n_dofs)
-      type(error_t), allocatable, intent(out) :: error
-
-      if (any(shape(gyroscopic) /= shape(damping)) .or. any(shape(stiffness) /= shape(damping)) &
-          .or. any(shape(mass) /= shape(damping)) .or. size(damping, 1) /= size(damping, 2)) then
-         call fail(error, "matrices: mass, damping, gyroscopic and stiffness must be square and of one size")
-         return
-      else if (maxval(abs(gyroscopic + transpose(gyroscopic))) > 1.0e-10_wp*maxval(abs(gyroscopic))) then
-         call fail(error, "matrices: the gyroscopic matrix must be skew-symmetric, G(j, i) = -G(i, j); "// &
-                   "what dissipates belongs to the damping matrix")
-         return
-      end if
-      call new_structure(structure, mass, damping + gyroscopic + proportional%matrix(mass, stiffness), &
-                         stiffness, labels, units, error)
-   end subroutine new_matrices
 
    !> Adds a problem unless there are as many values as in a full or a diagonal matrix.
    subroutine check_matrix(group, key, values, n_dofs)

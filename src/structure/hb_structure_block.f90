@@ -25,7 +25,7 @@ module hb_structure_block
 contains
 
    !> Collects the entries of the block where mass, damping or stiffness is not zero, column by column.
-   pure subroutine new_structure_block(self, structure, rows, columns)
+   subroutine new_structure_block(self, structure, rows, columns)
       type(structure_block_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: rows(:), columns(:)                      !! numbers of degrees of freedom
@@ -58,8 +58,8 @@ contains
       end do
    end subroutine new_structure_block
 
-   !> The same of sparse matrices, row by row.
-   pure subroutine collect_sparse(self, structure, rows, columns)
+   !> Collects the entries of sparse matrices, row by row.
+   subroutine collect_sparse(self, structure, rows, columns)
       type(structure_block_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: rows(:), columns(:)
@@ -81,9 +81,9 @@ contains
          n = 0
          do i = 1, size(rows)
             first = n + 1
-            call add_row(m, rows(i), i, first, number, place, n, self%row, self%column, self%mass)
-            call add_row(d, rows(i), i, first, number, place, n, self%row, self%column, self%damping)
-            call add_row(k, rows(i), i, first, number, place, n, self%row, self%column, self%stiffness)
+            call add_row(m, self%mass)
+            call add_row(d, self%damping)
+            call add_row(k, self%stiffness)
          end do
       end associate
       self%n_entries = n
@@ -92,29 +92,28 @@ contains
       self%mass = self%mass(:n)
       self%damping = self%damping(:n)
       self%stiffness = self%stiffness(:n)
+
+   contains
+
+      !> Adds a row of one of the matrices to row `i` of the block, whose entries begin with `first`.
+      subroutine add_row(matrix, values)
+         type(sparse_t), intent(in) :: matrix
+         real(wp), intent(inout) :: values(:)                         !! of the entries of the block
+         integer :: e, j
+
+         do e = matrix%first(rows(i)), matrix%first(rows(i) + 1) - 1
+            j = number(matrix%column(e))
+            if (j == 0 .or. .not. abs(matrix%value(e)) > 0.0_wp) cycle
+            if (place(j) < first) then
+               n = n + 1
+               place(j) = n
+               self%row(n) = i
+               self%column(n) = j
+            end if
+            values(place(j)) = matrix%value(e)
+         end do
+      end subroutine add_row
    end subroutine collect_sparse
-
-   !> Adds a row of one of the matrices to row `i` of the block, whose entries begin with `first`.
-   pure subroutine add_row(matrix, dof, i, first, number, place, n, row, column, values)
-      type(sparse_t), intent(in) :: matrix
-      integer, intent(in) :: dof, i, first
-      integer, intent(in) :: number(:)
-      integer, intent(inout) :: place(:), n, row(:), column(:)
-      real(wp), intent(inout) :: values(:)
-      integer :: e, j
-
-      do e = matrix%first(dof), matrix%first(dof + 1) - 1
-         j = number(matrix%column(e))
-         if (j == 0 .or. .not. abs(matrix%value(e)) > 0.0_wp) cycle
-         if (place(j) < first) then
-            n = n + 1
-            place(j) = n
-            row(n) = i
-            column(n) = j
-         end if
-         values(place(j)) = matrix%value(e)
-      end do
-   end subroutine add_row
 
    !> Values of the entries, s = k - (w**2 + i drive) m + i w d.
    pure subroutine structure_block_evaluate(self, frequency, drive, s)

@@ -18,9 +18,9 @@ module hb_bench
    use hb_mpi, only: comm_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: is_solved
+   use hb_point_source, only: point_source_t
    use hb_progress, only: new_progress, progress_t
    use hb_results, only: create_results, results_layout_t, results_t
-   use hb_scene, only: scene_t
    use hb_study, only: describe_layout, study_t
    use hb_swept_point, only: run_point
    use hb_text, only: to_text
@@ -37,7 +37,7 @@ module hb_bench
       integer :: recovery = 3
       integer :: certificate = 4
       integer :: total = 5                                            !! without the certificate
-      integer :: cpu = 6                                              !! the same as processor time, of all threads
+      integer :: cpu = 6                                              !! `total` as processor time, of all threads
    end type part_t
    type(part_t), parameter :: part = part_t()
    character(*), parameter :: part_names(6) = [character(11) :: "setup", "solver", "recovery", "certificate", "total", "cpu"]
@@ -138,8 +138,7 @@ contains
       type(results_layout_t), intent(in) :: layout
       integer, intent(in) :: i, repeat
       type(point_cost_t), intent(inout) :: cost
-      type(document_t), target :: document
-      type(scene_t) :: nothing
+      type(point_source_t), target :: source
       type(neighbour_t) :: nobody
       type(motion_result_t) :: result
       type(rank_times_t) :: times
@@ -149,13 +148,15 @@ contains
 
       call release_memory()
       call forget_plans()
+      source%plan = study%plan
+      source%layout = layout
+      source%available_memory = study%available_memory
       resident = memory_resident()
       call reset_memory_peak(has_peak)
       call cpu_time(cpu_begun)
       begun = wall_clock()
-      document = study%document
-      call run_point(document, nothing, study%available_memory, study%plan, layout, i, 0, nobody, times=times, result=result, &
-         watch=watch)
+      source%document = study%document
+      call run_point(source, i, nobody, times=times, result=result, watch=watch)
       ended = wall_clock()
       call cpu_time(cpu_ended)
       if (has_peak) cost%memory = max(cost%memory, memory_peak() - resident)

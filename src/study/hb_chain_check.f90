@@ -4,15 +4,14 @@
 !> The work is bounded: that of all motions in between by the work of the points of the chain so far and a part of a second.
 module hb_chain_check
    use hb_branch_walk, only: difference_of, find_branch, finding, smallest_jump, stretch_t, walk_t
-   use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
+   use hb_point_source, only: point_source_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
    use hb_stability, only: stability_method
-   use hb_sweep_plan, only: sweep_plan_t
    use hb_watch, only: verdict, watch_t
    implicit none
    private
@@ -38,14 +37,11 @@ module hb_chain_check
 
    !> Between two points of a sweep.
    type, extends(stretch_t) :: swept_stretch_t
-      type(document_t), pointer :: document => null()
-      type(scene_t), pointer :: scene => null()
-      type(sweep_plan_t), pointer :: plan => null()
+      type(point_source_t), pointer :: source => null()
       class(watch_t), pointer :: watch => null()
       integer :: first = 0, last = 0                                  ! points
       integer :: n_left = most_motions
       real(wp) :: work_left = 0.0_wp
-      real(wp) :: available_memory = huge(1.0_wp)                     ! bytes
       real(wp), allocatable :: frequencies(:)                         ! behind the coefficients of a guess
    contains
       procedure :: solve => swept_stretch_solve
@@ -55,12 +51,9 @@ contains
 
    !> Looks at a solved point, which follows the last one that was looked at. The document and the scene may have values between
    !> the two afterwards.
-   subroutine chain_check_look(self, document, scene, available_memory, plan, point, unknowns, result, watch)
+   subroutine chain_check_look(self, source, point, unknowns, result, watch)
       class(chain_check_t), intent(inout) :: self
-      type(document_t), intent(inout), target :: document
-      type(scene_t), intent(inout), target :: scene
-      real(wp), intent(in) :: available_memory                        !! bytes
-      type(sweep_plan_t), intent(in), target :: plan
+      type(point_source_t), intent(inout), target :: source
       integer, intent(in) :: point
       real(wp), intent(in) :: unknowns(:)                             !! of the point: coefficients, then base frequencies
       type(motion_result_t), intent(inout) :: result                  !! of the point; gets the message
@@ -70,23 +63,20 @@ contains
       real(wp), allocatable :: motion(:)
       real(wp) :: length
 
-      motion = unknowns(:size(unknowns) - scene%tones%n_tones)
+      motion = unknowns(:size(unknowns) - source%scene%tones%n_tones)
       self%work_left = self%work_left + result%work
       if (is_alike()) then
-         length = plan%fastest_value(point) - self%last_value
+         length = source%plan%fastest_value(point) - self%last_value
          if (is_doubtful(self, motion, length) .and. self%work_left > 0.0_wp) then
-            stretch%document => document
-            stretch%scene => scene
-            stretch%plan => plan
+            stretch%source => source
             stretch%watch => watch
             stretch%first = self%last_point
             stretch%last = point
-            stretch%available_memory = available_memory
             stretch%frequencies = unknowns(size(motion) + 1:)
             stretch%work_left = self%work_left
             call find_branch(stretch, self%last, motion, walk)
             self%work_left = stretch%work_left
-            call tell(walk, plan%describe_between(self%last_point, point, walk%share), result)
+            call tell(walk, source%plan%describe_between(self%last_point, point, walk%share), result)
          end if
          if (result%leaves_branch) then
             if (allocated(self%slope)) deallocate (self%slope)
@@ -96,9 +86,9 @@ contains
       else if (allocated(self%slope)) then
          deallocate (self%slope)
       end if
-      self%tuples = scene%harmonics%tuples
+      self%tuples = source%scene%harmonics%tuples
       self%last = motion
-      self%last_value = plan%fastest_value(point)
+      self%last_value = source%plan%fastest_value(point)
       self%last_point = point
 
    contains
@@ -106,8 +96,10 @@ contains
       logical function is_alike()
          is_alike = .false.
          if (self%last_point == 0) return
-         if (any(shape(self%tuples) /= shape(scene%harmonics%tuples)) .or. size(self%last) /= size(motion)) return
-         is_alike = all(self%tuples == scene%harmonics%tuples)
+         associate (tuples => source%scene%harmonics%tuples)
+            if (any(shape(self%tuples) /= shape(tuples)) .or. size(self%last) /= size(motion)) return
+            is_alike = all(self%tuples == tuples)
+         end associate
       end function is_alike
    end subroutine chain_check_look
 
@@ -161,10 +153,10 @@ contains
       logical :: is_new
 
       is_solved = .false.
-      call self%plan%apply_between(self%first, self%last, share, self%document)
-      call update_scene(self%scene, self%document, is_new, error, self%available_memory)
+      call self%source%plan%apply_between(self%first, self%last, share, self%source%document)
+      call update_scene(self%source%scene, self%source%document, is_new, error, self%source%available_memory)
       if (allocated(error)) return
-      bare = self%scene
+      bare = self%source%scene
       bare%solver%rescue = .false.
       bare%solver%max_iterations = min(most_iterations, bare%solver%max_iterations)
       bare%certificate%is_on = .false.

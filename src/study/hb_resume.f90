@@ -10,7 +10,7 @@ module hb_resume
    use hb_system, only: exists
    implicit none
    private
-   public :: choose_units, resumed_input_t
+   public :: choose_units, resumed_file_t, resumed_input_t
 
    !> What must agree with the file.
    type :: resumed_input_t
@@ -19,25 +19,30 @@ module hb_resume
       character(:), allocatable :: libraries                          !! of laws, and what marks them, a line each
    end type resumed_input_t
 
+   !> What is known of the file.
+   type :: resumed_file_t
+      logical :: is_there = .false.
+      integer, allocatable :: crashed(:)                              !! points, from 1, that are to be passed by
+   end type resumed_file_t
+
 contains
 
    !> Leaves in the schedule of all points the units that have a point to solve in the file at `path`; all, where there is no
    !> file. The summary of rank 0 begins with the points that are kept. Collective; an error is the same on all ranks.
-   subroutine choose_units(path, input, retries, comm, schedule, crashed, is_there, summary, error)
+   subroutine choose_units(path, input, retries, comm, schedule, file, summary, error)
       character(*), intent(in) :: path
       type(resumed_input_t), intent(in) :: input
       logical, intent(in) :: retries                                  !! points that did not converge are solved again
       type(comm_t), intent(in) :: comm
       type(schedule_t), intent(inout) :: schedule
-      integer, allocatable, intent(out) :: crashed(:)                 !! points of the file, from 1, that are to be passed by
-      logical, intent(out) :: is_there                                !! the file
+      type(resumed_file_t), intent(out) :: file
       type(run_summary_t), intent(inout) :: summary
       type(error_t), allocatable, intent(out) :: error
       type(record_t) :: record
       integer, allocatable :: found(:)
       integer :: i
 
-      allocate (crashed(0), found(0))
+      allocate (file%crashed(0), found(0))
       if (rank_of(comm) == 0) then
          if (exists(path)) then
             call read_record(record, path, error)
@@ -46,15 +51,14 @@ contains
             if (.not. allocated(error)) found = [1, open_points(record, retries)]
          end if
       end if
-      is_there = .false.
       call share_error(comm, error)
       if (allocated(error)) return
       if (rank_of(comm) == 0 .and. size(found) > 0 .and. .not. retries) &
-         crashed = pack([(i, i=1, record%n_points)], record%status == outcome%crashed)
+         file%crashed = pack([(i, i=1, record%n_points)], record%status == outcome%crashed)
       call broadcast_integers(comm, found)
-      call broadcast_integers(comm, crashed)
-      is_there = size(found) > 0                                      ! a 1 and the points, or nothing without a file
-      if (.not. is_there) return
+      call broadcast_integers(comm, file%crashed)
+      file%is_there = size(found) > 0                                 ! a 1 and the points, or nothing without a file
+      if (.not. file%is_there) return
       call schedule%keep(found(2:))
       if (rank_of(comm) > 0) return
       call count_kept(summary, record, schedule%all_points())

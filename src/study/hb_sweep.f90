@@ -9,7 +9,6 @@ module hb_sweep
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
    use hb_crash_watch, only: begin_point, crash_place_t, end_point, end_watch, watch_crashes
-   use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
    use hb_interruption, only: interruption, interruption_t, new_interruption
@@ -20,9 +19,10 @@ module hb_sweep
    use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, work_counter_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome, outcome_name
+   use hb_point_source, only: point_source_t
    use hb_progress, only: log_level, new_progress, progress_t
-   use hb_results, only: create_results, open_results, results_layout_t, results_t
-   use hb_resume, only: choose_units, resumed_input_t
+   use hb_results, only: create_results, open_results, results_t
+   use hb_resume, only: choose_units, resumed_file_t, resumed_input_t
    use hb_row_checks, only: count_pending
    use hb_run_summary, only: count_point, run_summary_t, sum_up
    use hb_scene, only: scene_t
@@ -51,19 +51,15 @@ module hb_sweep
 
    !> What a rank works with while it solves points.
    type :: run_t
-      type(results_layout_t) :: layout
+      type(point_source_t) :: source
       type(results_t) :: results
       type(schedule_t) :: schedule
       type(work_counter_t) :: counter
       type(progress_t) :: progress
       type(interruption_t) :: ending
       type(rank_times_t) :: times
-      type(document_t) :: document                                    !! with the values of the point read last
-      type(scene_t) :: scene                                          !! of that point
       logical :: is_checked = .false.                                 !! whether chains stay on their branches
-      integer, allocatable :: crashed(:)                              !! points to pass by: they have ended a run before
-      integer :: rank = 0
-      logical :: is_resumed = .false.                                 !! the file may hold results of a run before
+      type(resumed_file_t) :: before                                  !! of a run before, whose crashed points are passed by
    end type run_t
 
 contains
@@ -80,36 +76,35 @@ contains
       type(resumed_input_t) :: input
       type(run_t), target :: run
       type(crash_place_t) :: place
-      logical :: is_there
       real(wp) :: started
 
       started = wall_clock()
-      run%rank = rank_of(comm)
-      run%document = self%document
+      run%source%rank = rank_of(comm)
+      run%source%document = self%document
+      run%source%plan = self%plan
+      run%source%available_memory = self%available_memory
       call prepare_wisdom(self, comm, error)
       if (allocated(error)) return
-      call describe_layout(self, size_of(comm), run%layout)
+      call describe_layout(self, size_of(comm), run%source%layout)
       call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
          length_of_units(self), size_of(comm), block_seconds=0.0_wp)
       run%is_checked = self%scene%chain%is_on .and. .not. any(self%scene%tones%is_unknown)
       if (run%is_checked) run%is_checked = self%plan%is_way()
-      is_there = .false.
-      allocate (run%crashed(0))
+      allocate (run%before%crashed(0))
       if (options%resumes) then
          input%complete = self%input_complete
          input%tuples = self%tuples
-         input%libraries = run%layout%input_libraries
-         call choose_units(options%path, input, options%retries, comm, run%schedule, run%crashed, is_there, summary, error)
+         input%libraries = run%source%layout%input_libraries
+         call choose_units(options%path, input, options%retries, comm, run%schedule, run%before, summary, error)
          if (allocated(error)) return
       end if
-      run%is_resumed = is_there
-      if (is_there) then
-         call open_results(run%results, options%path, run%layout, comm, error)
+      if (run%before%is_there) then
+         call open_results(run%results, options%path, run%source%layout, comm, error)
       else
-         call create_results(run%results, options%path, run%layout, options%overwrite, comm, error)
+         call create_results(run%results, options%path, run%source%layout, options%overwrite, comm, error)
       end if
       if (allocated(error)) return
-      call run%layout%forget_values()
+      call run%source%layout%forget_values()
       run%schedule%block_seconds = run%results%hold_seconds()
       call new_interruption(run%ending, options%time_limit - (wall_clock() - started), comm, error)
       if (.not. allocated(error)) then
@@ -205,8 +200,8 @@ contains
 
       call new_work_counter(run%counter, [(run%schedule%owner_of(i), i=1, run%schedule%n_counters)], comm, error)
       if (allocated(error)) return
-      call new_progress(run%progress, run%schedule%n_points, level, run%rank == 0)
-      cursor = run%schedule%cursor_of(run%rank)
+      call new_progress(run%progress, run%schedule%n_points, level, run%source%rank == 0)
+      cursor = run%schedule%cursor_of(run%source%rank)
       started = wall_clock()
       do while (.not. (cursor%is_done .or. allocated(error) .or. run%ending%reason /= interruption%none))
          waited = wall_clock()
@@ -239,7 +234,7 @@ contains
       summary%n_points = self%plan%n_points
       summary%n_left = run%schedule%n_points - done
       summary%interruption = max_over(comm, run%ending%reason)
-      if (.not. allocated(error)) call run%results%write_times(run%rank, run%times, error)
+      if (.not. allocated(error)) call run%results%write_times(run%source%rank, run%times, error)
       call gather_rows(comm, run%times%as_row(), summary%times)
       call barrier(comm)
       call run%counter%destroy()
@@ -267,13 +262,12 @@ contains
       if (run%is_checked) allocate (check)
       do point = first, last
          if (run%ending%is_due()) return
-         if (any(run%crashed == point)) then                          ! of a chain that is solved again
+         if (any(run%before%crashed == point)) then                          ! of a chain that is solved again
             call pass_by(run, point, neighbour, summary)
             cycle
          end if
          call begin_point(point)
-         call run_point(run%document, run%scene, self%available_memory, self%plan, run%layout, point, run%rank, neighbour, &
-            check, run%times, result, run%ending)
+         call run_point(run%source, point, neighbour, check, run%times, result, run%ending)
          call end_point()
          if (result%status == outcome%interrupted) return             ! pending in the file, for another run
          call keep_point(self, run, point, result, group, summary, error)
@@ -298,8 +292,7 @@ contains
       logical :: is_report_due
 
       if (run%ending%is_due()) return
-      call new_swept_curve(curve, run%document, self%available_memory, self%plan, run%layout, run%results, first, &
-         run%is_resumed, failure, error, run%ending)
+      call new_swept_curve(curve, run%source, run%results, first, run%before%is_there, failure, error, run%ending)
       if (allocated(error)) return
       do point = first, first + size(curve%stored) - 1
          summary%counts(curve%stored(point - first + 1)) = summary%counts(curve%stored(point - first + 1)) + 1
@@ -307,12 +300,12 @@ contains
       end do
       do while (point <= last .and. .not. curve%is_done)
          if (run%ending%is_due()) exit
-         if (any(run%crashed == point)) then
+         if (any(run%before%crashed == point)) then
             curve%is_done = .true.                                    ! the rest of the curve cannot be known
             call pass_by(run, point, neighbour, summary)
          else
             call begin_point(point)
-            call curve%next(run%layout, run%rank, result, run%ending)
+            call curve%next(run%source%layout, run%source%rank, result, run%ending)
             call end_point()
             if (result%status == outcome%interrupted) exit            ! pending in the file, for another run
             call keep_point(self, run, point, result, group, summary, error)
@@ -357,7 +350,7 @@ contains
       run%times%n_points = run%times%n_points + 1
       run%times%writing = run%times%writing + wall_clock() - started
       if (run%progress%is_debug) call run%progress%tell_point("point "//to_text(point - 1)//" on rank "// &
-         to_text(run%rank)//": "//outcome_name(result%status)//", "//to_text(result%iterations)//" iterations, "// &
+         to_text(run%source%rank)//": "//outcome_name(result%status)//", "//to_text(result%iterations)//" iterations, "// &
          self%plan%describe(point))
       call run%progress%note(.not. any(result%status == [outcome%converged, outcome%unused]), is_report_due)
       if (is_report_due) call report(run%counter, group, run%progress, run%times)

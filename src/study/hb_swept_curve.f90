@@ -13,10 +13,10 @@ module hb_swept_curve
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_motion_ridge, only: motion_ridge_t
    use hb_outcome, only: is_solved, outcome
+   use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t, results_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
-   use hb_sweep_plan, only: sweep_plan_t
    use hb_swept_point, only: check_layout, spread_result
    use hb_watch, only: watch_t
    implicit none
@@ -44,12 +44,9 @@ contains
 
    !> Reads the scene at the start of the curve whose first point is given. An `error` is one of the file; what is wrong with the
    !> curve becomes the status of its first point.
-   subroutine new_swept_curve(self, document, available_memory, plan, layout, results, first, is_resumed, failure, error, watch)
+   subroutine new_swept_curve(self, source, results, first, is_resumed, failure, error, watch)
       type(swept_curve_t), intent(inout), target :: self
-      type(document_t), intent(in) :: document
-      real(wp), intent(in) :: available_memory
-      type(sweep_plan_t), intent(in) :: plan
-      type(results_layout_t), intent(in) :: layout
+      type(point_source_t), intent(in) :: source
       type(results_t), intent(inout) :: results
       integer, intent(in) :: first                                    !! point, from 1
       logical, intent(in) :: is_resumed                               !! the file may hold points of the curve
@@ -61,17 +58,17 @@ contains
       integer :: last
       logical :: is_new
 
-      self%document = document
-      call plan%apply(first, self%document)
-      call update_scene(self%scene, self%document, is_new, failure, available_memory, model_file_t())
-      if (.not. allocated(failure)) call check_layout(self%scene, layout, failure)
-      if (.not. allocated(failure)) call plan%curve%make_request(self%scene, self%document, self%request, failure)
-      self%request%available_memory = available_memory
+      self%document = source%document
+      call source%plan%apply(first, self%document)
+      call update_scene(self%scene, self%document, is_new, failure, source%available_memory, model_file_t())
+      if (.not. allocated(failure)) call check_layout(self%scene, source%layout, failure)
+      if (.not. allocated(failure)) call source%plan%curve%make_request(self%scene, self%document, self%request, failure)
+      self%request%available_memory = source%available_memory
       allocate (self%stored(0))
       self%is_done = allocated(failure)
-      self%last_parameter = plan%curve%start
+      self%last_parameter = source%plan%curve%start
       if (self%is_done .or. .not. is_resumed) return
-      allocate (places(plan%curve%n_points), status(plan%curve%n_points))
+      allocate (places(source%plan%curve%n_points), status(source%plan%curve%n_points))
       call results%read_curve(first, status, places, error)
       if (allocated(error)) return
       last = last_step(status, places%kind)

@@ -5,7 +5,6 @@ module hb_swept_point
    use hb_accurate_motion, only: rung_t, solve_to_tolerance
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
-   use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
@@ -16,10 +15,10 @@ module hb_swept_point
    use hb_motion_result, only: motion_result_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome
+   use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
-   use hb_sweep_plan, only: sweep_plan_t
    use hb_timing, only: rank_times_t
    use hb_watch, only: verdict, watch_t
    implicit none
@@ -29,13 +28,9 @@ module hb_swept_point
 contains
 
    !> Solves one point; whatever goes wrong becomes its status and message.
-   subroutine run_point(document, scene, available_memory, plan, layout, point, rank, neighbour, check, times, result, watch)
-      type(document_t), intent(inout), target :: document             !! of this rank, with the values of the point before
-      type(scene_t), intent(inout) :: scene                           !! likewise
-      real(wp), intent(in) :: available_memory                        !! bytes
-      type(sweep_plan_t), intent(in) :: plan
-      type(results_layout_t), intent(in) :: layout
-      integer, intent(in) :: point, rank
+   subroutine run_point(source, point, neighbour, check, times, result, watch)
+      type(point_source_t), intent(inout), target :: source           !! of this rank
+      integer, intent(in) :: point                                    !! from 1
       type(neighbour_t), intent(inout) :: neighbour                   !! solutions of the points before it in its chain
       type(chain_check_t), intent(inout), optional :: check           !! of that chain
       type(rank_times_t), intent(inout) :: times
@@ -44,42 +39,43 @@ contains
       type(error_t), allocatable :: error
       type(rung_t) :: below, rung
       real(wp), allocatable :: start(:), unknowns(:)
-      real(wp) :: read, started
+      real(wp) :: read, started, value
       logical :: is_new
 
       started = wall_clock()
-      call plan%apply(point, document)
-      call update_scene(scene, document, is_new, error, available_memory, model_file_t())
-      if (is_new .and. .not. allocated(error)) call check_layout(scene, layout, error)
+      call source%plan%apply(point, source%document)
+      call update_scene(source%scene, source%document, is_new, error, source%available_memory, model_file_t())
+      if (is_new .and. .not. allocated(error)) call check_layout(source%scene, source%layout, error)
       read = wall_clock()
+      value = source%plan%fastest_value(point)
       if (.not. allocated(error)) then
-         if (scene%accuracy%is_on) then
-            call neighbour%predict_rung(plan%fastest_value(point), scene, below)
-            call solve_to_tolerance(scene, result, error, rung, below, watch, marching_judge_t())
-            if (allocated(rung%unknowns)) unknowns = rung%unknowns
-         else
-            if (scene%chain%is_on) call neighbour%predict(plan%fastest_value(point), scene%harmonics%tuples, &
-               scene%chain%secant, start)
-            call solve_motion(scene, result, error, start, unknowns, watch, marching_judge_t())
-            rung%set = scene%harmonics
-         end if
+         associate (scene => source%scene)
+            if (scene%accuracy%is_on) then
+               call neighbour%predict_rung(value, scene, below)
+               call solve_to_tolerance(scene, result, error, rung, below, watch, marching_judge_t())
+               if (allocated(rung%unknowns)) unknowns = rung%unknowns
+            else
+               if (scene%chain%is_on) call neighbour%predict(value, scene%harmonics%tuples, scene%chain%secant, start)
+               call solve_motion(scene, result, error, start, unknowns, watch, marching_judge_t())
+               rung%set = scene%harmonics
+            end if
+         end associate
       end if
       if (allocated(error)) then
          result%status = outcome%failed
          result%message = error%message
       else
-         if (.not. layout%has_own_tuples) call spread_result(scene%harmonics, layout, result)
+         if (.not. source%layout%has_own_tuples) call spread_result(source%scene%harmonics, source%layout, result)
       end if
       if (.not. allocated(error) .and. allocated(unknowns)) then
-         if (present(check) .and. .not. layout%has_own_tuples) &
-            call check%look(document, scene, available_memory, plan, point, unknowns, result, watch)
+         if (present(check) .and. .not. source%layout%has_own_tuples) call check%look(source, point, unknowns, result, watch)
          if (result%leaves_branch) call neighbour%forget()
-         call neighbour%keep(plan%fastest_value(point), rung%set%tuples, unknowns, rung%n_samples)
+         call neighbour%keep(value, rung%set%tuples, unknowns, rung%n_samples)
       else
          call neighbour%forget()
       end if
       if (watch%verdict == verdict%interrupted) result%status = outcome%interrupted
-      result%rank = rank
+      result%rank = source%rank
       result%solve_seconds = wall_clock() - started
       times%reading = times%reading + read - started
       times%solving = times%solving + wall_clock() - read

@@ -17,7 +17,7 @@ module hb_verify
    use hb_law_coordinates, only: law_dofs_of
    use hb_march, only: march_from, march_record_t
    use hb_march_config, only: march_config_t, step_of
-   use hb_march_difference, only: march_difference_t, motion, new_march_difference
+   use hb_march_difference, only: march_difference_t, motion, new_march_difference, series_t
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
    use hb_march_verdict, only: decide, growth_of, limit_of, n_settled, verdict
@@ -242,7 +242,7 @@ contains
          other = state
          other%q = other%q + nearness*scale*directions(system%n_dofs, 0)
          other%v = other%v + nearness*speed*directions(system%n_dofs, system%n_dofs)
-         call new_march_difference(difference, amplitudes, tuples, omega, scene%tones%is_unknown, system%laws%shape, &
+         call new_march_difference(difference, series_t(amplitudes, tuples, omega, scene%tones%is_unknown), system%laws%shape, &
                                    scene%structure%units, max(system%length, nearness), n_settled(length%most, length%fewest))
          estimate = scene%certificate%truncation
          if (ieee_is_finite(stored%estimates(point))) estimate = stored%estimates(point)
