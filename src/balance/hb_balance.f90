@@ -16,7 +16,7 @@ module hb_balance
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_linear_part, only: linear_part_t, new_linear_part
-   use hb_preconditioner, only: preconditioner_t
+   use hb_preconditioner, only: preconditioner_t, unit_work
    use hb_problem, only: deformation, problem_t
    use hb_projected_laws, only: new_projected_laws, projected_laws_t
    use hb_solver_types, only: report_t, solver_config_t
@@ -294,6 +294,7 @@ contains
       self%residual_work = per_sample*torus%n_total*self%n_dofs
       if (self%law_set%has_memory) self%residual_work = self%residual_work + per_step*torus%n_total*self%n_dofs
       self%tangent_work = per_multiplication*n**3
+      self%preconditioner_work = 1.5_wp*per_multiplication*unit_work  ! multiplications of factors: 2/3 n**3
       if (self%law_set%has_memory) self%tangent_work = self%tangent_work + n*per_step*torus%n_total
    end subroutine count_work
 

@@ -13,9 +13,9 @@ module hb_preconditioner
    use hb_projected_laws, only: projected_laws_t, slope
    implicit none
    private
-   public :: preconditioner_t
+   public :: preconditioner_t, unit_work
 
-   real(wp), parameter :: unit_work = 1.0e6_wp                        ! multiplications: factors at level 1 take eight times that
+   real(wp), parameter :: unit_work = 1.0e6_wp                        !! multiplications: factors at level 1 take eight times that
 
    type :: preconditioner_t
       type(block_pattern_t) :: pattern                                !! of the tangent of one harmonic

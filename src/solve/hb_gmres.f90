@@ -48,7 +48,8 @@ contains
    !> `most_products` go.
    !>
    !> Ends early where a whole cycle gains next to nothing: J is singular, or the preconditioner too weak; and, with
-   !> `fewer_than`, once the pace of the last products says that clearly more would be needed than that.
+   !> `fewer_than`, once after half as many the pace of the last products says that clearly more would be needed than that: GMRES
+   !> gets faster as it finds the outlying eigenvalues.
    subroutine gmres_solve(self, problem, b, tolerance, most_products, s, fewer_than)
       class(gmres_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -158,7 +159,7 @@ contains
          self%g(j) = self%cosine(j)*self%g(j)
          norm = abs(self%g(j + 1))
          if (length <= 0.0_wp) exit                                   ! the space holds the solution
-         if (j < 2*stretch .or. norm <= target) cycle
+         if (j < max(2*stretch, slow_from/3) .or. norm <= target) cycle
          pace = -sum(log(max(tiny(1.0_wp), abs(self%sine(j - stretch + 1:j)))))/stretch   ! sines: how the residual fell
          self%is_slow = log(norm/target) > pace*(slow_from - self%n_products)
          if (self%is_slow) exit

@@ -31,6 +31,7 @@ module hb_problem
       real(wp), allocatable :: r_scale(:)                             !! typical magnitude of each equation, > 0
       real(wp) :: residual_work = 0.0_wp                              !! of a residual or a product, see hb_solver_types%report_t
       real(wp) :: tangent_work = 0.0_wp                               !! of a dense tangent and its factors
+      real(wp) :: preconditioner_work = 0.0_wp                        !! of a preconditioner of level 0; each further one: 8 times
       class(watch_t), pointer :: watch => null()                      !! over the point; none: it takes what it takes
       type(error_t), allocatable :: trouble                           !! why a tangent, a product or a derivative by a parameter was
                                                                       !! not found; a solver takes it into its report

@@ -8,7 +8,9 @@ module hb_tangent_krylov
    private
    public :: new_tangent_krylov, tangent_krylov_t
 
-   integer, parameter :: patience = 60                                ! products until the preconditioner gets stronger
+   integer, parameter :: least_patience = 100                         ! products until the preconditioner gets stronger,
+   integer, parameter :: most_patience = 300                          ! more where that costs more, but not all there are
+   real(wp), parameter :: uses = 4.0_wp                               ! of a stronger preconditioner that pay for it
    integer, parameter :: easy = 20                                    ! products up to which it need not be made anew
 
    type :: tangent_krylov_t
@@ -57,7 +59,7 @@ contains
       real(wp), intent(in), contiguous :: b(:)                        !! (n_unknowns)
       real(wp), intent(in) :: accuracy
       real(wp), intent(out), contiguous :: s(:)                       !! (n_unknowns)
-      integer :: products
+      integer :: patience, products
 
       if (.not. self%is_fresh .and. (self%level == 0 .or. self%is_tired)) call self%renew(problem)
       s = 0.0_wp
@@ -66,7 +68,8 @@ contains
          if (self%is_strongest) then
             call self%gmres%solve(problem, b, accuracy, self%most_products - products, s)
          else
-            call self%gmres%solve(problem, b, accuracy, patience, s, fewer_than=patience)
+            patience = patience_at(self%level, problem)
+            call self%gmres%solve(problem, b, accuracy, min(patience, self%most_products - products), s, fewer_than=patience)
          end if
          products = products + self%gmres%n_products
          if (self%gmres%residual <= accuracy .or. products >= self%most_products .or. problem%is_over()) exit
@@ -78,6 +81,19 @@ contains
       self%n_products = self%n_products + products
       self%is_tired = self%gmres%n_products > easy
    end subroutine tangent_krylov_solve
+
+   !> Products that a preconditioner may take before the next stronger one: as many as this one costs, shared by those that use it.
+   !> The factors between all harmonics of ten contacts under two tones cost thousands of products, where 60 lead to the solution.
+   pure integer function patience_at(level, problem)
+      integer, intent(in) :: level
+      class(problem_t), intent(in) :: problem
+
+      patience_at = least_patience
+      if (problem%residual_work <= 0.0_wp) return
+      patience_at = nint(min(real(most_patience, wp), &
+                             max(real(least_patience, wp), &
+                                 problem%preconditioner_work*8.0_wp**(level + 1)/(uses*problem%residual_work))))
+   end function patience_at
 
    subroutine tangent_krylov_renew(self, problem)
       class(tangent_krylov_t), intent(inout) :: self

@@ -114,6 +114,13 @@ MUTANTS = [
             "if (self%is_fresh) self%level = self%level + 1",
             "if (self%is_fresh) self%level = self%level + 0",
         ),
+        (
+            "krylov_price",
+            "test_hb_gmres",
+            "what a preconditioner costs does not matter",
+            "if (problem%residual_work <= 0.0_wp) return",
+            "if (problem%residual_work >= 0.0_wp) return",
+        ),
     ),
     *of(
         "solve/hb_krylov.f90",
