@@ -7,11 +7,12 @@ module verb_info
    use hb_branches, only: jumps_between
    use hb_curve_table, only: curve_lines, note_curve_values
    use hb_document, only: document_t
-   use hb_error, only: error_t, fail
+   use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, max_over, rank_of, share_error
    use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text
    use hb_results_record, only: message_of, open_points, read_record, read_units, record_t
+   use hb_row_checks, only: fail_where_damaged
    use hb_run_summary, only: count_kept, found_frequency, run_summary_t, stability_text
    use hb_scene_tones, only: read_tones
    use hb_study, only: read_input
@@ -273,17 +274,9 @@ contains
       type(record_t), intent(in) :: record
       character(*), intent(in) :: path
       type(error_t), allocatable, intent(out) :: error
-      character(12), allocatable :: points(:)
-      integer :: i
 
-      if (.not. any(record%is_damaged)) then
-         call write_fact("checked", "all rows are as they were written")
-         return
-      end if
-      allocate (points(count(record%is_damaged)))
-      write (points, "(i0)") pack([(i - 1, i=1, record%n_points)], record%is_damaged)
-      call fail(error, "result file '"//path//"' is damaged: the results of "//number_of(size(points), "point")// &
-         " are not what was written ("//list_of(points)//"); nhbm resume "//path//" solves them again")
+      call fail_where_damaged(path, record%is_damaged, error)
+      if (.not. allocated(error)) call write_fact("checked", "all rows are as they were written")
    end subroutine tell_damage
 
    subroutine write_fact(name, text)

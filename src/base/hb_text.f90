@@ -5,8 +5,8 @@ module hb_text
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: is_name, join, lower, max_name, number_of, parse_integer, parse_real, quote, shown, split, string_t, &
-      text_builder_t, to_text
+   public :: is_name, join, lower, max_name, number_of, parse_integer, parse_real, quote, shortened, shown, split, &
+      string_t, text_builder_t, to_text
 
    character(*), parameter :: digits = "0123456789"
    character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
@@ -399,4 +399,26 @@ contains
       end do
       if (n < len(text)) clean = clean//"..."
    end function shown
+
+   !> Text of at most `n_bytes`: a longer one ends at the end of a word, or of a character where that would leave less than half,
+   !> with an ellipsis.
+   pure function shortened(text, n_bytes) result(short)
+      character(*), intent(in) :: text
+      integer, intent(in) :: n_bytes
+      character(:), allocatable :: short
+      character(*), parameter :: ellipsis = " ..."
+      integer :: n
+
+      short = text
+      if (len(text) <= n_bytes) return
+      n = max(0, n_bytes - len(ellipsis))
+      if (scan(text(:n + 1), " ", back=.true.) > n/2) then
+         n = scan(text(:n + 1), " ", back=.true.) - 1
+      else
+         do while (n > 0 .and. iand(ichar(text(n + 1:n + 1)), 192) == 128)
+            n = n - 1                                  ! the next byte continues a character
+         end do
+      end if
+      short = trim(text(:n))//ellipsis
+   end function shortened
 end module hb_text

@@ -214,9 +214,8 @@ int hb_state_of_file(int descriptor, const char *path, long long n_bytes)
 {
    struct stat open_file, named_file;
    if (descriptor < 0 || fstat(descriptor, &open_file) != 0) return HB_FILE_IS_SOUND;
-   if (open_file.st_nlink == 0) return HB_FILE_WAS_DELETED;
-   if (stat(path, &named_file) != 0) return HB_FILE_WAS_MOVED;
-   if (open_file.st_dev != named_file.st_dev || open_file.st_ino != named_file.st_ino) return HB_FILE_WAS_MOVED;
+   if (stat(path, &named_file) != 0) return open_file.st_nlink == 0 ? HB_FILE_WAS_DELETED : HB_FILE_WAS_MOVED;
+   if (open_file.st_dev != named_file.st_dev || open_file.st_ino != named_file.st_ino) return HB_FILE_WAS_REPLACED;
    return open_file.st_size < (off_t)n_bytes ? HB_FILE_WAS_CUT : HB_FILE_IS_SOUND;
 }
 

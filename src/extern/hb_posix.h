@@ -59,10 +59,10 @@ int hb_take_file(const char *path);
    HDF5. Returns a descriptor for hb_release_file, -1 where it cannot be opened, -2 where another process has the lock. */
 int hb_hold_file(const char *path, long long *n_bytes);
 
-enum { HB_FILE_IS_SOUND, HB_FILE_WAS_DELETED, HB_FILE_WAS_MOVED, HB_FILE_WAS_CUT };
+enum { HB_FILE_IS_SOUND, HB_FILE_WAS_DELETED, HB_FILE_WAS_MOVED, HB_FILE_WAS_CUT, HB_FILE_WAS_REPLACED };
 
-/* What has become of the file since hb_hold_file: one of these. HB_FILE_WAS_MOVED: it has another name, or another file has its;
-   HB_FILE_WAS_CUT: it is shorter than it was. */
+/* What has become of the file since hb_hold_file: one of these. HB_FILE_WAS_MOVED: it has another name;
+   HB_FILE_WAS_REPLACED: another file has its name; HB_FILE_WAS_CUT: it is shorter than it was. */
 int hb_state_of_file(int descriptor, const char *path, long long n_bytes);
 
 /* Asks whether the disk, a quota and other limits leave room for a file of that many bytes, by reserving them and giving

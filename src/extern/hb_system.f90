@@ -239,9 +239,9 @@ contains
 
       select case (hb_state_of_file(int(held%descriptor, c_int), c_path(path), held%n_bytes))
       case (1); call fail(error, "was deleted while the run wrote to it; its results are lost")
-      case (2)
-         call fail(error, "was moved, or replaced by another file, while the run wrote to it; its results are not under this name")
+      case (2); call fail(error, "was moved while the run wrote to it; its results are not under this name")
       case (3); call fail(error, "was cut off while the run wrote to it; results are lost")
+      case (4); call fail(error, "was replaced by another file while the run wrote to it; its results are not in it")
       end select
    end subroutine check_held
 

@@ -25,7 +25,7 @@ module hb_results
       plan_t
    use hb_stability, only: stability_t
    use hb_system, only: check_held, held_file_t, hold_file, release_file
-   use hb_text, only: to_text
+   use hb_text, only: shortened, to_text
    use hb_timing, only: n_times, rank_times_t
    implicit none
    private
@@ -603,7 +603,7 @@ contains
 
       if (allocated(error)) return
       text = ""
-      if (present(message)) text = message(:whole_length(message, message_length))
+      if (present(message)) text = shortened(message, message_length)
       call self%held(index_of(self, "message"))%put(self%n_held, text, error)
    end subroutine put_message
 
@@ -616,16 +616,4 @@ contains
          if (self%plan%variables(index_of)%name == name) return
       end do
    end function index_of
-
-   !> Gives the length to which a UTF-8 text can be cut without cutting a character.
-   pure integer function whole_length(text, max_length)
-      character(*), intent(in) :: text
-      integer, intent(in) :: max_length
-
-      whole_length = min(len(text), max_length)
-      if (whole_length == len(text)) return
-      do while (whole_length > 0 .and. iand(ichar(text(whole_length + 1:whole_length + 1)), 192) == 128)
-         whole_length = whole_length - 1               ! the next byte continues a character
-      end do
-   end function whole_length
 end module hb_results

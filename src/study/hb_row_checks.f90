@@ -6,10 +6,10 @@ module hb_row_checks
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: int64
    use hb_outcome, only: outcome
-   use hb_text, only: split, string_t
+   use hb_text, only: join, number_of, split, string_t, to_text
    implicit none
    private
-   public :: count_pending, find_damaged_rows
+   public :: count_pending, fail_where_damaged, find_damaged_rows, refuse_damaged_rows
 
 contains
 
@@ -38,6 +38,44 @@ contains
       if (allocated(error)) return
       is_damaged = found /= expected .and. status /= outcome%pending .and. status /= outcome%crashed
    end subroutine find_damaged_rows
+
+   !> Fails where rows of these points are damaged.
+   subroutine refuse_damaged_rows(path, status, points, error)
+      character(*), intent(in) :: path
+      integer, intent(in) :: status(:)                                !! of all points
+      integer, intent(in) :: points(:)                                !! from 0; empty: all
+      type(error_t), allocatable, intent(out) :: error
+      logical, allocatable :: is_damaged(:)
+      integer :: i
+
+      call find_damaged_rows(path, status, is_damaged, error)
+      if (allocated(error)) return
+      if (size(points) > 0) is_damaged = is_damaged .and. [(any(points == i - 1), i=1, size(status))]
+      call fail_where_damaged(path, is_damaged, error)
+   end subroutine refuse_damaged_rows
+
+   !> Fails with the names of damaged points, if there are any.
+   pure subroutine fail_where_damaged(path, is_damaged, error)
+      character(*), intent(in) :: path
+      logical, intent(in) :: is_damaged(:)                            !! (points)
+      type(error_t), allocatable, intent(out) :: error
+      integer, parameter :: most = 20                                 ! points that are named
+      integer, allocatable :: points(:)
+      type(string_t), allocatable :: names(:)
+      character(:), allocatable :: more
+      integer :: i
+
+      points = pack([(i - 1, i=1, size(is_damaged))], is_damaged)
+      if (size(points) == 0) return
+      allocate (names(min(size(points), most)))
+      do i = 1, size(names)
+         names(i)%value = to_text(points(i))
+      end do
+      more = ""
+      if (size(points) > most) more = " and "//to_text(size(points) - most)//" more"
+      call fail(error, "result file '"//path//"' is damaged: the results of "//number_of(size(points), "point")// &
+                " are not what was written ("//join(names, ", ")//more//"); nhbm resume "//path//" solves them again")
+   end subroutine fail_where_damaged
 
    !> Checksums of all rows over the datasets of these names, with blanks between them.
    subroutine add_up(file, path, names, checksums, error)

@@ -6,6 +6,7 @@ module hb_stored_origin
    use hb_file_place, only: check_source
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
+   use hb_row_checks, only: refuse_damaged_rows
    use hb_scene, only: scene_t
    use hb_text, only: to_text
    implicit none
@@ -14,7 +15,7 @@ module hb_stored_origin
 
 contains
 
-   !> Reads the point; fails where it is neither a period doubling nor a place where a tone joins, or does not fit the scene.
+   !> Reads the point; fails where it is damaged, neither a period doubling nor a place where a tone joins, or does not fit the scene.
    subroutine read_curve_origin(self, path, point, scene, error)
       type(curve_origin_t), intent(out) :: self
       character(*), intent(in) :: path                                !! of the file
@@ -24,7 +25,7 @@ contains
       type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
       type(h5_dataset_t) :: dataset
-      integer, allocatable :: extents(:), kind(:), tuples(:, :)
+      integer, allocatable :: extents(:), kind(:), status(:), tuples(:, :)
       real(wp), allocatable :: state(:, :)
 
       call check_source(path, error)
@@ -32,6 +33,7 @@ contains
       call open_file(file, path, error)
       if (.not. allocated(error)) call read_all()
       call file%close(error_in_close)
+      if (.not. allocated(error)) call refuse_damaged_rows(path, status, [point], error)
       if (.not. allocated(error)) then
          if (.not. any(kind(1) == [curve_kind%flip, curve_kind%torus])) then
             call fail(error, "it is neither a 'flip' nor a 'torus'; 'nhbm info' and 'nhbm-post peaks' list those")
@@ -56,10 +58,12 @@ contains
             call fail(error, "the file has "//to_text(extents(2))//" points")
             return
          end if
-         allocate (state(extents(1), 1), kind(1))
+         allocate (state(extents(1), 1), kind(1), status(extents(2)))
          call dataset%read_rows(point + 1, state, error)
          if (.not. allocated(error)) call file%open_dataset("curve_kind", dataset, error)
          if (.not. allocated(error)) call dataset%read_rows(point + 1, kind, error)
+         if (.not. allocated(error)) call file%open_dataset("status", dataset, error)
+         if (.not. allocated(error)) call dataset%read(status, error)
       end subroutine read_all
    end subroutine read_curve_origin
 end module hb_stored_origin

@@ -27,6 +27,7 @@ module hb_verify
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: is_solved, outcome
    use hb_results_record, only: read_record, record_t
+   use hb_row_checks, only: refuse_damaged_rows
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use hb_structure, only: max_dofs
@@ -105,6 +106,7 @@ contains
 
       call read_stored(path, stored, error)
       if (.not. allocated(error)) call check_points(stored, points, error)
+      if (.not. allocated(error)) call refuse_damaged_rows(path, stored%status, points, error)
       call share_error(comm, error)
       if (allocated(error)) return
       allocate (verdicts(size(stored%status)))

@@ -105,7 +105,7 @@ def thief(folder, values):
 @pytest.mark.parametrize("ranks", [None, 2])
 @pytest.mark.parametrize(
     "how, says",
-    [(1, "deleted"), (2, "moved"), (3, "deleted"), (4, "cut off"), (5, "cut off"), (6, "changed")],
+    [(1, "deleted"), (2, "moved"), (3, "replaced"), (4, "cut off"), (5, "cut off"), (6, "changed")],
     ids=["deleted", "moved", "replaced", "cut", "emptied", "zeros"],
 )
 def test_file_that_is_lost_under_the_run_is_told(how, says, ranks, tmp_path):
@@ -180,18 +180,24 @@ DAMAGES = {
 }
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_damaged_rows_are_found_and_solved_again(damage, sound, tmp_path):
-    path = tmp_path / "case.h5"
+def damaged(sound, folder, damage, rows):
+    """A copy of the result file with these rows damaged."""
+    path = folder / "case.h5"
     shutil.copy(sound / "case.h5", path)
     name, change = DAMAGES[damage]
     with open(path, "r+b") as file:
-        for row in (1, 4):
+        for row in rows:
             at, n_bytes = place_of(path, name, row)
             file.seek(at)
             data = file.read(n_bytes)
             file.seek(at)
             file.write(change(data))
+    return path
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damaged_rows_are_found_and_solved_again(damage, sound, tmp_path):
+    path = damaged(sound, tmp_path, damage, (1, 4))
     done = run("info", path, "--check", cwd=tmp_path)
     assert done.status == BAD_INPUT and "2 points" in done.stderr and "(1, 4)" in done.stderr, (done.status, done.stderr)
     done = run("resume", path, cwd=tmp_path)
@@ -199,6 +205,16 @@ def test_damaged_rows_are_found_and_solved_again(damage, sound, tmp_path):
     assert run("info", path, "--check", cwd=tmp_path).status == 0
     for name in ("status", "coefficients", "residual", "displacement_samples", "message"):
         assert read(path, name).tobytes() == read(sound / "case.h5", name).tobytes(), name
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_verify_refuses_damaged_rows(damage, sound, tmp_path):
+    path = damaged(sound, tmp_path, damage, (1, 4))
+    done = run("verify", path, "--periods", "2", cwd=tmp_path)
+    assert done.status == BAD_INPUT and "(1, 4)" in done.stderr and "resume" in done.stderr, (done.status, done.stderr)
+    done = run("verify", path, "--points", "2,4", "--periods", "2", cwd=tmp_path)
+    assert done.status == BAD_INPUT and "1 point " in done.stderr and "(4)" in done.stderr, (done.status, done.stderr)
+    assert run("verify", path, "--points", "0,2", "--periods", "2", cwd=tmp_path).status != BAD_INPUT
 
 
 def test_verify_leaves_the_checksums_right(sound, tmp_path):
