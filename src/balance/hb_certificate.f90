@@ -4,7 +4,7 @@
 !> up to twice the order and on a finer grid: the forces there that nothing balances are what the solution neglects, and
 !> one step towards balancing them estimates its error. Source: docs/user/theory.md, section 7.
 module hb_certificate
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: transfer_coefficients
    use hb_bordered, only: bordered_problem_t
@@ -197,12 +197,12 @@ contains
       end do
    end function wider_samples
 
-   !> Whether an estimate is above the motion itself; what is not a number is left as it is.
+   !> Whether an estimate is above the motion itself, or no number.
    elemental logical function is_unknown(estimate)
       real(wp), intent(in) :: estimate
 
-      is_unknown = .false.
-      if (.not. ieee_is_nan(estimate)) is_unknown = estimate > unknown
+      is_unknown = .true.
+      if (ieee_is_finite(estimate)) is_unknown = estimate > unknown
    end function is_unknown
 
    !> Estimates anew from the solution on the finer grid, where there is one near: aliasing is the difference. The few samples at
@@ -289,6 +289,7 @@ contains
       if (is_singular) return
       call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
       call residual_of(wide, big, defect)
+      if (.not. all(ieee_is_finite(defect))) return                   ! out of the range of a law, between samples
       alias = restricted(defect, big)
       change = alias
       call solve_tangent(alias)
@@ -310,6 +311,7 @@ contains
       self%around = wide%harmonics
       self%neglected = amplitudes(wide%harmonics, answer)/size_of_motion
       call residual_of(wide, big - answer, defect)
+      if (.not. all(ieee_is_finite(defect))) return                   ! what cannot be looked at is not known
       change = restricted(defect, big - answer)
       call solve_tangent(change)
       if (is_singular) return

@@ -54,6 +54,25 @@ static void spring(int n, const double *z, double *f, double *df_dz, double slop
    }
 }
 
+/* A spring that cannot be stretched beyond 1, f = z/sqrt(1 - z**2), and is not a number there. */
+int asymptote_info(nhbm_law_info_t *info)
+{
+   return describe(info, 1, 0, 0);
+}
+
+int asymptote_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                     const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   (void)n_coordinates, (void)stride, (void)v, (void)n_parameters, (void)parameters, (void)df_dv;
+   for (int i = 0; i < n; i++) {
+      const double root = fabs(z[i]) < 1.0 ? sqrt(1.0 - z[i] * z[i]) : (double)NAN;
+      f[i] = z[i] / root;
+      if (df_dz != NULL)
+         df_dz[i] = 1.0 / (root * root * root);
+   }
+   return 0;
+}
+
 static int is_beyond(int n, const double *z, double limit)
 {
    for (int i = 0; i < n; i++)
