@@ -738,6 +738,34 @@ MUTANTS = [
             "aliasing = norm2(alias(:size(u)))/size_of_motion/3",
         ),
         (
+            "certificate_rigid",
+            "test_hb_certificate",
+            "stiff stops are answered by their mean slopes, as smooth laws are",
+            "much = 4.0_wp",
+            "much = 4.0e9_wp",
+        ),
+        (
+            "certificate_given_way",
+            "test_hb_certificate",
+            "kept motion gives way to a stiff stop without a limit",
+            "most_given_way = 2.0_wp",
+            "most_given_way = 2.0e9_wp",
+        ),
+        (
+            "certificate_missed_touch",
+            "test_hb_certificate",
+            "forces of a touch that the finer grid misses are believed",
+            "much_force = 1.0e-2_wp",
+            "much_force = 1.0e9_wp",
+        ),
+        (
+            "certificate_out_of_law",
+            "test_hb_certificate",
+            "what leaves the range of a law is estimated nevertheless",
+            "return                   ! what cannot be looked at is not known",
+            "defect = 0.0_wp          ! what cannot be looked at is not known",
+        ),
+        (
             "certificate_grid",
             "test_hb_certificate",
             "the finer grid is that of the solution",
@@ -757,6 +785,23 @@ MUTANTS = [
             "damping takes twice the power",
             "self%power_damping + 0.5_wp*w**2*real(",
             "self%power_damping + w**2*real(",
+        ),
+    ),
+    *of(
+        "balance/hb_balance_precondition.f90",
+        (
+            "response_held",
+            "test_hb_certificate",
+            "what acts while contacts are closed is answered as while they are open, and the other way round",
+            "where (.not. is_held) forces(:, i)",
+            "where (is_held) forces(:, i)",
+        ),
+        (
+            "response_closed",
+            "test_hb_certificate",
+            "closed contacts hold nothing back",
+            "df_dq(:, :, 2), df_dv(:, :, 2), df_ds(:, :, 2), is_held)",
+            "df_dq(:, :, 2), df_dv(:, :, 2), df_ds(:, :, 2), .not. is_held)",
         ),
     ),
     *of(
