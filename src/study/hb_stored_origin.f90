@@ -15,7 +15,8 @@ module hb_stored_origin
 
 contains
 
-   !> Reads the point; fails where it is damaged, neither a period doubling nor a place where a tone joins, or does not fit the scene.
+   !> Reads the point; fails where it is damaged, is neither a period doubling nor a place where a tone joins, or does not fit the
+   !> scene.
    subroutine read_curve_origin(self, path, point, scene, error)
       type(curve_origin_t), intent(out) :: self
       character(*), intent(in) :: path                                !! of the file
