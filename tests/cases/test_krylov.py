@@ -14,7 +14,7 @@ FILES = sorted([*INPUTS.glob("paper/*.nml"), *INPUTS.glob("gallery/*.nml")])
 # Of the largest coefficient of a point; both solvers stop at a residual of 1e-12.
 SAME_POINT = 1e-10
 # Points of curves that are located, such as peaks, are where a function of the motion is zero as far as that is told.
-SAME_EVENT = 1e-7
+SAME_EVENT = 1e-8
 LOCATED = [3, 4, 7, 8, 9, 10, 11]  # fold, peak, branch, flip, torus, split, graze
 
 
