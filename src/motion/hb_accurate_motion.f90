@@ -25,7 +25,7 @@ module hb_accurate_motion
    use hb_watch, only: watch_t
    implicit none
    private
-   public :: calibrate, rung_t, solve_to_tolerance
+   public :: calibrate, left_after, rung_t, solve_to_tolerance
 
    integer, parameter :: most_rungs = 24
    integer, parameter :: most_idle = 3                                ! rungs one after the other that gain nothing
@@ -128,6 +128,8 @@ contains
          raw = estimate_of(trial)
          if (is_checked) call calibrate(trial%certificate, result%certificate, before, difference, &
                                           next%set%n_harmonics > clearly*top%set%n_harmonics)
+         if (is_rigid(scene)) trial%certificate%truncation = max(trial%certificate%truncation, min(1.0_wp, &
+            difference*left_after(top%set%n_harmonics, next%set%n_harmonics, scene%tones%n_tones)))
          before = raw
          if (is_checked .and. max(estimate, difference) < best_estimate) then
             best = result
@@ -205,6 +207,27 @@ contains
       below = norm2(lower%neglected)
       upper%truncation = min(upper%truncation, max(safety*above, difference*min(1.0_wp, above/below)))
    end subroutine calibrate
+
+   !> What is left of the error after a rung, relative to the difference that it made, where the error falls with the first power of
+   !> the order only: forces of rigid laws have all harmonics. Of two sets of about one size nothing is concluded beyond a bound.
+   pure real(wp) function left_after(n_below, n_above, n_tones) result(share)
+      integer, intent(in) :: n_below, n_above                         !! tuples of the two rungs
+      integer, intent(in) :: n_tones
+      real(wp), parameter :: largest_share = 2.0_wp
+      real(wp) :: shrinking
+
+      shrinking = (real(n_below, wp)/n_above)**(1.0_wp/n_tones)
+      share = largest_share
+      if (shrinking < 1.0_wp) share = min(share, shrinking/(1.0_wp - shrinking))
+   end function left_after
+
+   !> Whether a law is rigid.
+   pure logical function is_rigid(scene)
+      type(scene_t), intent(in) :: scene
+      integer :: i
+
+      is_rigid = any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])
+   end function is_rigid
 
    !> Estimated error of a motion: those by its set and by its grid have nothing to do with each other.
    pure real(wp) function estimate_of(result)
@@ -295,7 +318,6 @@ contains
       class(watch_t), intent(inout), target :: watch
       class(judge_t), intent(in), optional :: judge
       real(wp), allocatable :: first_guess(:), found(:)
-      integer :: i
 
       if (allocated(guess)) first_guess = guess
       if (allocated(rung%unknowns)) deallocate (rung%unknowns)
@@ -315,8 +337,7 @@ contains
       account%certificate_seconds = account%certificate_seconds + result%certificate_seconds
       account%certificate_cpu_seconds = account%certificate_cpu_seconds + result%certificate_cpu_seconds
       if (allocated(error)) return
-      if (any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])) &
-         result%certificate%truncation = min(1.0_wp, caution*result%certificate%truncation)
+      if (is_rigid(scene)) result%certificate%truncation = min(1.0_wp, caution*result%certificate%truncation)
       if (is_solved(result%status) .and. allocated(found)) call move_alloc(found, rung%unknowns)
    end subroutine take
 

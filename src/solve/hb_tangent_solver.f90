@@ -9,11 +9,12 @@ module hb_tangent_solver
    private
    public :: new_tangent_solver, tangent_solver_t
 
-   real(wp), parameter :: accuracy = 1.0e-8_wp                        ! of solutions from products
+   real(wp), parameter :: default_accuracy = 1.0e-8_wp
 
    type :: tangent_solver_t
       type(tangent_factor_t), allocatable, private :: factor
       type(tangent_krylov_t), allocatable, private :: krylov
+      real(wp), private :: accuracy = default_accuracy
    contains
       procedure :: determinant_sign => tangent_solver_determinant_sign
       procedure :: solve => tangent_solver_solve
@@ -22,14 +23,16 @@ module hb_tangent_solver
 contains
 
    !> Prepares solutions with the tangent at x; `is_singular` when there are none.
-   subroutine new_tangent_solver(self, problem, x, is_singular)
+   subroutine new_tangent_solver(self, problem, x, is_singular, accuracy)
       type(tangent_solver_t), intent(out) :: self
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
       logical, intent(out) :: is_singular
+      real(wp), intent(in), optional :: accuracy                      !! of solutions from products, default 1e-8
       type(solver_config_t) :: config
       logical :: is_ready
 
+      if (present(accuracy)) self%accuracy = accuracy
       if (problem%has_products .and. problem%n_unknowns > default_largest_dense) then
          allocate (self%krylov)
          call new_tangent_krylov(self%krylov, problem%n_unknowns, config%krylov_vectors, config%krylov_products)
@@ -64,8 +67,8 @@ contains
          call self%factor%solve(problem, r)
       else
          allocate (s, mold=r)
-         call self%krylov%solve(problem, r, accuracy, s)
-         is_singular = self%krylov%residual > sqrt(accuracy)
+         call self%krylov%solve(problem, r, self%accuracy, s)
+         is_singular = self%krylov%residual > sqrt(self%accuracy)
          r = s
       end if
    end subroutine tangent_solver_solve

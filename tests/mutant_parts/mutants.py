@@ -1409,6 +1409,13 @@ MUTANTS = [
             "estimate_of(result) <= 1.0_wp)",
         ),
         (
+            "accuracy_rigid",
+            "test_hb_accurate_motion",
+            "what slow convergence leaves after a rung is underestimated",
+            "share = min(share, shrinking/(1.0_wp - shrinking))",
+            "share = min(share, shrinking)",
+        ),
+        (
             "accuracy_neighbour",
             "test_hb_accurate_motion",
             "the set of a neighbour is not used",
