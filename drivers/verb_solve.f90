@@ -23,7 +23,7 @@ module verb_solve
    use hb_sweep, only: run_options_t, run_study
    use hb_sweep_plan, only: sweep_plan_t
    use hb_switched_input, only: switched_input
-   use hb_system, only: file_kind, kind_of_file
+   use hb_system, only: file_kind, kind_of_file, remove_file
    use hb_text, only: join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
    use hb_timing, only: timing_lines
@@ -48,6 +48,7 @@ contains
       call place_result(options, comm, path, error)
       if (.not. allocated(error)) call load_study(options, comm, study, error)
       if (allocated(error)) return
+      if (options%overwrite .and. rank_of(comm) == 0) call remove_switched(path)
       call run(study, options, path, options%resumes, comm, status, error)
       if (.not. allocated(error)) call run_switched(study, options, path, comm, status, error)
    end subroutine run_solve
@@ -142,10 +143,8 @@ contains
          logical :: is_there
 
          its_status = success
-         where = path//"_"//to_text(point - 1)//".h5"
-         if (index(path, ".h5", back=.true.) == len(path) - 2) &
-            where = path(:len(path) - 3)//"_"//to_text(point - 1)//".h5"
-         place = "point "//to_text(point - 1)//" of "//path
+         where = switched_path(path, point)
+         place = place_of(path, point)
          is_there = kind_of_file(where) /= file_kind%none .and. .not. options%overwrite
          if (is_there) then                                           ! its own input names this file as it was named then
             call load_stored_study(where, comm, switched, error)
@@ -161,6 +160,56 @@ contains
          end if
       end subroutine run_one
    end subroutine run_switched
+
+   !> Removes the files of motions that leave the curves of an old result file, which is about to be replaced.
+   subroutine remove_switched(path)
+      character(*), intent(in) :: path
+      type(record_t) :: old, switched
+      type(error_t), allocatable :: error
+      character(:), allocatable :: prefix, where
+      integer :: i
+
+      if (kind_of_file(path) == file_kind%none) return
+      call read_record(old, path, error)
+      if (allocated(error)) return
+      do i = 1, old%n_points
+         where = switched_path(path, i)
+         if (kind_of_file(where) == file_kind%none) cycle
+         call read_record(switched, where, error)
+         if (allocated(error)) cycle
+         prefix = place_of("", i)
+         if (index(switched%input_name, prefix) /= 1) cycle
+         if (last_name(switched%input_name(len(prefix) + 1:)) == last_name(path)) call remove_file(where)
+      end do
+
+   contains
+
+      function last_name(of_path)
+         character(*), intent(in) :: of_path
+         character(:), allocatable :: last_name
+
+         last_name = of_path(index(of_path, "/", back=.true.) + 1:)
+      end function last_name
+   end subroutine remove_switched
+
+   !> Where the motions that leave a curve at a point, from 1, are stored.
+   function switched_path(path, point) result(where)
+      character(*), intent(in) :: path
+      integer, intent(in) :: point
+      character(:), allocatable :: where
+
+      where = path//"_"//to_text(point - 1)//".h5"
+      if (index(path, ".h5", back=.true.) == len(path) - 2) where = path(:len(path) - 3)//"_"//to_text(point - 1)//".h5"
+   end function switched_path
+
+   !> A point of a curve in words, as the input of the motions that leave it there is named.
+   function place_of(path, point) result(place)
+      character(*), intent(in) :: path
+      integer, intent(in) :: point
+      character(:), allocatable :: place
+
+      place = "point "//to_text(point - 1)//" of "//path
+   end function place_of
 
    !> How many points there are, or how many there is room for.
    function room_text(study) result(text)

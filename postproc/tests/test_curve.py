@@ -88,6 +88,20 @@ def test_unstable_parts_are_dashed(tmp_path):
     assert {"stable", "unstable"} <= set(legend_of(fig))
 
 
+def arrows(fig):
+    return [(a.xyann, a.xy) for ax in fig.axes for a in ax.texts if a.get_gid() == "jump"]
+
+
+def test_arrows_lead_from_folds_to_where_a_sweep_jumps(tmp_path):
+    with Results(curve_file(tmp_path / "c.h5")) as results:
+        fig = draw_response(results, measure=Measure("harmonic", (1,)))
+        over = draw_response(results, measure=Measure("harmonic", (1,)), over="amplitude")
+    assert arrows(fig) == [((3.0, 3.0), (3.0, 2.0)), ((2.0, 3.0), (2.0, 2.0))]
+    assert arrows(over) == []
+    with Results(curve_file(tmp_path / "unknown.h5", stability=None)) as results:
+        assert arrows(draw_response(results, measure=Measure("harmonic", (1,)))) == []
+
+
 def test_families_and_backbones_share_a_picture(tmp_path):
     mode = tmp_path / "mode.h5"
     coefficients = np.zeros((3, 1, 2, 2))

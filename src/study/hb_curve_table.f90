@@ -7,10 +7,10 @@ module hb_curve_table
    use hb_outcome, only: is_solved, outcome_text
    use hb_results_plan, only: identifier
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_text, only: to_text
+   use hb_text, only: number_of, to_text
    implicit none
    private
-   public :: curve_kinds, curve_lines, note_curve_values
+   public :: curve_kinds, curve_lines, note_curve_values, number_cut_short
 
    integer, parameter :: most_lines = 60
 
@@ -86,6 +86,9 @@ contains
          if (n <= most_lines) lines = [character(160) :: lines, line_of(i)]
       end do
       if (n > most_lines) lines = [character(160) :: lines, "and "//to_text(n - most_lines)//" more (see 'curve_kind')"]
+      n = number_cut_short(kind, status, plan%n_fastest())
+      if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" used all of "//to_text(plan%n_fastest())// &
+         " points before any end: give &curve more 'points'"]
 
    contains
 
@@ -97,4 +100,14 @@ contains
          if (.not. is_solved(status(point))) line = line//", "//outcome_text(status(point))
       end function line_of
    end subroutine curve_lines
+
+   !> Curves whose last row is no end: they have used their points, and go on.
+   pure integer function number_cut_short(kind, status, n_rows) result(n)
+      integer, intent(in) :: kind(:), status(:)                       !! of all points of all curves
+      integer, intent(in) :: n_rows                                   !! for one curve
+
+      associate (last_kind => kind(n_rows::n_rows), last_status => status(n_rows::n_rows))
+         n = count(is_solved(last_status) .and. last_kind /= curve_kind%end)
+      end associate
+   end function number_cut_short
 end module hb_curve_table

@@ -49,7 +49,7 @@ contains
    !> Progress over `n_points`, written to standard error by one rank of a run.
    subroutine new_progress(self, n_points, level, is_first, what)
       type(progress_t), intent(out) :: self
-      integer, intent(in) :: n_points
+      integer, intent(in) :: n_points                                 !! 0: not known before
       integer, intent(in) :: level                                    !! one of log_level
       logical, intent(in) :: is_first                                 !! this rank writes the line
       character(*), intent(in), optional :: what                      !! is counted; default: points
@@ -134,7 +134,9 @@ contains
       integer :: filled
 
       seconds = max(now - self%started, epsilon(1.0_wp))
-      line = to_text(done)//"/"//to_text(self%n_points)//" "//self%what
+      line = to_text(done)
+      if (self%n_points > 0) line = line//"/"//to_text(self%n_points)
+      line = line//" "//self%what
       if (failed > 0) line = line//", "//to_text(failed)//" not converged"
       line = line//", "//rate_text(done/seconds)//" per s"
       if (done > 0 .and. done < self%n_points) then
@@ -144,7 +146,7 @@ contains
       end if
       if (self%on_terminal) then
          filled = nint(bar_width*real(done, wp)/max(self%n_points, 1))
-         line = "["//repeat("#", filled)//repeat(".", bar_width - filled)//"] "//line
+         if (self%n_points > 0) line = "["//repeat("#", filled)//repeat(".", bar_width - filled)//"] "//line
          write (error_unit, "(a)", advance="no") achar(13)//line//achar(27)//"[K"
          flush (error_unit)
       else

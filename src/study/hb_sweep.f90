@@ -16,15 +16,17 @@ module hb_sweep
    use hb_marching_judge, only: marching_judge_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
-   use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, work_counter_t
+   use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, &
+      work_counter_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome, outcome_name
    use hb_point_source, only: point_source_t
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_results, only: create_results, open_results, results_t
+   use hb_results_record, only: read_record, record_t
    use hb_resume, only: choose_units, resumed_file_t, resumed_input_t
    use hb_row_checks, only: count_pending
-   use hb_run_summary, only: count_point, run_summary_t, sum_up
+   use hb_run_summary, only: count_kept, count_point, run_summary_t, sum_up
    use hb_scene, only: scene_t
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
    use hb_signals, only: wait_for_points
@@ -60,6 +62,7 @@ module hb_sweep
       type(rank_times_t) :: times
       logical :: is_checked = .false.                                 !! whether chains stay on their branches
       type(resumed_file_t) :: before                                  !! of a run before, whose crashed points are passed by
+      integer :: n_unused = 0                                         !! rows that curves turned out not to need
    end type run_t
 
 contains
@@ -122,10 +125,24 @@ contains
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
       if (rank_of(comm) == 0 .and. summary%interruption /= interruption%signal .and. .not. allocated(error)) &
          call check_written(options%path, summary%n_left, error)
+      if (rank_of(comm) == 0 .and. run%before%is_there .and. allocated(self%plan%curve) .and. .not. allocated(error)) &
+         call recount(options%path, summary, error)
       call share_error(comm, error)
       call run%ending%destroy()
       summary%seconds = wall_clock() - started
    end subroutine run_study
+
+   !> Counts all points of the file: a curve that was gone on with has points of both runs.
+   subroutine recount(path, summary, error)
+      character(*), intent(in) :: path
+      type(run_summary_t), intent(inout) :: summary
+      type(error_t), allocatable, intent(out) :: error
+      type(record_t) :: record
+      integer :: none(0)
+
+      call read_record(record, path, error)
+      if (.not. allocated(error)) call count_kept(summary, record, none)
+   end subroutine recount
 
    !> Points that are solved one after the other: a curve, a chain, or a point.
    pure integer function length_of_units(self) result(length)
@@ -200,7 +217,7 @@ contains
 
       call new_work_counter(run%counter, [(run%schedule%owner_of(i), i=1, run%schedule%n_counters)], comm, error)
       if (allocated(error)) return
-      call new_progress(run%progress, run%schedule%n_points, level, run%source%rank == 0)
+      call new_progress(run%progress, merge(0, run%schedule%n_points, allocated(self%plan%curve)), level, run%source%rank == 0)
       cursor = run%schedule%cursor_of(run%source%rank)
       started = wall_clock()
       do while (.not. (cursor%is_done .or. allocated(error) .or. run%ending%reason /= interruption%none))
@@ -232,7 +249,7 @@ contains
       call run%progress%finish(done, failed)
       call sum_up(summary, comm)
       summary%n_points = self%plan%n_points
-      summary%n_left = run%schedule%n_points - done
+      summary%n_left = run%schedule%n_points - done - sum_over(comm, run%n_unused)
       summary%interruption = max_over(comm, run%ending%reason)
       if (.not. allocated(error)) call run%results%write_times(run%source%rank, run%times, error)
       call gather_rows(comm, run%times%as_row(), summary%times)
@@ -352,7 +369,11 @@ contains
       if (run%progress%is_debug) call run%progress%tell_point("point "//to_text(point - 1)//" on rank "// &
          to_text(run%source%rank)//": "//outcome_name(result%status)//", "//to_text(result%iterations)//" iterations, "// &
          self%plan%describe(point))
-      call run%progress%note(.not. any(result%status == [outcome%converged, outcome%unused]), is_report_due)
+      if (result%status == outcome%unused) then
+         run%n_unused = run%n_unused + 1
+         return
+      end if
+      call run%progress%note(result%status /= outcome%converged, is_report_due)
       if (is_report_due) call report(run%counter, group, run%progress, run%times)
    end subroutine keep_point
 

@@ -190,8 +190,8 @@ def _parser() -> argparse.ArgumentParser:
         "several curves, seven at most unless told otherwise. Points are counted as nhbm solve counts them. A solved point "
         "that has not converged stands on its curve with the mark of its status, any other in a row below, one a curve; "
         "curves are broken there, and where the motion jumps to another branch. What a &curve has followed is drawn along its "
-        "arc, with folds and peaks marked and, where stability is known, unstable parts dashed; files of normal modes after it "
-        "are drawn over the frequency found, as backbones.",
+        "arc, with folds and peaks marked and, where stability is known, unstable parts dashed and jumps off folds; files of "
+        "normal modes after it are drawn over the frequency found, as backbones.",
         several=True,
     )
     options.add_dof(sub)

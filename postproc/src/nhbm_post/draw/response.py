@@ -13,6 +13,7 @@ from ..outcome import CONVERGED, SOLVED
 from ..reader import Parameter, Results
 from ..text import list_text, tuple_text
 from . import marks, style
+from .jumps import jumps_at_folds
 
 # Curves of one picture unless told otherwise: as many as there are colours to tell them apart.
 N_CURVES = len(style.COLOURS)
@@ -61,6 +62,14 @@ class Curve:
         """1 stable, -1 unstable, 0 not known, of each point."""
         return self.results.stability()[self.points]
 
+    @property
+    def jumps(self) -> list[tuple[float, float, float]]:
+        """(x, y, y of the motion jumped to) at folds, over the value along which the curve was followed."""
+        moving = self.results.curve
+        if not (self.kind.size and moving) or not np.array_equal(self.x, moving.values[self.points], equal_nan=True):
+            return []
+        return jumps_at_folds(self.x, self.y, self.kind, self.stability)
+
     def is_special(self, kind: str) -> np.ndarray:
         """Which points are folds, peaks, or another kind."""
         return self.kind == kind if self.kind.size else np.zeros(self.points.size, dtype=bool)
@@ -84,7 +93,8 @@ def draw_response(
     values. A curve is broken where a point is not solved and where the motion jumps; solved points that have not converged
     are marked on the curve, others in a row below, one a curve. `others`: (label, results) of more files to draw.
     `logarithmic`: `x`, `y`, `xy` or `none`; without it, x where the sweep runs so. Curves that were followed (`&curve`) are drawn
-    in the order of their arc, with marks at what was located, such as folds and peaks; where the stability of motions is known, what is unstable is dashed.
+    in the order of their arc, with marks at what was located, such as folds and peaks; where the stability of motions is known,
+    what is unstable is dashed, and arrows lead from folds to where a sweep jumps.
     A file of normal modes among curves over a frequency is drawn over the frequency found: its backbone.
     """
     measure = measure or Measure()
@@ -247,6 +257,9 @@ def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined) -> Non
     for kind, shape in _SPECIAL.items():
         at = curve.is_special(kind)
         ax.plot(x_factor * curve.x[at], factor * curve.y[at], **shape, color=look["color"], gid=kind, zorder=5)
+    for at, start, end in curve.jumps:
+        arrow = {"arrowstyle": "->", "color": look["color"], "linewidth": 1.0, "shrinkA": 3.0, "shrinkB": 0.0}
+        ax.annotate("", (x_factor * at, factor * end), (x_factor * at, factor * start), arrowprops=arrow, gid="jump")
     known = np.isfinite(y) & np.isfinite(x)
     alone = known & ~np.append(known[1:], False) & ~np.insert(known[:-1], 0, False)
     dots = is_converged & (known if curve.points.size <= _MANY_POINTS or not is_joined else alone)
