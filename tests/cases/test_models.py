@@ -192,15 +192,16 @@ def make_model(name, folder):
     assert done.returncode == 0, done.stderr
 
 
-def test_plate_that_rattles_on_four_stops(tmp_path):
-    """From the script to pictures; numbers are those of the full model."""
+@pytest.mark.parametrize("name", sorted(path.stem for path in INPUTS.glob("*.nml")))
+def test_gallery(name, tmp_path):
+    """From the script to pictures, with the numbers that the input promises."""
     pytest.importorskip("skfem")
-    make_model("rattling_plate", tmp_path)
-    text = (INPUTS / "rattling_plate.nml").read_text()
+    make_model(name, tmp_path)
+    text = (INPUTS / f"{name}.nml").read_text()
     solve(tmp_path, text)
     with Results(tmp_path / "run.h5") as results:
         assert not failures(read_expectations(text), results)
-    model = str(tmp_path / "rattling_plate.h5")
+    model = str(tmp_path / f"{name}.h5")
     assert post(["vtk", str(tmp_path / "run.h5"), "--model", model, "--frames", "2"]) == 0
     assert post(["deflection", str(tmp_path / "run.h5"), "--model", model, "--dpi", "40"]) == 0
     assert (tmp_path / "run_motion" / "0001.vtu").exists()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nhbm import __version__, examples, importing, reduction
+from nhbm import __version__, assembly, examples, importing, reduction
 from nhbm.checks import check
 from nhbm.errors import ModelError
 from nhbm.model import MATRICES, Model
@@ -45,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--labels", metavar="FILE", help="names of the degrees of freedom, such as n12.z, a line each")
     verb.add_argument("--mesh", metavar="FILE", help="coordinates, cells and sets, in any format of meshio")
     verb.add_argument("--set", action="append", default=[], metavar="NAME=N,N,...", help="a set by numbers of its nodes")
-    verb.add_argument("--load", action="append", default=[], metavar="NAME=LABEL:VALUE,...", help="a vector of loads")
+    _loads(verb)
     verb.add_argument("--units", default="m kg s", help="system of units, for the record (default: m kg s)")
     _output(verb)
 
@@ -65,12 +65,24 @@ def parser() -> argparse.ArgumentParser:
                               help=f"(default: {default})")  # fmt: skip
         verb.add_argument("--node-set", action="append", default=[], metavar="NAME=X,Y,Z",
                           help="a set of the nodes closest to places; X,Y,Z;X,Y,Z for several")  # fmt: skip
+        _loads(verb)
         _output(verb)
+
+    verb = verbs.add_parser("assemble", help="put parts together in one model")
+    verb.set_defaults(run=run_assemble)
+    verb.add_argument("parts", nargs="+", metavar="NAME=FILE", help="a part and its model file; sets become NAME_SET")
+    verb.add_argument("--at", action="append", default=[], metavar="NAME=X,Y,Z", help="shifts a part")
+    verb.add_argument("--pair", action="append", default=[], metavar="NAME=SET,SET",
+                      help="names the nodes where two sets meet NAME_1 and NAME_2, first with first")  # fmt: skip
+    _loads(verb)
+    _output(verb)
 
     verb = verbs.add_parser("reduce", help="a small model of a large one, with its error")
     verb.set_defaults(run=run_reduce)
     verb.add_argument("model")
-    verb.add_argument("--keep", required=True, help="degrees of freedom and sets that stay as they are: n3.z,contact.z,corner")
+    verb.add_argument("--keep", required=True,
+                      help="degrees of freedom and sets that stay as they are: n3.z,contact.z,corner; a pair keeps what its sets move "
+                      "relative to each other")  # fmt: skip
     verb.add_argument("--modes", type=int, default=20, help="number of modes (default: 20)")
     verb.add_argument(
         "--method", choices=reduction.METHODS, default=reduction.METHODS[0], help=f"(default: {reduction.METHODS[0]})"
@@ -79,6 +91,11 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--no-error", action="store_true", help="do not compare with the full model")
     _output(verb)
     return top
+
+
+def _loads(verb) -> None:
+    verb.add_argument("--load", action="append", default=[], metavar="NAME=LABEL:VALUE,...",
+                      help="a vector of loads; a set with a direction has the value at each node")  # fmt: skip
 
 
 def _output(verb) -> None:
@@ -117,7 +134,14 @@ def run_import(options) -> int:
             model.sets[name] = np.array([place[int(number)] for number in numbers.split(",")])
         except (KeyError, ValueError):
             raise ModelError(f"--set {text}: there is no such node") from None
-    for text in options.load:
+    _add_loads(model, options.load)
+    model.validate()
+    _write(model, options)
+    return OK
+
+
+def _add_loads(model: Model, texts: list[str]) -> None:
+    for text in texts:
         name, parts = _named(text, "NAME=LABEL:VALUE,...")
         try:
             pairs = [part.rsplit(":", 1) for part in parts.split(",")]
@@ -125,9 +149,6 @@ def run_import(options) -> int:
         except ValueError:
             raise ModelError(f"--load {text}: give NAME=LABEL:VALUE,...") from None
         model.loads[name] = (np.array([dof for dof, _ in entries]), np.array([value for _, value in entries]))
-    model.validate()
-    _write(model, options)
-    return OK
 
 
 def _named(text: str, form: str) -> tuple[str, str]:
@@ -168,13 +189,35 @@ def run_example(options) -> int:
     model = options.make(**{name: getattr(options, name) for name in names})
     for text in options.node_set:
         name, places = _named(text, "NAME=X,Y,Z")
-        try:
-            places = [[float(x) for x in place.split(",")] for place in places.split(";")]
-        except ValueError:
-            raise ModelError(f"--node-set {text}: places are numbers X,Y,Z") from None
-        if any(len(place) != 3 for place in places):
-            raise ModelError(f"--node-set {text}: a place has three coordinates")
-        model.sets[name] = np.array([examples.nearest_node(model, place) for place in places])
+        model.sets[name] = np.array([examples.nearest_node(model, _place(text, place)) for place in places.split(";")])
+    _add_loads(model, options.load)
+    model.validate()
+    _write(model, options)
+    return OK
+
+
+def _place(text: str, place: str) -> tuple[float, ...]:
+    try:
+        x, y, z = (float(number) for number in place.split(","))
+    except ValueError:
+        raise ModelError(f"{text}: a place has three coordinates, X,Y,Z") from None
+    return x, y, z
+
+
+def run_assemble(options) -> int:
+    parts = {}
+    for text in options.parts:
+        name, path = _named(text, "NAME=FILE")
+        parts[name] = Model.read(path)
+    places = {name: _place(text, place) for text in options.at for name, place in [_named(text, "NAME=X,Y,Z")]}
+    model = assembly.assemble(parts, places)
+    for text in options.pair:
+        name, sets = _named(text, "NAME=SET,SET")
+        first, comma, second = sets.partition(",")
+        if not comma:
+            raise ModelError(f"--pair {text}: give NAME=SET,SET")
+        print(f"pair {name}: {assembly.add_pair(model, name, first, second)} nodes")
+    _add_loads(model, options.load)
     model.validate()
     _write(model, options)
     return OK

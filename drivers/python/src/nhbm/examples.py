@@ -32,7 +32,7 @@ def beam(length=1.0, n_elements=20, width=0.03, height=0.01, clamped="left", you
     mass = fem.BilinearForm(lambda u, v, w: density * area * u * v).assemble(basis)
     points = np.vstack([mesh.p, np.zeros((2, mesh.p.shape[1]))]).T
     sets = {"left": np.flatnonzero(points[:, 0] == 0.0), "right": np.flatnonzero(np.isclose(points[:, 0], length))}
-    fixed = {"left": ["left"], "both": ["left", "right"], "none": []}[clamped]
+    fixed = _clamped(clamped)
     return _nodal(
         stiffness, mass, basis.nodal_dofs, ("z", "zx"), points, mesh.t, VTK_LINE, sets, fixed, f"beam, {n_elements} elements"
     )
@@ -105,7 +105,7 @@ def solid(
         "top": np.flatnonzero(np.isclose(points[:, 2], height)),
         "bottom": np.flatnonzero(np.isclose(points[:, 2], 0.0)),
     }
-    fixed = {"left": ["left"], "both": ["left", "right"], "none": []}[clamped]
+    fixed = _clamped(clamped)
     return _nodal(
         stiffness, mass, dofs, ("x", "y", "z"), points, _vtk_order(mesh, cells), VTK_QUADRATIC_TETRA, sets, fixed,
         f"solid, {n_x} x {n_y} x {n_z} x 6 tetrahedra",
@@ -161,6 +161,13 @@ def _nodal(stiffness, mass, dofs, directions, points, cells, vtk_type, sets, hel
         sets={name: nodes[moving[nodes]] for name, nodes in sets.items() if moving[nodes].any()},
         source=f"scikit-fem: {source}",
     )
+
+
+def _clamped(ends: str) -> list[str]:
+    known = {"left": ["left"], "right": ["right"], "both": ["left", "right"], "none": []}
+    if ends not in known:
+        raise ModelError(f"clamped ends are {', '.join(known)}, not '{ends}'")
+    return known[ends]
 
 
 def nearest_node(model: Model, place) -> int:

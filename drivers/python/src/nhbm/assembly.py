@@ -1,0 +1,87 @@
+"""Parts put together in one model: their places, and pairs of nodes where they meet."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial import cKDTree
+
+from nhbm.errors import ModelError
+from nhbm.model import MATRICES, Model
+
+
+def assemble(parts: dict[str, Model], places: dict[str, tuple[float, float, float]] | None = None) -> Model:
+    """One model of several parts, which nothing couples yet. Nodes of later parts are numbered on from those before; sets and loads
+    bear the name of their part, `lower_top`. `places`: by what a part is shifted."""
+    places = places or {}
+    unknown = set(places) - set(parts)
+    if unknown:
+        raise ModelError(f"there is no part '{sorted(unknown)[0]}'; parts: {', '.join(parts)}")
+    models = list(parts.values())
+    labels, numbers, coordinates, nodes, cell_nodes, cell_starts = [], [], [], [], [], [np.zeros(1, dtype=np.int64)]
+    sets, loads = {}, {}
+    n_nodes = n_dofs = highest = n_cell_nodes = 0
+    for name, model in parts.items():
+        if model.recovery is not None:
+            raise ModelError(f"part '{name}' is a reduced model; put parts together first and reduce then")
+        moved = model.node_numbers + highest
+        for label, node, direction in zip(model.labels, model.dof_node, model.dof_direction):
+            labels.append(f"n{moved[node]}.{direction}" if node >= 0 else f"{name}.{label}")
+        numbers.append(moved)
+        coordinates.append(model.coordinates + np.asarray(places.get(name, (0.0, 0.0, 0.0))))
+        nodes.append(np.where(model.dof_node >= 0, model.dof_node + n_nodes, -1))
+        cell_nodes.append(model.cell_nodes + n_nodes)
+        cell_starts.append(model.cell_starts[1:] + n_cell_nodes)
+        sets |= {f"{name}_{key}": members + n_nodes for key, members in model.sets.items()}
+        loads |= {f"{name}_{key}": (dofs + n_dofs, values) for key, (dofs, values) in model.loads.items()}
+        n_nodes += len(moved)
+        n_dofs += model.n_dofs
+        n_cell_nodes += len(model.cell_nodes)
+        highest = int(max(moved, default=highest))
+    matrices = {}
+    for name in MATRICES:
+        blocks = [getattr(model, name) for model in models]
+        if any(block is not None for block in blocks):
+            empty = [sp.csr_matrix((model.n_dofs,) * 2) for model in models]
+            matrices[name] = sp.block_diag([e if b is None else b for b, e in zip(blocks, empty)], format="csr")
+    return Model(
+        **matrices,
+        labels=labels,
+        units=[unit for model in models for unit in model.units],
+        node_numbers=np.concatenate(numbers),
+        coordinates=np.vstack(coordinates),
+        dof_node=np.concatenate(nodes),
+        dof_direction=[direction for model in models for direction in model.dof_direction],
+        cell_types=np.concatenate([model.cell_types for model in models]),
+        cell_starts=np.concatenate(cell_starts),
+        cell_nodes=np.concatenate(cell_nodes),
+        sets=sets,
+        loads=loads,
+        unit_system=models[0].unit_system,
+        source=" + ".join(model.source for model in models),
+    )
+
+
+def meeting_nodes(model: Model, first: str, second: str) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of two sets that stand at the same places, first with first."""
+    for name in (first, second):
+        if name not in model.sets:
+            raise ModelError(f"there is no set '{name}'; sets: {', '.join(model.sets) or 'none'}")
+    a, b = (np.asarray(model.sets[name]) for name in (first, second))
+    tree = cKDTree(model.coordinates[b])
+    size = np.ptp(model.coordinates[np.concatenate([a, b])], axis=0).max()
+    distance, nearest = tree.query(model.coordinates[a])
+    meets = distance <= 1.0e-6 * size
+    if not meets.any():
+        raise ModelError(f"no node of '{first}' meets one of '{second}'; the closest are {distance.min():.3g} apart")
+    if len(set(nearest[meets].tolist())) < meets.sum():
+        raise ModelError(f"two nodes of '{first}' meet the same node of '{second}'")
+    return a[meets], b[nearest[meets]]
+
+
+def add_pair(model: Model, name: str, first: str, second: str) -> int:
+    """Names the nodes where two sets meet, `<name>_1` of the first and `<name>_2` of the second; returns how many."""
+    a, b = meeting_nodes(model, first, second)
+    model.sets |= {f"{name}_1": a, f"{name}_2": b}
+    model.validate()
+    return len(a)
