@@ -81,8 +81,8 @@ def parser() -> argparse.ArgumentParser:
     verb.set_defaults(run=run_reduce)
     verb.add_argument("model")
     verb.add_argument("--keep", required=True,
-                      help="degrees of freedom and sets that stay as they are: n3.z,contact.z,corner; a pair keeps what its sets move "
-                      "relative to each other")  # fmt: skip
+                      help="degrees of freedom and sets that stay as they are: n3.z,contact.z,corner; a pair keeps what its "
+                      "sets move relative to each other")  # fmt: skip
     verb.add_argument("--modes", type=int, default=20, help="number of modes (default: 20)")
     verb.add_argument(
         "--method", choices=reduction.METHODS, default=reduction.METHODS[0], help=f"(default: {reduction.METHODS[0]})"
