@@ -17,6 +17,8 @@ module hb_monodromy
    integer, parameter :: looks_a_harmonic = 8                         ! for events, in a period of the highest harmonic
    integer, parameter :: fewest_looks = 128
    integer, parameter :: most_doublings = 12
+   real(wp), parameter :: good = 1.0e-6_wp                            ! estimate from which on steps are worth it only while they
+   real(wp), parameter :: slow = 0.1_wp                               ! help more than this: a kink that is not resolved does not
 
    type :: matrix_t
       real(wp), allocatable :: entries(:, :)
@@ -45,8 +47,8 @@ contains
       if (variation%n_states > 0) call drop_stuck(self, variation)
    end subroutine find_monodromy
 
-   !> What a stretch of time makes of disturbances; doubles its steps until the estimate is below the tolerance or the work is above
-   !> its limit.
+   !> What a stretch of time makes of disturbances; doubles its steps until the estimate is below the tolerance, no longer falls
+   !> fast or the work is above its limit.
    subroutine find_transfer(self, variation, start, finish, tolerance, work_limit)
       type(monodromy_t), intent(out) :: self
       type(variation_t), intent(inout) :: variation
@@ -56,7 +58,7 @@ contains
       type(piece_t), allocatable :: pieces(:)
       type(matrix_t) :: row(0:most_doublings)                         ! of the table of extrapolations
       real(wp), allocatable :: before(:, :), last(:, :)
-      real(wp) :: work
+      real(wp) :: estimate_before, work
       integer :: doubling, k
 
       call cut_time(variation, start, finish, n_looks_of(variation, finish - start), pieces)
@@ -72,8 +74,10 @@ contains
          if (.not. all(ieee_is_finite(last))) exit
          work = work + self%n_steps*(variation%work_of_step((finish - start)/self%n_steps) + variation%work_of_node())
          if (doubling == 0) cycle
+         estimate_before = self%estimate
          self%estimate = maxval(abs(last - row(max(doubling, 1) - 1)%entries))/max(1.0_wp, maxval(abs(last)))
          if (self%estimate <= tolerance .or. 2.0_wp*work > work_limit) exit
+         if (self%estimate <= good .and. self%estimate > slow*estimate_before) exit
       end do
       call move_alloc(last, self%matrix)
    end subroutine find_transfer

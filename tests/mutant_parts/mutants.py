@@ -240,6 +240,16 @@ MUTANTS = [
         ),
     ),
     *of(
+        "stability/hb_monodromy.f90",
+        (
+            "monodromy_no_end",
+            "test_hb_monodromy",
+            "steps are doubled although that helps no more",
+            "if (self%estimate <= good .and.",
+            "if (self%estimate < 0.0_wp .and.",
+        ),
+    ),
+    *of(
         "stability/hb_stability.f90",
         (
             "stability_better_motion",
