@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import tempfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -117,3 +118,12 @@ def coefficients_by_tuple(result: Path, point: int = 0, dof: int = 0) -> dict[tu
         for j, (c, s) in zip(tuples, values[point, dof])
         if not (np.isnan(c) and np.isnan(s))
     }
+
+
+def checksum_of_row(file: h5py.File, row: int) -> int:
+    """The checksum that belongs to the values of a point, as the file stores it."""
+    names = file["checksum"].attrs["of"]
+    found = 0
+    for name in (names if isinstance(names, str) else names.decode()).split():
+        found = zlib.crc32(file[name][row].tobytes(), found)
+    return int(np.uint32(found).astype(np.int32))

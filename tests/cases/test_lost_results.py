@@ -4,13 +4,12 @@ import os
 import shutil
 import subprocess
 import time
-import zlib
 
 import h5py
 import numpy as np
 import pytest
 
-from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, command, environment, read, run
+from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, checksum_of_row, command, environment, read, run
 from user_law import HEADER_FOLDER
 
 CONVERGED = 1
@@ -147,13 +146,10 @@ def sound(tmp_path_factory):
 
 def test_checksum_is_that_of_zlib(sound):
     with h5py.File(sound / "case.h5", "r") as file:
+        for row, expected in enumerate(file["checksum"][()]):
+            assert checksum_of_row(file, row) == expected
         names = file["checksum"].attrs["of"]
         names = (names if isinstance(names, str) else names.decode()).split()
-        for row, expected in enumerate(file["checksum"][()]):
-            found = 0
-            for name in names:
-                found = zlib.crc32(file[name][row].tobytes(), found)
-            assert np.uint32(found) == expected.astype(np.uint32)
         assert {"status", "coefficients", "residual", "message", "displacement_samples"} <= set(names)
 
 
