@@ -66,7 +66,7 @@ contains
       end if
       stiffness = max(stiffness, softest*maxval(stiffness))
       softness = 1.0_wp
-      where (stiffness > 0.0_wp) softness = 1.0_wp/stiffness
+      where (stiffness >= tiny(1.0_wp)) softness = 1.0_wp/stiffness
    end function softness
 
    !> Coordinates of a structure; they are ordered by their places.
