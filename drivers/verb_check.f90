@@ -56,7 +56,12 @@ contains
       call describe(study)
       call check_laws(study%scene%laws, all_right)
       call write_doubts(study, doubts)
-      if (all_right) call say("the input is sound")
+      if (.not. all_right) return
+      if (doubts%n_commensurate + doubts%n_without_load > 0) then
+         call say("the input can be solved, but is hardly what is meant: see above")
+      else
+         call say("the input is sound")
+      end if
    end subroutine run_check
 
    !> Reads a point and notes what is doubtful about it.

@@ -145,12 +145,15 @@ contains
       character(*), intent(in) :: key
       real(wp), allocatable, intent(inout) :: values(:)
       integer, intent(in) :: n
+      character(:), allocatable :: wanted
 
       if (.not. allocated(values)) return                    ! by now a problem of the group
       if (size(values) == 1) then
          values = spread(values(1), 1, n)
       else if (size(values) /= n) then
-         call group%problem(key, "needs 1 or "//to_text(n)//" values, there are "//to_text(size(values)))
+         wanted = "1 value"
+         if (n /= 1) wanted = "1 or "//to_text(n)//" values"
+         call group%problem(key, "needs "//wanted//", there are "//to_text(size(values)))
       end if
    end subroutine spread_value
 end module hb_chain
