@@ -83,14 +83,11 @@ contains
       logical, intent(in), optional :: required             !! the key must be there
       character(*), intent(in), optional :: unit
       type(limits_t), intent(in), optional :: limits
-      type(wanted_t) :: wanted
       real(wp), allocatable :: numbers(:)
-      integer :: i_asked
 
-      wanted = wanting(kind_of%number, required, unit, limits)
-      call read_numbers(self, key, wanted, single_value, i_asked, numbers)
-      if (allocated(numbers)) value = numbers(1)
-      if (allocated(numbers) .or. .not. wanted%is_required) call keep(self, i_asked, wanted, [value])
+      numbers = [value]
+      call take_numbers(self, key, wanting(kind_of%number, required, unit, limits), single_value, numbers)
+      value = numbers(1)
    end subroutine properties_get_real
 
    !> Takes an integer.
@@ -101,14 +98,11 @@ contains
       logical, intent(in), optional :: required
       character(*), intent(in), optional :: unit
       type(limits_t), intent(in), optional :: limits
-      type(wanted_t) :: wanted
       real(wp), allocatable :: numbers(:)
-      integer :: i_asked
 
-      wanted = wanting(kind_of%whole, required, unit, limits)
-      call read_numbers(self, key, wanted, single_value, i_asked, numbers)
-      if (allocated(numbers)) value = nint(numbers(1))
-      if (allocated(numbers) .or. .not. wanted%is_required) call keep(self, i_asked, wanted, [real(value, wp)])
+      numbers = [real(value, wp)]
+      call take_numbers(self, key, wanting(kind_of%whole, required, unit, limits), single_value, numbers)
+      value = nint(numbers(1))
    end subroutine properties_get_integer
 
    !> Takes a truth.
@@ -117,14 +111,11 @@ contains
       character(*), intent(in) :: key
       logical, intent(inout) :: value
       logical, intent(in), optional :: required
-      type(wanted_t) :: wanted
       real(wp), allocatable :: numbers(:)
-      integer :: i_asked
 
-      wanted = wanting(kind_of%truth, required)
-      call read_numbers(self, key, wanted, single_value, i_asked, numbers)
-      if (allocated(numbers)) value = numbers(1) > 0.0_wp
-      if (allocated(numbers) .or. .not. wanted%is_required) call keep(self, i_asked, wanted, [number_of_truth(value)])
+      numbers = [number_of_truth(value)]
+      call take_numbers(self, key, wanting(kind_of%truth, required), single_value, numbers)
+      value = numbers(1) > 0.0_wp
    end subroutine properties_get_logical
 
    !> Takes a word; with `choices` it must be one of them, in any case, and comes out as spelt there.
@@ -135,16 +126,13 @@ contains
       logical, intent(in), optional :: required
       character(*), intent(in), optional :: choices(:)
       type(string_t), allocatable :: words(:)
-      integer :: i_asked
 
-      call read_words(self, key, wanting(kind_of%word, required), single_value, i_asked, words, choices)
-      if (allocated(words)) then
-         value = words(1)%value
-      else if (allocated(value)) then
+      if (allocated(value)) then
          allocate (words(1))
          words(1)%value = value
       end if
-      if (allocated(words)) call keep_words(self, i_asked, words)
+      call take_words(self, key, wanting(kind_of%word, required), single_value, words, choices)
+      if (allocated(words)) value = words(1)%value
    end subroutine properties_get_word
 
    !> Takes a list of reals of any length, or of length `n`.
@@ -156,14 +144,8 @@ contains
       logical, intent(in), optional :: required
       character(*), intent(in), optional :: unit
       type(limits_t), intent(in), optional :: limits
-      type(wanted_t) :: wanted
-      real(wp), allocatable :: numbers(:)
-      integer :: i_asked
 
-      wanted = wanting(kind_of%number, required, unit, limits)
-      call read_numbers(self, key, wanted, list_of(n), i_asked, numbers)
-      if (allocated(numbers)) call move_alloc(numbers, value)
-      if (allocated(value)) call keep(self, i_asked, wanted, value)
+      call take_numbers(self, key, wanting(kind_of%number, required, unit, limits), list_of(n), value)
    end subroutine properties_get_reals
 
    !> Takes a list of integers of any length, or of length `n`.
@@ -175,14 +157,11 @@ contains
       logical, intent(in), optional :: required
       character(*), intent(in), optional :: unit
       type(limits_t), intent(in), optional :: limits
-      type(wanted_t) :: wanted
       real(wp), allocatable :: numbers(:)
-      integer :: i_asked
 
-      wanted = wanting(kind_of%whole, required, unit, limits)
-      call read_numbers(self, key, wanted, list_of(n), i_asked, numbers)
+      if (allocated(value)) numbers = real(value, wp)
+      call take_numbers(self, key, wanting(kind_of%whole, required, unit, limits), list_of(n), numbers)
       if (allocated(numbers)) value = nint(numbers)
-      if (allocated(value)) call keep(self, i_asked, wanted, real(value, wp))
    end subroutine properties_get_integers
 
    !> Takes a list of truths of any length, or of length `n`.
@@ -192,14 +171,11 @@ contains
       logical, allocatable, intent(inout) :: value(:)
       integer, intent(in), optional :: n
       logical, intent(in), optional :: required
-      type(wanted_t) :: wanted
       real(wp), allocatable :: numbers(:)
-      integer :: i_asked
 
-      wanted = wanting(kind_of%truth, required)
-      call read_numbers(self, key, wanted, list_of(n), i_asked, numbers)
+      if (allocated(value)) numbers = number_of_truth(value)
+      call take_numbers(self, key, wanting(kind_of%truth, required), list_of(n), numbers)
       if (allocated(numbers)) value = numbers > 0.0_wp
-      if (allocated(value)) call keep(self, i_asked, wanted, number_of_truth(value))
    end subroutine properties_get_logicals
 
    !> Takes a list of words of any length, or of length `n`; `choices` as for one word.
@@ -210,12 +186,8 @@ contains
       integer, intent(in), optional :: n
       logical, intent(in), optional :: required
       character(*), intent(in), optional :: choices(:)
-      type(string_t), allocatable :: words(:)
-      integer :: i_asked
 
-      call read_words(self, key, wanting(kind_of%word, required), list_of(n), i_asked, words, choices)
-      if (allocated(words)) call move_alloc(words, value)
-      if (allocated(value)) call keep_words(self, i_asked, value)
+      call take_words(self, key, wanting(kind_of%word, required), list_of(n), value, choices)
    end subroutine properties_get_words
 
    !> Takes a real matrix of `n` rows and `m` columns, listed row by row, or element by element as key(i, j).
@@ -227,16 +199,12 @@ contains
       logical, intent(in), optional :: required
       character(*), intent(in), optional :: unit
       type(limits_t), intent(in), optional :: limits
-      type(wanted_t) :: wanted
       real(wp), allocatable :: numbers(:)
-      integer :: i_asked
 
-      wanted = wanting(kind_of%number, required, unit, limits)
-      call read_numbers(self, key, wanted, [n, m], i_asked, numbers)
-      if (allocated(numbers)) value = reshape(numbers, [n, m], order=[2, 1])
-      if (.not. allocated(value)) return
-      call keep(self, i_asked, wanted, row_by_row(value))
-      self%asked(i_asked)%row_length = size(value, 2)
+      if (allocated(value)) numbers = row_by_row(value)
+      call take_numbers(self, key, wanting(kind_of%number, required, unit, limits), [n, m], numbers)
+      if (.not. allocated(numbers)) return
+      if (size(numbers) == n*m) value = reshape(numbers, [n, m], order=[2, 1])
    end subroutine properties_get_matrix
 
    !> Sets a key to a real in place of the values that it had.
@@ -411,52 +379,65 @@ contains
 
    ! Reading
 
-   !> Asks for a key and takes its numbers: all of them, or none after a problem.
-   pure subroutine read_numbers(self, key, wanted, extents, i_asked, numbers)
+   !> Takes the numbers of a key in the place of the default: all of them, or none after a problem. Keeps what is used.
+   pure subroutine take_numbers(self, key, wanted, extents, numbers)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       type(wanted_t), intent(in) :: wanted
       integer, intent(in) :: extents(:)                     !! as for `pick`
-      integer, intent(out) :: i_asked                       !! for `keep`
-      real(wp), allocatable, intent(out) :: numbers(:)      !! row by row
+      real(wp), allocatable, intent(inout) :: numbers(:)    !! row by row; not allocated: no default
+      real(wp), allocatable :: found(:)
       integer, allocatable :: order(:)
-      integer :: element(2), i_key, k
+      integer :: i_asked, i_key, k
 
       call find(self, key, wanted, extents, i_asked, i_key, order)
-      if (.not. allocated(order)) return
-      allocate (numbers(size(order)))
-      do k = 1, size(order)
-         if (suits(self%content%values(order(k)), wanted)) then
-            numbers(k) = self%content%values(order(k))%number
-            cycle
-         end if
-         element = element_at(k, extents)
-         call value_problem(self, i_key, order(k), element, complaint(self%content%values(order(k)), wanted))
-         deallocate (numbers)
+      if (allocated(order)) then
+         allocate (found(size(order)))
+         do k = 1, size(order)
+            if (suits(self%content%values(order(k)), wanted)) then
+               found(k) = self%content%values(order(k))%number
+               cycle
+            end if
+            call value_problem(self, i_key, order(k), element_at(k, extents), complaint(self%content%values(order(k)), wanted))
+            deallocate (found)
+            exit
+         end do
+      end if
+      if (allocated(found)) then
+         call move_alloc(found, numbers)
+      else if (wanted%is_required .or. .not. allocated(numbers)) then
          return
-      end do
-   end subroutine read_numbers
+      end if
+      associate (asked => self%asked(i_asked))
+         asked%kind = wanted%kind
+         asked%numbers = numbers
+         asked%row_length = size(numbers)
+         if (size(extents) == 2) asked%row_length = extents(2)
+      end associate
+   end subroutine take_numbers
 
-   !> Asks for a key and takes its words: all of them, or none after a problem.
-   pure subroutine read_words(self, key, wanted, extents, i_asked, words, choices)
+   !> Takes the words of a key in the place of the default, as `take_numbers` does.
+   pure subroutine take_words(self, key, wanted, extents, words, choices)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       type(wanted_t), intent(in) :: wanted
       integer, intent(in) :: extents(:)                     !! as for `pick`
-      integer, intent(out) :: i_asked                       !! for `keep_words`
-      type(string_t), allocatable, intent(out) :: words(:)
+      type(string_t), allocatable, intent(inout) :: words(:)
       character(*), intent(in), optional :: choices(:)
+      type(string_t), allocatable :: found(:)
       character(:), allocatable :: close, problem, word
       integer, allocatable :: order(:)
-      integer :: i, i_key, k
+      integer :: i, i_asked, i_key, k
+      logical :: is_given
 
       call find(self, key, wanted, extents, i_asked, i_key, order)
-      if (.not. allocated(order)) return
-      allocate (words(size(order)))
+      is_given = allocated(order)
+      if (.not. is_given) allocate (order(0))
+      allocate (found(size(order)))
       do k = 1, size(order)
          problem = ""
          if (self%content%values(order(k))%kind == kind_of%whole .and. .not. present(choices)) then
-            words(k)%value = self%content%shown(order(k))    ! a name that is a number, such as that of a degree of freedom
+            found(k)%value = self%content%shown(order(k))    ! a name that is a number, such as that of a degree of freedom
          else if (self%content%values(order(k))%kind /= kind_of%word) then
             problem = "needs quotes: "//quote(shown(self%content%shown(order(k))))
          else
@@ -473,14 +454,21 @@ contains
                   problem = "is not known;"//close//" known: "//join(choices, ", ")
                end if
             end if
-            call move_alloc(word, words(k)%value)
+            call move_alloc(word, found(k)%value)
          end if
          if (problem == "") cycle
          call value_problem(self, i_key, order(k), element_at(k, extents), problem)
-         deallocate (words)
-         return
+         deallocate (found)
+         exit
       end do
-   end subroutine read_words
+      if (allocated(found) .and. is_given) call move_alloc(found, words)
+      if (.not. allocated(words)) return
+      associate (asked => self%asked(i_asked))
+         asked%kind = kind_of%word
+         asked%words = words
+         asked%row_length = size(words)
+      end associate
+   end subroutine take_words
 
    !> Asks for a key; `order` tells its values, and is not allocated when there are none or they are too few or too many.
    pure subroutine find(self, key, wanted, extents, i_asked, i_key, order)
@@ -499,32 +487,6 @@ contains
          call missing_key(self, key, what(wanted%kind, extents))
       end if
    end subroutine find
-
-   !> Keeps the numbers that are used for a key.
-   pure subroutine keep(self, i_asked, wanted, numbers)
-      class(properties_t), intent(inout) :: self
-      integer, intent(in) :: i_asked                        !! as `find` gives it
-      type(wanted_t), intent(in) :: wanted
-      real(wp), intent(in) :: numbers(:)
-
-      associate (asked => self%asked(i_asked))
-         asked%kind = wanted%kind
-         asked%numbers = numbers
-         asked%row_length = size(numbers)
-      end associate
-   end subroutine keep
-
-   pure subroutine keep_words(self, i_asked, words)
-      class(properties_t), intent(inout) :: self
-      integer, intent(in) :: i_asked
-      type(string_t), intent(in) :: words(:)
-
-      associate (asked => self%asked(i_asked))
-         asked%kind = kind_of%word
-         asked%words = words
-         asked%row_length = size(words)
-      end associate
-   end subroutine keep_words
 
    !> Extents of a list, with or without a given length.
    pure function list_of(n) result(extents)
