@@ -101,6 +101,7 @@ module hb_balance
          logical, intent(out) :: is_better
       end subroutine balance_stuck_solution
 
+      !> Compliance of the structure where a law acts.
       module function balance_compliance_of_law(self, i) result(compliance)
          class(balance_t), intent(in) :: self
          integer, intent(in) :: i                                        !! law

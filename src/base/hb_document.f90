@@ -246,6 +246,7 @@ contains
       end associate
    end subroutine document_set_number
 
+   !> Sets a value of the input to a word.
    pure subroutine document_set_word(self, parameter, word)
       class(document_t), intent(inout) :: self
       type(parameter_t), intent(in) :: parameter

@@ -216,6 +216,7 @@ contains
       call self%set_reals(key, [value])
    end subroutine properties_set_real
 
+   !> Sets a key to an integer.
    pure subroutine properties_set_integer(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -224,6 +225,7 @@ contains
       call self%set_reals(key, [real(value, wp)])
    end subroutine properties_set_integer
 
+   !> Sets a key to a truth.
    pure subroutine properties_set_logical(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -232,6 +234,7 @@ contains
       call self%set_logicals(key, [value])
    end subroutine properties_set_logical
 
+   !> Sets a key to a word.
    pure subroutine properties_set_word(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -251,6 +254,7 @@ contains
       call self%content%put(lower(trim(key)), number_value(value), self%has_changed)
    end subroutine properties_set_reals
 
+   !> Sets a key to a list of integers.
    pure subroutine properties_set_integers(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -259,6 +263,7 @@ contains
       call self%set_reals(key, real(value, wp))
    end subroutine properties_set_integers
 
+   !> Sets a key to a list of truths.
    pure subroutine properties_set_logicals(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -270,6 +275,7 @@ contains
       call self%content%put(lower(trim(key)), values, self%has_changed)
    end subroutine properties_set_logicals
 
+   !> Sets a key to a list of words.
    pure subroutine properties_set_words(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key

@@ -56,6 +56,7 @@ contains
       self%places = [(h, h=1, whole%n_harmonics)]
    end function whole_basis
 
+   !> Whether all coefficients of the whole set are unknowns.
    pure logical function basis_is_whole(self)
       class(basis_t), intent(in) :: self
 

@@ -471,6 +471,7 @@ contains
       self%n = 0
    end subroutine kink_slopes_forget
 
+   !> Adds the slope at sample `row` by sample `column`, which counts with `sign`.
    pure subroutine kink_slopes_add(self, row, column, sign, part, value)
       class(kink_slopes_t), intent(inout) :: self
       integer, intent(in) :: row, column

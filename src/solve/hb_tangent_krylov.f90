@@ -95,6 +95,7 @@ contains
                                  problem%preconditioner_work*8.0_wp**(level + 1)/(uses*problem%residual_work))))
    end function patience_at
 
+   !> Brings the preconditioner up to the point where the problem stands.
    subroutine tangent_krylov_renew(self, problem)
       class(tangent_krylov_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem

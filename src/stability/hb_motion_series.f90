@@ -19,6 +19,7 @@ module hb_motion_series
 
 contains
 
+   !> Series of coordinates, sum of Re(amplitude exp(i j.omega t)).
    subroutine new_motion_series(self, tuples, omega, amplitudes)
       type(motion_series_t), intent(out) :: self
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)

@@ -146,6 +146,7 @@ contains
       end function inner
    end function products_of_row
 
+   !> Adds `factor` times the products of another entry.
    pure subroutine products_add(self, other, factor)
       class(products_t), intent(inout) :: self
       type(products_t), intent(in) :: other
@@ -585,6 +586,7 @@ contains
       end associate
    end subroutine find_flexibility
 
+   !> Bytes that the factors take.
    pure real(wp) function krylov_basis_bytes_of_factors(self) result(bytes)
       class(krylov_basis_t), intent(in) :: self
 

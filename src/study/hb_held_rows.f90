@@ -113,6 +113,7 @@ contains
       end select
    end subroutine held_rows_add_to_checksum
 
+   !> Holds the integers of row `k`, all that a row of the dataset has.
    subroutine held_rows_put_integers(self, k, values, error)
       class(held_rows_t), intent(inout) :: self
       integer, intent(in) :: k
@@ -125,6 +126,7 @@ contains
       self%is_used = self%is_used .or. any(values /= 0)
    end subroutine held_rows_put_integers
 
+   !> Holds the real numbers of row `k`, all that a row of the dataset has.
    subroutine held_rows_put_reals(self, k, values, error)
       class(held_rows_t), intent(inout) :: self
       integer, intent(in) :: k
@@ -180,6 +182,7 @@ contains
       self%is_used = .true.
    end subroutine held_rows_put_integer_part
 
+   !> Holds the text of row `k`.
    subroutine held_rows_put_text(self, k, text, error)
       class(held_rows_t), intent(inout) :: self
       integer, intent(in) :: k

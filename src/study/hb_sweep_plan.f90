@@ -556,6 +556,7 @@ contains
       end do
    end function sweep_plan_describe_between
 
+   !> Number of values that the parameter takes.
    pure integer function swept_length(self) result(n)
       class(swept_t), intent(in) :: self
 

@@ -178,6 +178,75 @@ def test_use_statements_name_what_they_use(path):
             )
 
 
+PROCEDURE = re.compile(r"(?:[\w()=*:]+\s+)*?(?:subroutine|function)\s+(\w+)\s*\(([^)]*)\)", re.IGNORECASE)
+MOST_ARGUMENTS = 8
+LONG_LISTS = {  # of arguments; none may be added
+    "certify", "choose_tuples", "condensed_to_coordinates", "condensed_to_dofs", "find_first", "find_stability", "follow",
+    "kink_grid_scan", "march_from", "motion_curve_begin", "motion_curve_begin_next_to", "motion_ridge_begin", "take",
+}
+
+
+@SOURCES
+def test_procedures_have_few_arguments(path):
+    """Interfaces of other libraries stand in extern/."""
+    if floor_of(path) == "extern":
+        return
+    for number, statement in statements(path):
+        match = PROCEDURE.match(statement)
+        if not match or match.group(1).lower() in LONG_LISTS:
+            continue
+        n = len(match.group(2).split(","))
+        assert n <= MOST_ARGUMENTS, f"{path.relative_to(ROOT)}:{number}: {match.group(1)} has more than {MOST_ARGUMENTS} arguments"
+
+
+def _documented() -> set[str]:
+    """Procedures with a line of documentation on top, in any file: bodies of submodules have theirs in the interface."""
+    named = re.compile(r"^\s*!>.*\n\s*(?:[\w()=*:]+\s+)*?(?:subroutine|function)\s+(\w+)", re.MULTILINE | re.IGNORECASE)
+    return {name.lower() for path in sources() for name in named.findall(path.read_text(encoding="utf-8"))}
+
+
+def _bindings() -> dict[str, tuple[str, dict[str, str]]]:
+    """For each type its parent, and what implements each binding; nothing where the binding is deferred."""
+    types: dict[str, tuple[str, dict[str, str]]] = {}
+    for path in sources():
+        inside = ""
+        for _, statement in statements(path):
+            lower = statement.lower()
+            if match := re.match(r"type\b(?!\s*\()([^:]*)(?:::)?\s*(\w+)$", lower):
+                parent = re.search(r"extends\((\w+)\)", match.group(1))
+                inside = match.group(2)
+                types.setdefault(inside, (parent.group(1) if parent else "", {}))
+            elif lower.startswith("end type"):
+                inside = ""
+            elif inside and (match := re.match(r"procedure\s*(\(\w+\))?[^:]*::\s*(.*)", lower)):
+                for item in match.group(2).split(","):
+                    name, _, body = (part.strip() for part in item.partition("=>"))
+                    types[inside][1][name] = "" if match.group(1) else body or name
+    return types
+
+
+def test_public_procedures_say_what_they_do():
+    """Those that a module hands out, and bindings; what overrides a binding is documented where that is declared."""
+    asked: dict[str, str] = {}
+    for path in sources():
+        lists = [s.lower()[9:] for _, s in statements(path) if s.lower().startswith("public ::")]
+        for name in set(re.findall(r"\w+", " ".join(lists))) & _defined(path):
+            asked[name] = str(path.relative_to(ROOT))
+    types = _bindings()
+    for name, (parent, bindings) in types.items():
+        for binding, body in bindings.items():
+            above = parent
+            while above and binding not in types[above][1]:
+                above = types[above][0]
+            if body and not above:
+                asked[body] = f"a binding of {name}"
+    silent = sorted(f"{name}, {where}" for name, where in asked.items() if name not in _documented_procedures)
+    assert not silent, "no line of documentation: " + "; ".join(silent)
+
+
+_documented_procedures = _documented()
+
+
 PAGE = (ROOT / "docs" / "develop" / "architecture.md").read_text(encoding="utf-8")
 
 
