@@ -14,8 +14,9 @@ if(HB_WARNINGS_AS_ERRORS)
 endif()
 
 add_library(hb_flags INTERFACE)
+# The check of recursion takes two threads in one procedure for recursion.
 target_compile_options(hb_flags INTERFACE
-   $<$<AND:$<CONFIG:Debug>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-Og -g -fcheck=all -ffpe-trap=invalid,zero,overflow -fbacktrace>
+   $<$<AND:$<CONFIG:Debug>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-Og -g -fcheck=all,no-recursion -ffpe-trap=invalid,zero,overflow -fbacktrace>
    $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-O3 -fno-math-errno -fno-trapping-math>)
 if(HB_NATIVE)
    target_compile_options(hb_flags INTERFACE -march=native)
