@@ -8,6 +8,7 @@ module hb_slider_derivative
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
+   use hb_slider, only: pushed_by
    use hb_slider_states, only: most_rounds, repeat_tolerance, slider_states_t
    implicit none
    private
@@ -19,6 +20,7 @@ module hb_slider_derivative
       real(wp), allocatable :: states(:, :, :)                        !! (n_slice, n_states, n_steps)
       logical :: repeats = .true.                                     !! false: not within `most_rounds`
       real(wp), allocatable, private :: start(:, :), first(:, :)      ! (n_slice, n_states)
+      real(wp), allocatable, private :: low(:, :, :), high(:, :, :)   ! of those of clamped sliders, as states
    contains
       procedure :: march => slider_derivative_march
       procedure :: force => slider_derivative_force
@@ -52,8 +54,16 @@ contains
       call sliders%differentiable()
       call sliders%load_from_rest(law, with_derivatives=.true.)
       call self%load_from_rest(sliders)
+      if (sliders%is_clamped) then
+         call sliders%find_clamp_slopes(law)
+         call find_clamps(self, sliders)
+      end if
       do round = 1, sliders%rounds
-         call sliders%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+         if (sliders%is_clamped) then
+            call sliders%go_clamped_round(characteristic, change, largest_move)
+         else
+            call sliders%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+         end if
          if (round < sliders%rounds) call self%go_round(sliders, characteristic, weight_slope)
       end do
       self%repeats = .false.
@@ -65,6 +75,27 @@ contains
          if (self%repeats) return
       end do
    end subroutine slider_derivative_march
+
+   !> Finds how the places to which sliders are clamped change along the direction.
+   subroutine find_clamps(self, sliders)
+      class(slider_derivative_t), intent(inout) :: self
+      type(slider_states_t), intent(in) :: sliders
+      integer :: c, i, k, part
+
+      if (.not. allocated(self%low)) allocate (self%low, self%high, mold=self%states)
+      self%low = 0.0_wp
+      self%high = 0.0_wp
+      do i = 1, size(self%path, 4)
+         do part = 1, n_path_parts
+            do c = 1, size(self%path, 2)
+               do k = 1, size(self%states, 2)
+                  self%low(:, k, i) = self%low(:, k, i) + sliders%low_slope(:, k, c, part, i)*self%path(:, c, part, i)
+                  self%high(:, k, i) = self%high(:, k, i) + sliders%high_slope(:, k, c, part, i)*self%path(:, c, part, i)
+               end do
+            end do
+         end do
+      end do
+   end subroutine find_clamps
 
    !> The first slice after loading from rest straight to its motion.
    subroutine slider_derivative_load_from_rest(self, sliders)
@@ -102,6 +133,12 @@ contains
                call add_shift(sliders%before)
             else
                call add_shift(sliders%states(:, :, last))
+            end if
+            if (sliders%is_clamped) then
+               now = merge(self%low(:, :, slice), merge(self%high(:, :, slice), self%start, &
+                                                        sliders%pusher(:, :, slice) == pushed_by%upper), &
+                           sliders%pusher(:, :, slice) == pushed_by%lower)
+               cycle
             end if
             now = 0.0_wp
             do old_state = 1, size(now, 2)

@@ -4,11 +4,16 @@
 !> forgotten and the states that repeat are the only ones. A slider that never slips keeps its place for ever, and any
 !> place would do: starting from rest is the rule that picks one, `full_stick` tells of it. Source: docs/user/theory.md,
 !> section 5.5.
+!>
+!> A slider between bounds ends each step at its start, but no lower than where one from far below ends, nor higher than one from far
+!> above (a play operator is a clamp, and so are clamps one after the other). Over many lines these two places are found once for all
+!> rounds, `low` and `high`.
 module hb_slider_states
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
+   use hb_slider, only: pushed_by
    implicit none
    private
    public :: slider_states_t, most_rounds, new_slider_states, repeat_tolerance
@@ -27,12 +32,20 @@ module hb_slider_states
       real(wp), allocatable :: ds_ds_old(:, :, :, :)                  !! (n_slice, n_states, n_states, n_steps)
       real(wp), allocatable :: ds_dpath(:, :, :, :, :)                !! (n_slice, n_states, n_coordinates, n_path_parts, n_steps)
       real(wp), allocatable :: before(:, :)                           !! first slice before the last round, (n_slice, n_states)
+      logical :: is_clamped = .false.                                 !! the next three are those of the last `march`
+      real(wp), allocatable :: low(:, :, :), high(:, :, :)            !! as states
+      integer, allocatable :: pusher(:, :, :)                         !! in the last round, of `pushed_by`, as states
+      real(wp), allocatable :: low_slope(:, :, :, :, :), high_slope(:, :, :, :, :)   !! by the path, as ds_dpath; from
+                                                                      !! `find_clamp_slopes` on
+      logical, private :: has_slopes = .false.
       real(wp), allocatable, private :: start(:, :)                   ! (n_slice, n_states)
    contains
       procedure :: march => slider_states_march
       procedure :: differentiable => slider_states_differentiable
       procedure :: load_from_rest => slider_states_load_from_rest
       procedure :: go_round => slider_states_go_round
+      procedure :: go_clamped_round => slider_states_go_clamped_round
+      procedure :: find_clamp_slopes => slider_states_find_clamp_slopes
       procedure :: mean_slope => slider_states_mean_slope
    end type slider_states_t
 
@@ -70,9 +83,15 @@ contains
 
       largest = maxval(abs(self%path(:, :, path_part%at_end, :)))
       call self%load_from_rest(law, with_derivatives=.false.)
+      self%is_clamped = law%has_bounds .and. characteristic%n_slice > 1
+      if (self%is_clamped) call find_clamps(self, law)
       self%rounds = 0
       do
-         call self%go_round(law, characteristic, with_derivatives=.false., change=change, largest_move=largest_move)
+         if (self%is_clamped) then
+            call self%go_clamped_round(characteristic, change, largest_move)
+         else
+            call self%go_round(law, characteristic, with_derivatives=.false., change=change, largest_move=largest_move)
+         end if
          self%rounds = self%rounds + 1
          rounding = repeat_tolerance*max(largest, maxval(abs(self%states)))
          self%repeats = change <= rounding
@@ -132,6 +151,76 @@ contains
       end do
       change = maxval(abs(self%states(:, :, 1) - self%before))
    end subroutine slider_states_go_round
+
+   !> Finds `low` and `high` of all steps.
+   subroutine find_clamps(self, law)
+      class(slider_states_t), intent(inout) :: self
+      class(hysteretic_law_t), intent(in) :: law
+      real(wp) :: far(size(self%states, 1), size(self%states, 2))
+      integer :: i
+
+      if (.not. allocated(self%low)) then
+         allocate (self%low, self%high, mold=self%states)
+         allocate (self%pusher(size(self%states, 1), size(self%states, 2), size(self%states, 3)))
+      end if
+      self%has_slopes = .false.
+      far = huge(1.0_wp)
+      do i = 1, size(self%states, 3)
+         call law%advance(-far, self%path(:, :, :, i), self%low(:, :, i))
+         call law%advance(far, self%path(:, :, :, i), self%high(:, :, i))
+      end do
+   end subroutine find_clamps
+
+   !> Finds how `low` and `high` depend on the path, once after each `march`.
+   subroutine slider_states_find_clamp_slopes(self, law)
+      class(slider_states_t), intent(inout) :: self
+      class(hysteretic_law_t), intent(in) :: law
+      real(wp) :: far(size(self%states, 1), size(self%states, 2))
+      real(wp) :: by_start(size(self%states, 1), size(self%states, 2), size(self%states, 2))
+      integer :: i
+
+      if (self%has_slopes) return
+      if (.not. allocated(self%low_slope)) then
+         associate (n => shape(self%path), n_states => size(self%states, 2))
+            allocate (self%low_slope(n(1), n_states, n(2), n(3), n(4)), self%high_slope(n(1), n_states, n(2), n(3), n(4)))
+         end associate
+      end if
+      far = huge(1.0_wp)
+      do i = 1, size(self%states, 3)
+         call law%advance(-far, self%path(:, :, :, i), self%low(:, :, i), by_start, self%low_slope(:, :, :, :, i))
+         call law%advance(far, self%path(:, :, :, i), self%high(:, :, i), by_start, self%high_slope(:, :, :, :, i))
+      end do
+      self%has_slopes = .true.
+   end subroutine slider_states_find_clamp_slopes
+
+   !> As `go_round`, by clamps.
+   subroutine slider_states_go_clamped_round(self, characteristic, change, largest_move)
+      class(slider_states_t), intent(inout) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), intent(out) :: change, largest_move
+      integer :: i, k, last, n, p
+
+      n = characteristic%n_steps
+      largest_move = 0.0_wp
+      self%before = self%states(:, :, 1)
+      do i = 2, n + 1
+         last = i - 1
+         call characteristic%interpolate(self%states(:, :, last), self%start)
+         associate (now => 1 + modulo(i - 1, n))
+            if (now == 1) self%start = characteristic%closing*self%start
+            do k = 1, size(self%states, 2)
+               do p = 1, size(self%states, 1)
+                  associate (w => self%start(p, k), low => self%low(p, k, now), high => self%high(p, k, now))
+                     self%pusher(p, k, now) = merge(pushed_by%lower, merge(pushed_by%upper, pushed_by%nothing, w > high), w < low)
+                     self%states(p, k, now) = min(max(w, low), high)
+                  end associate
+               end do
+            end do
+            largest_move = max(largest_move, maxval(abs(self%states(:, :, now) - self%start)))
+         end associate
+      end do
+      change = maxval(abs(self%states(:, :, 1) - self%before))
+   end subroutine slider_states_go_clamped_round
 
    !> Mean over all samples of how the force follows the motion within a step: the spring where sliders stick, nothing where
    !> they slip. After `march`.

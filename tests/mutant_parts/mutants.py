@@ -1075,6 +1075,26 @@ MUTANTS = [
         ),
     ),
     *of(
+        "balance/hb_slider_states.f90",
+        (
+            "slider_clamp",
+            "test_hb_friction",
+            "over many lines nothing pushes sliders down",
+            "self%states(p, k, now) = min(max(w, low), high)",
+            "self%states(p, k, now) = max(w, low)",
+        ),
+    ),
+    *of(
+        "balance/hb_slider_derivative.f90",
+        (
+            "slider_clamp_slope",
+            "test_hb_friction",
+            "sliders that are pushed down move as those that are pushed up",
+            "self%high(:, k, i) + sliders%high_slope(:, k, c, part, i)",
+            "self%high(:, k, i) + sliders%low_slope(:, k, c, part, i)",
+        ),
+    ),
+    *of(
         "laws/hb_slider.f90",
         (
             "slider_turn",
