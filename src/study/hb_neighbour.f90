@@ -1,12 +1,12 @@
 !> First guesses from neighbours: each point of a chain along a swept parameter starts from the solutions of the points
 !> before it, never from a point of another chain, so that nothing depends on who solves which chain and when.
 module hb_neighbour
-   use hb_accurate_motion, only: rung_t
    use hb_branches, only: is_far_above
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: wp
    use hb_basis, only: transfer_coefficients
+   use hb_rung, only: rung_t
    use hb_scene, only: scene_t
    implicit none
    private

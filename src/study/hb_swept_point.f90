@@ -2,7 +2,7 @@
 !> file that it shares with the others.
 module hb_swept_point
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_accurate_motion, only: rung_t, solve_to_tolerance
+   use hb_accurate_motion, only: solve_to_tolerance
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
    use hb_error, only: error_t, fail
@@ -17,6 +17,7 @@ module hb_swept_point
    use hb_outcome, only: outcome
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t
+   use hb_rung, only: rung_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
    use hb_timing, only: rank_times_t

@@ -1,0 +1,333 @@
+!> A set of harmonics with its grid and a motion in it, and which one should follow: what the certificate says that the tuples carry
+!> that it lacks, and what its grid does to the motion. A set takes the tuples that matter and drops those that do not.
+!> Source: docs/user/accuracy.md.
+module hb_rung
+   use hb_basis, only: transfer_coefficients
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t, new_box, new_harmonics
+   use hb_kinds, only: wp
+   use hb_memory_estimate, only: check_memory
+   use hb_memory_sizes, only: sizes_of
+   use hb_motion_result, only: motion_result_t
+   use hb_scene, only: scene_t
+   use hb_torus, only: fast_size, new_torus, samples_for
+   use hb_tuple_choice, only: choose_tuples, largest_places
+   implicit none
+   private
+   public :: carry, choose_next, degree_of, distance, estimate_of, is_rigid, margin, most_failures, put_on_rung, reliable, rung_t, trim_set
+   public :: with_caution
+
+   integer, parameter :: most_failures = 3                            ! of rungs one after the other
+   real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
+   real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates were up to 1.6 times too small
+   real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
+   real(wp), parameter :: largest_amplification = 5.0_wp              ! of what is neglected, by what answers it
+   real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, from one rung to the next
+   real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that does not hold the motion
+   integer, parameter :: most_tails = 6
+   real(wp), parameter :: smaller_tail = 0.2_wp
+   integer, parameter :: smallest_growing = 50                        ! tuples, from which on that is looked at
+   real(wp), parameter :: caution = 3.0_wp                            ! with rigid laws, whose estimates have been as much too small
+   real(wp), parameter :: spare = 0.1_wp                              ! of the tolerance: what a neighbour need not have
+   real(wp), parameter :: wider = 1.6_wp                              ! orders of a box around a set that says nothing
+   real(wp), parameter :: least_refinement = 0.8_wp, largest_refinement = 2.5_wp ! of a grid
+   real(wp), parameter :: decay = 2.4_wp                              ! power of the spacing of samples with which aliasing falls
+   real(wp), parameter :: least_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
+
+   !> A set with its grid, and a motion in it.
+   type :: rung_t
+      type(harmonics_t) :: set
+      integer, allocatable :: n_samples(:)                            !! (n_tones)
+      real(wp), allocatable :: unknowns(:)                            !! coefficients at the laws' coordinates, then all base
+                                                                      !! frequencies; not allocated: not known
+   end type rung_t
+
+contains
+
+   !> Chooses the next rung, with the motion of this one as first guess; there is none where nothing is left to change, or no room.
+   subroutine choose_next(scene, result, top, goal, n_failures, next, is_there)
+      type(scene_t), intent(in) :: scene
+      type(motion_result_t), intent(in) :: result
+      type(rung_t), intent(in) :: top
+      real(wp), intent(in) :: goal                                    !! estimated error
+      integer, intent(in) :: n_failures                               !! of rungs chosen from this one
+      type(rung_t), intent(out) :: next
+      logical, intent(out) :: is_there
+      type(error_t), allocatable :: error
+      real(wp) :: finer
+      integer, allocatable :: least(:)
+
+      is_there = .false.
+      next%set = top%set
+      next%n_samples = top%n_samples
+      if (scene%accuracy%grows_set) call choose_set(scene, result, top, goal, &
+         result%certificate%truncation >= reliable .or. n_failures == most_failures - 1, next%set, error)
+      if (allocated(error)) return
+      if (scene%accuracy%refines_grid) then
+         least = needed_samples(next%set%highest, degree_of(scene))
+         finer = 1.0_wp
+         if (degree_of(scene) == 0) then
+            finer = (result%certificate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
+            finer = max(least_refinement, min(finer, largest_refinement))*1.3_wp**n_failures
+         end if
+         next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
+         if (degree_of(scene) > 0) next%n_samples = least
+         do while (product(real(next%n_samples, wp)) > scene%accuracy%max_samples)
+            if (all(next%n_samples <= least)) return
+            next%n_samples = max(least, min(next%n_samples - 2, fast_size(floor(0.9_wp*next%n_samples))))
+         end do
+      else if (any(next%n_samples < 2*next%set%highest + 1)) then
+         return
+      end if
+      if (min(next%set%n_harmonics, top%set%n_harmonics) >= scene%accuracy%max_harmonics .and. &
+          result%certificate%truncation > result%certificate%aliasing) return ! other tuples, no more of them
+      if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
+      next%unknowns = on_other_set(top, next%set)
+      is_there = .true.
+   end subroutine choose_next
+
+   !> Chooses the set of the next rung.
+   subroutine choose_set(scene, result, top, goal, as_box, set, error)
+      type(scene_t), intent(in) :: scene
+      type(motion_result_t), intent(in) :: result
+      type(rung_t), intent(in) :: top
+      real(wp), intent(in) :: goal                                    !! estimated error
+      logical, intent(in) :: as_box                                   !! what the set neglects cannot be told
+      type(harmonics_t), intent(out) :: set
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: around
+      real(wp), allocatable :: carried(:), neglected(:)
+      real(wp) :: amplification, tail
+      integer :: i, room
+      logical, allocatable :: is_needed(:)
+      integer :: h
+
+      if (as_box) then
+         call new_box(set, ceiling(wider*top%set%highest), .false., error)
+         if (allocated(error)) return
+         if (set%n_harmonics <= scene%accuracy%max_harmonics .and. has_all_of(set, top%set)) return
+      end if
+      carried = amplitudes_of(top)
+      carried = carried/max(norm2(carried), tiny(1.0_wp))
+      is_needed = [(is_needed_at(scene, top%set%tuples(:, h)), h=1, top%set%n_harmonics)]
+      if (allocated(result%certificate%neglected)) then
+         around = result%certificate%around
+         neglected = result%certificate%neglected
+      else                                                            ! the tangent was of no use: one more all around
+         call new_box(around, top%set%highest + 1, .false., error)
+         if (allocated(error)) return
+         allocate (neglected(around%n_harmonics), source=goal)
+      end if
+      amplification = result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp)) ! by what the kept ones answer
+      amplification = max(1.0_wp, min(amplification, largest_amplification))
+      tail = share_of_tail*goal/amplification
+      room = min(scene%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
+      do i = 1, most_tails                                            ! what is neglected may look small and matter
+         call choose_tuples(set, top%set, carried, around, neglected, is_needed, tail, room, error)
+         if (allocated(error)) return
+         if (result%certificate%truncation <= goal .or. set%n_harmonics > least_growth*top%set%n_harmonics) return
+         tail = smaller_tail*tail
+      end do
+   end subroutine choose_set
+
+   pure logical function same_set(a, b)
+      type(harmonics_t), intent(in) :: a, b
+
+      same_set = a%n_harmonics == b%n_harmonics
+      if (same_set) same_set = all(a%tuples == b%tuples)
+   end function same_set
+
+   pure logical function has_all_of(set, other)
+      type(harmonics_t), intent(in) :: set, other
+      integer :: h
+
+      has_all_of = all([(set%index_of(other%tuples(:, h)) > 0, h=1, other%n_harmonics)])
+   end function has_all_of
+
+   !> Takes out of a rung what a neighbour can do without: tuples that together carry a small share of the tolerance.
+   subroutine trim_set(scene, rung)
+      type(scene_t), intent(in) :: scene
+      type(rung_t), intent(inout) :: rung
+      type(rung_t) :: trimmed
+      type(error_t), allocatable :: error
+      real(wp), allocatable :: amplitudes(:)
+      integer, allocatable :: kept(:)
+      integer :: h
+
+      amplitudes = amplitudes_of(rung)
+      amplitudes = amplitudes/max(norm2(amplitudes), tiny(1.0_wp))
+      do h = 1, rung%set%n_harmonics
+         if (is_needed_at(scene, rung%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
+      end do
+      kept = largest_places(amplitudes, spare*scene%accuracy%tolerance, size(amplitudes))
+      if (size(kept) == size(amplitudes)) return
+      call new_harmonics(trimmed%set, rung%set%tuples(:, kept), error)
+      if (allocated(error)) return
+      trimmed%n_samples = rung%n_samples
+      trimmed%unknowns = on_other_set(rung, trimmed%set)
+      rung = trimmed
+   end subroutine trim_set
+
+   !> Whether a set must have a tuple: the mean value, fundamentals, and what is loaded.
+   pure logical function is_needed_at(scene, tuple) result(is_needed)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: tuple(:)
+      integer :: h
+
+      is_needed = sum(abs(tuple)) <= 1
+      h = scene%harmonics%index_of(tuple)
+      if (h > 0 .and. .not. is_needed) is_needed = any(abs(scene%loads(:, h)) > 0.0_wp)
+   end function is_needed_at
+
+   !> Puts the scene on the set and the grid of a rung.
+   subroutine put_on_rung(here, scene, rung, error)
+      type(scene_t), intent(inout) :: here
+      type(scene_t), intent(in) :: scene                              !! on a set that has all loads
+      type(rung_t), intent(in) :: rung
+      type(error_t), allocatable, intent(out) :: error
+      logical :: corrects_kinks
+
+      corrects_kinks = scene%torus%corrects_kinks
+      here%harmonics = rung%set
+      call new_torus(here%torus, rung%n_samples, rung%set, error)
+      if (allocated(error)) return
+      here%torus%corrects_kinks = corrects_kinks
+      here%loads = on_set(scene%harmonics, rung%set, scene%loads)
+      here%load_slopes = on_set(scene%harmonics, rung%set, scene%load_slopes)
+      here%start = on_set(scene%harmonics, rung%set, scene%start)
+      call check_memory(sizes_of(here), scene%memory_limit, error)
+   end subroutine put_on_rung
+
+   !> Amplitudes of one set as those of another; those that only this has are zero.
+   pure function on_set(from_set, to_set, amplitudes) result(moved)
+      type(harmonics_t), intent(in) :: from_set, to_set
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! (any, from_set%n_harmonics)
+      complex(wp) :: moved(size(amplitudes, 1), to_set%n_harmonics)
+      integer :: h, k
+
+      moved = (0.0_wp, 0.0_wp)
+      do h = 1, from_set%n_harmonics
+         k = to_set%index_of(from_set%tuples(:, h))
+         if (k > 0) moved(:, k) = amplitudes(:, h)
+      end do
+   end function on_set
+
+   !> Norm of the coefficients of each tuple over all coordinates.
+   pure function amplitudes_of(rung) result(amplitudes)
+      type(rung_t), intent(in) :: rung
+      real(wp) :: amplitudes(rung%set%n_harmonics)
+      real(wp), allocatable :: u(:, :)
+      integer :: h
+
+      u = coefficients_of(rung)
+      associate (set => rung%set)
+         do h = 1, set%n_harmonics
+            amplitudes(h) = norm2(u(set%cos_at(h):max(set%cos_at(h), set%sin_at(h)), :))
+         end do
+      end associate
+   end function amplitudes_of
+
+   !> Coefficients (n_coefficients, coordinates) of the motion of a rung.
+   pure function coefficients_of(rung) result(u)
+      type(rung_t), intent(in) :: rung
+      real(wp), allocatable :: u(:, :)
+
+      associate (n => rung%set%n_coefficients, n_all => size(rung%unknowns) - rung%set%n_tones)
+         u = reshape(rung%unknowns(:n_all), [n, n_all/n])
+      end associate
+   end function coefficients_of
+
+   !> Unknowns of the motion of a rung in another set.
+   pure function on_other_set(rung, set) result(unknowns)
+      type(rung_t), intent(in) :: rung
+      type(harmonics_t), intent(in) :: set
+      real(wp), allocatable :: unknowns(:)
+
+      unknowns = carry(rung%set, set, rung%unknowns, rung%set%n_tones)
+   end function on_other_set
+
+   !> Unknowns of one set in another one: those that only this has are zero.
+   pure function carry(from_set, to_set, x, n_further) result(moved)
+      type(harmonics_t), intent(in) :: from_set, to_set
+      real(wp), intent(in) :: x(:)                                    !! coefficients of all coordinates, and others
+      integer, intent(in) :: n_further                                !! of the others
+      real(wp), allocatable :: moved(:)
+      real(wp), allocatable :: u(:, :)
+
+      associate (n => from_set%n_coefficients, n_all => size(x) - n_further)
+         allocate (u(to_set%n_coefficients, n_all/n))
+         call transfer_coefficients(from_set, to_set, reshape(x(:n_all), [n, n_all/n]), u)
+         moved = [u, x(n_all + 1:)]
+      end associate
+   end function carry
+
+   !> Distance of the motions of two rungs relative to the second; of amplitudes alone where phases are free.
+   pure real(wp) function distance(lower, upper, has_free_phases)
+      type(rung_t), intent(in) :: lower, upper
+      logical, intent(in) :: has_free_phases
+      type(rung_t) :: moved
+      real(wp), allocatable :: u(:, :)
+
+      moved%set = upper%set
+      moved%unknowns = on_other_set(lower, upper%set)
+      u = coefficients_of(upper)
+      if (has_free_phases) then
+         distance = norm2(amplitudes_of(moved) - amplitudes_of(upper))
+      else
+         distance = norm2(coefficients_of(moved) - u)
+      end if
+      distance = distance/max(norm2(u), tiny(1.0_wp))
+   end function distance
+
+   !> Estimated error of a motion: those by its set and by its grid have nothing to do with each other.
+   pure real(wp) function estimate_of(result)
+      type(motion_result_t), intent(in) :: result
+
+      estimate_of = hypot(result%certificate%truncation, result%certificate%aliasing)
+   end function estimate_of
+
+   !> Raises the estimate of a motion against rigid laws.
+   pure subroutine with_caution(scene, result)
+      type(scene_t), intent(in) :: scene
+      type(motion_result_t), intent(inout) :: result
+
+      if (is_rigid(scene)) result%certificate%truncation = min(1.0_wp, caution*result%certificate%truncation)
+   end subroutine with_caution
+
+   !> Whether a law is rigid.
+   pure logical function is_rigid(scene)
+      type(scene_t), intent(in) :: scene
+      integer :: i
+
+      is_rigid = any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])
+   end function is_rigid
+
+   !> Degree of the laws where all are polynomials, else 0.
+   pure integer function degree_of(scene) result(degree)
+      type(scene_t), intent(in) :: scene
+      integer :: i
+
+      degree = 1
+      do i = 1, size(scene%laws)
+         if (scene%laws(i)%law%degree == 0) then
+            degree = 0
+            return
+         end if
+         degree = max(degree, scene%laws(i)%law%degree)
+      end do
+   end function degree_of
+
+   !> Fewest samples of each tone for the largest entries of a set: without aliasing for polynomials, else a little more than what
+   !> tells its harmonics apart.
+   pure function needed_samples(highest, degree) result(n_samples)
+      integer, intent(in) :: highest(:)                               !! (n_tones)
+      integer, intent(in) :: degree                                   !! of the laws, 0: no polynomials
+      integer :: n_samples(size(highest))
+
+      if (degree > 0) then
+         n_samples = samples_for(highest, degree)
+      else
+         n_samples = max(8, fast_size(ceiling(least_density*(2*highest + 1))))
+      end if
+   end function needed_samples
+end module hb_rung
