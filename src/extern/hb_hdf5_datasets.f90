@@ -235,7 +235,7 @@ contains
       last = row + n_rows - 1
       block = self%extents
       block(n) = n_rows
-      if (present(n_used)) block(min(2, n)) = min(block(min(2, n)), int(n_used, hsize_t))
+      if (present(n_used)) block(min(2, n - 1)) = min(block(min(2, n - 1)), int(n_used, hsize_t))
       call check_size(self, n_values, product(block), error)
       if (allocated(error)) return
       if (row < 1 .or. last > self%extents(n)) then

@@ -12,7 +12,7 @@ module hb_motion_curve
    use hb_bifurcation, only: angle_of_pair
    use hb_clock, only: wall_clock
    use hb_curve, only: curve_t
-   use hb_curve_events, only: slope_at, square_at
+   use hb_curve_events, only: find_extremes, find_multipliers, slope_at, square_at
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -21,6 +21,7 @@ module hb_motion_curve
    use hb_motion, only: describe_motion
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_outcome, only: outcome
+   use hb_rung, only: estimate_of, rung_t, with_caution
    use hb_scene, only: scene_t
    use hb_scene_problem, only: scene_problem_t
    use hb_solver_types, only: report_t
@@ -36,6 +37,7 @@ module hb_motion_curve
    !> Where another curve crosses.
    type :: origin_t
       real(wp), allocatable :: x(:), direction(:)                     ! there, and along the curve on which it was found
+      type(rung_t) :: rung                                            ! set and grid of both
    end type origin_t
 
    !> A point that waits to be told.
@@ -43,12 +45,27 @@ module hb_motion_curve
       integer :: kind = curve_kind%none
       real(wp) :: place = 0.0_wp                                      ! on the step
       real(wp), allocatable :: x(:)
+      type(motion_result_t), allocatable :: result                    ! what is known of it already
    end type waiting_t
+
+   !> The curve at one of its points.
+   type :: standing_t
+      type(rung_t) :: rung
+      type(curve_t) :: curve
+      real(wp) :: largest = 0.0_wp
+      real(wp), allocatable :: slopes(:), extremes(:, :)
+      complex(wp), allocatable :: multipliers(:)
+   end type standing_t
 
    !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
    type :: motion_curve_t
       logical :: is_done = .false.                                    !! there is no further point
       type(curve_request_t), private :: request
+      type(scene_t), private :: scene                                 ! at the start, as it was read
+      type(document_t), private :: document
+      real(wp), allocatable, private :: further(:)                    ! unknowns beside those of the balance, at the start
+      type(rung_t), private :: rung                                   ! set and grid at hand
+      integer, private :: n_rungs = 1                                 ! that the last step has taken
       type(scene_problem_t), private :: problem
       type(curve_t), private :: curve
       real(wp), allocatable, private :: weights(:)                    ! typical motion, (unknowns of the balance)
@@ -60,7 +77,9 @@ module hb_motion_curve
       real(wp), allocatable, private :: first_direction(:)            ! there, where the curve leaves another one
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first way
       real(wp), private :: length = 0.0_wp                            ! of this way so far
+      type(rung_t), private :: first_rung                             ! its set and grid
       real(wp), allocatable, private :: x_start(:), direction_start(:)
+      type(origin_t), private :: outset                               ! these two on the set of the start of this way
       integer, allocatable, private :: which(:)                       ! parameters of the problem that are unknown, the value last
       real(wp), private :: unevenness = 0.0_wp                        ! of the residual over frequencies, at the start of this way
       logical, private :: is_uneven = .false.                         ! more than the tolerance allows
@@ -85,6 +104,13 @@ module hb_motion_curve
       procedure :: destroy => motion_curve_destroy
       procedure, private :: renew => motion_curve_renew
       procedure, private :: step => motion_curve_step
+      procedure, private :: step_to_tolerance => motion_curve_step_to_tolerance
+      procedure, private :: put_on => motion_curve_put_on
+      procedure, private :: find_on_plane => motion_curve_find_on_plane
+      procedure, private :: make_curve => motion_curve_make_curve
+      procedure, private :: look_here => motion_curve_look_here
+      procedure, private :: carry_start => motion_curve_carry_start
+      procedure, private :: describe => motion_curve_describe
       procedure, private :: tell => motion_curve_tell
       procedure, private :: set_out => motion_curve_set_out
       procedure, private :: put_start => motion_curve_put_start
@@ -134,15 +160,51 @@ module hb_motion_curve
          class(watch_t), intent(inout), target :: watch
       end subroutine motion_curve_go_on_from
 
-      !> The curve at the start of this way.
-      module subroutine motion_curve_set_out(self)
+      !> The problem of the curve on a set and a grid, at its start.
+      module subroutine motion_curve_put_on(self, rung, error)
          class(motion_curve_t), intent(inout), target :: self
+         type(rung_t), intent(in) :: rung
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine motion_curve_put_on
+
+      !> The curve at the start of this way.
+      module subroutine motion_curve_set_out(self, error)
+         class(motion_curve_t), intent(inout), target :: self
+         type(error_t), allocatable, intent(out) :: error
       end subroutine motion_curve_set_out
+
+      !> Corrects a motion in the plane across a direction.
+      module subroutine motion_curve_find_on_plane(self, x, direction, is_found)
+         class(motion_curve_t), intent(inout), target :: self
+         real(wp), intent(inout) :: x(:)
+         real(wp), intent(in) :: direction(:)
+         logical, intent(out) :: is_found
+      end subroutine motion_curve_find_on_plane
+
+      !> The curve at one of its points, on the set at hand; `direction` says roughly where to go.
+      module subroutine motion_curve_make_curve(self, x, direction)
+         class(motion_curve_t), intent(inout), target :: self
+         real(wp), intent(in) :: x(:), direction(:)
+      end subroutine motion_curve_make_curve
 
       !> The list of points that wait is the start of this way alone.
       module subroutine motion_curve_put_start(self)
          class(motion_curve_t), intent(inout) :: self
       end subroutine motion_curve_put_start
+   end interface
+
+   ! Sets and grids along it; bodies in hb_motion_curve_sets
+   interface
+      !> Goes one step on a set and a grid on which all points found on it are as accurate as is asked for, if there is one.
+      module subroutine motion_curve_step_to_tolerance(self, error)
+         class(motion_curve_t), intent(inout), target :: self
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine motion_curve_step_to_tolerance
+
+      !> Takes start and direction of this way over to the set at hand.
+      module subroutine motion_curve_carry_start(self)
+         class(motion_curve_t), intent(inout) :: self
+      end subroutine motion_curve_carry_start
    end interface
 
    ! Its steps, and what is found on them; body in hb_motion_curve_step
@@ -265,14 +327,21 @@ contains
       started = wall_clock()
       call self%watch%begin(self%problem%scene%solver%time_limit)
       before = self%curve%report
-      if (self%first_waiting > size(self%waiting)) call self%step()
+      if (self%first_waiting > size(self%waiting)) then
+         if (self%scene%accuracy%is_on) then
+            call self%step_to_tolerance(error)
+            if (allocated(error)) return
+         else
+            call self%step()
+         end if
+      end if
       if (self%curve%status /= outcome%pending) then
          result%status = self%curve%status
          if (self%watch%verdict == verdict%interrupted) result%status = outcome%interrupted
          if (self%has_collapsed) result%status = outcome%collapsed
          result%message = lost_text(self)
          call count_work(self%curve%report, before, result)
-         call leave(self)
+         call leave(self, error)
          if (result%status == outcome%interrupted) self%is_done = .true.
       else
          associate (point => self%waiting(self%first_waiting))
@@ -281,7 +350,7 @@ contains
             call count_work(self%curve%report, before, result)
             is_end = point%kind == curve_kind%end
          end associate
-         if (is_end) call leave(self)
+         if (is_end .and. .not. allocated(error)) call leave(self, error)
       end if
       result%solver_seconds = wall_clock() - started - result%certificate_seconds
       self%n_told = self%n_told + 1
@@ -312,8 +381,9 @@ contains
    end function lost_text
 
    !> This way has come to its end: the next one follows where there is one, along another curve behind a row for its start.
-   subroutine leave(self)
+   subroutine leave(self, error)
       class(motion_curve_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
 
       if (self%is_closed .and. modulo(self%way, 2) == 1) self%way = self%way + 1   ! the other way would be the same
       self%is_closed = .false.
@@ -322,21 +392,23 @@ contains
       if (self%way == 2 .and. allocated(self%request%origin)) self%way = 3   ! the other way has the same motions, shifted
       self%is_done = self%way > 2*(1 + size(self%origins))
       if (self%is_done) return
-      call self%set_out()
-      if (self%way <= 2) return
+      call self%set_out(error)
+      if (self%way <= 2 .or. allocated(error)) return
       call self%put_start()
    end subroutine leave
 
    !> Adds a branch point to those from which other curves are followed.
-   subroutine motion_curve_note_origin(self, state)
+   subroutine motion_curve_note_origin(self, state, rung)
       class(motion_curve_t), intent(inout) :: self
       real(wp), intent(in) :: state(:)                                !! its unknowns, and the direction of the curve
+      type(rung_t), intent(in) :: rung                                !! their set and grid
       type(origin_t), allocatable :: longer(:)
 
       allocate (longer(size(self%origins) + 1))
       longer(:size(self%origins)) = self%origins
       longer(size(longer))%x = state(:size(state)/2)
       longer(size(longer))%direction = state(size(state)/2 + 1:)
+      longer(size(longer))%rung = rung
       call move_alloc(longer, self%origins)
    end subroutine motion_curve_note_origin
 
@@ -348,13 +420,13 @@ contains
       is_inside = (value - request%from)*(value - request%to) < 0.0_wp
    end function is_inside
 
-   !> Makes the result of a point.
-   subroutine motion_curve_tell(self, point, result, error)
+   !> What is known of a motion of the curve.
+   subroutine motion_curve_describe(self, point, result, error)
       class(motion_curve_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: length, r(self%problem%n_unknowns)
+      real(wp) :: r(self%problem%n_unknowns)
       integer :: n
       logical :: is_certified, is_possible
 
@@ -378,21 +450,56 @@ contains
          scene%certificate%is_on = is_certified
          balance%watch => self%watch
       end associate
+      if (allocated(error) .or. .not. self%scene%accuracy%is_on) return
+      call with_caution(self%scene, result)
+      if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
+         result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= self%scene%accuracy%tolerance)
+      result%harmonics = self%rung%set
+      result%n_samples = self%rung%n_samples
+      result%n_rungs = self%n_rungs
+   end subroutine motion_curve_describe
+
+   !> Makes the result of a point.
+   subroutine motion_curve_tell(self, point, result, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(waiting_t), intent(in) :: point
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: length
+
+      if (allocated(point%result)) then
+         result = point%result
+      else
+         call self%describe(point, result, error)
+      end if
       if (allocated(error)) return
       length = self%length + point%place
       result%curve = curve_place_t(point%kind, point%x(size(point%x)), self%sense()*length, (self%way - 1)/2, point%x)
+      if (self%scene%accuracy%is_on) then
+         result%curve%tuples = self%rung%set%tuples
+         result%curve%n_samples = self%rung%n_samples
+      end if
       if (point%kind == curve_kind%regular .or. point%kind == curve_kind%start) then
          self%length = length
          result%curve%state = self%state()
       else if (point%kind == curve_kind%branch) then
          result%curve%state = [point%x, self%curve%direction]
-         if (self%request%switches .and. self%way <= 2) call self%note_origin(result%curve%state)
+         if (self%request%switches .and. self%way <= 2) call self%note_origin(result%curve%state, self%rung)
       else if (any(point%kind == [curve_kind%fold, curve_kind%peak])) then
          result%curve%state = [point%x, self%curve%direction]
       else if (any(point%kind == [curve_kind%flip, curve_kind%torus]) .and. allocated(result%stability%multipliers)) then
          result%curve%state = [point%x, self%curve%direction, angle_of_pair(result%stability%multipliers)]
       end if
    end subroutine motion_curve_tell
+
+   !> What the next step compares with: slopes of responses, multipliers and extremes at the point of the curve.
+   subroutine motion_curve_look_here(self)
+      class(motion_curve_t), intent(inout), target :: self
+
+      self%slopes = self%slopes_along()
+      call find_multipliers(self%problem, self%which, self%curve%x, self%problem%scene%stability%tolerance, self%multipliers)
+      call find_extremes(self%problem, self%which, self%curve%x, self%extremes)
+   end subroutine motion_curve_look_here
 
    !> Slopes of the squares of all responses along the curve, at its point.
    function motion_curve_slopes_along(self) result(slopes)

@@ -1,12 +1,14 @@
 !> Where a curve begins: at a motion that is solved first, next to another curve, or where a stored one has been; and its ways.
 submodule (hb_motion_curve) hb_motion_curve_start
+   use hb_accurate_motion, only: solve_to_tolerance
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, new_curve
    use hb_curve_conditions, only: set_conditions
-   use hb_curve_events, only: find_extremes, find_multipliers
    use hb_curve_origin, only: find_direction
+   use hb_harmonics, only: new_harmonics
    use hb_motion, only: solve_motion
    use hb_newton, only: solve_newton
+   use hb_rung, only: put_on_rung
    use hb_scene_problem, only: new_scene_problem
    use hb_solver_types, only: solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
@@ -28,6 +30,7 @@ contains
       class(watch_t), intent(inout), target :: watch
       class(judge_t), intent(in), optional :: judge
       real(wp), allocatable :: further(:), unknowns(:)
+      type(rung_t) :: rung
 
       self%request = request
       self%watch => watch
@@ -35,7 +38,14 @@ contains
          call begin_at_origin(self, scene, document, result, error)
          return
       end if
-      call solve_motion(scene, result, error, unknowns=unknowns, watch=watch, judge=judge)
+      if (scene%accuracy%is_on) then
+         scene%chain%is_on = .false.                                  ! the point has no neighbour, and is none
+         call solve_to_tolerance(scene, result, error, rung, watch=watch, judge=judge)
+         if (allocated(rung%unknowns)) unknowns = rung%unknowns
+      else
+         call solve_motion(scene, result, error, unknowns=unknowns, watch=watch, judge=judge)
+         rung = rung_of(scene)
+      end if
       self%is_done = allocated(error) .or. .not. allocated(unknowns)
       if (result%status == outcome%marched) then
          result%status = outcome%stalled                              ! a motion, but no point of a curve
@@ -45,14 +55,18 @@ contains
       further = [pack(result%frequency, scene%tones%is_unknown)]
       if (scene%normal_mode%is_asked) further = [further, pack(result%artificial_damping, scene%tones%is_unknown)]
       further = [further, request%start]
-      call prepare(self, scene, document, further, error)
+      call prepare(self, scene, document, further, rung, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       self%x_first = [unknowns(:self%problem%n_unknowns), further]
-      call self%set_out()
+      call self%set_out(error)
       self%n_told = 1
       result%curve = curve_place_t(curve_kind%start, request%start, 0.0_wp, 0, self%state())
-      self%is_done = self%n_told >= request%n_points
+      if (scene%accuracy%is_on) then
+         result%curve%tuples = rung%set%tuples
+         result%curve%n_samples = rung%n_samples
+      end if
+      self%is_done = allocated(error) .or. self%n_told >= request%n_points
    end subroutine motion_curve_begin
 
    !> Begins where the curve leaves another one, a small way along it: at the very point the tangent has no inverse.
@@ -64,7 +78,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       logical :: is_found
 
-      call prepare(self, scene, document, self%request%origin%further, error)
+      call prepare(self, scene, document, self%request%origin%further, rung_of(scene), error)
       self%is_done = allocated(error)
       if (self%is_done) return
       call find_first(self, is_found)
@@ -74,7 +88,8 @@ contains
          self%is_done = .true.
          return
       end if
-      call self%set_out()
+      call self%set_out(error)
+      if (allocated(error)) return
       call self%put_start()
       call self%tell(self%waiting(1), result, error)
       self%first_waiting = 2
@@ -103,7 +118,7 @@ contains
          self%first_direction = [across, spread(0.0_wp, 1, n_which)]
          self%x_first = self%x_first + first_part*self%first_direction
       end associate
-      call find_on_plane(self, is_found)
+      call self%find_on_plane(self%x_first, self%first_direction, is_found)
    end subroutine find_first
 
    !> Units of length by one motion.
@@ -116,29 +131,30 @@ contains
                self%problem%parameter_scales(self%which)]
    end function units_at
 
-   !> Corrects the first motion, in the plane across the first direction.
-   subroutine find_on_plane(self, is_found)
+   module subroutine motion_curve_find_on_plane(self, x, direction, is_found)
       class(motion_curve_t), intent(inout), target :: self
+      real(wp), intent(inout) :: x(:)
+      real(wp), intent(in) :: direction(:)
       logical, intent(out) :: is_found
       type(bordered_problem_t) :: bordered
       type(report_t) :: report
       type(solver_config_t) :: corrector
-      real(wp) :: units(size(self%x_first))
+      real(wp) :: units(size(x))
       logical :: is_possible
 
-      call self%move(self%x_first, is_possible)
+      call self%move(x, is_possible)
       is_found = is_possible
       if (.not. is_found) return
-      units = units_at(self, self%x_first)
-      call new_bordered_problem(bordered, self%problem, self%which, spread(self%first_direction/units**2, 2, size(self%which)), &
+      units = units_at(self, x)
+      call new_bordered_problem(bordered, self%problem, self%which, spread(direction/units**2, 2, size(self%which)), &
                                 spread(0.0_wp, 1, size(self%which)))
-      self%curve%x = self%x_first
+      self%curve%x = x
       self%curve%problem = bordered
       call set_conditions(self%problem, self%which, self%curve, self%weights)
-      self%curve%problem%values = matmul(self%x_first, self%curve%problem%forms)
+      self%curve%problem%values = matmul(x, self%curve%problem%forms)
       call self%curve%problem%rescale()
       corrector = self%problem%scene%solver
-      associate (u => self%x_first(:self%problem%n_unknowns))
+      associate (u => x(:self%problem%n_unknowns))
          self%unevenness = self%problem%unevenness(u)
          self%is_uneven = 10.0_wp*self%unevenness > corrector%tolerance
          corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(u), 10.0_wp*self%unevenness)
@@ -146,14 +162,14 @@ contains
       corrector%max_iterations = 2*most_corrections
       self%slack = 1.0_wp
       do
-         call solve_newton(self%curve%problem, corrector, self%x_first, report)
+         call solve_newton(self%curve%problem, corrector, x, report)
          is_found = report%status == outcome%converged
          if (is_found .or. .not. self%is_uneven .or. self%slack >= most_slack) exit
          self%slack = 10.0_wp*self%slack
          corrector%tolerance = 10.0_wp*corrector%tolerance
-         self%x_first = self%curve%x
+         x = self%curve%x
       end do
-   end subroutine find_on_plane
+   end subroutine motion_curve_find_on_plane
 
    module subroutine motion_curve_begin_next_to(self, scene, document, request, place, is_found, error, watch)
       class(motion_curve_t), intent(inout), target :: self
@@ -171,13 +187,13 @@ contains
       is_found = .false.
       if (allocated(self%waiting)) deallocate (self%waiting, self%origins)
       associate (x => place(:size(place)/2), direction => place(size(place)/2 + 1:))
-         call prepare(self, scene, document, x(size(x) - self%n_further(scene) + 1:), error)
+         call prepare(self, scene, document, x(size(x) - self%n_further(scene) + 1:), rung_of(scene), error)
          if (allocated(error)) return
          self%x_first = x - run_up*request%longest_step*direction/norm2(direction/units_at(self, x))
          self%first_direction = direction
       end associate
-      call find_on_plane(self, is_found)
-      if (is_found) call self%set_out()
+      call self%find_on_plane(self%x_first, self%first_direction, is_found)
+      if (is_found) call self%set_out(error)
       self%first_waiting = 1
    end subroutine motion_curve_begin_next_to
 
@@ -194,22 +210,30 @@ contains
       self%request = request
       self%watch => watch
       n = n_entries(stored(1)%state, 3)
-      call prepare(self, scene, document, stored(1)%state(n - self%n_further(scene) + 1:n), error)
+      call prepare(self, scene, document, stored(1)%state(n - self%n_further(scene) + 1:n), rung_of(scene, stored(1)), error)
       self%is_done = allocated(error)
       if (self%is_done) return
       self%x_first = stored(1)%state(:n)
       if (allocated(request%origin)) self%first_direction = stored(1)%state(n + 1:2*n)
       do i = 2, size(stored)
          if (stored(i)%kind == curve_kind%branch .and. stored(i)%branch == 0 .and. request%switches) &
-            call self%note_origin(stored(i)%state(:2*n))
+            call self%note_origin(stored(i)%state(:2*n_entries(stored(i)%state, 0)), rung_of(scene, stored(i)))
       end do
       associate (last => stored(size(stored)))
          self%way = 2*last%branch + merge(2, 1, last%length < 0.0_wp .or. &
                                           (last%branch > 0 .and. count(stored%kind == curve_kind%start .and. &
                                                                        stored%branch == last%branch) > 1))
-         call self%set_out()
+         call self%set_out(error)
+         if (allocated(error)) return
          self%n_told = size(stored)
          self%length = abs(last%length)
+         if (scene%accuracy%is_on) then
+            n = n_entries(last%state, 3)
+            call self%put_on(rung_of(scene, last), error)
+            if (allocated(error)) return
+            call self%make_curve(last%state(:n), last%state(n + 1:2*n))
+            call self%carry_start()
+         end if
          self%curve%x = last%state(:n)
          self%curve%direction = last%state(n + 1:2*n)
          self%curve%step = last%state(2*n + 1)
@@ -217,55 +241,89 @@ contains
          self%largest = last%state(2*n + 3)
       end associate
       call self%renew()
-      self%slopes = self%slopes_along()
-      call find_multipliers(self%problem, self%which, self%curve%x, self%problem%scene%stability%tolerance, self%multipliers)
-      call find_extremes(self%problem, self%which, self%curve%x, self%extremes)
+      call self%look_here()
       self%is_done = self%n_told >= request%n_points
    end subroutine motion_curve_go_on_from
 
-   !> The problem of the curve, at its start.
-   subroutine prepare(self, scene, document, further, error)
+   !> Set and grid of a stored point; those of the scene where it has none of its own.
+   function rung_of(scene, place) result(rung)
+      type(scene_t), intent(in) :: scene
+      type(curve_place_t), intent(in), optional :: place
+      type(rung_t) :: rung
+      type(error_t), allocatable :: error
+
+      rung%set = scene%harmonics
+      rung%n_samples = scene%torus%n_samples
+      if (.not. present(place)) return
+      if (allocated(place%tuples)) call new_harmonics(rung%set, place%tuples, error)   ! cannot fail: there was a motion in it
+      if (allocated(place%n_samples)) rung%n_samples = place%n_samples
+   end function rung_of
+
+   !> Makes the curve ready to begin on a set and a grid.
+   subroutine prepare(self, scene, document, further, rung, error)
       class(motion_curve_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
       type(document_t), intent(in) :: document
       real(wp), intent(in) :: further(:)                              !! unknowns beside those of the balance, at the start
+      type(rung_t), intent(in) :: rung                                !! of its first motion
+      type(error_t), allocatable, intent(out) :: error
+
+      self%scene = scene
+      self%document = document
+      self%further = further
+      self%first_rung = rung_t(rung%set, rung%n_samples)
+      if (.not. allocated(self%request%values)) allocate (self%request%values(0))
+      if (.not. allocated(self%request%peaks)) allocate (self%request%peaks(0))
+      allocate (self%waiting(0), self%origins(0))
+      self%first_sense = sign(1.0_wp, self%request%to - self%request%start)
+      if (.not. abs(self%request%to - self%request%start) > 0.0_wp) self%first_sense = -sign(1.0_wp, self%first_sense)
+      call self%put_on(self%first_rung, error)
+   end subroutine prepare
+
+   module subroutine motion_curve_put_on(self, rung, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(rung_t), intent(in) :: rung
       type(error_t), allocatable, intent(out) :: error
       type(scene_t) :: found
       integer :: i, n_unknown
 
-      found = scene
+      found = self%scene
       associate (tones => found%tones)
          n_unknown = count(tones%is_unknown)
          self%which = pack([(i, i=1, tones%n_tones)], tones%is_unknown)
-         tones%omega(self%which) = further(:n_unknown)
-         if (scene%normal_mode%is_asked) self%which = [self%which, tones%n_tones + self%which]
+         tones%omega(self%which) = self%further(:n_unknown)
+         if (found%normal_mode%is_asked) self%which = [self%which, tones%n_tones + self%which]
       end associate
+      if (found%accuracy%is_on) then
+         call put_on_rung(found, self%scene, rung, error)
+         if (allocated(error)) return
+         found%certificate%is_on = .true.
+         found%certificate%looks_near = .true.
+         found%certificate%truncation = found%accuracy%tolerance
+         found%certificate%aliasing = found%accuracy%tolerance
+         call self%problem%destroy()
+      end if
       self%problem%watch => self%watch
-      call new_scene_problem(self%problem, found, document, self%request%moving, self%request%start, &
+      call new_scene_problem(self%problem, found, self%document, self%request%moving, self%request%start, &
                              self%request%available_memory, error)
       if (allocated(error)) return
+      self%rung = rung_t(rung%set, rung%n_samples)
       self%which = [self%which, self%problem%own]
       self%weights = self%problem%x_scale
-      if (.not. allocated(self%request%values)) allocate (self%request%values(0))
-      if (.not. allocated(self%request%peaks)) allocate (self%request%peaks(0))
       do i = 1, size(self%request%peaks)
          associate (peak => self%request%peaks(i))
             peak%column = self%problem%balance%stiffness%coordinates%number_of(peak%dof)
          end associate
       end do
-      allocate (self%waiting(0), self%origins(0))
-      self%first_sense = sign(1.0_wp, self%request%to - self%request%start)
-      if (.not. abs(self%request%to - self%request%start) > 0.0_wp) self%first_sense = -sign(1.0_wp, self%first_sense)
-   end subroutine prepare
+   end subroutine motion_curve_put_on
 
-   module subroutine motion_curve_set_out(self)
+   module subroutine motion_curve_make_curve(self, x, direction)
       class(motion_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: x(:), direction(:)
       type(bordered_problem_t) :: bordered
       type(curve_config_t) :: config
       type(solver_config_t) :: corrector
-      real(wp), dimension(size(self%x_first)) :: direction, units
-      real(wp) :: forms(size(self%x_first), size(self%which))
-      logical :: is_possible
+      real(wp) :: forms(size(x), size(self%which)), units(size(x))
 
       config%longest_step = self%request%longest_step
       config%first_step = 0.1_wp*config%longest_step
@@ -276,8 +334,32 @@ contains
       corrector = self%problem%scene%solver
       corrector%max_iterations = most_corrections
       corrector%line_search = .false.
+      forms = 0.0_wp
+      forms(:, size(self%which)) = direction
+      call new_bordered_problem(bordered, self%problem, self%which, forms, 0.0_wp*forms(1, :))
+      self%curve%x = x
+      self%curve%problem = bordered
+      call self%renew()
+      call set_conditions(self%problem, self%which, self%curve, self%weights)
+      bordered = self%curve%problem
+      units = self%curve%units
+      if (self%is_uneven) config%shortest_step = 1.0e-3_wp*config%longest_step   ! no step is as short as to help
+      call new_curve(self%curve, bordered, x, direction, units, config, corrector)
+   end subroutine motion_curve_make_curve
+
+   module subroutine motion_curve_set_out(self, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+      type(rung_t) :: rung
+      real(wp), allocatable :: direction(:)
+      logical :: is_possible
+
+      rung = self%first_rung
+      if (self%way > 2) rung = self%origins((self%way - 1)/2)%rung
+      if (self%scene%accuracy%is_on) call self%put_on(rung, error)
+      if (allocated(error)) return
       self%x_start = self%x_first
-      direction = 0.0_wp
+      allocate (direction(size(self%x_first)), source=0.0_wp)
       direction(size(direction)) = self%first_sense*self%sense()
       if (allocated(self%first_direction)) direction = self%first_direction
       if (self%way > 2) then
@@ -290,18 +372,8 @@ contains
       call self%move(self%x_start, is_possible)
       self%slack = 1.0_wp
       self%unevenness = self%problem%unevenness(self%x_start(:self%problem%n_unknowns))
-      self%is_uneven = 10.0_wp*self%unevenness > corrector%tolerance
-      forms = 0.0_wp
-      forms(:, size(self%which)) = direction
-      call new_bordered_problem(bordered, self%problem, self%which, forms, 0.0_wp*forms(1, :))
-      self%curve%x = self%x_start
-      self%curve%problem = bordered
-      call self%renew()
-      call set_conditions(self%problem, self%which, self%curve, self%weights)
-      bordered = self%curve%problem
-      units = self%curve%units
-      if (self%is_uneven) config%shortest_step = 1.0e-3_wp*config%longest_step   ! no step is as short as to help
-      call new_curve(self%curve, bordered, self%x_start, direction, units, config, corrector)
+      self%is_uneven = 10.0_wp*self%unevenness > self%problem%scene%solver%tolerance
+      call self%make_curve(self%x_start, direction)
       if (self%way > 2) then
          call turn_off(self, direction)
          self%curve%direction = self%sense()*direction
@@ -309,10 +381,9 @@ contains
          self%curve%status = outcome%pending
       end if
       self%direction_start = self%curve%direction
+      self%outset = origin_t(self%x_start, self%direction_start, rung)
       call self%renew()
-      self%slopes = self%slopes_along()
-      call find_multipliers(self%problem, self%which, self%curve%x, self%problem%scene%stability%tolerance, self%multipliers)
-      call find_extremes(self%problem, self%which, self%curve%x, self%extremes)
+      call self%look_here()
    end subroutine motion_curve_set_out
 
    !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve across this one,

@@ -16,6 +16,8 @@ module hb_motion_result
       real(wp) :: length = 0.0_wp                       !! of the arc from the start, negative on the second way from there
       integer :: branch = 0                             !! number of the branch point where this curve starts; 0: none
       real(wp), allocatable :: state(:)                 !! what the curve goes on from, hb_motion_curve
+      integer, allocatable :: tuples(:, :)              !! set of the motion, (n_tones, n_harmonics); that of the scene if none
+      integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); likewise
    end type curve_place_t
 
    !> The result of one scene. What is not allocated is not known, and stays NaN in a file.

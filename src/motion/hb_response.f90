@@ -12,7 +12,7 @@ module hb_response
    type :: response_t
       integer :: dof = 0                                              !! of the structure
       integer :: column = 0                                           !! number of the coordinate that is dof; 0: none is
-      integer :: harmonic = 0                                         !! 0: all but the mean, by their root mean square
+      integer, allocatable :: tuple(:)                                !! of the harmonic; none: all but the mean, by their root mean square
    contains
       procedure :: of => response_of
    end type response_t
@@ -39,8 +39,9 @@ contains
             " integers in brackets, such as 'x1 ("//repeat("1,", size(tuple) - 1)//"1)'")
          return
       end if
-      self%harmonic = scene%harmonics%index_of(tuple)
-      if (self%harmonic == 0) call fail(error, "'"//name//"': the set of harmonics does not have this tuple")
+      self%tuple = tuple
+      if (scene%harmonics%index_of(tuple) == 0 .and. .not. scene%accuracy%grows_set) &
+         call fail(error, "'"//name//"': the set of harmonics does not have this tuple")
    end subroutine new_response
 
    pure integer function count_of(letter, text) result(n)
@@ -58,8 +59,10 @@ contains
       complex(wp), intent(in) :: amplitudes(:)                        !! (n_harmonics)
       integer :: h
 
-      if (self%harmonic > 0) then
-         square = abs(amplitudes(self%harmonic))**2
+      if (allocated(self%tuple)) then
+         h = harmonics%index_of(self%tuple)
+         square = 0.0_wp
+         if (h > 0) square = abs(amplitudes(h))**2
       else
          square = 0.5_wp*sum([(abs(amplitudes(h))**2, h=merge(2, 1, harmonics%has_zero), harmonics%n_harmonics)])
       end if

@@ -13,6 +13,7 @@ module hb_scene_problem
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
    use hb_problem, only: problem_t
+   use hb_rung, only: put_on_rung, rung_t
    use hb_scene, only: scene_t
    use hb_scene_coordinates, only: coordinates_of
    use hb_scene_loads, only: read_loads
@@ -191,6 +192,7 @@ contains
       real(wp), intent(in) :: value
       logical, intent(out) :: is_possible
       type(error_t), allocatable :: error
+      type(scene_t) :: before, fresh
       integer :: i
       logical :: is_new
 
@@ -218,7 +220,13 @@ contains
          end if
       else
          call self%document%set(self%moving%parameter, value)
+         if (self%scene%accuracy%is_on) before = self%scene
          call update_scene(self%scene, self%document, is_new, error, self%available_memory)
+         if (is_new .and. before%accuracy%is_on .and. .not. allocated(error)) then   ! on the set that was chosen
+            self%scene%certificate = before%certificate
+            fresh = self%scene
+            call put_on_rung(self%scene, fresh, rung_t(before%harmonics, before%torus%n_samples), error)
+         end if
          if (.not. allocated(error)) self%scene%tones%omega = self%omega   ! unknown ones are where they were
          if (.not. allocated(error)) call rebuild(self, error)
       end if

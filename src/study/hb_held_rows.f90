@@ -73,8 +73,9 @@ contains
       row_size = product(extents)
       self%is_part_used = variable%is_part_used
       if (self%is_part_used) then
-         self%n_first = extents(1)
-         self%n_second = extents(2)
+         self%n_first = 1
+         if (size(extents) > 1) self%n_first = extents(1)
+         self%n_second = extents(min(2, size(extents)))
          allocate (self%n_used(room), source=0)
       end if
       self%kind = variable%kind

@@ -5,7 +5,7 @@
 !> after that only raw data are written in place, the status of a point last, so that a killed run leaves a sound
 !> file in which a status other than 0 means complete.
 module hb_results
-   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_branches, only: left_branch
    use hb_certificate, only: certificate_t
    use hb_clock, only: wall_clock
@@ -21,8 +21,8 @@ module hb_results
    use hb_outcome, only: outcome
    use hb_results_file, only: make_file
    use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
-   use hb_results_plan, only: identifier, is_checked, is_integer, measure_row, message_length, multiplier_axis, new_plan, &
-      plan_t
+   use hb_results_plan, only: harmonic_axis, identifier, is_checked, is_integer, measure_row, message_length, multiplier_axis, &
+      new_plan, plan_t, tone_axis
    use hb_stability, only: stability_t
    use hb_system, only: check_held, held_file_t, hold_file, release_file
    use hb_text, only: shortened, to_text
@@ -418,14 +418,22 @@ contains
       type(curve_place_t), intent(in) :: place
       type(error_t), allocatable, intent(inout) :: error
       real(wp) :: state(self%plan%axes(size(self%plan%axes))%length)
+      integer :: i, n
 
       if (.not. allocated(self%curve_variable)) return
       state = ieee_value(1.0_wp, ieee_quiet_nan)
-      if (allocated(place%state)) state(:size(place%state)) = place%state
+      n = 0
+      if (allocated(place%state)) n = size(place%state)
+      if (n > 0) state(:n) = place%state
       call put(self, "curve_kind", [place%kind], error)
       call put(self, "curve_branch", [place%branch], error)
       call put(self, "curve_length", [place%length], error)
-      call put(self, "curve_state", state, error)
+      i = index_of(self, "curve_state")
+      if (.not. self%plan%variables(i)%is_part_used) then
+         call put(self, "curve_state", state, error)
+      else if (.not. allocated(error)) then                           ! up to a first NaN
+         call self%held(i)%put_part(self%n_held, reshape(state(:n + 1), [1, n + 1, 1]), error)
+      end if
       call put(self, self%curve_variable, [place%parameter], error)
    end subroutine put_curve
 
@@ -439,23 +447,37 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: state(:, :)
       real(wp), dimension(1, size(status)) :: length, parameter
+      integer, allocatable :: grid(:, :), n_harmonics(:), tuples(:, :, :)
       integer :: i
 
-      allocate (state(self%plan%axes(size(self%plan%axes))%length, size(status)))
+      allocate (state(self%plan%axes(size(self%plan%axes))%length, 1), n_harmonics(size(status)))
       associate (variables => self%plan%variables)
          call variables(index_of(self, "status"))%dataset%read_rows(first, status, error)
          if (.not. allocated(error)) call variables(index_of(self, "curve_kind"))%dataset%read_rows(first, places%kind, error)
          if (.not. allocated(error)) call variables(index_of(self, "curve_branch"))%dataset%read_rows(first, places%branch, error)
          if (.not. allocated(error)) call variables(index_of(self, "curve_length"))%dataset%read_rows(first, length, error)
-         if (.not. allocated(error)) call variables(index_of(self, "curve_state"))%dataset%read_rows(first, state, error)
          if (.not. allocated(error)) call variables(index_of(self, self%curve_variable))%dataset%read_rows(first, parameter, error)
+         if (.not. allocated(error)) call variables(index_of(self, "n_harmonics"))%dataset%read_rows(first, n_harmonics, error)
+         do i = 1, size(status)
+            if (allocated(error)) return
+            places(i)%length = length(1, i)
+            places(i)%parameter = parameter(1, i)
+            if (places(i)%kind == 0) cycle
+            call variables(index_of(self, "curve_state"))%dataset%read_rows(first + i - 1, state, error)
+            places(i)%state = state(:max(0, merge(size(state), findloc(ieee_is_nan(state(:, 1)), .true., dim=1) - 1, &
+                                                  .not. any(ieee_is_nan(state)))), 1)
+            if (index_of(self, "grid") == 0 .or. allocated(error)) cycle
+            allocate (grid(self%plan%axes(tone_axis)%length, 1))
+            call variables(index_of(self, "grid"))%dataset%read_rows(first + i - 1, grid, error)
+            places(i)%n_samples = grid(:, 1)
+            deallocate (grid)
+            if (index_of(self, "tuples") == 0 .or. allocated(error)) cycle
+            allocate (tuples(self%plan%axes(tone_axis)%length, self%plan%axes(harmonic_axis)%length, 1))
+            call variables(index_of(self, "tuples"))%dataset%read_rows(first + i - 1, tuples, error)
+            places(i)%tuples = tuples(:, :n_harmonics(i), 1)
+            deallocate (tuples)
+         end do
       end associate
-      if (allocated(error)) return
-      do i = 1, size(status)
-         places(i)%length = length(1, i)
-         places(i)%parameter = parameter(1, i)
-         places(i)%state = state(:, i)
-      end do
    end subroutine results_read_curve
 
    !> Coefficients of the harmonics of the file or, where it has places for them, of those of the point. What is not known is no

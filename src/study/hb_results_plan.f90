@@ -235,7 +235,7 @@ contains
             new%axes = axes
             new%units = units
             new%long_name = long_name
-            new%is_part_used = layout%has_own_tuples .and. any(axes == harmonic_axis)
+            new%is_part_used = layout%has_own_tuples .and. (any(axes == harmonic_axis) .or. name == "curve_state")
             if (present(units_by_dof)) then
                new%units = common_units(units_by_dof)
                new%dof_units = trim(adjustl(join(units_by_dof, " ")))

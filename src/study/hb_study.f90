@@ -77,11 +77,11 @@ contains
       if (allocated(error)) return
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then
-         if (self%scene%accuracy%is_on) then
-            call fail(error, file_name//": &curve needs a given set of harmonics: give &harmonics order, and leave out &accuracy")
-            return
-         end if
          call self%plan%curve%make_request(self%scene, first, request, error)
+         if (self%scene%accuracy%is_on .and. .not. allocated(error)) then
+            if (allocated(request%over) .or. allocated(request%origin) .or. request%switches) call fail(error, file_name// &
+               ": &curve with switch, origin or follow needs a given set of harmonics: give &harmonics order, leave out &accuracy")
+         end if
          if (allocated(error)) return
       end if
       if (is_chained(self)) then
@@ -270,7 +270,7 @@ contains
             layout%curve_parameter = plan%curve%path
             layout%curve_units = plan%curve%units
             coordinates = coordinates_of(scene)
-            layout%n_curve_state = state_size(2*size(self%tuples, 2)*coordinates%n, scene)
+            layout%n_curve_state = state_size(2*size(self%tuples, 2)*coordinates%n, scene) + merge(1, 0, layout%has_own_tuples)
          end if
          allocate (layout%parameters(size(plan%parameters)))
          do i = 1, size(plan%parameters)

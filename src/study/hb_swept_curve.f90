@@ -126,7 +126,7 @@ contains
          result%message = error%message
          self%is_done = .true.
       else
-         call spread_result(self%scene%harmonics, layout, result)
+         if (.not. layout%has_own_tuples) call spread_result(self%scene%harmonics, layout, result)
       end if
       if (.not. allocated(result%curve)) result%curve = curve_place_t(curve_kind%none, self%last_parameter, &
                                                                       ieee_value(1.0_wp, ieee_quiet_nan), self%last_branch)

@@ -1,0 +1,171 @@
+!> Sets and grids along a curve: they grow where a motion is not as accurate as is asked for.
+!>
+!> A step whose points are above the tolerance is taken back, and gone again on a set and a grid that hold what their certificates
+!> say is lacking. The point before it is taken over: corrected in the plane across the curve, and followed on in the same sense.
+!> Neighbours share sets: one that grows is made for a part of the tolerance. Source: docs/user/accuracy.md.
+submodule (hb_motion_curve) hb_motion_curve_sets
+   use hb_rung, only: carry, choose_next, margin
+   implicit none
+
+   integer, parameter :: most_rungs = 12                              ! on one step
+   integer, parameter :: most_idle = 2                                ! one after the other that gain nothing
+   real(wp), parameter :: idle = 0.8_wp                               ! of the estimate before: no gain
+   real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: for the points that follow, too
+   real(wp), parameter :: least_goal = 0.03_wp                        ! of the estimate, from one rung to the next
+
+contains
+
+   module subroutine motion_curve_step_to_tolerance(self, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+      type(standing_t) :: first, here
+      type(rung_t) :: next, top
+      real(wp) :: best, estimate
+      integer :: n_idle, worst
+      logical :: is_found
+
+      first = standing_at(self)
+      n_idle = 0
+      best = huge(1.0_wp)
+      self%n_rungs = 1
+      do
+         here = standing_at(self)
+         call self%step()
+         if (self%curve%status /= outcome%pending) return
+         call describe_all(self, worst, estimate, error)
+         if (allocated(error) .or. estimate <= margin*self%scene%accuracy%tolerance .or. self%n_rungs == most_rungs) return
+         if (self%watch%verdict /= verdict%go_on) return
+         n_idle = merge(n_idle + 1, 0, estimate > idle*best)
+         if (n_idle == most_idle) then                                ! no set helps: the point is told as it is
+            call stand_at(self, first, error)
+            if (allocated(error)) return
+            self%n_rungs = 1
+            call self%step()
+            return
+         end if
+         best = min(best, estimate)
+         associate (n => self%problem%n_unknowns, point => self%waiting(worst))
+            top = self%rung
+            top%unknowns = [point%x(:n), 0.0_wp*self%scene%tones%omega]
+            call choose_next(self%scene, point%result, top, max(least_goal*estimate, goal_ahead*self%scene%accuracy%tolerance), &
+                             0, next, is_found)
+         end associate
+         if (.not. is_found) return
+         call stand_at(self, here, error)
+         if (allocated(error)) return
+         call change_set(self, next, is_found, error)
+         if (allocated(error)) return
+         if (.not. is_found) then
+            call stand_at(self, here, error)
+            if (.not. allocated(error)) call self%step()
+            return
+         end if
+         self%n_rungs = self%n_rungs + 1
+      end do
+   end subroutine motion_curve_step_to_tolerance
+
+   !> Describes all points that wait, and says which is the least accurate.
+   subroutine describe_all(self, worst, estimate, error)
+      class(motion_curve_t), intent(inout), target :: self
+      integer, intent(out) :: worst
+      real(wp), intent(out) :: estimate                               !! its own
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      worst = 1
+      estimate = 0.0_wp
+      do i = self%first_waiting, size(self%waiting)
+         associate (point => self%waiting(i))
+            allocate (point%result)
+            call self%describe(point, point%result, error)
+            if (allocated(error)) return
+            if (.not. estimate_of(point%result) > estimate) cycle
+            worst = i
+            estimate = estimate_of(point%result)
+         end associate
+      end do
+   end subroutine describe_all
+
+   !> Where the curve stands, to come back to.
+   function standing_at(self) result(here)
+      class(motion_curve_t), intent(in) :: self
+      type(standing_t) :: here
+
+      here%rung = self%rung
+      here%curve = self%curve
+      here%largest = self%largest
+      here%slopes = self%slopes
+      here%extremes = self%extremes
+      if (allocated(self%multipliers)) here%multipliers = self%multipliers
+   end function standing_at
+
+   !> Goes back there; work stays counted.
+   subroutine stand_at(self, here, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(standing_t), intent(in) :: here
+      type(error_t), allocatable, intent(out) :: error
+      type(report_t) :: report
+
+      if (size(here%curve%x) /= size(self%curve%x) .or. any(here%rung%n_samples /= self%rung%n_samples)) then
+         call self%put_on(here%rung, error)
+         if (allocated(error)) return
+         call self%carry_start()
+      end if
+      report = self%curve%report
+      self%curve = here%curve
+      self%curve%report = report
+      self%first_waiting = size(self%waiting) + 1
+      self%largest = here%largest
+      self%slopes = here%slopes
+      self%extremes = here%extremes
+      if (allocated(self%multipliers)) deallocate (self%multipliers)
+      if (allocated(here%multipliers)) self%multipliers = here%multipliers
+      call self%renew()
+   end subroutine stand_at
+
+   !> Takes the curve at its point over to another set and grid; `is_found` is false where the motion is not found there.
+   subroutine change_set(self, rung, is_found, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(rung_t), intent(in) :: rung
+      logical, intent(out) :: is_found
+      type(error_t), allocatable, intent(out) :: error
+      type(report_t) :: report
+      real(wp), allocatable :: direction(:), x(:)
+      real(wp) :: step, unevenness
+      logical :: is_at_branch_point, is_uneven
+
+      step = self%curve%step
+      report = self%curve%report
+      x = carry(self%rung%set, rung%set, self%curve%x, size(self%which))
+      direction = carry(self%rung%set, rung%set, self%curve%direction, size(self%which))
+      is_found = .false.
+      call self%put_on(rung, error)
+      if (allocated(error)) return
+      is_at_branch_point = self%way > 2 .and. self%length <= 0.0_wp   ! there are two tangents
+      is_found = is_at_branch_point
+      unevenness = self%unevenness                                    ! a curve that goes on from a stored row has that of the start
+      is_uneven = self%is_uneven
+      if (.not. is_found) call self%find_on_plane(x, direction, is_found)
+      self%unevenness = unevenness
+      self%is_uneven = is_uneven
+      if (.not. is_found) return
+      call self%make_curve(x, direction)
+      if (is_at_branch_point) then
+         self%curve%direction = direction
+         self%curve%orientation = 0.0_wp
+         self%curve%status = outcome%pending
+      end if
+      self%curve%step = step
+      self%curve%report = report
+      call self%carry_start()
+      call self%renew()
+      call self%look_here()
+   end subroutine change_set
+
+   module subroutine motion_curve_carry_start(self)
+      class(motion_curve_t), intent(inout) :: self
+
+      self%x_start = carry(self%outset%rung%set, self%rung%set, self%outset%x, size(self%which))
+      self%direction_start = carry(self%outset%rung%set, self%rung%set, self%outset%direction, size(self%which))
+   end subroutine motion_curve_carry_start
+end submodule hb_motion_curve_sets
