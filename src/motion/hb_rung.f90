@@ -14,8 +14,8 @@ module hb_rung
    use hb_tuple_choice, only: choose_tuples, largest_places
    implicit none
    private
-   public :: carry, choose_next, degree_of, distance, estimate_of, is_rigid, margin, most_failures, put_on_rung, reliable, rung_t, trim_set
-   public :: with_caution
+   public :: carry, choose_next, degree_of, distance, estimate_of, is_rigid, margin, most_failures, put_on_rung, reliable, rung_t
+   public :: trim_set, with_caution
 
    integer, parameter :: most_failures = 3                            ! of rungs one after the other
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
