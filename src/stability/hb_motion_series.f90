@@ -5,6 +5,8 @@ module hb_motion_series
    private
    public :: motion_series_t, new_motion_series
 
+   integer, parameter :: n_together = 32                              ! times, for the vectors of the processor
+
    type :: motion_series_t
       integer :: n_coordinates = 0
       integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics)
@@ -51,50 +53,54 @@ contains
       class(motion_series_t), intent(in) :: self
       real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, n_times)
       real(wp), intent(out) :: z(:, :), v(:, :)                       !! (n_times, n_coordinates)
-      complex(wp) :: waves(size(self%frequencies))
-      integer :: c, h, i
-      real(wp) :: place, rate
+      integer :: first, last
 
-      do i = 1, size(phases, 2)
-         call find_waves(self, phases(:, i), waves)
-         do c = 1, self%n_coordinates
-            place = 0.0_wp
-            rate = 0.0_wp
-            do h = 1, size(waves)
-               associate (a => self%amplitudes(c, h))
-                  place = place + real(a)*real(waves(h)) - aimag(a)*aimag(waves(h))
-                  rate = rate - self%frequencies(h)*(real(a)*aimag(waves(h)) + aimag(a)*real(waves(h)))
-               end associate
-            end do
-            z(i, c) = place
-            v(i, c) = rate
-         end do
+      do first = 1, size(phases, 2), n_together
+         last = min(first + n_together - 1, size(phases, 2))
+         call sum_up(self, phases(:, first:last), z(first:last, :), v(first:last, :))
       end do
    end subroutine motion_series_at
 
-   !> exp(i j.tau) of all tuples, from powers of those of the tones.
-   pure subroutine find_waves(self, phases, waves)
+   !> The same at a few phases, side by side: exp(i j.tau) of each tuple from powers of those of the tones.
+   pure subroutine sum_up(self, phases, z, v)
       type(motion_series_t), intent(in) :: self
-      real(wp), intent(in) :: phases(:)                               !! tau [rad], (n_tones)
-      complex(wp), intent(out) :: waves(:)                            !! (n_harmonics)
-      complex(wp) :: powers(0:self%highest, size(self%omega)), wave
-      integer :: h, k, m
+      real(wp), intent(in) :: phases(:, :)                            !! tau [rad], (n_tones, n_times), at most `n_together`
+      real(wp), intent(out) :: z(:, :), v(:, :)                       !! (n_times, n_coordinates)
+      real(wp), dimension(size(phases, 2), 0:self%highest, size(self%omega)) :: cosine, sine
+      real(wp), dimension(size(phases, 2)) :: a, b, c, s
+      real(wp), dimension(size(phases, 2), self%n_coordinates) :: place, rate
+      integer :: coordinate, h, j, k, m
 
       do m = 1, size(self%omega)
-         wave = cmplx(cos(phases(m)), sin(phases(m)), wp)
-         powers(0, m) = (1.0_wp, 0.0_wp)
+         cosine(:, 0, m) = 1.0_wp
+         sine(:, 0, m) = 0.0_wp
+         a = cos(phases(m, :))
+         b = sin(phases(m, :))
          do k = 1, self%highest
-            powers(k, m) = powers(k - 1, m)*wave
+            cosine(:, k, m) = cosine(:, k - 1, m)*a - sine(:, k - 1, m)*b
+            sine(:, k, m) = cosine(:, k - 1, m)*b + sine(:, k - 1, m)*a
          end do
       end do
-      do h = 1, size(waves)
-         waves(h) = powers(abs(self%tuples(1, h)), 1)
-         if (self%tuples(1, h) < 0) waves(h) = conjg(waves(h))
+      place = 0.0_wp
+      rate = 0.0_wp
+      do h = 1, size(self%frequencies)
+         j = self%tuples(1, h)
+         c = cosine(:, abs(j), 1)
+         s = sign(1, j)*sine(:, abs(j), 1)
          do m = 2, size(self%omega)
-            wave = powers(abs(self%tuples(m, h)), m)
-            if (self%tuples(m, h) < 0) wave = conjg(wave)
-            waves(h) = waves(h)*wave
+            j = self%tuples(m, h)
+            a = cosine(:, abs(j), m)*c - sign(1, j)*sine(:, abs(j), m)*s
+            s = cosine(:, abs(j), m)*s + sign(1, j)*sine(:, abs(j), m)*c
+            c = a
+         end do
+         do coordinate = 1, self%n_coordinates
+            associate (x => real(self%amplitudes(coordinate, h)), y => aimag(self%amplitudes(coordinate, h)))
+               place(:, coordinate) = place(:, coordinate) + (x*c - y*s)
+               rate(:, coordinate) = rate(:, coordinate) - self%frequencies(h)*(x*s + y*c)
+            end associate
          end do
       end do
-   end subroutine find_waves
+      z = place
+      v = rate
+   end subroutine sum_up
 end module hb_motion_series
