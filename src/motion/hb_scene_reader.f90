@@ -108,7 +108,7 @@ contains
       if (allocated(error)) return
       call read_certificate(self%certificate, document%optional_group("certificate"))
       call read_stability(self%stability, document%optional_group("stability"), &
-                          on_curve=document%count("curve") > 0 .and. self%tones%n_tones == 1)
+                          is_patient=(document%count("curve") > 0 .or. self%accuracy%is_on) .and. self%tones%n_tones == 1)
       call read_output(self, document%optional_group("output"))
       call reduce_scene(self, document, error)
       if (allocated(error)) return

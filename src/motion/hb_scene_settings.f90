@@ -16,7 +16,7 @@ module hb_scene_settings
    public :: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
 
    real(wp), parameter :: unit_of_work = 1.0e9_wp                     ! about a second of the processor
-   real(wp), parameter :: patience_on_curves = 20.0_wp                 ! usual points that the stability of one of a curve may take
+   real(wp), parameter :: much_patience = 20.0_wp                      ! usual points that stability may take
    character(9), parameter :: first_guess_names(5) = [character(9) :: "auto", "linear", "zero", "neighbour", "march"]
    character(9), parameter :: kink_names(2) = [character(9) :: "plain", "corrected"]
 
@@ -145,14 +145,14 @@ contains
    end subroutine read_certificate
 
    !> Reads `&stability`: whether and how multipliers are found.
-   subroutine read_stability(self, group, on_curve)
+   subroutine read_stability(self, group, is_patient)
       type(stability_config_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
-      logical, intent(in) :: on_curve                                 !! a motion with one tone is followed
+      logical, intent(in) :: is_patient                               !! a motion with one tone is followed, or found to a tolerance
       character(:), allocatable :: name
 
       name = trim(stability_method_names(self%method))
-      if (on_curve) self%patience = patience_on_curves
+      if (is_patient) self%patience = much_patience
       call group%get("method", name, choices=stability_method_names)
       call group%get("tolerance", self%tolerance, unit="1", limits=limits_t(above=0.0_wp))
       self%method = max(1, findloc(stability_method_names == name, .true., dim=1)) - 1

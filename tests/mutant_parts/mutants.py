@@ -774,6 +774,8 @@ MUTANTS = [
             "what leaves the range of a law is estimated nevertheless",
             "return                   ! what cannot be looked at is not known",
             "defect = 0.0_wp          ! what cannot be looked at is not known",
+            " aliasing = norm2(alias(:size(u)))/size_of_motion",
+            " aliasing = norm2(alias(:size(u)))/size_of_motion/3",
         ),
         (
             "certificate_grid",
@@ -1420,6 +1422,26 @@ MUTANTS = [
             "of a set of odd tuples a part of the odd ones around it is missing",
             "modulo(k/3**(m - 1), 3) - 1",
             "2*(modulo(k/3**(m - 1), 3)/2)",
+        ),
+    ),
+    *of(
+        "stability/hb_motion_series.f90",
+        (
+            "series_signs",
+            "test_hb_motion_series",
+            "tuples with negative entries turn the wrong way",
+            "s = cosine(:, abs(j), m)*s + sign(1, j)*sine(:, abs(j), m)*c",
+            "s = cosine(:, abs(j), m)*s + sine(:, abs(j), m)*c",
+        ),
+    ),
+    *of(
+        "motion/hb_scene_reader.f90",
+        (
+            "patience_by_tolerance",
+            "test_hb_scene_reader",
+            "stability of motions by tolerance is given up early",
+            'document%count("curve") > 0 .or. self%accuracy%is_on)',
+            'document%count("curve") > 0)',
         ),
     ),
     *of(
