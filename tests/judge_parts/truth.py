@@ -15,6 +15,8 @@ from judge_parts.scenes import RIGID, Scene
 SOURCE = Path(__file__).with_name("marching.c")
 NEARNESS = 1e-3  # of the second start, relative to the motion
 PERIODS_OF_SLIDERS = 20
+RIGID_STEP = 0.015  # of Moreau's rule, in radians of the fastest motion: first order
+RIGID_STEP_OF_ERRORS = 0.003
 LOOKS = 64  # in a period of the slowest tone, for each tone in it
 SMALLEST = 2e-2  # motion of a coordinate relative to the largest one: where it sticks it keeps what the second start adds
 
@@ -73,7 +75,8 @@ def error_of(library: ctypes.CDLL, scene: Scene, motion: Motion) -> float:
     if size == 0.0:
         return 0.0
     start = np.zeros(1)
-    times, marched = _march(library, scene, motion, motion.at(start)[0], motion.rate_at(start)[0], 1e3 * size)
+    q, v = motion.at(start)[0], motion.rate_at(start)[0]
+    times, marched = _march(library, scene, motion, q, v, 1e3 * size, RIGID_STEP_OF_ERRORS)
     if times is None:
         return np.inf
     shapes = np.array([law.shape for law in scene.laws]).T
@@ -81,7 +84,7 @@ def error_of(library: ctypes.CDLL, scene: Scene, motion: Motion) -> float:
     return float(np.linalg.norm(marched @ shapes - there) / np.linalg.norm(there))
 
 
-def _march(library, scene: Scene, motion: Motion, q, v, bound):
+def _march(library, scene: Scene, motion: Motion, q, v, bound, rigid_step=RIGID_STEP):
     inverse = np.linalg.inv(scene.mass)
     frequencies, decay = scene.modes()
     shape = np.array([law.shape for law in scene.laws])
@@ -105,7 +108,7 @@ def _march(library, scene: Scene, motion: Motion, q, v, bound):
             fastest = max(fastest, law.parameters[0] * (law.kind - 4) * speed ** (law.kind - 5) * (w @ k))
     period = 2 * np.pi / scene.omega.min()
     looks = int(LOOKS * np.ceil(scene.omega.max() / scene.omega.min()))
-    stride = int(np.ceil(fastest * period / looks / (0.015 if is_rigid else 0.08)))
+    stride = int(np.ceil(fastest * period / looks / (rigid_step if is_rigid else 0.08)))
     step = period / (looks * stride)
     beat = np.abs(np.subtract.outer(scene.omega, scene.omega))
     beats = int(np.ceil(scene.omega.min() / beat[beat > 0].min())) if len(scene.omega) > 1 else 1
