@@ -8,7 +8,7 @@ module hb_certificate
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: transfer_coefficients
    use hb_bordered, only: bordered_problem_t
-   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box, new_of_parity
    use hb_impact, only: impact_energy
@@ -120,7 +120,7 @@ contains
             wide_loads(:, set%index_of(balance%harmonics%tuples(:, h))) = loads(:, h)
          end do
          call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &
-                                    wide_loads, error, drives=set%frequencies(balance%xi*balance%omega))
+                                    wide_loads, error, wanted_slopes_t(drives=set%frequencies(balance%xi*balance%omega)))
          if (allocated(error)) return
          call new_balance(wide, set, grid, balance%omega, stiffness, balance%law_set%laws, effort, error)
          wide%watch => balance%watch

@@ -9,7 +9,7 @@ module hb_motion
    use hb_certificate, only: certificate_t, certify, choose_wider_set
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
-   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
@@ -216,9 +216,9 @@ contains
       call scene%structure%reduction%reach%check(basis%harmonics%frequencies(start%omega), error)
       if (allocated(error)) return
       call new_dynamic_stiffness(stiffness, scene%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                                 basis%amplitudes_of(scene%loads), error, with_slopes=is_autonomous, &
-                                 load_slopes=basis%amplitudes_of(scene%load_slopes), &
-                                 with_motion_slopes=scene%normal_mode%has_energy)
+                                 basis%amplitudes_of(scene%loads), error, &
+                                 wanted_slopes_t(is_on=is_autonomous, of_motion=scene%normal_mode%has_energy, &
+                                                 loads=basis%amplitudes_of(scene%load_slopes)))
       if (allocated(error)) return
       if (coordinates%n == 0) then
          result%setup_seconds = wall_clock() - started

@@ -8,7 +8,7 @@ module hb_scene_problem
    use hb_balance, only: balance_t, new_balance
    use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t, parameter_t
-   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
@@ -126,8 +126,8 @@ contains
             stiffness = self%balance%stiffness%dynamic_stiffness_t
          else
             call new_dynamic_stiffness(stiffness, scene%structure, coordinates, &
-               scene%harmonics%frequencies(scene%tones%omega), scene%loads, error, with_slopes=has_slopes, &
-               load_slopes=scene%load_slopes)
+               scene%harmonics%frequencies(scene%tones%omega), scene%loads, error, &
+               wanted_slopes_t(is_on=has_slopes, loads=scene%load_slopes))
             if (allocated(error)) return
          end if
          self%has_stiffness = .true.

@@ -17,7 +17,7 @@ module hb_arrow_factors
       logical :: is_arrow = .false.                                   !! whether the pattern is one
       integer, allocatable, private :: inner(:), border(:)            ! rows of each
       integer, allocatable, private :: part(:), number(:)             ! of a row: 1 inner, 2 border; its number there
-      complex(wp), allocatable, private :: d(:)                       ! (n_inner)
+      complex(wp), allocatable, private :: d(:), over_d(:)            ! (n_inner), the diagonal and one over it
       complex(wp), allocatable, private :: e(:, :), f(:, :), a(:, :)  ! (n_inner, n_border), (n_border, n_inner), ...
       integer, allocatable, private :: pivots(:)
    contains
@@ -50,7 +50,7 @@ contains
       self%number(self%inner) = [(i, i=1, size(self%inner))]
       self%number(self%border) = [(i, i=1, size(self%border))]
       associate (m => size(self%inner), b => size(self%border))
-         allocate (self%d(m), self%e(m, b), self%f(b, m), self%a(b, b), self%pivots(b))
+         allocate (self%d(m), self%over_d(m), self%e(m, b), self%f(b, m), self%a(b, b), self%pivots(b))
       end associate
       self%is_arrow = .true.
    end subroutine new_arrow_factors
@@ -84,12 +84,13 @@ contains
       end associate
       is_done = all(abs(self%d) > smallest)
       if (.not. is_done) return
+      self%over_d = 1.0_wp/self%d
       b = size(self%border)
       m = size(self%inner)
       if (b == 0) return
       allocate (of_d, mold=self%e)
       do i = 1, b
-         of_d(:, i) = self%e(:, i)/self%d
+         of_d(:, i) = self%e(:, i)*self%over_d
       end do
       call zgemm("N", "N", b, b, m, (-1.0_wp, 0.0_wp), self%f, b, of_d, m, (1.0_wp, 0.0_wp), self%a, b)
       call zgetrf(b, b, self%a, b, self%pivots, info)
@@ -101,15 +102,17 @@ contains
       class(arrow_factors_t), intent(in) :: self
       character, intent(in) :: form
       complex(wp), intent(inout) :: x(:, :)                           !! (n, any)
-      complex(wp) :: y(size(self%border), size(x, 2)), z(size(self%inner), size(x, 2))
+      complex(wp) :: over_d(size(self%inner)), y(size(self%border), size(x, 2)), z(size(self%inner), size(x, 2))
       complex(wp), parameter :: one = (1.0_wp, 0.0_wp)
       integer :: b, i, info, k, m
 
       b = size(self%border)
       m = size(self%inner)
       k = size(x, 2)
+      over_d = self%over_d
+      if (form == "C") over_d = conjg(over_d)
       do i = 1, k
-         z(:, i) = x(self%inner, i)/merge(conjg(self%d), self%d, form == "C")
+         z(:, i) = x(self%inner, i)*over_d
          y(:, i) = x(self%border, i)
       end do
       if (b > 0) then
@@ -128,7 +131,7 @@ contains
             call zgemm("N", "N", m, k, b, -one, self%e, m, y, b, one, z, m)
          end if
          do i = 1, k
-            z(:, i) = z(:, i)/merge(conjg(self%d), self%d, form == "C")
+            z(:, i) = z(:, i)*over_d
          end do
       end if
       do i = 1, k

@@ -16,17 +16,26 @@ module hb_dynamic_stiffness
    use hb_coordinates, only: coordinates_t, dofs_as_coordinates
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_lapack, only: zgbcon, zgbtrf, zgbtrs, zgecon, zgetrf, zgetrs
+   use hb_lapack, only: zgbcon, zgbtrf, zgbtrs, zgecon, zgemm, zgetrf, zgetrs
    use hb_structure, only: reach_t, structure_t
    use hb_structure_block, only: new_structure_block, structure_block_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: condensed_reach, dynamic_stiffness_t, new_dynamic_stiffness
+   public :: condensed_reach, dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
 
    !> Below this reciprocal condition, or n_interior*epsilon if that is more, the interior counts as singular:
    !> what rounding leaves of a singular matrix is of that size.
    real(wp), parameter :: lowest_condition = 1.0e-14_wp
+
+   !> What is wanted beside stiffness and loads at the frequencies.
+   type :: wanted_slopes_t
+      logical :: is_on = .false.                             !! slopes by frequency and drive, and room for `move`
+      logical :: of_motion = .false.                         !! with slopes, also room for `recover_slope`
+      real(wp), allocatable :: drives(:)                     !! [rad**2/s**2], (n_harmonics), else zero
+      complex(wp), allocatable :: loads(:, :)                !! dP/dw [N s] of loads that grow with the frequency, (n_dofs,
+                                                             !! n_harmonics), else zero; `move` leaves the loads as they are
+   end type wanted_slopes_t
 
    !> What does not change with the frequencies.
    type :: parts_t
@@ -71,20 +80,16 @@ module hb_dynamic_stiffness
 contains
 
    !> Condenses to degrees of freedom (any order, none at all for a linear problem); arguments as below.
-   subroutine condensed_to_dofs(self, structure, law_dofs, frequencies, loads, error, with_slopes, drives, load_slopes, &
-                                with_motion_slopes)
+   subroutine condensed_to_dofs(self, structure, law_dofs, frequencies, loads, error, slopes)
       type(dynamic_stiffness_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: law_dofs(:)                              !! (n_law)
       real(wp), intent(in) :: frequencies(:)
       complex(wp), intent(in) :: loads(:, :)
       type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: with_slopes, with_motion_slopes
-      real(wp), intent(in), optional :: drives(:)
-      complex(wp), intent(in), optional :: load_slopes(:, :)
+      type(wanted_slopes_t), intent(in), optional :: slopes
 
-      call condensed_to_coordinates(self, structure, dofs_as_coordinates(law_dofs), frequencies, loads, error, with_slopes, &
-                                    drives, load_slopes, with_motion_slopes)
+      call condensed_to_coordinates(self, structure, dofs_as_coordinates(law_dofs), frequencies, loads, error, slopes)
    end subroutine condensed_to_dofs
 
    !> Condenses `structure` to coordinates at each frequency.
@@ -92,24 +97,21 @@ contains
    !> Fails for degrees of freedom that do not exist or occur twice, for sizes that disagree, and where the interior is
    !> singular to working precision: at w = 0 a rigid-body motion, else an undamped resonance, that the coordinates
    !> do not hold.
-   subroutine condensed_to_coordinates(self, structure, coordinates, frequencies, loads, error, with_slopes, drives, load_slopes, &
-                                       with_motion_slopes)
+   subroutine condensed_to_coordinates(self, structure, coordinates, frequencies, loads, error, slopes)
       type(dynamic_stiffness_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), of any sign
       complex(wp), intent(in) :: loads(:, :)                          !! [N], (n_dofs, n_harmonics)
       type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: with_slopes                    !! also the slopes, and room for `move`
-      real(wp), intent(in), optional :: drives(:)                     !! [rad**2/s**2], (n_harmonics), else zero
-      complex(wp), intent(in), optional :: load_slopes(:, :)          !! dP/dw [N s] of loads that grow with the frequency, as
-                                                                      !! loads, else zero; `move` leaves the loads as they are
-      logical, intent(in), optional :: with_motion_slopes             !! with slopes, also room for `recover_slope`
+      type(wanted_slopes_t), intent(in), optional :: slopes
+      type(wanted_slopes_t) :: wanted
       type(parts_t), allocatable :: parts
       integer :: n_interior, n_law
 
       call check_input(structure, coordinates%dofs, frequencies, loads, error)
       if (allocated(error)) return
+      if (present(slopes)) wanted = slopes
       n_law = coordinates%n
       n_interior = structure%n_dofs - n_law
       self%n_dofs = structure%n_dofs
@@ -121,27 +123,20 @@ contains
       parts%reach = structure%reduction%reach
       parts%loads = coordinates%forces_in(loads)
       parts%load_slopes = (0.0_wp, 0.0_wp)*loads
-      if (present(load_slopes)) parts%load_slopes = coordinates%forces_in(load_slopes)
+      if (allocated(wanted%loads)) parts%load_slopes = coordinates%forces_in(wanted%loads)
       call find_blocks(parts, structure, coordinates, self%interior)
       call new_block_pattern(self%pattern, n_law, reach_of(parts%ll, parts%lr, parts%rl, parts%rr, n_interior))
       allocate (self%condensed(self%pattern%n_rows, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
       allocate (self%transfer(n_interior, n_law, self%n_harmonics), self%magnitude(n_law, self%n_harmonics))
       allocate (self%held_motion(n_interior, self%n_harmonics))
       call new_block_solver(parts%solver, parts%rr, n_interior, n_law + 1, maxval([0.0_wp, abs(frequencies)]))
-      if (present(with_slopes)) then
-         if (with_slopes) then
-            allocate (self%condensed_slope, self%condensed_drive_slope, mold=self%condensed)
-            allocate (self%load_slope, self%load_drive_slope, mold=self%load)
-            if (present(with_motion_slopes)) then
-               if (with_motion_slopes) allocate (self%motion_slope(n_interior, n_law + 1, 2, self%n_harmonics))
-            end if
-         end if
+      if (wanted%is_on) then
+         allocate (self%condensed_slope, self%condensed_drive_slope, mold=self%condensed)
+         allocate (self%load_slope, self%load_drive_slope, mold=self%load)
+         if (wanted%of_motion) allocate (self%motion_slope(n_interior, n_law + 1, 2, self%n_harmonics))
       end if
-      if (present(drives)) then
-         call condense(self, parts, frequencies, drives, error)
-      else
-         call condense(self, parts, frequencies, 0.0_wp*frequencies, error)
-      end if
+      if (.not. allocated(wanted%drives)) wanted%drives = 0.0_wp*frequencies
+      call condense(self, parts, frequencies, wanted%drives, error)
       if (allocated(self%condensed_slope)) call move_alloc(parts, self%parts)
    end subroutine condensed_to_coordinates
 
@@ -226,14 +221,19 @@ contains
       type(parts_t), intent(inout) :: parts
       real(wp), intent(in) :: frequencies(:), drives(:)
       type(error_t), allocatable, intent(out) :: error
-      complex(wp), allocatable :: s_ll(:), s_lr(:), s_rl(:)
+      complex(wp), parameter :: one = (1.0_wp, 0.0_wp)
+      real(wp), parameter :: mostly = 0.5_wp                          ! of the places of a matrix that hold an entry
+      complex(wp), allocatable :: of_lr(:, :), s_ll(:), s_lr(:), s_rl(:)
       real(wp), allocatable :: magnitude(:)
       real(wp) :: reciprocal_condition
       integer :: e, h, n_interior, n_law
+      logical :: is_full
 
       n_law = self%n_law
       n_interior = size(self%interior)
       associate (ll => parts%ll, lr => parts%lr, rl => parts%rl, solver => parts%solver)
+         is_full = n_law > 1 .and. .not. self%pattern%is_banded .and. lr%n_entries > mostly*n_law*n_interior
+         if (is_full) allocate (of_lr(n_law, n_interior), source=(0.0_wp, 0.0_wp))
          allocate (s_ll(ll%n_entries), s_lr(lr%n_entries), s_rl(rl%n_entries), magnitude(ll%n_entries))
          do h = 1, self%n_harmonics
             call rl%evaluate(frequencies(h), drives(h), s_rl)
@@ -263,8 +263,14 @@ contains
                end do
                load = parts%loads(self%coordinates%places, h)
                call lr%evaluate(frequencies(h), drives(h), s_lr)
+               if (is_full) then
+                  do e = 1, lr%n_entries
+                     of_lr(lr%row(e), lr%column(e)) = s_lr(e)
+                  end do
+                  call zgemm("N", "N", n_law, n_law, n_interior, -one, of_lr, n_law, transfer, n_interior, one, condensed, n_law)
+               end if
                do e = 1, lr%n_entries
-                  call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), transfer(lr%column(e), :))
+                  if (.not. is_full) call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), transfer(lr%column(e), :))
                   load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*held_motion(lr%column(e))
                end do
             end associate

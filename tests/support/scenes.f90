@@ -2,7 +2,7 @@
 module scenes
    use hb_balance, only: balance_t, new_balance
    use hb_document, only: document_t
-   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
@@ -131,7 +131,7 @@ contains
 
       associate (frequencies => scene%harmonics%frequencies(omega))
          call new_dynamic_stiffness(stiffness, scene%structure, coordinates_of(scene), frequencies, scene%loads, error, &
-                                    with_slopes=.true., load_slopes=scene%load_slopes)
+                                 wanted_slopes_t(.true., loads=scene%load_slopes))
          if (allocated(error)) return
          call new_balance(balance, scene%harmonics, scene%torus, omega, stiffness, &
                           laws_at(stiffness%coordinates, scene%laws), scene%planning, error)
