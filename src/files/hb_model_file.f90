@@ -5,6 +5,7 @@ module hb_model_file
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_model, only: model_source_t, model_t
+   use hb_reduction_file, only: read_reduction, write_reduction
    use hb_sparse, only: new_sparse, sparse_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
@@ -43,9 +44,19 @@ contains
       call read_model_file(name, model, error)
    end subroutine model_file_fetch
 
-   !> Keeps a structure, in place of the oldest one where there are many.
-   subroutine model_file_keep(self, mark, structure)
+   !> Keeps a structure, in place of the oldest one where there are many, and in a file beside its model where one can be written.
+   subroutine model_file_keep(self, mark, structure, recovery, model)
       class(model_file_t), intent(in) :: self
+      integer, intent(in) :: mark(:)
+      type(structure_t), intent(in) :: structure
+      real(wp), intent(in) :: recovery(:, :)
+      character(*), intent(in) :: model
+
+      call remember(mark, structure)
+      if (len(model) > 0) call write_reduction(model, mark, structure, recovery)
+   end subroutine model_file_keep
+
+   subroutine remember(mark, structure)
       integer, intent(in) :: mark(:)
       type(structure_t), intent(in) :: structure
 
@@ -54,13 +65,14 @@ contains
          place%mark = mark
          place%structure = structure
       end associate
-   end subroutine model_file_keep
+   end subroutine remember
 
-   subroutine model_file_recall(self, mark, structure, is_found)
+   subroutine model_file_recall(self, mark, structure, is_found, model)
       class(model_file_t), intent(in) :: self
       integer, intent(in) :: mark(:)
       type(structure_t), intent(inout) :: structure
       logical, intent(out) :: is_found
+      character(*), intent(in) :: model
       integer :: i
 
       is_found = .false.
@@ -71,6 +83,9 @@ contains
          structure = kept(i)%structure
          return
       end do
+      if (len(model) == 0) return
+      call read_reduction(model, mark, structure, is_found)
+      if (is_found) call remember(mark, structure)
    end subroutine model_file_recall
 
    !> Reads a model file. Fails for what is no model file, or one of a later form, and for entries that are missing, of a wrong size

@@ -7,6 +7,7 @@ module hb_scene_reduction
    use hb_kinds, only: two_pi, wp
    use hb_node_sets, only: name_length, named_vectors_t
    use hb_parameter_path, only: split_index, split_path
+   use hb_path, only: beside
    use hb_properties, only: properties_t
    use hb_reduction, only: reduce_structure
    use hb_scene, only: scene_t
@@ -29,8 +30,10 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(named_vectors_t) :: loads
       type(structure_t) :: small
+      character(:), allocatable :: model
       integer, allocatable :: kept(:), mark(:)
       logical :: is_found, is_sound
+      real(wp), allocatable :: recovery(:, :)
       real(wp) :: up_to
 
       if (.not. allocated(self%structure%sparse) .or. self%structure%reduction%flexibility == flexibility%exact) return
@@ -49,10 +52,11 @@ contains
       else
          mark = mark_of(self%structure, kept, loads, up_to)
          is_found = .false.
-         if (allocated(self%models)) call self%models%recall(mark, small, is_found)
+         model = model_to_keep_beside(document)
+         if (allocated(self%models)) call self%models%recall(mark, small, is_found, model)
          if (.not. is_found) then
-            call reduce_structure(self%structure, kept, loads, up_to, self%memory_limit, small, error)
-            if (.not. allocated(error) .and. allocated(self%models)) call self%models%keep(mark, small)
+            call reduce_structure(self%structure, kept, loads, up_to, self%memory_limit, small, error, recovery)
+            if (.not. allocated(error) .and. allocated(self%models)) call self%models%keep(mark, small, recovery, model)
          end if
          if (.not. allocated(error)) then
             call number_anew(self, kept, small%n_dofs)
@@ -118,6 +122,22 @@ contains
       if (self%tones%omega(i) > 0.0_wp) widening = &
          max(1.0_wp, max(abs(from), abs(to))*merge(two_pi, 1.0_wp, name == "hertz")/self%tones%omega(i))
    end function widening_by_curve
+
+   !> Path of the model beside which its reduction is kept in a file; empty where `flexibility_file` says that it is not.
+   function model_to_keep_beside(document) result(path)
+      type(document_t), intent(inout), target :: document
+      character(:), allocatable :: path
+      type(properties_t), pointer :: group
+      character(:), allocatable :: file
+      logical :: is_kept
+
+      group => document%optional_group("structure")
+      is_kept = .true.
+      call group%get("flexibility_file", is_kept)
+      call group%get("file", file)
+      path = ""
+      if (is_kept .and. allocated(file)) path = beside(group%file_name, file)
+   end function model_to_keep_beside
 
    function place_of(document) result(place)
       type(document_t), intent(inout), target :: document

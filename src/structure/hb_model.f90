@@ -51,18 +51,21 @@ module hb_model
 contains
 
    !> Is told what a structure has been reduced to; whoever does not remember it forgets it.
-   subroutine model_source_keep(self, mark, structure)
+   subroutine model_source_keep(self, mark, structure, recovery, model)
       class(model_source_t), intent(in) :: self
       integer, intent(in) :: mark(:)                                  !! of all that it was made from
       type(structure_t), intent(in) :: structure
+      real(wp), intent(in) :: recovery(:, :)                          !! as of `reduce_structure`
+      character(*), intent(in) :: model                               !! beside which it may be kept for later runs; empty: not so
    end subroutine model_source_keep
 
    !> Gives what was kept under a mark.
-   subroutine model_source_recall(self, mark, structure, is_found)
+   subroutine model_source_recall(self, mark, structure, is_found, model)
       class(model_source_t), intent(in) :: self
       integer, intent(in) :: mark(:)
       type(structure_t), intent(inout) :: structure                   !! stays where nothing is found
       logical, intent(out) :: is_found
+      character(*), intent(in) :: model                               !! as for `keep`
 
       is_found = .false.
    end subroutine model_source_recall
@@ -79,6 +82,7 @@ contains
       type(reduction_t) :: reduction
       character(:), allocatable :: file, word
       real(wp) :: structural_frequency
+      logical :: is_kept
 
       call group%get("file", file, required=.true.)
       word = trim(flexibility_names(flexibility%auto))
@@ -86,6 +90,7 @@ contains
       reduction%flexibility = max(1, findloc(flexibility_names == word, .true., dim=1))
       call group%get("flexibility_tolerance", reduction%tolerance, unit="1", limits=limits_t(above=0.0_wp))
       call group%get("flexibility_up_to", reduction%asked_up_to, unit="rad/s", limits=limits_t(minimum=0.0_wp))
+      call group%get("flexibility_file", is_kept)                      ! read where the structure is reduced
       structural_frequency = 0.0_wp
       call group%get("structural_frequency", structural_frequency, unit="rad/s", limits=limits_t(minimum=0.0_wp))
       call read_proportional_damping(group, proportional)

@@ -28,7 +28,7 @@ contains
 
    !> Reduces a structure with sparse matrices to some of its degrees of freedom and as many shapes as the flexibility there takes,
    !> also under the named loads. Fails where the stiffness is indefinite, or where too many shapes would be needed.
-   subroutine reduce_structure(full, kept, loads, up_to, most_bytes, small, error)
+   subroutine reduce_structure(full, kept, loads, up_to, most_bytes, small, error, recovery)
       type(structure_t), intent(in) :: full
       integer, intent(in) :: kept(:)                                  !! degrees of freedom, each once
       type(named_vectors_t), intent(in) :: loads                      !! that the small structure has by name
@@ -36,6 +36,8 @@ contains
       real(wp), intent(in) :: most_bytes                              !! of memory that there are
       type(structure_t), intent(out) :: small
       type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable, intent(out), optional :: recovery(:, :)  !! all degrees of freedom of the full structure by those of
+                                                                      !! the small one, transposed, (small%n_dofs, full%n_dofs)
       type(krylov_basis_t) :: basis
       integer, allocatable :: places(:)
       real(wp), allocatable :: transformation(:, :)
@@ -65,6 +67,10 @@ contains
       small%reduction%reach = reach_t(.true., up_to)
       small%reduction%error = error_left_out
       small%reduction%seconds = wall_clock() - started
+      if (.not. present(recovery)) return
+      allocate (recovery(basis%n, full%n_dofs))
+      call dgemm("T", "T", basis%n, full%n_dofs, basis%n, 1.0_wp, transformation, basis%n, basis%v, size(basis%v, 1), 0.0_wp, &
+                 recovery, basis%n)
    end subroutine reduce_structure
 
    !> Unit forces at the kept degrees of freedom, then the loads.

@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from nhbm import Model
 from nhbm_post.cli import main as post
 from nhbm_post.reader import Results
+from nhbm_post.structure import Structure, harmonic_of, motions
 
 from expectations import failures, read_expectations
 from program import ALL_CONVERGED, BAD_INPUT, run
@@ -269,6 +270,54 @@ def test_the_error_of_a_reduced_model_is_told(net):
     assert error <= 1e-4
     whole = solve(net, NET, *EXACT, name="whole")
     assert 1e-12 < largest_difference(loose["coefficients"], whole["coefficients"]) < 10 * error
+
+
+def test_a_second_run_reads_the_reduction(net):
+    """It gives the same bits; a file that is damaged or cut off is made anew, and none is made where none is wanted."""
+
+    def kept():
+        return sorted(net.glob("net.h5.*.reduced"))
+
+    for file in kept():
+        file.unlink()
+    off = solve(net, NET, "--set", "structure%flexibility_file=.false.", name="kept")
+    assert kept() == []
+    first = solve(net, NET, name="kept")
+    (file,) = kept()
+    made = file.stat().st_ino, file.stat().st_mtime_ns
+    second = solve(net, NET, name="kept")
+    assert (file.stat().st_ino, file.stat().st_mtime_ns) == made
+    for key in ("coefficients", "force_coefficients"):
+        np.testing.assert_array_equal(first[key], off[key])
+        np.testing.assert_array_equal(second[key], off[key])
+    with h5py.File(file, "r+") as damaged:
+        damaged["stiffness"][0, 0] *= 1.001
+    np.testing.assert_array_equal(solve(net, NET, name="kept")["coefficients"], off["coefficients"])
+    file.write_bytes(file.read_bytes()[:3000])
+    np.testing.assert_array_equal(solve(net, NET, name="kept")["coefficients"], off["coefficients"])
+    with h5py.File(net / "net.h5", "r+") as model:
+        model["stiffness/data"][0] += 0.5
+    other = solve(net, NET, name="kept")
+    with h5py.File(net / "net.h5", "r+") as model:
+        model["stiffness/data"][0] -= 0.5
+    assert len(kept()) == 2 and (other["coefficients"] != off["coefficients"]).any()
+    assert list(net.glob("*.part")) == []
+
+
+def test_all_nodes_of_a_reduced_model_are_recovered(net):
+    everything = NET.replace("&output dofs = 'stops.z', 'n1111.z' /\n", "")
+    for file in net.glob("net.h5.*.reduced"):
+        file.unlink()
+    solve(net, everything, name="shapes")
+    solve(net, everything, *EXACT, name="whole")
+    fields = []
+    for name in ("shapes", "whole"):
+        structure = Structure(net / "net.h5")
+        tuples, _, coefficients = motions(Results(net / f"{name}.h5"), structure, 0)
+        h = harmonic_of(tuples, coefficients, (1, 0))
+        fields.append(structure.displacement(coefficients[:, h].real))
+    assert np.abs(fields[1][:, 2]).min() > 0.0
+    assert largest_difference(*fields) < 1e-4
 
 
 def test_sweeps_of_a_reduced_model(net):

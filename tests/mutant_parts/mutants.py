@@ -106,6 +106,16 @@ MUTANTS = [
         ),
     ),
     *of(
+        "files/hb_reduction_file.f90",
+        (
+            "reduction_mark",
+            "test_hb_reduction_file",
+            "a reduction of something else is taken",
+            "else if (any(of_file /= mark)) then",
+            "else if (all(of_file /= mark) .and. size(mark) < 0) then",
+        ),
+    ),
+    *of(
         "solve/hb_tangent_krylov.f90",
         (
             "krylov_level",

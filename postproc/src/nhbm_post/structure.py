@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import h5py
@@ -42,6 +42,28 @@ class Structure:
         self._matrix = file["recovery/matrix"][rows] if place == "recovery" else None
         self._rows = np.array(rows, dtype=int)
 
+    def recover(self, stored: Collection[str]) -> bool:
+        """Goes over to the degrees of freedom of a reduction that a run has kept beside the model, all of which are stored, so that
+        every node moves. False where there is none."""
+        fitting = [path for path in sorted(self.path.parent.glob(f"{self.path.name}.*.reduced")) if self._fits(path, stored)]
+        if len(fitting) > 1:
+            names = ", ".join(path.name for path in fitting)
+            raise UsageError(f"the degrees of freedom of the result are those of {names}; move away all but that of its run")
+        if not fitting:
+            return False
+        with h5py.File(fitting[0], "r") as file:
+            self.labels = [label.decode() for label in file["labels"][()]]
+            self._matrix = file["recovery"][()][self._rows]
+        return True
+
+    def _fits(self, path: Path, stored: Collection[str]) -> bool:
+        try:
+            with h5py.File(path, "r") as file:
+                labels = [label.decode() for label in file["labels"][()]]
+                return file["recovery"].shape == (len(self.labels), len(labels)) and set(labels) == set(stored)
+        except (KeyError, OSError):
+            return False  # damaged: the program takes no notice of it either
+
     @property
     def cells(self):
         """Kind, as VTK counts, and nodes of each cell."""
@@ -71,6 +93,8 @@ class Structure:
 def motions(results: Results, structure: Structure, point: int, allow_unconverged: bool = False):
     """Tuples, frequencies and the coefficients (n_dofs of the model, n_harmonics) cos - i sin of a point."""
     stored = results.labels()
+    if structure._matrix is None and not set(structure.labels) >= set(stored):
+        structure.recover(stored)
     missing = [label for label in structure.labels if label not in stored]
     if missing and structure._matrix is not None:
         raise ReaderError(
