@@ -14,6 +14,7 @@ module hb_certificate
    use hb_impact, only: impact_energy
    use hb_kinds, only: wp
    use hb_law, only: defects_t
+   use hb_mean_energy, only: mean_energy_t, new_mean_energy
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_phase, only: phase_problem_t
@@ -53,6 +54,7 @@ module hb_certificate
       real(wp) :: power_in = 0.0_wp                                   !! mean power of the loads [W]
       real(wp) :: power_damping = 0.0_wp                              !! mean loss in the structure [W]
       real(wp), allocatable :: power_laws(:)                          !! mean loss in each law, on the finer grid [W]
+      type(mean_energy_t) :: energy                                   !! of the structure
       real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
       integer, allocatable :: combination(:)                          !! its k, (n_tones)
       type(harmonics_t) :: wider                                      !! the set of the improved motion
@@ -539,6 +541,7 @@ contains
             self%power_damping = self%power_damping + 0.5_wp*w**2*real(dot_product(c(:, h), structure%damping_times(c(:, h))))
          end associate
       end do
+      call new_mean_energy(self%energy, structure, c, balance%frequencies)
    end subroutine find_structure_powers
 
    !> The combination k of low order that comes closest to k.omega = 0. Where it is tiny, the motion on the torus is slow

@@ -5,6 +5,7 @@ module hb_marched_result
    use hb_coordinates, only: coordinates_t
    use hb_judge, only: settled_t
    use hb_kinds, only: wp
+   use hb_mean_energy, only: new_mean_energy
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
    use hb_scene, only: scene_t
@@ -85,6 +86,7 @@ contains
             found%power_damping = found%power_damping + &
                                   0.5_wp*w(h)**2*real(dot_product(c(:, h), scene%structure%damping_times(c(:, h))))
          end do
+         call new_mean_energy(found%energy, scene%structure, c, w)
       end associate
    end subroutine keep_marched
 

@@ -539,6 +539,12 @@ contains
          call put(self, "power_in", [found%power_in], error)
          call put(self, "power_damping", [found%power_damping], error)
          call put(self, "power_laws", found%power_laws, error)
+         call put(self, "energy_kinetic", [found%energy%kinetic], error)
+         call put(self, "energy_strain", [found%energy%strain], error)
+         associate (loss => found%power_damping + sum(found%power_laws))
+            call put(self, "loss_factor", [found%energy%loss_factor(loss)], error)
+            call put(self, "equivalent_damping", [found%energy%decay(loss)], error)
+         end associate
          call put(self, "combination_frequency", [found%combination_frequency], error)
          call put(self, "combination", found%combination, error)
          call put(self, "is_near_commensurate", [merge(1, 0, point%is_near_commensurate)], error)

@@ -166,6 +166,11 @@ contains
          call add("power_in", is_real, [point_axis], "W", "mean power of the loads")
          call add("power_damping", is_real, [point_axis], "W", "mean loss in the damping of the structure")
          call add("power_laws", is_real, [law_axis, point_axis], "W", "mean loss in each law")
+         call add("energy_kinetic", is_real, [point_axis], "J", "mean kinetic energy of the structure")
+         call add("energy_strain", is_real, [point_axis], "J", "mean strain energy of the structure")
+         call add("loss_factor", is_real, [point_axis], "1", &
+            "all losses over twice the sum of frequency times mean strain energy of each harmonic")
+         call add("equivalent_damping", is_real, [point_axis], "1/s", "all losses over four times the mean kinetic energy")
          call add("combination_frequency", is_real, [point_axis], "rad/s", "smallest |k.omega| of low order")
          call add("combination", is_integer, [tone_axis, point_axis], "1", "integers k of combination_frequency")
          call add("is_near_commensurate", is_integer, [point_axis], "1", &

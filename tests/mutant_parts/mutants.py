@@ -106,6 +106,23 @@ MUTANTS = [
         ),
     ),
     *of(
+        "structure/hb_mean_energy.f90",
+        (
+            "energy_of_mean",
+            "test_hb_mean_energy",
+            "a constant part counts as a harmonic",
+            "if (abs(frequencies(h)) <= 0.0_wp) strain = 2.0_wp*strain",
+            "if (abs(frequencies(h)) < 0.0_wp) strain = 2.0_wp*strain",
+        ),
+        (
+            "energy_loss",
+            "test_hb_mean_energy",
+            "the loss factor is twice as large",
+            "factor = loss/(2.0_wp*self%turning)",
+            "factor = loss/self%turning",
+        ),
+    ),
+    *of(
         "files/hb_reduction_file.f90",
         (
             "reduction_mark",

@@ -1,0 +1,93 @@
+!> Energies of the structure in a motion x(t) = sum over harmonics of Re(c exp(i w t)), as means over the torus, and the damping
+!> that a loss of power means.
+!>
+!> The mean of x'^T M x'/2 is w**2 c^H M c/4, that of x^T K x/2 is c^H K c/4, of a constant part twice that. A linear oscillator
+!> with damping d that moves with amplitude a at frequency w loses P = d w**2 a**2/2, so that P/(2 w U) = d w/k is its loss
+!> factor and P/(4 T) = d/(2 m) its rate of decay; with several harmonics w U is their sum.
+module hb_mean_energy
+   use hb_kinds, only: wp
+   use hb_lapack, only: dgemm
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: mean_energy_t, new_mean_energy
+
+   type :: mean_energy_t
+      real(wp) :: kinetic = 0.0_wp                                    !! [J]
+      real(wp) :: strain = 0.0_wp                                     !! [J]
+      real(wp), private :: turning = 0.0_wp                           ! sum of |w| U [W]
+   contains
+      procedure :: loss_factor => mean_energy_loss_factor
+      procedure :: decay => mean_energy_decay
+   end type mean_energy_t
+
+contains
+
+   !> Finds the energies of a motion.
+   subroutine new_mean_energy(self, structure, c, frequencies)
+      type(mean_energy_t), intent(out) :: self
+      type(structure_t), intent(in) :: structure
+      complex(wp), intent(in) :: c(:, :)                              !! a - i b [m], (structure%n_dofs, n_harmonics)
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), 0 of what is constant
+      real(wp), dimension(size(c, 1), 2*size(c, 2)) :: x, y
+      real(wp) :: strain
+      integer :: h, n
+
+      n = size(c, 2)
+      x(:, :n) = real(c)
+      x(:, n + 1:) = aimag(c)
+      if (allocated(structure%sparse)) then
+         call structure%sparse%mass%times(x, y)
+      else
+         call multiply(structure%mass)
+      end if
+      do h = 1, n
+         self%kinetic = self%kinetic + 0.25_wp*frequencies(h)**2*form_of(h)
+      end do
+      if (allocated(structure%sparse)) then
+         call structure%sparse%stiffness%times(x, y)
+      else
+         call multiply(structure%stiffness)
+      end if
+      do h = 1, n
+         strain = 0.25_wp*form_of(h)
+         if (abs(frequencies(h)) <= 0.0_wp) strain = 2.0_wp*strain
+         self%strain = self%strain + strain
+         self%turning = self%turning + abs(frequencies(h))*strain
+      end do
+
+   contains
+
+      subroutine multiply(matrix)
+         real(wp), intent(in) :: matrix(:, :)
+
+         associate (m => size(x, 1))
+            call dgemm("N", "N", m, 2*n, m, 1.0_wp, matrix, m, x, m, 0.0_wp, y, m)
+         end associate
+      end subroutine multiply
+
+      real(wp) function form_of(i)
+         integer, intent(in) :: i
+
+         form_of = dot_product(x(:, i), y(:, i)) + dot_product(x(:, n + i), y(:, n + i))
+      end function form_of
+   end subroutine new_mean_energy
+
+   !> Loss factor that a mean loss of power means; 0 of a structure that is not strained.
+   pure real(wp) function mean_energy_loss_factor(self, loss) result(factor)
+      class(mean_energy_t), intent(in) :: self
+      real(wp), intent(in) :: loss                                    !! [W]
+
+      factor = 0.0_wp
+      if (abs(self%turning) > 0.0_wp) factor = loss/(2.0_wp*self%turning)
+   end function mean_energy_loss_factor
+
+   !> Rate of decay [1/s] of a free motion that loses as much; 0 at rest.
+   pure real(wp) function mean_energy_decay(self, loss) result(rate)
+      class(mean_energy_t), intent(in) :: self
+      real(wp), intent(in) :: loss                                    !! [W]
+
+      rate = 0.0_wp
+      if (abs(self%kinetic) > 0.0_wp) rate = loss/(4.0_wp*self%kinetic)
+   end function mean_energy_decay
+end module hb_mean_energy
