@@ -11,7 +11,7 @@ import numpy as np
 from .errors import ReaderError, UsageError
 from .reader import Results
 
-_AXES = {"x": 0, "y": 1, "z": 2}
+_AXES = {"x": 0, "y": 1, "z": 2, "r": 0, "t": 1}  # r and t: along and across the node's own radius from the axis z
 
 
 class Structure:
@@ -39,6 +39,7 @@ class Structure:
         direction = [text.decode() for text in file[f"{place}/direction"][()]]
         rows = [i for i, (n, d) in enumerate(zip(node, direction)) if n >= 0 and d in _AXES]
         self._where = node[rows], np.array([_AXES[direction[i]] for i in rows], dtype=int)
+        self._polar = np.unique([node[i] for i in rows if direction[i] in "rt"]).astype(int)
         self._matrix = file["recovery/matrix"][rows] if place == "recovery" else None
         self._rows = np.array(rows, dtype=int)
 
@@ -74,6 +75,10 @@ class Structure:
         moved = self._matrix @ motion if self._matrix is not None else motion[self._rows]
         field = np.zeros((len(self.points), 3))
         field[self._where] = moved
+        x, y = self.points[self._polar, :2].T
+        c, s = np.array([x, y]) / np.hypot(x, y)
+        r, t = field[self._polar, :2].T
+        field[self._polar, :2] = np.column_stack([c * r - s * t, s * r + c * t])
         return field
 
     def mesh(self, **fields):

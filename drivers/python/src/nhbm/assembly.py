@@ -62,8 +62,8 @@ def assemble(parts: dict[str, Model], places: dict[str, tuple[float, float, floa
     )
 
 
-def meeting_nodes(model: Model, first: str, second: str) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of two sets that stand at the same places, first with first."""
+def meeting_nodes(model: Model, first: str, second: str, within: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of two sets that stand at the same places, or no farther apart than `within`, first with first."""
     for name in (first, second):
         if name not in model.sets:
             raise ModelError(f"there is no set '{name}'; sets: {', '.join(model.sets) or 'none'}")
@@ -71,7 +71,7 @@ def meeting_nodes(model: Model, first: str, second: str) -> tuple[np.ndarray, np
     tree = cKDTree(model.coordinates[b])
     size = np.ptp(model.coordinates[np.concatenate([a, b])], axis=0).max()
     distance, nearest = tree.query(model.coordinates[a])
-    meets = distance <= 1.0e-6 * size
+    meets = distance <= max(within, 1.0e-6 * size)
     if not meets.any():
         raise ModelError(f"no node of '{first}' meets one of '{second}'; the closest are {distance.min():.3g} apart")
     if len(set(nearest[meets].tolist())) < meets.sum():
@@ -79,9 +79,9 @@ def meeting_nodes(model: Model, first: str, second: str) -> tuple[np.ndarray, np
     return a[meets], b[nearest[meets]]
 
 
-def add_pair(model: Model, name: str, first: str, second: str) -> int:
+def add_pair(model: Model, name: str, first: str, second: str, within: float = 0.0) -> int:
     """Names the nodes where two sets meet, `<name>_1` of the first and `<name>_2` of the second; returns how many."""
-    a, b = meeting_nodes(model, first, second)
+    a, b = meeting_nodes(model, first, second, within)
     model.sets |= {f"{name}_1": a, f"{name}_2": b}
     model.validate()
     return len(a)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nhbm import __version__, assembly, examples, importing, reduction
+from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors
 from nhbm.checks import check
 from nhbm.errors import ModelError
 from nhbm.model import MATRICES, Model
@@ -57,7 +57,8 @@ def parser() -> argparse.ArgumentParser:
     verb.set_defaults(run=run_check)
     verb.add_argument("model")
 
-    for name, make in (("beam", examples.beam), ("plate", examples.plate), ("solid", examples.solid)):
+    for name, make in (("beam", examples.beam), ("plate", examples.plate), ("solid", examples.solid),
+                       ("sector", examples.sector)):
         verb = verbs.add_parser(name, help=f"an example made with scikit-fem: {make.__doc__.splitlines()[0]}")
         verb.set_defaults(run=run_example, make=make)
         for key, default in zip(make.__code__.co_varnames, make.__defaults__):
@@ -68,12 +69,38 @@ def parser() -> argparse.ArgumentParser:
         _loads(verb)
         _output(verb)
 
+    verb = verbs.add_parser("rotor", help="a shaft with disks in bearings, by beam elements")
+    verb.set_defaults(run=run_rotor)
+    verb.add_argument("--length", type=float, default=0.6, help="[m] (default: 0.6)")
+    verb.add_argument("--diameter", type=float, default=0.02, help="[m] (default: 0.02)")
+    verb.add_argument("--n-elements", type=int, default=12, help="(default: 12)")
+    verb.add_argument("--disk", action="append", default=[], metavar="POSITION,MASS,DIAMETRAL,POLAR",
+                      help="[m], [kg], moments of inertia [kg m2]; at the nearest node, as bearings are")  # fmt: skip
+    verb.add_argument("--bearing", action="append", default=[], metavar="POSITION,STIFFNESS,DAMPING", help="[m], [N/m], [N s/m]")
+    verb.add_argument("--speed", type=float, default=0.0, metavar="RAD/S", help="of the gyroscopic terms (default: 0)")
+    _loads(verb)
+    _output(verb)
+
+    verb = verbs.add_parser("wheel", help="the whole wheel of a sector, and its frequencies by nodal diameter")
+    verb.set_defaults(run=run_wheel)
+    verb.add_argument("model", help="sector about the axis z")
+    verb.add_argument("--sectors", type=int, required=True, metavar="N")
+    verb.add_argument("--low", default="low", metavar="SET", help="side that, turned by 2 pi/N, meets --high (default: low)")
+    verb.add_argument("--high", default="high", metavar="SET", help="(default: high)")
+    verb.add_argument("--frequencies", type=int, default=0, metavar="K", help="print the K lowest of each nodal diameter")
+    verb.add_argument("--neighbours", action="append", default=[], metavar="NAME=SET,SET",
+                      help="a pair of a set of each sector and one of the next sector")  # fmt: skip
+    verb.add_argument("--wave", action="append", default=[], metavar="NAME=SET:DIAMETERS",
+                      help="vectors of loads NAME_cos and NAME_sin of a wave")  # fmt: skip
+    _output(verb)
+
     verb = verbs.add_parser("assemble", help="put parts together in one model")
     verb.set_defaults(run=run_assemble)
     verb.add_argument("parts", nargs="+", metavar="NAME=FILE", help="a part and its model file; sets become NAME_SET")
     verb.add_argument("--at", action="append", default=[], metavar="NAME=X,Y,Z", help="shifts a part")
     verb.add_argument("--pair", action="append", default=[], metavar="NAME=SET,SET",
                       help="names the nodes where two sets meet NAME_1 and NAME_2, first with first")  # fmt: skip
+    verb.add_argument("--within", type=float, default=0.0, metavar="M", help="how far apart nodes of a pair may be")
     _loads(verb)
     _output(verb)
 
@@ -204,6 +231,56 @@ def _place(text: str, place: str) -> tuple[float, ...]:
     return x, y, z
 
 
+def _two_sets(text: str) -> tuple[str, str, str]:
+    name, sets = _named(text, "NAME=SET,SET")
+    first, comma, second = sets.partition(",")
+    if not comma:
+        raise ModelError(f"'{text}': give NAME=SET,SET")
+    return name, first, second
+
+
+def _numbers(text: str, form: str) -> list[float]:
+    """Numbers of an option such as `--disk`, as many as its form has."""
+    try:
+        values = [float(number) for number in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != len(form.split(",")):
+        raise ModelError(f"'{text}': give {form}")
+    return values
+
+
+def run_rotor(options) -> int:
+    disks = [_numbers(text, "POSITION,MASS,DIAMETRAL,POLAR") for text in options.disk]
+    bearings = [_numbers(text, "POSITION,STIFFNESS,DAMPING") for text in options.bearing]
+    model = rotors.rotor(options.length, options.diameter, options.n_elements, disks, bearings, options.speed)
+    _add_loads(model, options.load)
+    _write(model, options)
+    return OK
+
+
+def run_wheel(options) -> int:
+    n = options.sectors
+    sector = cyclic.sector_of(Model.read(options.model), n, options.low, options.high)
+    if options.frequencies > 0:
+        print("nodal diameters: lowest frequencies [rad/s]")
+        for diameter in range(n // 2 + 1):
+            shown = "  ".join(f"{w:.6g}" for w in cyclic.frequencies(sector, diameter, options.frequencies))
+            print(f"{diameter:15d}: {shown}")
+    model = cyclic.wheel(sector)
+    for text in options.neighbours:
+        cyclic.add_neighbours(model, *_two_sets(text), n)
+    for text in options.wave:
+        name, rest = _named(text, "NAME=SET:DIAMETERS")
+        where, colon, diameter = rest.rpartition(":")
+        if not (colon and diameter.isdigit()):
+            raise ModelError(f"--wave {text}: give NAME=SET:DIAMETERS")
+        cyclic.add_wave(model, name, where, int(diameter), n)
+    model.validate()
+    _write(model, options)
+    return OK
+
+
 def run_assemble(options) -> int:
     parts = {}
     for text in options.parts:
@@ -212,11 +289,8 @@ def run_assemble(options) -> int:
     places = {name: _place(text, place) for text in options.at for name, place in [_named(text, "NAME=X,Y,Z")]}
     model = assembly.assemble(parts, places)
     for text in options.pair:
-        name, sets = _named(text, "NAME=SET,SET")
-        first, comma, second = sets.partition(",")
-        if not comma:
-            raise ModelError(f"--pair {text}: give NAME=SET,SET")
-        print(f"pair {name}: {assembly.add_pair(model, name, first, second)} nodes")
+        name, first, second = _two_sets(text)
+        print(f"pair {name}: {assembly.add_pair(model, name, first, second, options.within)} nodes")
     _add_loads(model, options.load)
     model.validate()
     _write(model, options)

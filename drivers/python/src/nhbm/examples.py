@@ -84,6 +84,60 @@ def solid(
     fem = _skfem()
     _above_zero(length=length, width=width, height=height, young=young, density=density)
     mesh = fem.MeshTet.init_tensor(*(np.linspace(0, side, int(n) + 1) for side, n in ((length, n_x), (width, n_y), (height, n_z))))
+    stiffness, mass, dofs, points, cells = _elastic(mesh, young, poisson, density)
+    sets = {
+        "left": np.flatnonzero(np.isclose(points[:, 0], 0.0)),
+        "right": np.flatnonzero(np.isclose(points[:, 0], length)),
+        "top": np.flatnonzero(np.isclose(points[:, 2], height)),
+        "bottom": np.flatnonzero(np.isclose(points[:, 2], 0.0)),
+    }
+    fixed = _clamped(clamped)
+    return _nodal(
+        stiffness, mass, dofs, ("x", "y", "z"), points, cells, VTK_QUADRATIC_TETRA, sets, fixed,
+        f"solid, {n_x} x {n_y} x {n_z} x 6 tetrahedra",
+    )  # fmt: skip
+
+
+def sector(
+    n_sectors=12, hub=0.08, rim=0.14, platform=0.16, tip=0.26, height=0.012, young=2.1e11, poisson=0.3, density=7850.0
+) -> Model:
+    """Sector of a bladed disk about the axis z: disk, neck, platform and blade of quadratic tetrahedra, held at the hub."""
+    fem = _skfem()
+    _above_zero(hub=hub, height=height, young=young, density=density)
+    if not hub < rim < platform < tip:
+        raise ModelError(f"hub, rim, platform and tip must rise: {hub}, {rim}, {platform}, {tip}")
+    edge = 0.1 * (tip - platform)
+    radii = np.concatenate([np.linspace(hub, rim, 3), [platform], np.linspace(platform + edge, tip, 5)])
+    angles = 2 * np.pi / n_sectors * np.array([-0.5, -0.42, -0.1, 0.1, 0.42, 0.5])
+    mesh = fem.MeshTet.init_tensor(radii, angles, np.array([0.0, height]))
+    r, phi, _ = mesh.p[:, mesh.t].mean(axis=1)
+    share = np.abs(phi) * n_sectors / (2 * np.pi)
+    mesh = mesh.restrict(np.flatnonzero((r < rim) | (share < 0.1) | ((r > platform) & (r < platform + edge) & (share < 0.42))))
+    polar = mesh.p
+    mesh = fem.MeshTet(np.vstack([polar[0] * np.cos(polar[1]), polar[0] * np.sin(polar[1]), polar[2]]), mesh.t)
+    stiffness, mass, dofs, points, cells = _elastic(mesh, young, poisson, density)
+    # middles of the edges from their ends, so that both sides of the sector have them at the same places
+    r, phi = np.hstack([polar[:2], polar[:2][:, mesh.edges].mean(axis=1)])
+    side, middle = np.pi / n_sectors, np.isclose(points[:, 2], height / 2)
+    facing = np.isclose(r, platform) & np.isclose(points[:, 2], 0.0)
+    sets = {
+        "hub": np.flatnonzero(np.isclose(r, hub)),
+        "low": np.flatnonzero(np.isclose(phi, -side)),
+        "high": np.flatnonzero(np.isclose(phi, side)),
+        "under_low": np.flatnonzero(facing & np.isclose(phi, -0.84 * side)),
+        "under_high": np.flatnonzero(facing & np.isclose(phi, 0.84 * side)),
+        "tip": np.flatnonzero(np.isclose(r, tip) & np.isclose(phi, 0.0) & middle),
+    }
+    return _nodal(
+        stiffness, mass, dofs, ("x", "y", "z"), points, cells, VTK_QUADRATIC_TETRA, sets, ["hub"],
+        f"bladed sector, 1 of {n_sectors}",
+    )  # fmt: skip
+
+
+def _elastic(mesh, young, poisson, density):
+    """Stiffness and mass of an elastic body of quadratic tetrahedra; numbers of the degrees of freedom (3, n_nodes), places of the
+    nodes, cells in the order of VTK."""
+    fem = _skfem()
     basis = fem.Basis(mesh, fem.ElementVector(fem.ElementTetP2()), intorder=4)
     lame = young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
 
@@ -99,17 +153,7 @@ def solid(
     points = np.hstack([mesh.p, ends.mean(axis=1)]).T
     dofs = np.hstack([basis.nodal_dofs, basis.edge_dofs])
     cells = np.vstack([mesh.t, mesh.t2e[[0, 1, 2, 3, 4, 5]] + mesh.p.shape[1]])
-    sets = {
-        "left": np.flatnonzero(np.isclose(points[:, 0], 0.0)),
-        "right": np.flatnonzero(np.isclose(points[:, 0], length)),
-        "top": np.flatnonzero(np.isclose(points[:, 2], height)),
-        "bottom": np.flatnonzero(np.isclose(points[:, 2], 0.0)),
-    }
-    fixed = _clamped(clamped)
-    return _nodal(
-        stiffness, mass, dofs, ("x", "y", "z"), points, _vtk_order(mesh, cells), VTK_QUADRATIC_TETRA, sets, fixed,
-        f"solid, {n_x} x {n_y} x {n_z} x 6 tetrahedra",
-    )  # fmt: skip
+    return stiffness, mass, dofs, points, _vtk_order(mesh, cells)
 
 
 def _vtk_order(mesh, cells):

@@ -33,7 +33,8 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, amplitude: n
         faces = surface(structure.cells)
         colours = Normalize(0.0, float(amplitude.max()) or 1.0)
         kind = Line3DCollection if all(len(face) == 2 for face in faces) else Poly3DCollection
-        drawn = kind([points[list(face)] for face in faces], cmap=COLOUR_MAP, norm=colours, linewidths=0.3)
+        width = 0.3 if kind is Poly3DCollection else 2.5
+        drawn = kind([points[list(face)] for face in faces], cmap=COLOUR_MAP, norm=colours, linewidths=width)
         drawn.set_array(np.array([amplitude[list(face)].mean() for face in faces]))
         if kind is Poly3DCollection:
             drawn.set_edgecolor(INK)
