@@ -5,9 +5,9 @@
 !> place would do: starting from rest is the rule that picks one, `full_stick` tells of it. Source: docs/user/theory.md,
 !> section 5.5.
 !>
-!> A slider between bounds ends each step at its start, but no lower than where one from far below ends, nor higher than one from far
-!> above (a play operator is a clamp, and so are clamps one after the other). Over many lines these two places are found once for all
-!> rounds, `low` and `high`.
+!> A slider between bounds ends each step at its start, but no lower than where one from far below ends, nor higher than one
+!> from far above (a play operator is a clamp, and so are clamps one after the other). Over many lines these two places are found
+!> once for all rounds, `low` and `high`.
 module hb_slider_states
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_characteristic, only: characteristic_t
