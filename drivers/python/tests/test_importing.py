@@ -1,5 +1,7 @@
 """The same chain from each format, and lines that are wrong."""
 
+import re
+
 import numpy as np
 import pytest
 import scipy.io
@@ -68,6 +70,37 @@ def test_nastran(chain, tmp_path):
     assert model.labels == chain.labels
     assert abs(model.mass - chain.mass).max() < 1e-9
     assert abs(model.stiffness - chain.stiffness).max() < 1e-9
+
+
+K_AND_M = "DMIG,KAAX,0,6,2,0\nDMIG,KAAX,1,3,,1,3,2.\nDMIG,MAAX,0,6,2,0\nDMIG,MAAX,1,3,,1,3,4.\n"
+
+
+def nastran(tmp_path, text, stiffness="KAAX"):
+    (tmp_path / "bulk.bdf").write_text(text)
+    return importing.from_nastran(tmp_path / "bulk.bdf", {"mass": "MAAX", "stiffness": stiffness})
+
+
+def test_nastran_with_its_other_decks(tmp_path):
+    pytest.importorskip("pyNastran")
+    model = nastran(tmp_path, f"SOL 103\nCEND\nBEGIN BULK\nGRID,1,,0.,0.,0.\n{K_AND_M}ENDDATA\n")
+    assert model.labels == ["n1.z"] and model.stiffness[0, 0] == 2.0 and model.mass[0, 0] == 4.0
+
+
+@pytest.mark.parametrize(
+    "old, new, message",
+    [
+        ("0,6,2,0\nDMIG,KAAX,1,3,,1,3,2.", "0,6,4,0\nDMIG,KAAX,1,3,,1,3,2.,1.", "DMIG 'KAAX' is complex"),
+        ("KAAX,0,6,2,0", "KAAX,0,9,2,0,,,1", "DMIG 'KAAX' has the form 9"),
+        ("1,3,,1,3,2.", "1,3,,1,3,", "is no bulk data that pyNastran reads"),
+        ("DMIG,KAAX,0,6,2,0\n", "hello world\n1 2 3\n", "is no bulk data that pyNastran reads"),
+        ("KAAX", "KX", "has no DMIG 'KAAX'; it has KX, MAAX"),
+    ],
+)
+def test_nastran_that_is_not_right_is_named(tmp_path, capsys, old, new, message):
+    pytest.importorskip("pyNastran")
+    with pytest.raises(ModelError, match=re.escape(message)) as raised:
+        nastran(tmp_path, K_AND_M.replace(old, new))
+    assert "\n" not in str(raised.value) and capsys.readouterr().out == ""
 
 
 def test_mesh_gives_places_cells_and_sets(chain, tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 from pathlib import Path
 
 import numpy as np
@@ -114,13 +116,24 @@ def from_nastran(path, names: dict[str, str], **more) -> Model:
         from pyNastran.bdf.bdf import read_bdf
     except ImportError:
         raise ModelError("DMIG is read by pyNastran, which is not installed: pip install pyNastran") from None
-    bulk = read_bdf(str(_existing(path)), punch=True, xref=False, debug=None)
+    is_punch = "BEGIN BULK" not in _existing(path).read_text(errors="replace").upper()
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints lines that it does not know
+            bulk = read_bdf(str(path), validate=False, punch=is_punch, xref=False, debug=None)
+    except (Exception, SystemExit) as error:  # it raises whatever it meets
+        why = " ".join(str(error).split()) or type(error).__name__
+        raise ModelError(f"file '{path}' is no bulk data that pyNastran reads: {why}") from None
     entries, places = {}, set()
     for name, card in names.items():
         if card not in bulk.dmig:
             raise ModelError(f"file '{path}' has no DMIG '{card}'; it has {', '.join(bulk.dmig) or 'none'}")
-        _, rows, columns = bulk.dmig[card].get_matrix(is_sparse=True, apply_symmetry=True)
-        matrix = sp.coo_matrix(_)
+        form = bulk.dmig[card].matrix_form
+        if form not in (1, 6):
+            raise ModelError(f"file '{path}': DMIG '{card}' has the form {form}, not 1 (square) or 6 (symmetric)")
+        entry, rows, columns = bulk.dmig[card].get_matrix(is_sparse=True, apply_symmetry=True)
+        matrix = sp.coo_matrix(entry)
+        if np.iscomplexobj(matrix.data):
+            raise ModelError(f"file '{path}': DMIG '{card}' is complex; give its imaginary part as --structural")
         entries[name] = (matrix, rows, columns)
         places |= {tuple(map(int, place)) for place in (*rows.values(), *columns.values())}
     index = {place: i for i, place in enumerate(sorted(places))}
