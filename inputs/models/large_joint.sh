@@ -1,0 +1,21 @@
+#!/usr/bin/env bash
+# Makes large_joint.h5, the lap joint of lap_joint.sh with more elements, and joint.nml, the joint under one tone, in a folder:
+# large_joint.sh N_X N_Y [FOLDER]; elements along and across each bar. 30 11 has 483 pairs of nodes.
+set -euo pipefail
+n_x=$1 n_y=$2
+cd "${3:-.}"
+bar=(--length 0.12 --width 0.03 --height 0.01 --n-x "$n_x" --n-y "$n_y" --n-z 1 --overwrite)
+nhbm-model solid "${bar[@]}" --clamped left --node-set 'bolt=0.1,0.015,0' --output lower.h5
+nhbm-model solid "${bar[@]}" --clamped right --node-set 'bolt=0.02,0.015,0.01' --node-set 'shaker=0,0.015,0.01' --output upper.h5
+nhbm-model assemble lower=lower.h5 upper=upper.h5 --at upper=0.08,0,0.01 --pair joint=lower_top,upper_bottom \
+   --load bolt=lower_bolt.z:1,upper_bolt.z:-1 --output parts.h5 --overwrite
+nhbm-model reduce parts.h5 --keep joint.x,joint.z,upper_shaker.x --modes 30 --up-to 40000 --output large_joint.h5 --overwrite
+cat >joint.nml <<'END_OF_INPUT'
+&structure type = 'model', file = 'large_joint.h5', damping_stiffness = 4.0e-6 /
+&tones frequency = 6000.0 /
+&harmonics order = 5 /
+&load vector = 'bolt', tuple = 0, cos = 1000.0 /
+&load dof = 'upper_shaker.x', tuple = 1, cos = 1400.0 /
+&law type = 'jenkins', label = 'joint', dof = 'joint.x', stiffness = 1.0e6, friction_coefficient = 0.3
+   normal_dofs = 'joint.z', normal_stiffness = 1.0e6, preload = 0.0 /
+END_OF_INPUT
