@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes large_joint.h5, the lap joint of lap_joint.sh with more elements, and joint.nml, the joint under one tone, in a folder:
-# large_joint.sh N_X N_Y [FOLDER]; elements along and across each bar. 30 11 has 483 pairs of nodes.
+# Makes large_joint.h5, the lap joint of lap_joint.sh with more elements, and the joint under one tone, joint.nml, and two,
+# two_tones.nml, in a folder: large_joint.sh N_X N_Y [FOLDER]; elements along and across each bar. 30 11 has 483 pairs of nodes.
 set -euo pipefail
 n_x=$1 n_y=$2
 cd "${3:-.}"
@@ -19,3 +19,5 @@ cat >joint.nml <<'END_OF_INPUT'
 &law type = 'jenkins', label = 'joint', dof = 'joint.x', stiffness = 1.0e6, friction_coefficient = 0.3
    normal_dofs = 'joint.z', normal_stiffness = 1.0e6, preload = 0.0 /
 END_OF_INPUT
+sed -e 's/6000.0 /6000.0, 8485.281374 /' -e 's/order = 5/order = 2/' -e 's/tuple = 0,/tuple = 0, 0,/' \
+   -e '/shaker/{s/tuple = 1, cos = 1400.0/tuple = 1, 0, cos = 700.0/;p;s/tuple = 1, 0/tuple = 0, 1/}' joint.nml >two_tones.nml
