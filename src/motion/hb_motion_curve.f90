@@ -65,6 +65,7 @@ module hb_motion_curve
       type(document_t), private :: document
       real(wp), allocatable, private :: further(:)                    ! unknowns beside those of the balance, at the start
       type(rung_t), private :: rung                                   ! set and grid at hand
+      real(wp), private :: estimate = huge(1.0_wp)                    ! of the error at the point of the curve; huge: not known
       integer, private :: n_rungs = 1                                 ! that the last step has taken
       type(scene_problem_t), private :: problem
       type(curve_t), private :: curve

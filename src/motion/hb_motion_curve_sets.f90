@@ -1,16 +1,18 @@
-!> Sets and grids along a curve: they grow where a motion is not as accurate as is asked for.
+!> Sets and grids along a curve: they grow where a motion is not as accurate as is asked for, and shrink where it is far more.
 !>
 !> A step whose points are above the tolerance is taken back, and gone again on a set and a grid that hold what their certificates
 !> say is lacking. The point before it is taken over: corrected in the plane across the curve, and followed on in the same sense.
-!> Neighbours share sets: one that grows is made for a part of the tolerance. Source: docs/user/accuracy.md.
+!> Neighbours share sets: one that grows is made for a part of the tolerance, and shrinks below a smaller part. The tuples of the
+!> lowest set always stay, as a motion may lose its symmetry on the way. Source: docs/user/accuracy.md.
 submodule (hb_motion_curve) hb_motion_curve_sets
-   use hb_rung, only: carry, choose_next, margin
+   use hb_rung, only: carry, choose_next, choose_smaller, margin
    implicit none
 
    integer, parameter :: most_rungs = 12                              ! on one step
    integer, parameter :: most_idle = 2                                ! one after the other that gain nothing
    real(wp), parameter :: idle = 0.8_wp                               ! of the estimate before: no gain
    real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: for the points that follow, too
+   real(wp), parameter :: ample = 0.01_wp                             ! of the tolerance: a smaller set will do
    real(wp), parameter :: least_goal = 0.03_wp                        ! of the estimate, from one rung to the next
 
 contains
@@ -19,11 +21,16 @@ contains
       class(motion_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       type(standing_t) :: first, here
+      type(scene_t) :: scene                                          ! in which all tuples of the lowest set are needed
       type(rung_t) :: next, top
       real(wp) :: best, estimate
       integer :: n_idle, worst
       logical :: is_found
 
+      scene = self%scene
+      scene%loads = (1.0_wp, 0.0_wp)
+      if (self%estimate <= ample*scene%accuracy%tolerance) call shrink(self, scene, error)
+      if (allocated(error)) return
       first = standing_at(self)
       n_idle = 0
       best = huge(1.0_wp)
@@ -41,13 +48,14 @@ contains
             if (allocated(error)) return
             self%n_rungs = 1
             call self%step()
+            if (self%curve%status == outcome%pending) call describe_all(self, worst, estimate, error)
             return
          end if
          best = min(best, estimate)
          associate (n => self%problem%n_unknowns, point => self%waiting(worst))
             top = self%rung
             top%unknowns = [point%x(:n), 0.0_wp*self%scene%tones%omega]
-            call choose_next(self%scene, point%result, top, max(least_goal*estimate, goal_ahead*self%scene%accuracy%tolerance), &
+            call choose_next(scene, point%result, top, max(least_goal*estimate, goal_ahead*self%scene%accuracy%tolerance), &
                              0, next, is_found)
          end associate
          if (.not. is_found) return
@@ -58,11 +66,38 @@ contains
          if (.not. is_found) then
             call stand_at(self, here, error)
             if (.not. allocated(error)) call self%step()
+            if (self%curve%status == outcome%pending .and. .not. allocated(error)) call describe_all(self, worst, estimate, error)
             return
          end if
          self%n_rungs = self%n_rungs + 1
       end do
    end subroutine motion_curve_step_to_tolerance
+
+   !> Goes over to a smaller set or a coarser grid, if one will do.
+   subroutine shrink(self, scene, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene
+      type(error_t), allocatable, intent(out) :: error
+      type(standing_t) :: here
+      type(rung_t) :: smaller
+      real(wp) :: ahead
+      logical :: is_found, is_smaller
+
+      smaller = self%rung
+      smaller%unknowns = [self%curve%x(:self%problem%n_unknowns), 0.0_wp*scene%tones%omega]
+      call choose_smaller(scene, smaller, is_smaller)
+      if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%rung%set%n_harmonics) return   ! a little less is not worth it
+      here = standing_at(self)
+      associate (direction => self%curve%direction)
+         ahead = direction(size(direction))
+      end associate
+      call change_set(self, smaller, is_found, error)
+      if (allocated(error)) return
+      associate (direction => self%curve%direction)
+         if (is_found) is_found = ahead*direction(size(direction)) > 0.0_wp   ! else a fold would be told twice
+      end associate
+      if (.not. is_found) call stand_at(self, here, error)
+   end subroutine shrink
 
    !> Describes all points that wait, and says which is the least accurate.
    subroutine describe_all(self, worst, estimate, error)
@@ -79,6 +114,7 @@ contains
             allocate (point%result)
             call self%describe(point, point%result, error)
             if (allocated(error)) return
+            if (point%kind == curve_kind%regular) self%estimate = estimate_of(point%result)
             if (.not. estimate_of(point%result) > estimate) cycle
             worst = i
             estimate = estimate_of(point%result)
@@ -106,11 +142,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(report_t) :: report
 
-      if (size(here%curve%x) /= size(self%curve%x) .or. any(here%rung%n_samples /= self%rung%n_samples)) then
-         call self%put_on(here%rung, error)
-         if (allocated(error)) return
-         call self%carry_start()
-      end if
+      call self%put_on(here%rung, error)
+      if (allocated(error)) return
+      call self%carry_start()
       report = self%curve%report
       self%curve = here%curve
       self%curve%report = report

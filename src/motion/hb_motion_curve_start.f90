@@ -8,7 +8,7 @@ submodule (hb_motion_curve) hb_motion_curve_start
    use hb_harmonics, only: new_harmonics
    use hb_motion, only: solve_motion
    use hb_newton, only: solve_newton
-   use hb_rung, only: put_on_rung
+   use hb_rung, only: join, put_on_rung
    use hb_scene_problem, only: new_scene_problem
    use hb_solver_types, only: solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
@@ -30,7 +30,8 @@ contains
       class(watch_t), intent(inout), target :: watch
       class(judge_t), intent(in), optional :: judge
       real(wp), allocatable :: further(:), unknowns(:)
-      type(rung_t) :: rung
+      type(rung_t) :: lowest, rung
+      logical :: is_new
 
       self%request = request
       self%watch => watch
@@ -41,6 +42,11 @@ contains
       if (scene%accuracy%is_on) then
          scene%chain%is_on = .false.                                  ! the point has no neighbour, and is none
          call solve_to_tolerance(scene, result, error, rung, watch=watch, judge=judge)
+         if (allocated(rung%unknowns) .and. scene%accuracy%grows_set) then
+            lowest = rung
+            call join(lowest, scene%harmonics, is_new)                ! without even tuples no symmetry is seen to break
+            if (is_new) call solve_to_tolerance(scene, result, error, rung, lowest, watch, judge)
+         end if
          if (allocated(rung%unknowns)) unknowns = rung%unknowns
       else
          call solve_motion(scene, result, error, unknowns=unknowns, watch=watch, judge=judge)
@@ -205,6 +211,7 @@ contains
       type(curve_place_t), intent(in) :: stored(:)                    !! all points up to the one to go on from
       type(error_t), allocatable, intent(out) :: error
       class(watch_t), intent(inout), target :: watch
+      type(motion_result_t) :: result
       integer :: i, n
 
       self%request = request
@@ -242,6 +249,12 @@ contains
       end associate
       call self%renew()
       call self%look_here()
+      associate (last => stored(size(stored)))
+         if (scene%accuracy%is_on .and. last%kind == curve_kind%regular) then
+            call self%describe(waiting_t(last%kind, 0.0_wp, self%curve%x), result, error)
+            self%estimate = estimate_of(result)
+         end if
+      end associate
       self%is_done = self%n_told >= request%n_points
    end subroutine motion_curve_go_on_from
 
@@ -368,6 +381,7 @@ contains
       end if
       self%has_collapsed = .false.
       self%length = 0.0_wp
+      self%estimate = huge(1.0_wp)
       self%largest = least_motion
       call self%move(self%x_start, is_possible)
       self%slack = 1.0_wp

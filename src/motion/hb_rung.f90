@@ -12,10 +12,11 @@ module hb_rung
    use hb_scene, only: scene_t
    use hb_torus, only: fast_size, new_torus, samples_for
    use hb_tuple_choice, only: choose_tuples, largest_places
+   use hb_tuple_union, only: tuple_union_t
    implicit none
    private
-   public :: carry, choose_next, degree_of, distance, estimate_of, is_rigid, margin, most_failures, put_on_rung, reliable, rung_t
-   public :: trim_set, with_caution
+   public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, is_rigid, join, margin, most_failures
+   public :: put_on_rung, reliable, rung_t, trim_set, with_caution
 
    integer, parameter :: most_failures = 3                            ! of rungs one after the other
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
@@ -29,6 +30,7 @@ module hb_rung
    integer, parameter :: smallest_growing = 50                        ! tuples, from which on that is looked at
    real(wp), parameter :: caution = 3.0_wp                            ! with rigid laws, whose estimates have been as much too small
    real(wp), parameter :: spare = 0.1_wp                              ! of the tolerance: what a neighbour need not have
+   real(wp), parameter :: clearly_smaller = 0.8_wp
    real(wp), parameter :: wider = 1.6_wp                              ! orders of a box around a set that says nothing
    real(wp), parameter :: least_refinement = 0.8_wp, largest_refinement = 2.5_wp ! of a grid
    real(wp), parameter :: decay = 2.4_wp                              ! power of the spacing of samples with which aliasing falls
@@ -167,6 +169,48 @@ contains
       trimmed%unknowns = on_other_set(rung, trimmed%set)
       rung = trimmed
    end subroutine trim_set
+
+   !> Chooses a smaller set and a coarser grid for a motion that is far more accurate than is asked for; `is_smaller` tells whether
+   !> it is worth the change.
+   subroutine choose_smaller(scene, rung, is_smaller)
+      type(scene_t), intent(in) :: scene
+      type(rung_t), intent(inout) :: rung
+      logical, intent(out) :: is_smaller
+      integer, allocatable :: least(:), n_samples(:)
+      integer :: n_harmonics
+
+      n_harmonics = rung%set%n_harmonics
+      n_samples = rung%n_samples
+      if (scene%accuracy%grows_set) call trim_set(scene, rung)
+      if (scene%accuracy%refines_grid) then
+         least = needed_samples(rung%set%highest, degree_of(scene))
+         if (degree_of(scene) == 0) least = max(least, fast_size(ceiling(least_refinement*n_samples)))
+         rung%n_samples = min(n_samples, least)
+      end if
+      is_smaller = rung%set%n_harmonics <= clearly_smaller*n_harmonics .or. &
+                   product(real(rung%n_samples, wp)) <= clearly_smaller*product(real(n_samples, wp))
+   end subroutine choose_smaller
+
+   !> Makes a rung one that has all tuples of a set as well; its motion is zero there. `is_new` tells of any.
+   subroutine join(rung, set, is_new)
+      type(rung_t), intent(inout) :: rung
+      type(harmonics_t), intent(in) :: set
+      logical, intent(out) :: is_new
+      type(tuple_union_t) :: union
+      type(rung_t) :: joined
+      type(error_t), allocatable :: error
+
+      is_new = .not. has_all_of(rung%set, set)
+      if (.not. is_new) return
+      call union%add(rung%set%tuples)
+      call union%add(set%tuples)
+      call new_harmonics(joined%set, union%list(), error)
+      is_new = .not. allocated(error)
+      if (.not. is_new) return
+      joined%n_samples = max(rung%n_samples, needed_samples(joined%set%highest, 0))
+      joined%unknowns = on_other_set(rung, joined%set)
+      rung = joined
+   end subroutine join
 
    !> Whether a set must have a tuple: the mean value, fundamentals, and what is loaded.
    pure logical function is_needed_at(scene, tuple) result(is_needed)

@@ -24,6 +24,14 @@ SOLUTION = (
     "status", "coefficients", "force_coefficients", "residual", "iterations", "curve_kind", "curve_length", "curve_state",
     "checksum",
 )  # fmt: skip
+STOP = """
+&structure type = 'chain', n_masses = 2, mass = 1.0, coupling_stiffness = 1.0, damping_stiffness = 0.03, ends = 'fixed-free' /
+&tones frequency = 0.3 /
+&load dof = 'x2', tuple = 1, cos = 0.1 /
+&law type = 'elastic_stop', dof = 'x2', stiffness = 100.0, gap = 1.0 /
+&accuracy tolerance = 1e-3 /
+&curve parameter = 'tones%frequency', from = 0.3, to = 1.2, points = 300 /
+"""
 UNUSED, PENDING = 17, 0
 
 
@@ -139,6 +147,42 @@ def test_limit_cycles_are_followed_and_end_where_they_die(tmp_path):
         last = results.used[-1]
         assert results.status_name(last) == "collapsed"
         assert results.per_point("structure_damping_mass")[last] == pytest.approx(0.05, rel=0.01)
+
+
+@pytest.fixture(scope="module")
+def by_tolerance(tmp_path_factory):
+    return solve(STOP + "&sweep parameter = 'law%gap', values = 1.0, 1.2 /\n", tmp_path_factory.mktemp("by_tolerance"))
+
+
+def test_sets_along_a_curve_follow_the_tolerance(by_tolerance):
+    """Folds: the first by the same curve to 1e-6, the second, which is next to the loss of contact, also without any."""
+    names = ("status", "curve_kind", "n_harmonics", "truncation_estimate", "aliasing_estimate", "tones_frequency")
+    status, kind, n_harmonics, truncation, aliasing, frequency = (a[:300] for a in read(by_tolerance, *names))
+    used = status != UNUSED
+    assert (status[used] == 1).all()
+    assert np.nanmax(np.hypot(truncation[used], aliasing[used])) <= 1e-3
+    folds = frequency[kind == 3]
+    assert np.allclose(folds, [0.763852, 0.673056730], rtol=1e-5), folds
+    assert (n_harmonics[(kind > 0) & (frequency < 0.55)] == 8).all()
+    assert n_harmonics.max() > 20 and n_harmonics[used][-1] == 8
+
+
+def test_curves_by_tolerance_have_the_same_bits_on_two_ranks_and_resumed(by_tolerance, tmp_path):
+    text = STOP + "&sweep parameter = 'law%gap', values = 1.0, 1.2 /\n"
+    names = (*SOLUTION, "tuples", "grid", "n_harmonics")
+    whole = read(by_tolerance, *names)
+    others = [solve(text, tmp_path, ranks=2)]
+    for share in (0.4, 0.7):
+        others.append(shutil.copy(by_tolerance, tmp_path / f"ended_{share}.h5"))
+        with h5py.File(others[-1], "r+") as file:
+            for first in (0, 300):
+                n_used = int((file["status"][first : first + 300] != UNUSED).sum())
+                file["status"][first + int(share * n_used) : first + 300] = PENDING
+        done = run("resume", others[-1], cwd=tmp_path)
+        assert done.status == ALL_CONVERGED, done.stderr
+    for other in others:
+        for name, one, two in zip(names, whole, read(other, *names)):
+            assert one.tobytes() == two.tobytes(), (other, name)
 
 
 def test_budget_of_points_is_kept(tmp_path):

@@ -410,6 +410,23 @@ MUTANTS = [
         ),
     ),
     *of(
+        "motion/hb_motion_curve_sets.f90",
+        (
+            "motion_curve_no_growth",
+            "test_hb_motion_curve",
+            "points above the tolerance are told on the set at hand",
+            "if (.not. is_found) return\n         call stand_at(self, here, error)",
+            "return\n         call stand_at(self, here, error)",
+        ),
+        (
+            "motion_curve_loses_even",
+            "test_hb_motion_curve",
+            "tuples of the lowest set are dropped where they carry nothing",
+            "scene%loads = (1.0_wp, 0.0_wp)",
+            "scene%loads = scene%loads",
+        ),
+    ),
+    *of(
         "motion/hb_motion_curve_start.f90",
         (
             "motion_curve_branch_sense",
