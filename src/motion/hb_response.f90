@@ -12,7 +12,7 @@ module hb_response
    type :: response_t
       integer :: dof = 0                                              !! of the structure
       integer :: column = 0                                           !! number of the coordinate that is dof; 0: none is
-      integer, allocatable :: tuple(:)                                !! of the harmonic; none: all but the mean, by their root mean square
+      integer, allocatable :: tuple(:)                                !! of a harmonic; none: root mean square of all but the mean
    contains
       procedure :: of => response_of
    end type response_t

@@ -73,7 +73,7 @@ def test_one_percent_without_a_word(tmp_path):
     [
         ("&accuracy tolerance = 0 /", "tolerance"),
         ("&certificate improvement_steps = 3 /", "improvement_steps"),
-        ("&curve parameter = 'law(1)%gap', from = 0.5, to = 0.9 /", "&harmonics order"),
+        ("&curve parameter = 'law(1)%gap', from = 0.5, to = 0.9, switch = .true. /", "&harmonics order"),
     ],
 )
 def test_what_cannot_be_is_refused(group, words, tmp_path):
