@@ -40,6 +40,7 @@ module hb_curve_request
       real(wp) :: from = 0.0_wp, to = 0.0_wp                          !! range of the value
       real(wp) :: start = 0.0_wp                                      !! value of the first motion, in the range
       real(wp), allocatable :: values(:)                              !! to be met exactly
+      real(wp), allocatable :: others(:)                              !! likewise; motions apart are sought there
       real(wp) :: longest_step = 0.04_wp                              !! in units of the range and of the largest motion
       integer :: n_points = 0                                         !! at most
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes

@@ -34,8 +34,9 @@ module hb_motion_curve
    real(wp), parameter :: least_motion = 1.0e-3_wp                    ! relative to the linear one: smaller is no unit of length
    real(wp), parameter :: most_slack = 1.0e4_wp
 
-   !> Where another curve crosses.
+   !> Where another curve crosses, or a motion apart from the curves before.
    type :: origin_t
+      logical :: is_apart = .false.
       real(wp), allocatable :: x(:), direction(:)                     ! there, and along the curve on which it was found
       type(rung_t) :: rung                                            ! set and grid of both
    end type origin_t
@@ -72,8 +73,9 @@ module hb_motion_curve
       real(wp), allocatable, private :: weights(:)                    ! typical motion, (unknowns of the balance)
       real(wp), private :: largest = least_motion                     ! motion so far, in these
       integer, private :: way = 1                                     ! 1 and 2 from the start; 2 k + 1 and 2 k + 2 from the k-th
-                                                                      ! branch point, along the other curve
-      type(origin_t), allocatable, private :: origins(:)              ! branch points met on the ways from the start
+                                                                      ! branch point, along the other curve, or motion apart
+      type(origin_t), allocatable, private :: origins(:)              ! branch points met on the ways from the start, motions apart
+      type(waiting_t), allocatable, private :: met(:)                 ! motions at values at which others are sought
       real(wp), allocatable, private :: x_first(:)                    ! the start itself
       real(wp), allocatable, private :: first_direction(:)            ! there, where the curve leaves another one
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first way
@@ -116,6 +118,9 @@ module hb_motion_curve
       procedure, private :: set_out => motion_curve_set_out
       procedure, private :: put_start => motion_curve_put_start
       procedure, private :: note_origin => motion_curve_note_origin
+      procedure, private :: note_apart => motion_curve_note_apart
+      procedure, private :: note_met => motion_curve_note_met
+      procedure, private :: look_apart => motion_curve_look_apart
       procedure, private :: move => motion_curve_move
       procedure, private :: sense => motion_curve_sense
       procedure, private :: state => motion_curve_state
@@ -214,6 +219,14 @@ module hb_motion_curve
       module subroutine motion_curve_step(self)
          class(motion_curve_t), intent(inout), target :: self
       end subroutine motion_curve_step
+   end interface
+
+   ! Motions apart from all curves; body in hb_motion_curve_apart
+   interface
+      !> Looks for a motion apart from all that were met at the values at which others are asked for; notes the first one.
+      module subroutine motion_curve_look_apart(self)
+         class(motion_curve_t), intent(inout), target :: self
+      end subroutine motion_curve_look_apart
    end interface
 
 contains
@@ -391,8 +404,9 @@ contains
       self%way = self%way + 1
       if (self%way == 2 .and. .not. is_inside(self%request, self%request%start)) self%way = 3
       if (self%way == 2 .and. allocated(self%request%origin)) self%way = 3   ! the other way has the same motions, shifted
-      self%is_done = self%way > 2*(1 + size(self%origins))
-      if (self%is_done) return
+      if (self%way > 2*(1 + size(self%origins)) .and. self%n_told + 1 < self%request%n_points) call self%look_apart()
+      self%is_done = self%way > 2*(1 + size(self%origins)) .and. self%watch%verdict == verdict%go_on
+      if (self%way > 2*(1 + size(self%origins))) return
       call self%set_out(error)
       if (self%way <= 2 .or. allocated(error)) return
       call self%put_start()
@@ -412,6 +426,29 @@ contains
       longer(size(longer))%rung = rung
       call move_alloc(longer, self%origins)
    end subroutine motion_curve_note_origin
+
+   !> Adds a motion apart from all curves so far to those from which curves are followed.
+   subroutine motion_curve_note_apart(self, x)
+      class(motion_curve_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+
+      call self%note_origin([x, 0.0_wp*x])
+      self%origins(size(self%origins))%is_apart = .true.
+   end subroutine motion_curve_note_apart
+
+   !> Keeps a motion that was met at a value at which others are sought.
+   subroutine motion_curve_note_met(self, x)
+      class(motion_curve_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      type(waiting_t), allocatable :: longer(:)
+
+      if (.not. allocated(self%request%others)) return
+      if (all(abs(self%request%others - x(size(x))) > 0.0_wp)) return
+      allocate (longer(size(self%met) + 1))
+      longer(:size(self%met)) = self%met
+      longer(size(longer))%x = x
+      call move_alloc(longer, self%met)
+   end subroutine motion_curve_note_met
 
    !> Whether a value is in the range, and at none of its ends.
    pure logical function is_inside(request, value)
@@ -474,6 +511,7 @@ contains
          call self%describe(point, result, error)
       end if
       if (allocated(error)) return
+      call self%note_met(point%x)
       length = self%length + point%place
       result%curve = curve_place_t(point%kind, point%x(size(point%x)), self%sense()*length, (self%way - 1)/2, point%x)
       if (self%scene%accuracy%is_on) then

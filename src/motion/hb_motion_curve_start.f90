@@ -66,6 +66,7 @@ contains
       if (self%is_done) return
       self%x_first = [unknowns(:self%problem%n_unknowns), further]
       call self%set_out(error)
+      if (.not. allocated(error)) call self%note_met(self%x_first)
       self%n_told = 1
       result%curve = curve_place_t(curve_kind%start, request%start, 0.0_wp, 0, self%state())
       if (scene%accuracy%is_on) then
@@ -191,7 +192,7 @@ contains
       self%watch => watch
       self%way = 1
       is_found = .false.
-      if (allocated(self%waiting)) deallocate (self%waiting, self%origins)
+      if (allocated(self%waiting)) deallocate (self%waiting, self%origins, self%met)
       associate (x => place(:size(place)/2), direction => place(size(place)/2 + 1:))
          call prepare(self, scene, document, x(size(x) - self%n_further(scene) + 1:), rung_of(scene), error)
          if (allocated(error)) return
@@ -221,10 +222,14 @@ contains
       self%is_done = allocated(error)
       if (self%is_done) return
       self%x_first = stored(1)%state(:n)
+      call self%note_met(self%x_first)
       if (allocated(request%origin)) self%first_direction = stored(1)%state(n + 1:2*n)
       do i = 2, size(stored)
          if (stored(i)%kind == curve_kind%branch .and. stored(i)%branch == 0 .and. request%switches) &
             call self%note_origin(stored(i)%state(:2*n_entries(stored(i)%state, 0)), rung_of(scene, stored(i)))
+         if (stored(i)%kind == curve_kind%start .and. stored(i)%branch > size(self%origins)) &
+            call self%note_apart(stored(i)%state(:n))
+         call self%note_met(stored(i)%state(:n))
       end do
       associate (last => stored(size(stored)))
          self%way = 2*last%branch + merge(2, 1, last%length < 0.0_wp .or. &
@@ -280,14 +285,21 @@ contains
       real(wp), intent(in) :: further(:)                              !! unknowns beside those of the balance, at the start
       type(rung_t), intent(in) :: rung                                !! of its first motion
       type(error_t), allocatable, intent(out) :: error
+      integer :: i
 
       self%scene = scene
       self%document = document
       self%further = further
       self%first_rung = rung_t(rung%set, rung%n_samples)
       if (.not. allocated(self%request%values)) allocate (self%request%values(0))
+      if (allocated(self%request%others)) then
+         do i = 1, size(self%request%others)
+            if (all(abs(self%request%values - self%request%others(i)) > 0.0_wp)) &
+               self%request%values = [self%request%values, self%request%others(i)]
+         end do
+      end if
       if (.not. allocated(self%request%peaks)) allocate (self%request%peaks(0))
-      allocate (self%waiting(0), self%origins(0))
+      allocate (self%waiting(0), self%origins(0), self%met(0))
       self%first_sense = sign(1.0_wp, self%request%to - self%request%start)
       if (.not. abs(self%request%to - self%request%start) > 0.0_wp) self%first_sense = -sign(1.0_wp, self%first_sense)
       call self%put_on(self%first_rung, error)
@@ -365,7 +377,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(rung_t) :: rung
       real(wp), allocatable :: direction(:)
-      logical :: is_possible
+      logical :: is_possible, is_turning
 
       rung = self%first_rung
       if (self%way > 2) rung = self%origins((self%way - 1)/2)%rung
@@ -375,9 +387,14 @@ contains
       allocate (direction(size(self%x_first)), source=0.0_wp)
       direction(size(direction)) = self%first_sense*self%sense()
       if (allocated(self%first_direction)) direction = self%first_direction
+      is_turning = .false.
       if (self%way > 2) then
-         self%x_start = self%origins((self%way - 1)/2)%x
-         direction = self%origins((self%way - 1)/2)%direction
+         associate (origin => self%origins((self%way - 1)/2))
+            self%x_start = origin%x
+            is_turning = .not. origin%is_apart
+            direction = [0.0_wp*direction(:size(direction) - 1), self%first_sense*self%sense()]
+            if (is_turning) direction = origin%direction
+         end associate
       end if
       self%has_collapsed = .false.
       self%length = 0.0_wp
@@ -388,7 +405,7 @@ contains
       self%unevenness = self%problem%unevenness(self%x_start(:self%problem%n_unknowns))
       self%is_uneven = 10.0_wp*self%unevenness > self%problem%scene%solver%tolerance
       call self%make_curve(self%x_start, direction)
-      if (self%way > 2) then
+      if (is_turning) then
          call turn_off(self, direction)
          self%curve%direction = self%sense()*direction
          self%curve%orientation = 0.0_wp                              ! not known where the determinant vanishes

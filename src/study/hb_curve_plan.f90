@@ -26,6 +26,7 @@ module hb_curve_plan
       real(wp) :: from = 0.0_wp, to = 0.0_wp, start = 0.0_wp
       integer :: n_points = 500                                       !! at most
       real(wp), allocatable :: values(:)                              !! to be met exactly
+      real(wp), allocatable :: others(:)                              !! likewise, and motions apart from the curve sought there
       type(string_t), allocatable :: peak_of(:)
       real(wp) :: longest_step = 0.04_wp
       logical :: switches = .false.                                   !! curves that cross or leave are followed as well
@@ -53,20 +54,20 @@ contains
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       type(properties_t), pointer :: group
-      integer :: i
 
       call document%required_group("curve", group, error)
       if (allocated(error)) return
       self%place = group%place()
       self%units = ""
       self%tie = trim(ties(1))
-      allocate (self%values(0), self%peak_of(0))
+      allocate (self%values(0), self%others(0), self%peak_of(0))
       call group%get("parameter", self%path, required=.true.)
       call group%get("from", self%from, required=.true.)
       call group%get("to", self%to, required=.true.)
       self%start = self%from
       call group%get("start", self%start)
       call group%get("values", self%values)
+      call group%get("others", self%others)
       call group%get("points", self%n_points, limits=limits_t(minimum=2, maximum=1000000))
       call group%get("max_step", self%longest_step, limits=limits_t(above=0.0_wp, maximum=1.0_wp))
       call group%get("peak_of", self%peak_of)
@@ -91,12 +92,11 @@ contains
          if (.not. abs(self%to - self%from) > 0.0_wp) call group%problem("to", "is the same as 'from': there is no way to go")
          if ((self%start - self%from)*(self%start - self%to) > 0.0_wp) &
             call group%problem("start", "must lie between 'from' and 'to'")
-         do i = 1, size(self%values)
-            if ((self%values(i) - self%from)*(self%values(i) - self%to) <= 0.0_wp) cycle
-            call group%problem("values", "must lie between 'from' and 'to'; "//to_text(self%values(i))//" does not")
-            exit
-         end do
+         call check_values("values", self%values)
+         call check_values("others", self%others)
       end if
+      if (size(self%others) > 0 .and. self%follow /= followed(1)) &
+         call group%problem("others", "is for the motion itself, not for a peak or fold")
       call group%finish(error)
       if (allocated(error)) return
       call document%resolve(self%path, self%parameter, error)
@@ -123,6 +123,20 @@ contains
       end associate
       group => document%group("curve", 1)
       self%parameter%line = group%line
+
+   contains
+
+      subroutine check_values(key, values)
+         character(*), intent(in) :: key
+         real(wp), intent(in) :: values(:)
+         integer :: k
+
+         do k = 1, size(values)
+            if ((values(k) - self%from)*(values(k) - self%to) <= 0.0_wp) cycle
+            call group%problem(key, "must lie between 'from' and 'to'; "//to_text(values(k))//" does not")
+            return
+         end do
+      end subroutine check_values
    end subroutine read_curve_plan
 
    !> What the follower is asked for, for the scene at the start. Fails where the path names no real number, or not one of them,
@@ -157,6 +171,10 @@ contains
          call fail(error, self%place//": parameter '"//shown(self%path)//"': "//complaint)
          return
       end if
+      if (size(self%others) > 0 .and. any(scene%tones%is_unknown)) then
+         call fail(error, self%place//": others: motions apart from a curve are sought where all tones are given")
+         return
+      end if
       if (allocated(self%over)) then
          if (any(scene%tones%is_unknown)) then
             complaint = "tones must be given"
@@ -184,6 +202,7 @@ contains
       request%to = self%to
       request%start = self%start
       request%values = self%values
+      if (size(self%others) > 0) request%others = self%others
       request%longest_step = self%longest_step
       request%n_points = self%n_points
       request%switches = self%switches

@@ -209,6 +209,7 @@ def test_progress_counts_points_and_not_the_room_for_them(tmp_path):
         ("parameter = 'tones%frequency', from = 0.5, to = 0.5", "there is no way to go"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, start = 2.0", "must lie between 'from' and 'to'"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, values = 1.0, 1.6", "1.6 does not"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 1.5, others = 1.0, 1.6", "1.6 does not"),
         ("parameter = 'tones%frequenzy', from = 0.5, to = 1.5", "frequenzy"),
         ("parameter = 'harmonics%order', from = 1, to = 5", "a curve follows a number of &structure"),
         ("parameter = 'structure%n_masses', from = 1, to = 5", "is no real number"),

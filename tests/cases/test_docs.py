@@ -180,7 +180,7 @@ def test_units_of_parameters_are_those_of_the_page():
     wrong = {key: (told[key], page[key]) for key in told.keys() & page.keys() if not told[key] <= page[key]}
     assert told["gap"] == {"m"} and told["energy"] == {"J"} and not wrong, wrong
     silent = {key for key, units in page.items() if len(units) == 1 and not units & {"1"} and key not in told}
-    of_parameters = {"values", "from", "to", "start", "over_from", "over_to"}
+    of_parameters = {"values", "others", "from", "to", "start", "over_from", "over_to"}
     assert silent <= of_parameters | {"cos", "sin", "damping", "coefficients", "rescue_work"}, silent
 
 

@@ -475,6 +475,33 @@ MUTANTS = [
         ),
     ),
     *of(
+        "motion/hb_other_motions.f90",
+        (
+            "deflation_sense",
+            "test_curve_others",
+            "the deflated step is drawn towards known motions",
+            "share = 1.0_wp - growth",
+            "share = 1.0_wp + growth",
+        ),
+        (
+            "deflation_shift",
+            "test_curve_others",
+            "phases move the other way",
+            "y(c) = cos(angle)*x(c) + sin(angle)*x(s)",
+            "y(c) = cos(angle)*x(c) - sin(angle)*x(s)",
+        ),
+    ),
+    *of(
+        "motion/hb_motion_curve_apart.f90",
+        (
+            "curve_apart_copies",
+            "test_curve_others",
+            "a motion shifted by a period of the load is another",
+            "if (copy > 0) x(:n) = shifted(",
+            "if (copy < 0) x(:n) = shifted(",
+        ),
+    ),
+    *of(
         "solve/hb_problem.f90",
         (
             "homotopy_slope",

@@ -268,7 +268,7 @@ class Results:
         return self.per_point("is_stable") if "is_stable" in self._file else np.zeros(self.n_points, dtype=int)
 
     def curve_branch(self) -> np.ndarray:
-        """Number of the branch point from which each part of a curve was followed, 0 from its start."""
+        """Number of the branch point, or motion apart, from which each part of a curve was followed, 0 from its start."""
         return self.per_point("curve_branch") if "curve_branch" in self._file else np.zeros(self.n_points, dtype=int)
 
     def outcome_text(self, points: Sequence[int] | None = None) -> str:

@@ -183,7 +183,7 @@ def _curves(results, name, dof, measure, over, where, n_curves, axis=None) -> tu
         if p is not swept and len({str(v) for v in p.values[points]}) > 1 and (moving or not _goes_along(p, swept, points))
     ]
     if moving and results.curve_branch().any():
-        others.append(Parameter("curve_branch", "branch point", "", results.curve_branch().astype(float)))
+        others.append(Parameter("curve_branch", "curve", "", results.curve_branch().astype(float)))
     groups = _groups(others, points)
     notes = []
     for follower in list(others[1:]):
