@@ -432,7 +432,7 @@ contains
       class(motion_curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
 
-      call self%note_origin([x, 0.0_wp*x])
+      call self%note_origin([x, 0.0_wp*x], self%first_rung)
       self%origins(size(self%origins))%is_apart = .true.
    end subroutine motion_curve_note_apart
 

@@ -16,7 +16,7 @@ submodule (hb_motion_curve) hb_motion_curve_start
 
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to what is expected next
-   real(wp), parameter :: first_part = 0.02_wp                        ! of the motion: other ones where they leave a curve
+   real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: others where they leave a curve
 
 contains
 
@@ -109,6 +109,8 @@ contains
       class(motion_curve_t), intent(inout), target :: self
       logical, intent(out) :: is_found
       real(wp) :: across(self%problem%n_unknowns), joined
+      real(wp), allocatable :: from(:)
+      integer :: i
       logical :: is_possible
 
       associate (origin => self%request%origin, n => self%problem%n_unknowns, n_which => size(self%which))
@@ -123,9 +125,13 @@ contains
          if (origin%is_torus) self%x_first(n + n_which - 1) = joined
          across = across/norm2(across/self%weights)*norm2(self%x_first(:n)/self%weights)
          self%first_direction = [across, spread(0.0_wp, 1, n_which)]
-         self%x_first = self%x_first + first_part*self%first_direction
       end associate
-      call self%find_on_plane(self%x_first, self%first_direction, is_found)
+      from = self%x_first
+      do i = 1, size(first_parts)                                     ! forces with kinks may have none just beside
+         self%x_first = from + first_parts(i)*self%first_direction
+         call self%find_on_plane(self%x_first, self%first_direction, is_found)
+         if (is_found) exit
+      end do
    end subroutine find_first
 
    !> Units of length by one motion.
