@@ -104,7 +104,8 @@ contains
       if (is_told) call write_summary(summary, study, path)
       if (is_told .and. options%level >= log_level%verbose) call write_times(summary)
       if (rank_of(comm) == 0 .and. status == incomplete) write (error_unit, "(a)") "nhbm: "//reason(summary)//": "// &
-         to_text(summary%n_left)//" points are left; nhbm resume "//path//" solves them"
+         number_of(summary%n_left, "point")//trim(merge(" is ", " are", summary%n_left == 1))// &
+         " left; nhbm resume "//path//" solves "//merge("it  ", "them", summary%n_left == 1)
    end subroutine run
 
    !> Follows the motions that leave the curves of a finished run, each in a result file of its own, if the input asks for that.
@@ -303,7 +304,7 @@ contains
       if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
          " between neighbours to another branch of motions (see 'branch'), the first to "//study%plan%describe(summary%first_jump))
       if (summary%n_near_commensurate > 0) call say("warning: in "// &
-         to_text(summary%n_near_commensurate)//" points a low-order combination of the tones nearly vanishes"// &
+         number_of(summary%n_near_commensurate, "point")//" a low-order combination of the tones nearly vanishes"// &
          " (see 'combination')"//near_text(study, summary%first_near_commensurate))
    end subroutine write_summary
 

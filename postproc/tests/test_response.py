@@ -135,7 +135,10 @@ def test_lines_are_broken_where_the_motion_jumps(tmp_path):
     assert np.isfinite(line.get_xdata()).all(), "a file that does not tell is joined"
     branch = [1, 1, 2, 2, 2, 1, 1, 1, 2, 2, 1, 1, 1, 1, 0]
     with Results(grid_file(tmp_path / "c.h5", branch=branch)) as results:
-        along, across = (curves_of(draw_response(results, over=over)) for over in ("tones%frequency", "law(1)%gap"))
+        figures = [draw_response(results, over=over) for over in ("tones%frequency", "law(1)%gap")]
+    along, across = map(curves_of, figures)
+    said = "jumps are known along tones%frequency alone, not along law(1)%gap"
+    assert [said in head_of(figure) for figure in figures] == [False, True]
     assert [np.isnan(line.get_xdata()).sum() for line in along] == [1, 1, 0], "0 is not another branch, but none that is known"
     assert all(np.isfinite(line.get_xdata()).all() for line in across), "numbers along the fastest parameter alone"
 

@@ -317,7 +317,7 @@ def test_point_in_flight_is_left_between_iterations_and_solved_again(ending, tmp
         time.sleep(0.2 * undisturbed)
         process.send_signal(ending)
     status, text = finish(process)
-    assert status == INCOMPLETE and "1 points are left" in text
+    assert status == INCOMPLETE and "1 point is left" in text
     assert time.monotonic() - began < 0.7 * undisturbed
     assert read(result, "status").tolist() == [PENDING]
     run("resume", result, cwd=tmp_path)

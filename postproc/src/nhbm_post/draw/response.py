@@ -199,6 +199,9 @@ def _curves(results, name, dof, measure, over, where, n_curves, axis=None) -> tu
     # Branches are numbered along the fastest parameter of a sweep: along another one they say nothing of neighbours.
     is_fastest = swept.values[0] != swept.values[min(1, results.n_points - 1)]
     branch = results.branch() if is_fastest and not moving else np.zeros(results.n_points, dtype=int)
+    if not is_fastest and not moving and others and results.branch().any():
+        fastest = next(p.label for p in others[::-1] if p.values[0] != p.values[1])
+        notes.append(f"jumps are known along {fastest} alone, not along {swept.label}")
     order = _along_the_arc(results) if moving else _positions(swept)
     kind = results.curve_kind() if moving else np.full(results.n_points, "")
     curves = []
