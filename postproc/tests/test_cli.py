@@ -252,6 +252,12 @@ def test_help_says_something(capsys, command):
     assert status == 0 and len(out) > 500
 
 
+def test_a_full_device_is_no_damaged_file(sweep):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, "-m", "nhbm_post", "info", str(sweep)], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2 and "standard output cannot be written" in done.stderr and "damaged" not in done.stderr
+
+
 def test_runs_as_a_module_without_display(sweep):
     call = [sys.executable, "-m", "nhbm_post", "info", str(sweep)]
     done = subprocess.run(

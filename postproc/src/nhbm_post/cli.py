@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from pathlib import Path
@@ -42,12 +43,21 @@ def main(argv: list[str] | None = None) -> int:
         print(f"nhbm-post {arguments.command}: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # the reader of a pipe, for example head, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _say_no_more()
     except DAMAGES as error:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            _say_no_more()
+            print(f"nhbm-post {arguments.command}: standard output cannot be written ({error.strerror})", file=sys.stderr)
+            return 2
         what = " ".join(f"{type(error).__name__}: {error}".split())
         print(f"nhbm-post {arguments.command}: {arguments.file} cannot be read, it may be damaged ({what})", file=sys.stderr)
         return 2
     return 0
+
+
+def _say_no_more() -> None:
+    """What is still held back for standard output is lost."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser() -> argparse.ArgumentParser:
