@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import time
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, checksum_of_row, command, environment, read, run
 from user_law import HEADER_FOLDER
 
+ROOT = Path(__file__).resolve().parents[2]
 CONVERGED = 1
 N_POINTS = 6
 
@@ -239,3 +241,20 @@ def test_the_same_library_is_gone_on_with(tmp_path):
     assert run("solve", "case.nml", "--time-limit", "0", cwd=tmp_path).status == INCOMPLETE
     assert run("resume", "case.h5", cwd=tmp_path).status == ALL_CONVERGED
     assert read(tmp_path / "case.h5", "status").tolist() == [CONVERGED] * 2
+
+
+def test_a_curve_does_not_begin_at_a_damaged_row(tmp_path):
+    run("solve", ROOT / "inputs" / "gallery" / "ueda_curve.nml", "-o", "u.h5", "--quiet", cwd=tmp_path)
+    (child,) = sorted(tmp_path.glob("u_2*.h5"))
+    with h5py.File(child) as file:
+        text = file["input_complete"][()]
+    (tmp_path / "case.nml").write_bytes(text)
+    assert run("solve", "case.nml", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
+    at, _ = place_of(tmp_path / "u.h5", "curve_state", int(child.stem[2:]))
+    with open(tmp_path / "u.h5", "r+b") as file:
+        file.seek(at)
+        byte = file.read(1)
+        file.seek(at)
+        file.write(bytes([byte[0] ^ 1]))
+    done = run("solve", "case.nml", "--quiet", "--overwrite", cwd=tmp_path)
+    assert done.status == BAD_INPUT and "is damaged" in done.stderr, (done.status, done.stderr)
