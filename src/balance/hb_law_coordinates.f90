@@ -48,7 +48,7 @@ contains
    end function law_dofs_of
 
    !> The laws as they act on coordinates: their degrees of freedom are numbers of these.
-   pure function laws_at(coordinates, laws) result(placed)
+   function laws_at(coordinates, laws) result(placed)
       type(coordinates_t), intent(in) :: coordinates
       type(law_box_t), intent(in) :: laws(:)                          !! on degrees of freedom of the structure
       type(law_box_t), allocatable :: placed(:)
