@@ -418,7 +418,7 @@ contains
          self%curve%status = outcome%pending
       end if
       self%direction_start = self%curve%direction
-      self%outset = origin_t(self%x_start, self%direction_start, rung)
+      self%outset = origin_t(x=self%x_start, direction=self%direction_start, rung=rung)
       call self%renew()
       call self%look_here()
    end subroutine motion_curve_set_out

@@ -79,9 +79,9 @@ contains
       if (allocated(self%plan%curve)) then
          call self%plan%curve%make_request(self%scene, first, request, error)
          if (self%scene%accuracy%is_on .and. .not. allocated(error)) then
-            if (allocated(request%over) .or. allocated(request%origin) .or. request%switches .or. size(self%plan%curve%others) > 0) &
-               call fail(error, file_name//": &curve with switch, origin, others or follow needs a given set of harmonics: give "// &
-                         "&harmonics order, leave out &accuracy")
+            if (any([allocated(request%over), allocated(request%origin), request%switches, size(self%plan%curve%others) > 0])) &
+               call fail(error, file_name//": &curve with switch, origin, others or follow needs a given set of harmonics: "// &
+                         "give &harmonics order, leave out &accuracy")
          end if
          if (allocated(error)) return
       end if
