@@ -16,7 +16,7 @@ module verb_check
    use hb_scene, only: scene_t
    use hb_scene_basis, only: find_basis
    use hb_scene_coordinates, only: coordinates_of
-   use hb_scene_doubts, only: commensurate_text, has_no_load
+   use hb_scene_warnings, only: commensurate_text, has_no_load
    use hb_structure, only: structure_t
    use hb_study, only: study_t
    use hb_text, only: to_text

@@ -7,7 +7,7 @@ module verb_plan
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_place
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
-   use hb_held_rows, only: hold_seconds
+   use hb_row_buffer, only: hold_seconds
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, rank_of, size_of
    use hb_schedule, only: new_schedule, ranks_per_counter, schedule_t

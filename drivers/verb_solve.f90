@@ -17,7 +17,7 @@ module verb_solve
    use hb_results_record, only: read_record, record_t
    use hb_run_summary, only: found_frequency, number_solved, run_summary_t, stability_text
    use hb_scene, only: scene_t
-   use hb_scene_doubts, only: commensurate_text
+   use hb_scene_warnings, only: commensurate_text
    use hb_signals, only: signal_caught, signal_name
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study

@@ -8,7 +8,7 @@ module hb_amplitude_curve
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_phase, only: new_phase_problem, phase_problem_t, shift_form
-   use hb_search, only: first_amplitude, fundamental, last_amplitude, neutral, path_point_t, search_t
+   use hb_limit_cycle_search, only: first_amplitude, fundamental, last_amplitude, neutral, path_point_t, search_t
    use hb_text, only: to_text
    implicit none
    private

@@ -7,7 +7,7 @@ module hb_dense_tangent
    use hb_kinds, only: wp
    use hb_law_response, only: find_response, responding_dofs
    use hb_linear_part, only: linear_part_t
-   use hb_memory_tangent, only: width
+   use hb_hysteresis_tangent, only: width
    use hb_projected_laws, only: projected_laws_t, slope
    use hb_watch, only: watch_t
    implicit none

@@ -10,7 +10,7 @@ module hb_hysteresis
    use hb_kinds, only: wp
    use hb_law_samples, only: law_samples_t
    use hb_line_tangent, only: line_tangent_t, new_line_tangent
-   use hb_memory_tangent, only: memory_tangent_t, new_memory_tangent, width
+   use hb_hysteresis_tangent, only: memory_tangent_t, new_memory_tangent, width
    use hb_slider_derivative, only: new_slider_derivative, slider_derivative_t
    use hb_slider_states, only: new_slider_states, slider_states_t
    use hb_text, only: to_text
@@ -218,7 +218,7 @@ contains
       end associate
    end subroutine hysteresis_find_line
 
-   !> Number of blocks of at most hb_memory_tangent%width harmonics in which the response comes.
+   !> Number of blocks of at most hb_hysteresis_tangent%width harmonics in which the response comes.
    pure integer function hysteresis_n_blocks(self)
       class(hysteresis_t), intent(in) :: self
 

@@ -14,7 +14,7 @@ module hb_normal_mode
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, shift_form
-   use hb_search, only: climb_orders, fundamental, path_point_t, search_t
+   use hb_limit_cycle_search, only: climb_orders, fundamental, path_point_t, search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text

@@ -102,28 +102,30 @@ contains
 
       text = ""
       associate (c => circumstances)
-         if (report%status == outcome%timed_out) call add("raise &solver time_limit")
-         if (was_falling(report)) call add("the residual was still falling: raise &solver max_iterations")
-         if (c%stiffness_ratio >= stiff) call add("'"//c%contact//"' is "//rounded(c%stiffness_ratio)// &
+         if (report%status == outcome%timed_out) call add(text, "raise &solver time_limit")
+         if (was_falling(report)) call add(text, "the residual was still falling: raise &solver max_iterations")
+         if (c%stiffness_ratio >= stiff) call add(text, "'"//c%contact//"' is "//rounded(c%stiffness_ratio)// &
             " times stiffer than the structure: more harmonics, or a rigid wall")
-         if (c%slip_ratio < hardly_sliding) call add("'"//c%slider//"' hardly slides, its motion is "//rounded(c%slip_ratio)// &
+         if (c%slip_ratio < hardly_sliding) &
+            call add(text, "'"//c%slider//"' hardly slides, its motion is "//rounded(c%slip_ratio)// &
             " times what it sticks over: a spring in its place, or larger loads")
-         if (allocated(c%combination)) call add("tones nearly commensurate, "//tuple_text(c%combination)//" gives "// &
+         if (allocated(c%combination)) call add(text, "tones nearly commensurate, "//tuple_text(c%combination)//" gives "// &
             rounded(c%combination_frequency)//" rad/s: fewer tones, or lower orders")
-         if (report%status == outcome%singular) call add("the tangent has no inverse: at a fold, or free to move?")
-         if (any(report%status == [outcome%diverged, outcome%not_finite])) call add("smaller loads first: a sweep from there "// &
-            "with first_guess = 'neighbour'")
-         if (size_of_attempts(report) == 1 .and. report%status /= outcome%timed_out) call add("&solver rescue = .true. tries "// &
-            "other ways")
-         if (is_out_of_work(report)) call add("a rescue met its budget: raise &solver rescue_work")
-         if (len(text) == 0 .or. report%status == outcome%stalled) call add("another first guess (of several motions one): "// &
-            guesses(c))
+         if (report%status == outcome%singular) call add(text, "the tangent has no inverse: at a fold, or free to move?")
+         if (any(report%status == [outcome%diverged, outcome%not_finite])) &
+            call add(text, "smaller loads first: a sweep from there with first_guess = 'neighbour'")
+         if (size_of_attempts(report) == 1 .and. report%status /= outcome%timed_out) &
+            call add(text, "&solver rescue = .true. tries other ways")
+         if (is_out_of_work(report)) call add(text, "a rescue met its budget: raise &solver rescue_work")
+         if (len(text) == 0 .or. report%status == outcome%stalled) &
+            call add(text, "another first guess (of several motions one): "//guesses(c))
       end associate
       text = text//tried(report)
 
    contains
 
-      pure subroutine add(sentence)
+      pure subroutine add(text, sentence)
+         character(:), allocatable, intent(inout) :: text
          character(*), intent(in) :: sentence
 
          if (len(text) > 0) text = text//"; "

@@ -16,7 +16,7 @@ module hb_autonomous
    use hb_normal_mode, only: find_mode_of_energy, find_normal_mode
    use hb_outcome, only: outcome
    use hb_scene, only: scene_t
-   use hb_search, only: new_search, search_t
+   use hb_limit_cycle_search, only: new_search, search_t
    use hb_self_excitation, only: search_from_modes
    use hb_text, only: to_text
    use hb_torus, only: default_samples, new_torus, torus_t

@@ -4,7 +4,7 @@ module hb_curve_conditions
    use hb_kinds, only: wp
    use hb_phase, only: coefficient_form, peak_form, peak_rate_form, shift_form
    use hb_scene_problem, only: scene_problem_t
-   use hb_search, only: fundamental
+   use hb_limit_cycle_search, only: fundamental
    implicit none
    private
    public :: is_mirrored, set_conditions

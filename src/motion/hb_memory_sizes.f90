@@ -9,7 +9,7 @@ module hb_memory_sizes
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_coordinates, only: laws_at
-   use hb_memory_tangent, only: width
+   use hb_hysteresis_tangent, only: width
    use hb_scene, only: scene_t
    use hb_scene_basis, only: find_basis
    use hb_scene_coordinates, only: coordinates_of
@@ -157,7 +157,7 @@ contains
       end do
    end subroutine scan_structure
 
-   !> Adds what law i keeps for itself, see hb_sampled_law, hb_slider_states and hb_memory_tangent.
+   !> Adds what law i keeps for itself, see hb_sampled_law, hb_slider_states and hb_hysteresis_tangent.
    subroutine add_law(self, laws, i, n_laws_on)
       type(sizes_t), intent(inout) :: self
       type(law_box_t), intent(in) :: laws(:)

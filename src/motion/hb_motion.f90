@@ -23,7 +23,7 @@ module hb_motion
    use hb_scene, only: scene_t
    use hb_scene_basis, only: find_basis
    use hb_scene_coordinates, only: coordinates_of
-   use hb_search, only: search_t
+   use hb_limit_cycle_search, only: search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, rescue
    use hb_stability, only: find_stability, stability_config_t, stability_t, stability_verdict => verdict

@@ -7,7 +7,7 @@
 !> fold (steep) and behind the jump (flat), less is needed: the limit is taken of a mean of both that the larger one leads.
 module hb_branches
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_branch_walk, only: smallest_jump
+   use hb_branch_tracking, only: smallest_jump
    use hb_kinds, only: wp
    implicit none
    private

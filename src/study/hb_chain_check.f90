@@ -1,9 +1,9 @@
 !> Whether the points of a chain lie on one branch of motions. Where a point is not where those before it lead, the branch of the
-!> last one is followed up to it in small steps, hb_branch_walk; what is found becomes the message of the point.
+!> last one is followed up to it in small steps, hb_branch_tracking; what is found becomes the message of the point.
 !>
 !> The work is bounded: that of all motions in between by the work of the points of the chain so far and a part of a second.
 module hb_chain_check
-   use hb_branch_walk, only: difference_of, find_branch, finding, smallest_jump, stretch_t, walk_t
+   use hb_branch_tracking, only: difference_of, find_branch, finding, smallest_jump, stretch_t, tracking_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_motion, only: solve_motion
@@ -59,7 +59,7 @@ contains
       type(motion_result_t), intent(inout) :: result                  !! of the point; gets the message
       class(watch_t), intent(inout), target :: watch
       type(swept_stretch_t) :: stretch
-      type(walk_t) :: walk
+      type(tracking_t) :: tracking
       real(wp), allocatable :: motion(:)
       real(wp) :: length
 
@@ -74,9 +74,9 @@ contains
             stretch%last = point
             stretch%frequencies = unknowns(size(motion) + 1:)
             stretch%work_left = self%work_left
-            call find_branch(stretch, self%last, motion, walk)
+            call find_branch(stretch, self%last, motion, tracking)
             self%work_left = stretch%work_left
-            call tell(walk, source%plan%describe_between(self%last_point, point, walk%share), result)
+            call tell(tracking, source%plan%describe_between(self%last_point, point, tracking%share), result)
          end if
          if (result%leaves_branch) then
             if (allocated(self%slope)) deallocate (self%slope)
@@ -119,13 +119,13 @@ contains
    end function is_doubtful
 
    !> Says what was found, if there is something to say.
-   subroutine tell(walk, place, result)
-      type(walk_t), intent(in) :: walk
-      character(*), intent(in) :: place                               !! where the walk was left
+   subroutine tell(tracking, place, result)
+      type(tracking_t), intent(in) :: tracking
+      character(*), intent(in) :: place                               !! where the tracking was left
       type(motion_result_t), intent(inout) :: result
       character(:), allocatable :: text
 
-      select case (walk%finding)
+      select case (tracking%finding)
       case (finding%ends)
          text = "another branch of motions than at the point before, whose branch ends near "//place
       case (finding%goes_on)

@@ -14,7 +14,7 @@ module hb_results
    use hb_guard, only: lower_guard, raise_guard
    use hb_harmonics, only: harmonics_t, new_box
    use hb_hdf5, only: h5_file_t, open_file_parallel
-   use hb_held_rows, only: held_rows_t, hold_seconds, new_held_rows, room_for
+   use hb_row_buffer, only: row_buffer_t, hold_seconds, new_row_buffer, room_for
    use hb_kinds, only: wp
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
@@ -40,7 +40,7 @@ module hb_results
       character(:), allocatable :: curve_variable       ! name of the value that moves along curves
       integer :: n_points = 0
       logical :: is_resumed = .false.                   !! rows may hold what a run before has left
-      type(held_rows_t), allocatable :: held(:)         ! for each variable of the plan
+      type(row_buffer_t), allocatable :: held(:)         ! for each variable of the plan
       logical, allocatable :: is_checked(:)             ! same; whether the checksum goes over it
       integer :: room = 1, first_held = 1, n_held = 0   ! points that are held back
       real(wp) :: hold = 0.0_wp, flushed = 0.0_wp       ! [s] how long, and when the last was written
@@ -182,13 +182,13 @@ contains
       allocate (self%held(size(self%plan%variables)))
       do i = 1, size(self%held)
          associate (axes => self%plan%variables(i)%axes)
-            call new_held_rows(self%held(i), self%plan%variables(i), self%plan%axes(axes(:size(axes) - 1))%length, self%room)
+            call new_row_buffer(self%held(i), self%plan%variables(i), self%plan%axes(axes(:size(axes) - 1))%length, self%room)
          end associate
       end do
    end subroutine make_room
 
    !> Takes the result of point `i`, from 1; any rank may give any point at any time. Points that follow each other are
-   !> held back for a while and written together, see hb_held_rows and `flush`.
+   !> held back for a while and written together, see hb_row_buffer and `flush`.
    subroutine results_write_point(self, i, point, error)
       class(results_t), intent(inout) :: self
       integer, intent(in) :: i

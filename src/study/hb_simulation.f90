@@ -18,7 +18,7 @@ module hb_simulation
       real(wp) :: write_latency = 5.0e-5_wp                           !! [s] of one write, for the rank that makes it
       real(wp) :: write_rate = 1.0e5_wp                               !! [1/s] writes that the file system takes from all ranks
       real(wp) :: bandwidth = 1.0e10_wp                               !! [B/s] that it takes from all ranks
-      real(wp) :: hold = 0.0_wp                                       !! [s], above 0: how long results are held back, hb_held_rows
+      real(wp) :: hold = 0.0_wp                                       !! [s], above 0: how long results are held back, hb_row_buffer
    end type machine_t
 
    !> What there is to do.

@@ -4,7 +4,7 @@
 !> near each mode of the base motion, where xi_m = -2 (growth of the mode). Where xi_m < 0 the motion is driven and would grow. Near
 !> xi_m = 0 the problem without artificial damping is solved. Source: docs/user/theory.md, section 6.5; Krack, Computers and
 !> Structures 154 (2015) 59-71, for the artificial damping.
-module hb_search
+module hb_limit_cycle_search
    use hb_balance, only: balance_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
@@ -357,4 +357,4 @@ contains
          call b%set_scales(spread(motion, 1, b%n_dofs), force)
       end associate
    end subroutine search_set_scales
-end module hb_search
+end module hb_limit_cycle_search

@@ -3,7 +3,7 @@
 !> A point writes a few bytes to some thirty datasets. A parallel file system takes only so many writes a second from all
 !> ranks together, so each rank holds its results for a time that grows with the number of ranks. On few ranks that is less
 !> than a point takes, and every point is written when it is solved.
-module hb_held_rows
+module hb_row_buffer
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_checksum, only: checksum
    use hb_error, only: error_t, fail
@@ -13,7 +13,7 @@ module hb_held_rows
    use hb_text, only: to_text
    implicit none
    private
-   public :: held_rows_t, hold_seconds, new_held_rows, room_for
+   public :: row_buffer_t, hold_seconds, new_row_buffer, room_for
 
    real(wp), parameter :: writes_per_second = 5.0e4_wp                ! of all ranks, half of what a large file system takes
    real(wp), parameter :: shortest = 0.01_wp                          ! [s], for points that take less than that
@@ -21,7 +21,7 @@ module hb_held_rows
    integer, parameter :: most_rows = 32                               ! as points in the largest block of hb_schedule
 
    !> Rows of one dataset, for consecutive points.
-   type :: held_rows_t
+   type :: row_buffer_t
       private
       integer :: kind = is_real
       integer :: row_size = 0
@@ -33,17 +33,17 @@ module hb_held_rows
       integer :: n_first = 0, n_second = 0                            ! extents of the first two axes, where that is so
       integer, allocatable :: n_used(:)                               ! of the second one, (room)
    contains
-      procedure :: add_to_checksum => held_rows_add_to_checksum
-      procedure :: blank => held_rows_blank
-      procedure :: flush => held_rows_flush
+      procedure :: add_to_checksum => row_buffer_add_to_checksum
+      procedure :: blank => row_buffer_blank
+      procedure :: flush => row_buffer_flush
       generic :: put => put_integers, put_reals, put_text
       generic :: put_part => put_integer_part, put_real_part
-      procedure, private :: put_integer_part => held_rows_put_integer_part
-      procedure, private :: put_real_part => held_rows_put_real_part
-      procedure, private :: put_integers => held_rows_put_integers
-      procedure, private :: put_reals => held_rows_put_reals
-      procedure, private :: put_text => held_rows_put_text
-   end type held_rows_t
+      procedure, private :: put_integer_part => row_buffer_put_integer_part
+      procedure, private :: put_real_part => row_buffer_put_real_part
+      procedure, private :: put_integers => row_buffer_put_integers
+      procedure, private :: put_reals => row_buffer_put_reals
+      procedure, private :: put_text => row_buffer_put_text
+   end type row_buffer_t
 
 contains
 
@@ -63,8 +63,8 @@ contains
    end function room_for
 
    !> Makes room for `room` rows of a dataset.
-   pure subroutine new_held_rows(self, variable, extents, room)
-      type(held_rows_t), intent(out) :: self
+   pure subroutine new_row_buffer(self, variable, extents, room)
+      type(row_buffer_t), intent(out) :: self
       type(variable_t), intent(in) :: variable
       integer, intent(in) :: extents(:)                               !! of the axes of a row, fastest first
       integer, intent(in) :: room
@@ -85,22 +85,22 @@ contains
       case (is_real); allocate (self%reals(row_size, room))
       case (is_characters); allocate (self%texts(room))
       end select
-   end subroutine new_held_rows
+   end subroutine new_row_buffer
 
    !> Fills row `k` with what a new file has there.
-   pure subroutine held_rows_blank(self, k)
-      class(held_rows_t), intent(inout) :: self
+   pure subroutine row_buffer_blank(self, k)
+      class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
 
       if (allocated(self%integers)) self%integers(:, k) = 0
       if (allocated(self%reals)) self%reals(:, k) = merge(0.0_wp, ieee_value(1.0_wp, ieee_quiet_nan), self%is_part_used)
       if (self%is_part_used) self%n_used(k) = 0
       if (allocated(self%texts)) self%texts(k) = ""
-   end subroutine held_rows_blank
+   end subroutine row_buffer_blank
 
    !> Goes on with the checksum over row `k`, byte by byte as in the file.
-   subroutine held_rows_add_to_checksum(self, k, so_far)
-      class(held_rows_t), intent(in) :: self
+   subroutine row_buffer_add_to_checksum(self, k, so_far)
+      class(row_buffer_t), intent(in) :: self
       integer, intent(in) :: k
       integer, intent(inout) :: so_far
       character(message_length) :: bytes
@@ -112,11 +112,11 @@ contains
          bytes = trim(self%texts(k))//repeat(achar(0), message_length)
          so_far = checksum(so_far, bytes)
       end select
-   end subroutine held_rows_add_to_checksum
+   end subroutine row_buffer_add_to_checksum
 
    !> Holds the integers of row `k`, all that a row of the dataset has.
-   subroutine held_rows_put_integers(self, k, values, error)
-      class(held_rows_t), intent(inout) :: self
+   subroutine row_buffer_put_integers(self, k, values, error)
+      class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
       integer, intent(in) :: values(:)
       type(error_t), allocatable, intent(out) :: error
@@ -125,11 +125,11 @@ contains
       if (allocated(error)) return
       self%integers(:, k) = values
       self%is_used = self%is_used .or. any(values /= 0)
-   end subroutine held_rows_put_integers
+   end subroutine row_buffer_put_integers
 
    !> Holds the real numbers of row `k`, all that a row of the dataset has.
-   subroutine held_rows_put_reals(self, k, values, error)
-      class(held_rows_t), intent(inout) :: self
+   subroutine row_buffer_put_reals(self, k, values, error)
+      class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
       real(wp), intent(in) :: values(..)                              !! of one to three dimensions
       type(error_t), allocatable, intent(out) :: error
@@ -145,11 +145,11 @@ contains
          return
       end select
       self%is_used = .true.
-   end subroutine held_rows_put_reals
+   end subroutine row_buffer_put_reals
 
    !> Puts the values of the harmonics that the row has, (first axis, harmonics, others).
-   subroutine held_rows_put_real_part(self, k, values, error)
-      class(held_rows_t), intent(inout) :: self
+   subroutine row_buffer_put_real_part(self, k, values, error)
+      class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
       real(wp), intent(in) :: values(:, :, :)
       type(error_t), allocatable, intent(out) :: error
@@ -165,11 +165,11 @@ contains
       end do
       self%n_used(k) = size(values, 2)
       self%is_used = .true.
-   end subroutine held_rows_put_real_part
+   end subroutine row_buffer_put_real_part
 
    !> Puts the values of the harmonics that the row has, (first axis, harmonics).
-   subroutine held_rows_put_integer_part(self, k, values, error)
-      class(held_rows_t), intent(inout) :: self
+   subroutine row_buffer_put_integer_part(self, k, values, error)
+      class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
       integer, intent(in) :: values(:, :)
       type(error_t), allocatable, intent(out) :: error
@@ -181,21 +181,21 @@ contains
       self%integers(:size(values), k) = reshape(values, [size(values)])
       self%n_used(k) = size(values, 2)
       self%is_used = .true.
-   end subroutine held_rows_put_integer_part
+   end subroutine row_buffer_put_integer_part
 
    !> Holds the text of row `k`.
-   subroutine held_rows_put_text(self, k, text, error)
-      class(held_rows_t), intent(inout) :: self
+   subroutine row_buffer_put_text(self, k, text, error)
+      class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
       character(*), intent(in) :: text
       type(error_t), allocatable, intent(out) :: error
 
       self%texts(k) = text
       self%is_used = self%is_used .or. len_trim(text) > 0
-   end subroutine held_rows_put_text
+   end subroutine row_buffer_put_text
 
    subroutine check_size(self, n_values, error)
-      type(held_rows_t), intent(in) :: self
+      type(row_buffer_t), intent(in) :: self
       integer, intent(in) :: n_values
       type(error_t), allocatable, intent(out) :: error
 
@@ -203,8 +203,8 @@ contains
    end subroutine check_size
 
    !> Writes the first `n` rows to rows `first` and following of the dataset, unless these are blank and those, too.
-   subroutine held_rows_flush(self, first, n, is_filled, dataset, error)
-      class(held_rows_t), intent(inout) :: self
+   subroutine row_buffer_flush(self, first, n, is_filled, dataset, error)
+      class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: first, n
       logical, intent(in) :: is_filled                                !! the rows may hold other than what a new file does
       type(h5_dataset_t), intent(in) :: dataset
@@ -229,11 +229,11 @@ contains
             if (allocated(error)) return
          end do
       end select
-   end subroutine held_rows_flush
+   end subroutine row_buffer_flush
 
    !> Writes of row `k` what is used of it.
    subroutine flush_part(self, k, row, dataset, error)
-      class(held_rows_t), intent(in) :: self
+      class(row_buffer_t), intent(in) :: self
       integer, intent(in) :: k
       integer, intent(in) :: row                                      !! of the dataset
       type(h5_dataset_t), intent(in) :: dataset
@@ -254,4 +254,4 @@ contains
          call dataset%write_part(row, self%n_used(k), reals, error)
       end if
    end subroutine flush_part
-end module hb_held_rows
+end module hb_row_buffer

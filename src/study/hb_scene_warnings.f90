@@ -1,5 +1,5 @@
 !> What is doubtful about a scene that can be solved: tones that are multiples of each other, and nothing that moves it.
-module hb_scene_doubts
+module hb_scene_warnings
    use hb_certificate, only: near_commensurate
    use hb_kinds, only: wp
    use hb_scene, only: scene_t
@@ -108,4 +108,4 @@ contains
       end do
       text = join(words(:size(omega) - 1), ", ")//" and "//words(size(omega))%value
    end function list_of
-end module hb_scene_doubts
+end module hb_scene_warnings

@@ -4,7 +4,7 @@
 !> Columns belong to the motions exp(i j.tau) of a coordinate; real and imaginary part are those of cos and sin. They take
 !> the steps of the states, from rest and through all rounds, with every step replaced by its derivative, then
 !> further rounds until they repeat as well. A block of columns goes at once. Source: docs/user/theory.md, section 5.5.
-module hb_memory_tangent
+module hb_hysteresis_tangent
    use hb_characteristic, only: characteristic_t
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
@@ -367,4 +367,4 @@ contains
       call move_alloc(b, a)
       call move_alloc(c, b)
    end subroutine exchange
-end module hb_memory_tangent
+end module hb_hysteresis_tangent

@@ -6,11 +6,11 @@
 !> enter one by one, have folds of their own, too small for anybody to see: steps over them are long, and changes of the motion
 !> below `smallest_jump` are no other branch. Source: E. L. Allgower and K. Georg, Numerical Continuation Methods (1990),
 !> sections 2.2 and 6.1, with the parameter as the length.
-module hb_branch_walk
+module hb_branch_tracking
    use hb_kinds, only: wp
    implicit none
    private
-   public :: difference_of, find_branch, finding, smallest_jump, stretch_t, walk_t
+   public :: difference_of, find_branch, finding, smallest_jump, stretch_t, tracking_t
 
    real(wp), parameter :: smallest_jump = 1.0e-2_wp                   !! relative to the motion: less is no other branch to anybody
    real(wp), parameter :: first_step = 1.0_wp/16.0_wp, longest_step = 0.25_wp, shortest_step = 1.0_wp/1024.0_wp ! of the stretch
@@ -46,39 +46,39 @@ module hb_branch_walk
    end interface
 
    !> A branch as far as it was followed.
-   type :: walk_t
+   type :: tracking_t
       integer :: finding = finding%unclear
       real(wp) :: share = 0.0_wp                                      !! where it was left
       real(wp), allocatable :: motion(:)                              !! there
-   end type walk_t
+   end type tracking_t
 
 contains
 
    !> Says whether the motions at both ends of a stretch lie on one branch. A branch that seems to end is followed from the
    !> other side too, and goes on after all if that leads back to it: it may have been lost at a corner.
-   subroutine find_branch(stretch, first, last, walk)
+   subroutine find_branch(stretch, first, last, tracking)
       class(stretch_t), intent(inout) :: stretch
       real(wp), intent(in) :: first(:), last(:)
-      type(walk_t), intent(out) :: walk
-      type(walk_t) :: back
+      type(tracking_t), intent(out) :: tracking
+      type(tracking_t) :: back
 
-      call follow(stretch, 0.0_wp, first, last, walk)
-      if (walk%finding /= finding%ends) return
+      call follow(stretch, 0.0_wp, first, last, tracking)
+      if (tracking%finding /= finding%ends) return
       call follow(stretch, 1.0_wp, last, first, back)
-      if (back%finding == finding%one_branch) walk%finding = finding%one_branch
+      if (back%finding == finding%one_branch) tracking%finding = finding%one_branch
    end subroutine find_branch
 
    !> Follows the branch of one motion from one end of the stretch to the other.
-   subroutine follow(stretch, start, first, last, walk)
+   subroutine follow(stretch, start, first, last, tracking)
       class(stretch_t), intent(inout) :: stretch
       real(wp), intent(in) :: start                                   !! 0 or 1
       real(wp), intent(in) :: first(:)                                !! motion there
       real(wp), intent(in) :: last(:)                                 !! motion at the other end
-      type(walk_t), intent(out) :: walk
+      type(tracking_t), intent(out) :: tracking
       real(wp) :: allowed, done, next(size(first)), slope(size(first)), step, turn
       logical :: has_slope, is_solved
 
-      walk%motion = first
+      tracking%motion = first
       done = 0.0_wp
       step = first_step
       has_slope = .false.
@@ -87,10 +87,10 @@ contains
          step = min(step, 1.0_wp - done)
          if (stretch%is_spent) exit
          call go(step, is_solved)
-         turn = norm2(next - walk%motion - step*slope)
-         allowed = largest_turn*norm2(next - walk%motion)
+         turn = norm2(next - tracking%motion - step*slope)
+         allowed = largest_turn*norm2(next - tracking%motion)
          if (.not. has_slope) allowed = 0.5_wp*largest_turn*norm2(last - first)
-         if (is_solved) is_solved = turn <= allowed .or. difference_of(next, walk%motion) <= smallest_jump
+         if (is_solved) is_solved = turn <= allowed .or. difference_of(next, tracking%motion) <= smallest_jump
          if (is_solved) then
             call take(merge(2.0_wp, 1.0_wp, turn <= small_turn/largest_turn*allowed))
          else if (step > shortest_step) then
@@ -100,11 +100,11 @@ contains
             if (.not. is_solved) exit
          end if
       end do
-      walk%share = abs(start - done)
+      tracking%share = abs(start - done)
       if (done >= 1.0_wp) then
-         walk%finding = merge(finding%one_branch, finding%goes_on, difference_of(walk%motion, last) <= smallest_jump)
+         tracking%finding = merge(finding%one_branch, finding%goes_on, difference_of(tracking%motion, last) <= smallest_jump)
       else if (.not. stretch%is_spent) then
-         walk%finding = finding%ends
+         tracking%finding = finding%ends
       end if
 
    contains
@@ -114,7 +114,7 @@ contains
          real(wp), intent(in) :: length
          logical, intent(out) :: is_found
 
-         next = walk%motion + length*slope
+         next = tracking%motion + length*slope
          call stretch%solve(abs(start - min(1.0_wp, done + length)), next, is_found)
       end subroutine go
 
@@ -122,9 +122,9 @@ contains
       subroutine take(factor)
          real(wp), intent(in) :: factor
 
-         slope = (next - walk%motion)/step
+         slope = (next - tracking%motion)/step
          has_slope = .true.
-         walk%motion = next
+         tracking%motion = next
          done = done + step
          if (1.0_wp - done < 0.5_wp*shortest_step) done = 1.0_wp
          step = min(longest_step, factor*step)
@@ -140,7 +140,7 @@ contains
             if (stretch%is_spent) return
             step = min(leaps(i)*shortest_step, 1.0_wp - done)
             call go(step, is_over)
-            if (is_over) is_over = difference_of(next, walk%motion) <= smallest_jump
+            if (is_over) is_over = difference_of(next, tracking%motion) <= smallest_jump
             if (.not. is_over) cycle
             call take(1.0_wp)
             return
@@ -154,4 +154,4 @@ contains
 
       difference_of = norm2(a - b)/max(norm2(a), norm2(b), tiny(1.0_wp))
    end function difference_of
-end module hb_branch_walk
+end module hb_branch_tracking
