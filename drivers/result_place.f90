@@ -1,7 +1,8 @@
-!> Where a verb puts its result: the file that a link leads to, never the input.
+!> Where a verb puts its result: the file that a link leads to, never the input or a model.
 module result_place
    use arguments, only: arguments_t
    use hb_error, only: error_t, fail
+   use hb_model_file, only: is_model_file
    use hb_mpi, only: broadcast_text, comm_t, rank_of, share_error
    use hb_system, only: follow_links, is_same_file
    implicit none
@@ -21,6 +22,9 @@ contains
          path = follow_links(options%result_path())
          if (is_same_file(path, options%input)) &
             call fail(error, "result file '"//path//"' is the input file; give another --output")
+         if (.not. allocated(error)) then
+            if (is_model_file(path)) call fail(error, "result file '"//path//"' is a model file; give another --output")
+         end if
       end if
       call share_error(comm, error)
       if (.not. allocated(error)) call broadcast_text(comm, path, 0)

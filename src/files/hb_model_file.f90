@@ -11,7 +11,7 @@ module hb_model_file
    use hb_text, only: to_text
    implicit none
    private
-   public :: model_file_t, read_model_file
+   public :: is_model_file, model_file_t, read_model_file
 
    character(*), parameter :: format_name = "nhbm model"
    integer, parameter :: schema_version = 1
@@ -111,6 +111,22 @@ contains
       if (.not. allocated(error)) return
       if (index(error%message, path) == 0) call annotate(error, "file '"//path//"'")
    end subroutine read_model_file
+
+   !> Whether a file is a model file; what cannot be opened as one is none.
+   logical function is_model_file(path)
+      character(*), intent(in) :: path
+      type(h5_file_t) :: file
+      type(error_t), allocatable :: error, ignored
+
+      inquire (file=path, exist=is_model_file)
+      if (.not. is_model_file) return
+      call open_file(file, path, error)
+      is_model_file = .not. allocated(error)
+      if (.not. is_model_file) return
+      call check_form(file, error)
+      is_model_file = .not. allocated(error)
+      call file%close(ignored)
+   end function is_model_file
 
    !> Refuses a file of another form.
    subroutine check_form(file, error)

@@ -131,6 +131,15 @@ DAMAGES = {
 }
 
 
+def test_a_result_never_takes_the_place_of_a_model(chain, tmp_path):
+    before = (tmp_path / "chain.h5").read_bytes()
+    (tmp_path / "chain.nml").write_text(MODEL)
+    done = run("solve", "chain.nml", "--overwrite", cwd=tmp_path)
+    assert done.status == BAD_INPUT
+    assert "result file 'chain.h5' is a model file; give another --output" in done.stderr
+    assert (tmp_path / "chain.h5").read_bytes() == before
+
+
 def replace(file, name, data):
     del file[name]
     file[name] = data
