@@ -1,0 +1,188 @@
+"""Mutants of src/hypertime."""
+
+from mutant_parts.mutant import of
+
+MUTANTS = [
+    *of(
+        "hypertime/hb_basis.f90",
+        (
+            "basis_transfer",
+            "test_hb_basis",
+            "coefficients go to the tuple with the same number",
+            "k = from_set%index_of(to_set%tuples(:, h))",
+            "k = merge(h, 0, h <= from_set%n_harmonics)",
+        ),
+        (
+            "basis_amplitudes",
+            "test_hb_basis test_hb_scene_basis",
+            "loads of the first tuples stand for those of the unknown ones",
+            "kept = amplitudes(:, self%places)",
+            "kept = amplitudes(:, :size(self%places))",
+        ),
+    ),
+    *of(
+        "hypertime/hb_harmonics.f90",
+        (
+            "harmonics_sign",
+            "test_hb_harmonics",
+            "of a tuple and its negative both or none are taken",
+            "canonical_sign = sign(1, tuple(first))",
+            "canonical_sign = sign(1, tuple(size(tuple)))",
+        ),
+        (
+            "harmonics_amplitude",
+            "test_hb_harmonics",
+            "complex amplitudes are conjugate",
+            "amplitude = cmplx(u(self%cos_at(h)), -u(sine), wp)",
+            "amplitude = cmplx(u(self%cos_at(h)), u(sine), wp)",
+        ),
+        (
+            "harmonics_parity",
+            "test_hb_harmonics",
+            "the tuples of the other parity are kept",
+            "modulo(sum(set%tuples, dim=1), 2) == parity)",
+            "modulo(sum(set%tuples, dim=1), 2) /= parity)",
+        ),
+    ),
+    *of(
+        "hypertime/hb_kinks.f90",
+        (
+            "kinks_third",
+            "test_hb_kinks",
+            "corrections leave the third derivative out",
+            "(z_1*b2/2.0_wp - z_2*b3/6.0_wp + z_3*b4/24.0_wp)",
+            "(z_1*b2/2.0_wp - z_2*b3/6.0_wp)",
+        ),
+        (
+            "kinks_moment",
+            "test_hb_kinks",
+            "corrections leave the first moment out",
+            "moment = strength*(-z_1*b3/3.0_wp + z_2*b4/8.0_wp)",
+            "moment = 0.0_wp",
+        ),
+        (
+            "kinks_share",
+            "test_hb_kinks",
+            "all tones have the same share",
+            "share = rates(m)**2/total",
+            "share = 1.0_wp/d",
+        ),
+        (
+            "kinks_slope",
+            "test_hb_kinks",
+            "a slope does not know that the root moves",
+            "psi_3*b4/24.0_wp - psi*b1",
+            "psi_3*b4/24.0_wp",
+        ),
+        (
+            "kinks_half",
+            "test_hb_kinks",
+            "half a grid goes on with its own sign",
+            "there%sign = -1.0_wp",
+            "there%sign = 1.0_wp",
+        ),
+        (
+            "kinks_touch",
+            "test_hb_kinks",
+            "cells with two kinks are not looked at",
+            "furthest = 2.0_wp/27.0_wp",
+            "furthest = 0.0_wp",
+        ),
+    ),
+    *of(
+        "hypertime/hb_packed_fft.f90",
+        (
+            "fft_factors",
+            "test_hb_transform",
+            "the packed half has the wrong sign",
+            "far = 0.5_wp*(1.0_wp - conjg(turn))",
+            "far = 0.5_wp*(1.0_wp + conjg(turn))",
+        ),
+    ),
+    *of(
+        "hypertime/hb_torus.f90",
+        (
+            "torus_degree",
+            "test_hb_torus",
+            "polynomials get too few samples",
+            "needed = (degree + 1)*highest(m) + 1",
+            "needed = degree*highest(m) + 1",
+        ),
+        (
+            "torus_half",
+            "test_hb_torus",
+            "a single tone of 4 n + 2 samples is halved",
+            "modulo(self%n_samples(1), 4) == 0",
+            "modulo(self%n_samples(1), 2) == 0",
+        ),
+        (
+            "torus_order",
+            "test_hb_torus",
+            "the last tone runs fastest",
+            "do m = 1, size(self%n_samples)\n            tau",
+            "do m = size(self%n_samples), 1, -1\n            tau",
+        ),
+    ),
+    *of(
+        "hypertime/hb_transform.f90",
+        (
+            "transform_rate",
+            "test_hb_transform",
+            "rates have the wrong sign",
+            "c(h) = frequencies(h)*cmplx(x(set%sin_at(h), channel), x(set%cos_at(h), channel), wp)",
+            "c(h) = frequencies(h)*cmplx(x(set%sin_at(h), channel), -x(set%cos_at(h), channel), wp)",
+        ),
+        (
+            "transform_mean",
+            "test_hb_transform",
+            "means are twice what they are",
+            "x(1) = 0.5_wp*real(c)",
+            "x(1) = real(c)",
+        ),
+        (
+            "transform_product",
+            "test_hb_transform",
+            "products of sines have the wrong sign",
+            "sine_column(row + 2*h) = -real(difference)",
+            "sine_column(row + 2*h) = real(difference)",
+        ),
+        (
+            "transform_quarter",
+            "test_hb_balance",
+            "added columns are turned the wrong way",
+            "+ a*aimag(total) - b*real(difference)",
+            "+ a*aimag(total) + b*real(difference)",
+        ),
+        (
+            "transform_alias",
+            "test_hb_transform",
+            "half of what is packed is left out",
+            "conjg(near*spectrum(table%at(i)) + far*conjg(spectrum(table%at(n + 1 - i))))",
+            "conjg(near*spectrum(table%at(i)) + 0.0_wp*far*conjg(spectrum(table%at(n + 1 - i))))",
+        ),
+    ),
+    *of(
+        "hypertime/hb_tuple_choice.f90",
+        (
+            "tuples_tail",
+            "test_hb_tuple_choice",
+            "what is left out adds up without end",
+            "left_out = left_out + amplitudes(order(n))**2",
+            "left_out = amplitudes(order(n))**2",
+        ),
+        (
+            "tuples_needed",
+            "test_hb_tuple_choice",
+            "needed tuples go like others",
+            "merge(huge(1.0_wp), min(loyalty*carried, huge(1.0_wp)/loyalty), is_needed)",
+            "merge(carried, min(loyalty*carried, huge(1.0_wp)/loyalty), is_needed)",
+        ),
+        (
+            "tuples_doubled",
+            "test_hb_tuple_choice",
+            "of a set of odd tuples a part of the odd ones around it is missing",
+            "modulo(k/3**(m - 1), 3) - 1",
+            "2*(modulo(k/3**(m - 1), 3)/2)",
+        ),
+    ),
+]

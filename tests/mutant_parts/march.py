@@ -1,0 +1,64 @@
+"""Mutants of src/march."""
+
+from mutant_parts.mutant import of
+
+MUTANTS = [
+    *of(
+        "march/hb_birkhoff.f90",
+        (
+            "birkhoff_half",
+            "test_hb_birkhoff",
+            "amplitudes are half of what they are",
+            "coefficients(h) = 2.0_wp*coefficients(h)",
+            "coefficients(h) = 1.0_wp*coefficients(h)",
+        ),
+    ),
+    *of(
+        "march/hb_march_verdict.f90",
+        (
+            "verdict_limit",
+            "test_hb_march_verdict",
+            "the limit is ten times as large",
+            "safety = 5.0_wp",
+            "safety = 50.0_wp",
+        ),
+        (
+            "verdict_growth",
+            "test_hb_march_verdict",
+            "growth is not looked at first",
+            "if (gain >= log(grown) .and. rise >= log(growing)) then",
+            "if (gain >= 1.0e3_wp*log(grown) .and. rise >= log(growing)) then",
+        ),
+        (
+            "verdict_wanders",
+            "test_hb_march_verdict",
+            "a few periods in which a march is by chance nearer than before count as decay",
+            "if (is_last) stretch = max(tail, n/4)",
+            "if (is_last) stretch = tail",
+        ),
+    ),
+    *of(
+        "march/hb_recurrence.f90",
+        (
+            "recurrence_before",
+            "test_hb_recurrence",
+            "a record is compared with itself after a shift, not before it as well",
+            "0.5_wp*(x(:n - 2*shift, k) + x(2*shift + 1:, k))",
+            "x(2*shift + 1:, k)",
+        ),
+        (
+            "recurrence_odd",
+            "test_hb_recurrence",
+            "whole turns may be even in all tones",
+            "merge(part, 0, btest(class, m - 1))",
+            "merge(0, 0, btest(class, m - 1))",
+        ),
+        (
+            "recurrence_part",
+            "test_hb_recurrence",
+            "motions of several turns are sought in one",
+            "call find_return(turns, part, class, n/3, shift)",
+            "call find_return(turns, 1, class, n/3, shift)",
+        ),
+    ),
+]

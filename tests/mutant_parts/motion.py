@@ -1,0 +1,248 @@
+"""Mutants of src/motion."""
+
+from mutant_parts.mutant import of
+
+MUTANTS = [
+    *of(
+        "motion/hb_accurate_motion.f90",
+        (
+            "accuracy_raised",
+            "test_hb_accurate_motion",
+            "an estimate that was too small is not raised",
+            "correction = max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction))",
+            "correction = 1.0_wp",
+        ),
+        (
+            "accuracy_converged",
+            "test_hb_accurate_motion",
+            "a point whose budget is spent counts as converged",
+            "estimate_of(result) <= scene%accuracy%tolerance)",
+            "estimate_of(result) <= 1.0_wp)",
+        ),
+        (
+            "accuracy_neighbour",
+            "test_hb_accurate_motion",
+            "the set of a neighbour is not used",
+            "if (allocated(start%unknowns)) then",
+            "if (.false.) then",
+        ),
+        (
+            "accuracy_rigid",
+            "test_hb_accurate_motion",
+            "what slow convergence leaves after a rung is underestimated",
+            "share = min(share, shrinking/(1.0_wp - shrinking))",
+            "share = min(share, shrinking)",
+        ),
+    ),
+    *of(
+        "motion/hb_curve_origin.f90",
+        (
+            "origin_tuples",
+            "test_curve_switching",
+            "the motion keeps its tuples where the period doubles",
+            "k = set%index_of(2*other%tuples(:, h))",
+            "k = set%index_of(other%tuples(:, h))",
+        ),
+        (
+            "origin_tone",
+            "test_curve_switching",
+            "a tone that joins has the frequency of the angle, whatever its fundamental",
+            "if (all(set%tuples(:set%n_tones - 1, largest) == 0)) return",
+            "if (largest > 0) return",
+        ),
+        (
+            "origin_harmonics",
+            "test_curve_switching",
+            "the other motions are sought among the harmonics that are there",
+            "            is_further([set%cos_at(h), set%sin_at(h)]) = .true.",
+            "            is_further([set%cos_at(h), set%sin_at(h)]) = h < 0",
+        ),
+    ),
+    *of(
+        "motion/hb_marched_result.f90",
+        (
+            "marched_forces",
+            "test_hb_marched_motion",
+            "forces of a marched motion lack the inertia",
+            "matmul(s%stiffness - w**2*s%mass, c)",
+            "matmul(s%stiffness, c)",
+        ),
+        (
+            "marched_sine",
+            "test_hb_marched_motion",
+            "sines of a marched motion have the wrong sign",
+            "pairs(2, :, :) = -aimag(transpose(c))",
+            "pairs(2, :, :) = aimag(transpose(c))",
+        ),
+    ),
+    *of(
+        "motion/hb_motion_curve.f90",
+        (
+            "motion_curve_other_way",
+            "test_hb_motion_curve",
+            "the curve is followed one way alone",
+            "if (self%way == 2 .and. .not. is_inside(self%request, self%request%start)) self%way = 3",
+            "if (self%way == 2) self%way = 3",
+        ),
+    ),
+    *of(
+        "motion/hb_motion_curve_apart.f90",
+        (
+            "curve_apart_copies",
+            "test_curve_others",
+            "a motion shifted by a period of the load is another",
+            "if (copy > 0) x(:n) = shifted(",
+            "if (copy < 0) x(:n) = shifted(",
+        ),
+    ),
+    *of(
+        "motion/hb_motion_curve_sets.f90",
+        (
+            "motion_curve_no_growth",
+            "test_hb_motion_curve",
+            "points above the tolerance are told on the set at hand",
+            "if (.not. is_found) return\n         call stand_at(self, here, error)",
+            "return\n         call stand_at(self, here, error)",
+        ),
+        (
+            "motion_curve_loses_even",
+            "test_hb_motion_curve",
+            "tuples of the lowest set are dropped where they carry nothing",
+            "scene%loads = (1.0_wp, 0.0_wp)",
+            "scene%loads = scene%loads",
+        ),
+    ),
+    *of(
+        "motion/hb_motion_curve_start.f90",
+        (
+            "motion_curve_branch_sense",
+            "test_hb_motion_curve",
+            "both ways along another curve are one",
+            "self%curve%direction = self%sense()*direction",
+            "self%curve%direction = direction",
+        ),
+        (
+            "motion_curve_stored_scale",
+            "test_hb_motion_curve",
+            "a stored curve goes on in other units of length",
+            "self%largest = last%state(2*n + 3)",
+            "self%largest = 3.0_wp*last%state(2*n + 3)",
+        ),
+    ),
+    *of(
+        "motion/hb_motion_curve_step.f90",
+        (
+            "motion_curve_no_fold",
+            "test_hb_motion_curve",
+            "folds are not looked for",
+            "if (curve%last_direction(n)*curve%direction(n) < 0.0_wp .and.",
+            "if (curve%last_direction(n)*curve%direction(n) < -huge(1.0_wp) .and.",
+        ),
+        (
+            "motion_curve_landing",
+            "test_hb_motion_curve",
+            "a point at a wanted value is another motion than that of the value",
+            "               call land(self, x, is_there)",
+            "               x(:n - 1) = 1.001_wp*x(:n - 1)",
+        ),
+        (
+            "motion_curve_no_branch",
+            "test_hb_motion_curve",
+            "branch points are not looked for",
+            "if (has_branched) then",
+            "if (has_branched .and. n < 0) then",
+        ),
+        (
+            "motion_curve_peak",
+            "test_hb_motion_curve",
+            "minima are taken for peaks",
+            "if (.not. (slopes_before(i) > 0.0_wp .and. slopes(i) <= 0.0_wp)) cycle",
+            "if (.not. (slopes_before(i) < 0.0_wp .and. slopes(i) >= 0.0_wp)) cycle",
+        ),
+    ),
+    *of(
+        "motion/hb_motion_ridge.f90",
+        (
+            "ridge_fold",
+            "test_hb_motion_ridge",
+            "the last fold of the first curve is taken",
+            " .or. (highest >= 0.0_wp .and. request%over%kind == curve_kind%fold)) cycle",
+            ") cycle",
+        ),
+        (
+            "ridge_values",
+            "test_hb_motion_ridge",
+            "values are passed by",
+            "            if (way*(value - far) >= 0.0_wp) then",
+            "            if (way*(value - request%to) >= 0.0_wp) then",
+        ),
+        (
+            "ridge_step",
+            "test_hb_motion_ridge",
+            "steps do not grow",
+            "self%step = min(request%longest_step, 1.5_wp*self%step)",
+            "self%step = 1.0_wp*self%step",
+        ),
+    ),
+    *of(
+        "motion/hb_other_motions.f90",
+        (
+            "deflation_sense",
+            "test_curve_others",
+            "the deflated step is drawn towards known motions",
+            "share = 1.0_wp - growth",
+            "share = 1.0_wp + growth",
+        ),
+        (
+            "deflation_shift",
+            "test_curve_others",
+            "phases move the other way",
+            "y(c) = cos(angle)*x(c) + sin(angle)*x(s)",
+            "y(c) = cos(angle)*x(c) - sin(angle)*x(s)",
+        ),
+    ),
+    *of(
+        "motion/hb_scene_basis.f90",
+        (
+            "basis_of_guess",
+            "test_hb_scene_basis",
+            "a first guess with even tuples is cut",
+            "is_odd = even_part(scene%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= rounding",
+            "is_odd = even_part(scene%harmonics, reshape(guess(:n_all), [n, n_all/n])) >= 0.0_wp",
+        ),
+    ),
+    *of(
+        "motion/hb_scene_problem.f90",
+        (
+            "scene_problem_tied",
+            "test_hb_scene_problem",
+            "tied tones stay where they are",
+            "self%omega_slopes(tone)*(scene%tones%omega/scene%tones%omega(tone))",
+            "self%omega_slopes",
+        ),
+        (
+            "scene_problem_unbalance",
+            "test_hb_scene_problem",
+            "loads that grow with the frequency do not move along",
+            "call read_loads(self%scene, self%document)",
+            "continue",
+        ),
+        (
+            "scene_problem_difference",
+            "test_hb_scene_problem",
+            "a central difference is divided by one step",
+            "derivative = (derivative - other)/(2.0_wp*step)",
+            "derivative = (derivative - other)/step",
+        ),
+    ),
+    *of(
+        "motion/hb_scene_reader.f90",
+        (
+            "patience_by_tolerance",
+            "test_hb_scene_reader",
+            "stability of motions by tolerance is given up early",
+            'document%count("curve") > 0 .or. self%accuracy%is_on)',
+            'document%count("curve") > 0)',
+        ),
+    ),
+]

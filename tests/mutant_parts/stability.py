@@ -1,0 +1,118 @@
+"""Mutants of src/stability."""
+
+from mutant_parts.mutant import of
+
+MUTANTS = [
+    *of(
+        "stability/hb_bifurcation.f90",
+        (
+            "bifurcation_doubling",
+            "test_curve_bifurcations",
+            "the period is thought to double where a multiplier is 1",
+            "factor = factor*(1.0_wp + m)/max(1.0_wp, abs(m))",
+            "factor = factor*(1.0_wp - m)/max(1.0_wp, abs(m))",
+        ),
+        (
+            "bifurcation_pair",
+            "test_curve_bifurcations",
+            "two real multipliers that are each other's inverse are taken for a torus, and a torus for them",
+            "is_torus = angle_of_pair(multipliers) > 0.0_wp",
+            "is_torus = angle_of_pair(multipliers) <= 0.0_wp",
+        ),
+    ),
+    *of(
+        "stability/hb_grazing.f90",
+        (
+            "grazing_no_refinement",
+            "test_hb_grazing",
+            "the extreme is that of the grid",
+            "      do round = 1, n_rounds",
+            "      do round = 1, 0",
+        ),
+        (
+            "grazing_largest_alone",
+            "test_hb_grazing",
+            "the smallest value is that at the largest",
+            "call refine(laws(i), motion, s, phases, values, -1.0_wp, extremes(1, n))",
+            "call refine(laws(i), motion, s, phases, values, 1.0_wp, extremes(1, n))",
+        ),
+    ),
+    *of(
+        "stability/hb_monodromy.f90",
+        (
+            "monodromy_no_end",
+            "test_hb_monodromy",
+            "steps are doubled although that helps no more",
+            "if (self%estimate <= good .and.",
+            "if (self%estimate < 0.0_wp .and.",
+        ),
+    ),
+    *of(
+        "stability/hb_motion_series.f90",
+        (
+            "series_signs",
+            "test_hb_motion_series",
+            "tuples with negative entries turn the wrong way",
+            "s = cosine(:, abs(j), m)*s + sign(1, j)*sine(:, abs(j), m)*c",
+            "s = cosine(:, abs(j), m)*s + sine(:, abs(j), m)*c",
+        ),
+    ),
+    *of(
+        "stability/hb_stability.f90",
+        (
+            "stability_circle",
+            "test_hb_stability",
+            "multipliers inside of the unit circle are counted as unstable",
+            "self%n_unstable = count(abs(multipliers) > 1.0_wp + margin)",
+            "self%n_unstable = count(abs(multipliers) < 1.0_wp + margin)",
+        ),
+        (
+            "stability_own_phase",
+            "test_hb_stability",
+            "the shift of the motion's own phase is left among the multipliers",
+            "         call deflate(monodromy%matrix, shift)",
+            "         continue",
+        ),
+        (
+            "stability_better_motion",
+            "test_hb_stability",
+            "what a better motion says of the multipliers counts for nothing",
+            "if (self%verdict /= better%verdict) self%verdict = verdict%unknown",
+            "if (.false.) self%verdict = verdict%unknown",
+        ),
+    ),
+    *of(
+        "stability/hb_variation_pieces.f90",
+        (
+            "variation_no_switching",
+            "test_hb_monodromy",
+            "time is not cut where laws switch",
+            "if (self%laws(i)%law%n_switches > 0) then",
+            "if (self%laws(i)%law%n_switches < 0) then",
+        ),
+        (
+            "variation_settle",
+            "test_hb_monodromy",
+            "sliders are not followed round the period before it counts",
+            "      do lap = 1, most_laps",
+            "      do lap = 1, 0",
+        ),
+    ),
+    *of(
+        "stability/hb_variation_steps.f90",
+        (
+            "variation_weights",
+            "test_hb_monodromy",
+            "a half step of the integrator has a wrong weight",
+            "far = -1.0_wp/12.0_wp",
+            "far = 1.0_wp/12.0_wp",
+        ),
+        (
+            "variation_sliders",
+            "test_hb_monodromy",
+            "sliders that slip do not move with their bounds",
+            "      if (self%n_states > 0) call move_sliders(self, piece, x)",
+            "      if (self%n_states < 0) call move_sliders(self, piece, x)",
+        ),
+    ),
+]

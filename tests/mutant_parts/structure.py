@@ -1,0 +1,129 @@
+"""Mutants of src/structure."""
+
+from mutant_parts.mutant import of
+
+MUTANTS = [
+    *of(
+        "structure/hb_arrow_factors.f90",
+        (
+            "arrow_adjoint",
+            "test_hb_arrow_factors",
+            "the Schur complement of the adjoint is that of the matrix",
+            "call zgetrs(form, b, k, self%a, b, self%pivots, y, b, info)",
+            'call zgetrs("N", b, k, self%a, b, self%pivots, y, b, info)',
+        ),
+        (
+            "arrow_pivot",
+            "test_hb_arrow_factors",
+            "a diagonal that vanishes is divided by",
+            "is_done = all(abs(self%d) > smallest)",
+            "is_done = all(abs(self%d) > 0.0_wp)",
+        ),
+    ),
+    *of(
+        "structure/hb_coordinates.f90",
+        (
+            "coordinates_pivots",
+            "test_hb_coordinates",
+            "the stiffest degrees of freedom make room",
+            "call find_pivots(shape, sqrt(softness(structure, dofs)), column_at)",
+            "call find_pivots(shape, 1.0_wp/softness(structure, dofs), column_at)",
+        ),
+        (
+            "coordinates_forces",
+            "test_hb_coordinates",
+            "loads on pivots are lost for the interior",
+            "turned(r, :) = forces(r, :) + matmul(transpose(self%of_others), forces(p, :))",
+            "turned(r, :) = forces(r, :)",
+        ),
+        (
+            "coordinates_recovery",
+            "test_hb_coordinates test_hb_scene_coordinates",
+            "the motion of pivots forgets that of the interior",
+            "y(p, :) = matmul(self%of_z, y(p, :)) + matmul(self%of_others, y(r, :))",
+            "y(p, :) = matmul(self%of_z, y(p, :))",
+        ),
+    ),
+    *of(
+        "structure/hb_krylov_basis.f90",
+        (
+            "krylov_outliers",
+            "test_hb_reduction",
+            "a dashpot spoils what is proportional in the damping",
+            "self%beta = median(pack(beta, is_sound))",
+            "self%beta = sum(pack(beta, is_sound))/count(is_sound)",
+        ),
+        (
+            "krylov_change",
+            "test_hb_reduction",
+            "no change by a block is ever seen",
+            "call find_flexibility(self, self%n_before, frequencies, before)",
+            "call find_flexibility(self, self%n, frequencies, before)",
+        ),
+        (
+            "krylov_inertia",
+            "test_hb_reduction",
+            "the space goes on with what the shapes are, not with their inertia",
+            "call self%m%times(w, x)\n      call project(self, x, self%mass",
+            "x = w\n      call project(self, x, self%mass",
+        ),
+    ),
+    *of(
+        "structure/hb_mean_energy.f90",
+        (
+            "energy_of_mean",
+            "test_hb_mean_energy",
+            "a constant part counts as a harmonic",
+            "if (abs(frequencies(h)) <= 0.0_wp) strain = 2.0_wp*strain",
+            "if (abs(frequencies(h)) < 0.0_wp) strain = 2.0_wp*strain",
+        ),
+        (
+            "energy_loss",
+            "test_hb_mean_energy",
+            "the loss factor is twice as large",
+            "factor = loss/(2.0_wp*self%turning)",
+            "factor = loss/self%turning",
+        ),
+    ),
+    *of(
+        "structure/hb_modes.f90",
+        (
+            "modes_growth",
+            "test_hb_modes",
+            "growth rates are in units of their own",
+            "self%growth = rate*alpha_r(found)/beta(found)",
+            "self%growth = alpha_r(found)/beta(found)",
+        ),
+        (
+            "modes_order",
+            "test_hb_modes",
+            "modes are not sorted",
+            "if (self%frequency(k - 1) <= self%frequency(k)) exit",
+            "if (self%frequency(k - 1) <= huge(1.0_wp)) exit",
+        ),
+    ),
+    *of(
+        "structure/hb_reduction.f90",
+        (
+            "reduction_shift",
+            "test_hb_reduction",
+            "the shift stays in the stiffness",
+            "stiffness = energy - basis%shift*mass",
+            "stiffness = energy",
+        ),
+        (
+            "reduction_rests",
+            "test_hb_reduction",
+            "dashpots act against the motion by half",
+            "matrix(k, column) = matrix(k, column) + rest%value(e)",
+            "matrix(k, column) = matrix(k, column) + 0.5_wp*rest%value(e)",
+        ),
+        (
+            "reduction_complement",
+            "test_hb_reduction",
+            "loads do not reach the shapes in their coordinates",
+            "small%vectors%values = [small%vectors%values, matmul(f, t)]",
+            "small%vectors%values = [small%vectors%values, f]",
+        ),
+    ),
+]

@@ -1,0 +1,61 @@
+"""Mutants of src/study."""
+
+from mutant_parts.mutant import of
+
+MUTANTS = [
+    *of(
+        "study/hb_marched_motion.f90",
+        (
+            "marched_repeats",
+            "test_hb_marched_motion",
+            "a motion of several periods is one of the tones",
+            "if (left_out > allowed .and. part > 1 .and.",
+            "if (left_out > 1.0e3_wp*allowed .and. part > 1 .and.",
+        ),
+        (
+            "marched_disorder",
+            "test_hb_marched_motion",
+            "a motion that never repeats is one of the tones",
+            "repeats(1) <= max(allowed, clearly*left_out)) then",
+            "repeats(1) <= max(1.0e3_wp*allowed, clearly*left_out)) then",
+        ),
+        (
+            "marched_transient",
+            "test_hb_marched_motion",
+            "what is left of the start is a motion of several periods",
+            "if (has_forgotten) settled%status = outcome%subharmonic",
+            "settled%status = outcome%subharmonic",
+        ),
+        (
+            "marched_budget",
+            "test_hb_marched_motion",
+            "a march has no budget of work",
+            "config%most_looks = int(min(scene%solver",
+            "config%most_looks = int(min(1.0e9_wp*scene%solver",
+        ),
+    ),
+    *of(
+        "study/hb_schedule.f90",
+        (
+            "schedule_stride",
+            "test_hb_schedule",
+            "some counters are never visited",
+            "do while (common_divisor(self%stride, self%n_counters) > 1)",
+            "do while (common_divisor(self%stride, self%n_counters) > huge(1))",
+        ),
+        (
+            "schedule_line",
+            "test_hb_schedule",
+            "the last chain of a line runs into the next one",
+            "min(place + self%chain, self%line)",
+            "(place + self%chain)",
+        ),
+        (
+            "schedule_time",
+            "test_hb_schedule",
+            "blocks of slow points are long",
+            "if (n*cursor%seconds > self%block_seconds)",
+            "if (n*cursor%seconds < self%block_seconds)",
+        ),
+    ),
+]
