@@ -416,11 +416,11 @@ contains
          if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
          if (max(found%truncation, found%aliasing) <= exact) return
          config = scene%stability
-         config%patience = huge(1.0_wp)
+         config%patience = 1.0_wp
          tones = scene%tones
          tones%omega = balance%omega
          call find_stability(refined, config, scene%structure, scene%laws, found%around%tuples, tones, found%refined, &
-                             usual_work(balance))
+                             huge(1.0_wp))
          call stability%hold_against(refined)
       end associate
    end subroutine compare_with_refined
