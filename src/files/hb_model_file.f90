@@ -8,6 +8,7 @@ module hb_model_file
    use hb_reduction_file, only: read_reduction, write_reduction
    use hb_sparse, only: new_sparse, sparse_t
    use hb_structure, only: structure_t
+   use hb_system, only: file_kind, kind_of_file
    use hb_text, only: to_text
    implicit none
    private
@@ -118,7 +119,7 @@ contains
       type(h5_file_t) :: file
       type(error_t), allocatable :: error, ignored
 
-      inquire (file=path, exist=is_model_file)
+      is_model_file = kind_of_file(path) == file_kind%regular         ! to open a pipe waits for who writes
       if (.not. is_model_file) return
       call open_file(file, path, error)
       is_model_file = .not. allocated(error)
