@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from ..structure import Structure
-from .style import COLOUR_MAP, INK, figure, look
+from .style import COLOUR_MAP, INK, figure, look, unit_scale
 
 # Corners of the faces of each kind of cell of VTK; middle nodes of quadratic cells are left out.
 _TETRA = ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3))
@@ -31,11 +31,12 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, amplitude: n
         scale = _LARGEST * float(extent.max()) / largest if largest > 0 else 0.0
         points = structure.points + scale * displacement
         faces = surface(structure.cells)
-        colours = Normalize(0.0, float(amplitude.max()) or 1.0)
+        factor, units = unit_scale(float(amplitude.max()), "m")
+        colours = Normalize(0.0, factor * float(amplitude.max()) or 1.0)
         kind = Line3DCollection if all(len(face) == 2 for face in faces) else Poly3DCollection
         width = 0.3 if kind is Poly3DCollection else 2.5
         drawn = kind([points[list(face)] for face in faces], cmap=COLOUR_MAP, norm=colours, linewidths=width)
-        drawn.set_array(np.array([amplitude[list(face)].mean() for face in faces]))
+        drawn.set_array(factor * np.array([amplitude[list(face)].mean() for face in faces]))
         if kind is Poly3DCollection:
             drawn.set_edgecolor(INK)
         axes.add_collection3d(drawn)
@@ -45,8 +46,8 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, amplitude: n
             getattr(axes, f"set_{label}label")(f"{label} [m]")
             getattr(axes, f"{label}axis").set_major_locator(MaxNLocator(4))
         axes.set_box_aspect((1, 1, 1))
-        fig.colorbar(drawn, cax=fig.add_axes((0.84, 0.2, 0.025, 0.55)), label="amplitude [m]")
-        fig.text(0.02, 0.95, f"{heading}; drawn {scale:.3g} times as large" if scale else heading)
+        fig.colorbar(drawn, cax=fig.add_axes((0.84, 0.2, 0.025, 0.55)), label=f"amplitude [{units}]")
+        fig.text(0.02, 0.95, f"{heading}; drawn {float(f'{scale:.3g}'):g} times as large" if scale else heading)
     return fig
 
 
