@@ -170,6 +170,7 @@ contains
       class(motion_ridge_t), intent(inout), target :: self
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
+      type(motion_result_t) :: nothing
       real(wp) :: far, started, value
       integer :: i, kind, n_steps
       logical :: is_found
@@ -199,7 +200,7 @@ contains
             if (n_steps <= easy_steps) self%step = min(request%longest_step, 1.5_wp*self%step)
             call take(self, result%curve%state, value, kind, result)
          else if (.not. allocated(error)) then
-            result = motion_result_t()
+            result = nothing
             result%status = outcome%stalled
             if (self%watch%verdict == verdict%timed_out) result%status = outcome%timed_out
             if (self%watch%verdict == verdict%interrupted) result%status = outcome%interrupted
