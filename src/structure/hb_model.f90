@@ -90,6 +90,7 @@ contains
       reduction%flexibility = max(1, findloc(flexibility_names == word, .true., dim=1))
       call group%get("flexibility_tolerance", reduction%tolerance, unit="1", limits=limits_t(above=0.0_wp))
       call group%get("flexibility_up_to", reduction%asked_up_to, unit="rad/s", limits=limits_t(minimum=0.0_wp))
+      is_kept = .true.
       call group%get("flexibility_file", is_kept)                      ! read where the structure is reduced
       structural_frequency = 0.0_wp
       call group%get("structural_frequency", structural_frequency, unit="rad/s", limits=limits_t(minimum=0.0_wp))
