@@ -271,9 +271,16 @@ def begin(folder, *words, ranks=None):
     )
 
 
+def holds(condition) -> bool:
+    try:
+        return bool(condition())
+    except BlockingIOError:  # the program is just opening the file, or closing it
+        return False
+
+
 def wait_for(process, condition):
     deadline = time.monotonic() + 60.0
-    while not condition():
+    while not holds(condition):
         assert process.poll() is None, process.stderr.read()
         assert time.monotonic() < deadline
         time.sleep(0.005)
