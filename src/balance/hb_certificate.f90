@@ -98,8 +98,9 @@ contains
       if (allocated(error)) return
       call make_wide_balance()
       if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, n_steps, error, phase, curve)
-      if (.not. allocated(error) .and. any(is_unknown([self%truncation, self%aliasing]))) then
-         if (.not. (present(phase) .or. present(curve))) &
+      if (.not. allocated(error)) then
+         if (.not. (present(phase) .or. present(curve)) .and. (any(is_unknown([self%truncation, self%aliasing])) .or. &
+             has_multipliers(balance) .and. balance%harmonics%n_tones == 1)) &
             call solve_on_finer_grid(self, balance, wide, grid, u, effort, n_steps, error)
          if (is_unknown(self%truncation)) self%truncation = unknown
          if (is_unknown(self%aliasing)) self%aliasing = unknown
@@ -210,7 +211,8 @@ contains
    end function is_unknown
 
    !> Estimates anew from the solution on the finer grid, where there is one near: aliasing is the difference. The few samples at
-   !> which rigid laws hold the motion, such as stops under friction, may by chance leave its tangent almost singular.
+   !> which rigid laws hold the motion, such as stops under friction, may leave its tangent almost singular, or another one where
+   !> rounding decides whether a sample is held.
    subroutine solve_on_finer_grid(self, balance, wide, grid, u, effort, n_steps, error)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance
