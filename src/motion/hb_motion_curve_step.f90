@@ -13,6 +13,7 @@ submodule (hb_motion_curve) hb_motion_curve_step
    real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
    real(wp), parameter :: located = 1.0e-11_wp                        ! of a function that is zero at a fold or a peak
    real(wp), parameter :: located_multiplier = 1.0e-9_wp              ! of a function that is zero at a bifurcation
+   real(wp), parameter :: at_start = 1.0e-4_wp                        ! of a step: where a branch begins rounding decides on zeros
    real(wp), parameter :: left_behind = 1.0e-5_wp                     ! value of that function where a curve begins at its zero
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
 
@@ -208,6 +209,7 @@ contains
          real(wp) :: place
 
          call self%curve%find_zero(an_event, [0.0_wp, self%curve%last_step], at_ends, tolerance, x, place, is_found)
+         if (self%way > 2 .and. self%length <= 0.0_wp) is_found = is_found .and. place > at_start*self%curve%last_step
          if (is_found) call add(kind, place, x)
       end subroutine find
 
