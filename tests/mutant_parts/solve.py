@@ -90,7 +90,7 @@ MUTANTS = [
         ),
         (
             "curve_angle",
-            "test_hb_curve test_hb_motion_curve",
+            "test_hb_curve",
             "steps do not shrink where the curve turns",
             "factor = max(self%config%reduction, self%config%angle/self%angle)",
             "factor = 1.0_wp",

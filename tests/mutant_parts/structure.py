@@ -50,8 +50,8 @@ MUTANTS = [
             "krylov_outliers",
             "test_hb_reduction",
             "a dashpot spoils what is proportional in the damping",
-            "self%beta = median(pack(beta, is_sound))",
-            "self%beta = sum(pack(beta, is_sound))/count(is_sound)",
+            "self%alpha = median(pack(alpha, is_sound))",
+            "self%alpha = sum(pack(alpha, is_sound))/count(is_sound)",
         ),
         (
             "krylov_change",
