@@ -63,14 +63,15 @@ module hb_certificate
                                                                       !! relative to the motion; not allocated where not known
       real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_law_dofs);
                                                                       !! not allocated where it was not asked for
-      complex(wp), allocatable :: refined(:, :)                       !! motion of one tone with its first-order errors taken out
-                                                                      !! [m], (all dofs, tuples of `around`)
+      logical, private :: keeps_refined = .false.                     ! of several tones, too
+      complex(wp), allocatable :: refined(:, :)                       !! motion with its first-order errors taken out [m], (all
+                                                                      !! dofs, tuples of `around`); of several tones if asked for
    end type certificate_t
 
 contains
 
    !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance, and with it the motion improved by some steps.
-   subroutine certify(self, structure, loads, torus, balance, u, effort, n_steps, error, phase, curve, looks_near)
+   subroutine certify(self, structure, loads, torus, balance, u, effort, n_steps, error, phase, curve, looks_near, keeps_refined)
       type(certificate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
@@ -85,11 +86,13 @@ contains
                                                                       !! along its last form count for nothing
       logical, intent(in), optional :: looks_near                     !! in a set that reaches twice as far as that of the motion,
                                                                       !! not in the box around it; default false
+      logical, intent(in), optional :: keeps_refined                  !! `refined` is asked for of several tones, too
       type(balance_t) :: wide
       type(harmonics_t) :: set
       type(tones_t) :: tones
       type(torus_t) :: grid
 
+      if (present(keeps_refined)) self%keeps_refined = keeps_refined
       call new_tones(tones, balance%omega, error)
       if (allocated(error)) return
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
@@ -326,7 +329,7 @@ contains
       if (is_rigid .and. .not. has_multipliers(balance)) &
          change = change*min(1.0_wp, most_given_way*norm2(answer)/max(norm2(change(:size(u))), tiny(1.0_wp)))
       self%truncation = sqrt(norm2(change(:size(u)))**2 + norm2(answer)**2)/size_of_motion
-      if (size(balance%omega) == 1) call keep_refined()
+      if (size(balance%omega) == 1 .or. self%keeps_refined) call keep_refined()
       if (present(phase)) then
          associate (first => size(u) + 1, last => size(u) + size(phase%tones))
             self%frequency_error(phase%tones) = hypot(change(first:last), alias(first:last))

@@ -15,16 +15,16 @@ module hb_accurate_motion
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome
-   use hb_rung, only: choose_next, degree_of, distance, estimate_of, is_rigid, margin, most_failures, put_on_rung, reliable, &
-      rung_t, trim_set, with_caution
-   use hb_scene, only: scene_t
+   use hb_rung, only: choose_next, degree_of, distance, estimate_of, estimate_of_wanted, is_rigid, margin, most_failures, &
+      put_on_rung, reliable, rung_t, trim_set, with_caution
+   use hb_scene, only: accuracy_t, scene_t
    use hb_stability, only: stability_method
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
    use hb_watch, only: watch_t
    implicit none
    private
-   public :: calibrate, left_after, solve_to_tolerance
+   public :: calibrate, calibrate_outputs, left_after, solve_to_tolerance
 
    integer, parameter :: most_rungs = 24
    integer, parameter :: most_idle = 3                                ! rungs one after the other that gain nothing
@@ -61,6 +61,7 @@ contains
       type(account_t) :: account
       type(error_t), allocatable :: trouble
       real(wp) :: before, best_estimate, difference, estimate, goal, raw
+      real(wp), allocatable :: outputs_before(:), outputs_raw(:)      ! estimates of outputs
       integer :: n_failures, n_idle, rung
       logical :: is_checked, is_there
 
@@ -76,16 +77,17 @@ contains
       if (present(start)) is_checked = allocated(start%unknowns) .and. account%n_rungs == 1 ! as the neighbour was
       best_estimate = huge(1.0_wp)
       before = estimate_of(result)
+      outputs_before = estimates_of_outputs(result)
       n_failures = 0
       n_idle = 0
       difference = 0.0_wp
       do rung = 1, most_rungs
-         estimate = estimate_of(result)
+         estimate = estimate_of_wanted(result)
          if (estimate <= scene%accuracy%tolerance*merge(margin, unchecked, is_checked)) exit
          if (account%work > scene%accuracy%max_work .or. n_idle == most_idle) exit
          goal = max(step*estimate, margin*scene%accuracy%tolerance)
          if (estimate <= margin*scene%accuracy%tolerance) goal = max(0.3_wp*estimate, step*scene%accuracy%tolerance)
-         goal = goal*3.0_wp**n_failures
+         goal = goal*3.0_wp**n_failures*estimate_of(result)/max(estimate, tiny(1.0_wp))   ! of the motion
          call choose_next(scene, result, top, goal, n_failures, next, is_there)
          if (.not. is_there) exit
          call take(here, scene, next, next%unknowns, n_failures == most_failures - 1, account, trial, trouble, watch)
@@ -101,22 +103,25 @@ contains
          difference = distance(top, next, any(scene%tones%is_unknown))
          is_checked = before < reliable
          raw = estimate_of(trial)
+         outputs_raw = estimates_of_outputs(trial)
          if (is_checked) call calibrate(trial%certificate, result%certificate, before, difference, &
                                           next%set%n_harmonics > clearly*top%set%n_harmonics)
          if (is_rigid(scene)) trial%certificate%truncation = max(trial%certificate%truncation, min(1.0_wp, &
             difference*left_after(top%set%n_harmonics, next%set%n_harmonics, scene%tones%n_tones)))
+         call calibrate_outputs(scene, trial, next%set, result, top%set, outputs_before)
          before = raw
-         if (is_checked .and. max(estimate, difference) < best_estimate) then
+         outputs_before = outputs_raw
+         if (is_checked .and. max(estimate, difference) < best_estimate .and. size(outputs_raw) == 0) then
             best = result
             best_top = top
             best_estimate = max(estimate, difference)
          end if
          n_failures = 0
-         n_idle = merge(n_idle + 1, 0, estimate_of(trial) > idle*estimate)
+         n_idle = merge(n_idle + 1, 0, estimate_of_wanted(trial) > idle*estimate)
          top = next
          result = trial
       end do
-      if (best_estimate < estimate_of(result)) then                     ! what came after it made it worse, as far as one knows
+      if (best_estimate < estimate_of_wanted(result)) then !  what came after it made it worse, as far as one knows
          result = best
          top = best_top
          result%certificate%truncation = max(result%certificate%truncation, best_estimate)
@@ -147,6 +152,44 @@ contains
       below = norm2(lower%neglected)
       upper%truncation = min(upper%truncation, max(safety*above, difference*min(1.0_wp, above/below)))
    end subroutine calibrate
+
+   pure function estimates_of_outputs(result) result(estimates)
+      type(motion_result_t), intent(in) :: result
+      real(wp), allocatable :: estimates(:)
+
+      allocate (estimates(0))
+      if (allocated(result%output_estimate)) estimates = result%output_estimate
+   end function estimates_of_outputs
+
+   !> Raises the estimates of outputs as `calibrate` does, each by its own difference, and never lowers them.
+   subroutine calibrate_outputs(scene, upper, upper_set, lower, lower_set, estimates_below)
+      type(scene_t), intent(in) :: scene
+      type(motion_result_t), intent(inout) :: upper
+      type(motion_result_t), intent(in) :: lower
+      type(harmonics_t), intent(in) :: upper_set, lower_set
+      real(wp), intent(in) :: estimates_below(:)                      !! of the lower rung, as its certificate had them
+      complex(wp), allocatable :: below(:, :), above(:, :)
+      real(wp) :: difference, left
+      integer :: i
+
+      if (.not. (allocated(upper%outputs) .and. allocated(lower%outputs))) return
+      below = lower%outputs
+      above = upper%outputs
+      if (any(scene%tones%is_unknown)) then                           ! phases are free
+         below = abs(below)
+         above = abs(above)
+      end if
+      left = 0.0_wp
+      if (is_rigid(scene)) left = left_after(lower_set%n_harmonics, upper_set%n_harmonics, scene%tones%n_tones)
+      do i = 1, size(estimates_below)
+         difference = scene%accuracy%outputs(i)%distance(lower_set, below(:, i), upper_set, above(:, i))
+         associate (estimate => upper%output_estimate(i))
+            if (estimates_below(i) < reliable) estimate = estimate* &
+               max(1.0_wp, min(difference/max(estimates_below(i), tiny(1.0_wp)), largest_correction))
+            estimate = min(1.0_wp, max(estimate, left*difference))
+         end associate
+      end do
+   end subroutine calibrate_outputs
 
    !> What is left of the error after a rung, relative to the difference that it made, where the error falls with the first power of
    !> the order only: forces of rigid laws have all harmonics. Of two sets of about one size nothing is concluded beyond a bound.
@@ -294,8 +337,10 @@ contains
       end if
       associate (found => result%certificate)
          if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
-            result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= scene%accuracy%tolerance)
+            result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= scene%accuracy%tolerance)
       end associate
+      if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
+         result%message = message_on_outputs(scene%accuracy, result%output_estimate)
       result%harmonics = top%set
       result%n_samples = top%n_samples
       result%n_rungs = account%n_rungs
@@ -309,6 +354,19 @@ contains
       result%certificate_seconds = account%certificate_seconds
       result%certificate_cpu_seconds = account%certificate_cpu_seconds
    end subroutine finish
+
+   !> Names the output that is known least.
+   function message_on_outputs(accuracy, estimates) result(message)
+      type(accuracy_t), intent(in) :: accuracy
+      real(wp), intent(in) :: estimates(:)
+      character(:), allocatable :: message
+      character(9) :: estimate, tolerance
+
+      write (estimate, "(es7.1)") maxval(estimates)
+      write (tolerance, "(es7.1)") accuracy%tolerance
+      message = "the error of '"//accuracy%outputs(maxloc(estimates, dim=1))%name//"' is estimated as "//trim(estimate)// &
+                ", asked for was "//trim(tolerance)
+   end function message_on_outputs
 
    !> Tuples of the scene that have a load or a first guess.
    pure function loaded_tuples(scene) result(tuples)

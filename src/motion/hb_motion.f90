@@ -374,6 +374,7 @@ contains
          call cpu_time(cpu_ended)
          result%certificate_cpu_seconds = cpu_ended - cpu_begun
          if (allocated(error)) return
+         call keep_outputs(scene, basis, c, result)
       end if
       if (is_solved(result%status)) then
          call stability_of(scene, balance, c, scene%stability%tolerance, result%stability)
@@ -577,6 +578,27 @@ contains
       result%corrected_coefficients = as_pairs(basis%whole, basis%expand(moved))
    end subroutine keep_forces
 
+   !> The outputs whose accuracy is asked for. They are off by what the motion without its first-order errors changes in them.
+   subroutine keep_outputs(scene, basis, c, result)
+      type(scene_t), intent(in) :: scene
+      type(basis_t), intent(in) :: basis
+      complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
+      type(motion_result_t), intent(inout) :: result
+      integer :: i
+
+      if (.not. allocated(scene%accuracy%outputs)) return
+      associate (outputs => scene%accuracy%outputs, found => result%certificate)
+         if (size(outputs) == 0) return
+         allocate (result%outputs(basis%whole%n_harmonics, size(outputs)), source=(0.0_wp, 0.0_wp))
+         allocate (result%output_estimate(size(outputs)), source=1.0_wp)
+         do i = 1, size(outputs)
+            result%outputs(basis%places, i) = c(outputs(i)%dof, :)
+            if (allocated(found%refined)) result%output_estimate(i) = min(1.0_wp, &
+               outputs(i)%distance(basis%harmonics, c(outputs(i)%dof, :), found%around, found%refined(outputs(i)%dof, :)))
+         end do
+      end associate
+   end subroutine keep_outputs
+
    !> Makes the certificate of a solved point; one that misses a threshold gets the status that says so.
    subroutine keep_certificate(scene, basis, balance, u, result, error, search, curve)
       type(scene_t), intent(in) :: scene
@@ -587,14 +609,18 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(search_t), intent(inout), optional :: search               !! of a scene with unknown tones
       class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
+      logical :: keeps_refined
 
+      keeps_refined = .false.
+      if (allocated(scene%accuracy%outputs)) keeps_refined = size(scene%accuracy%outputs) > 0
       if (any(scene%tones%is_unknown) .and. present(search)) then
          call certify(result%certificate, scene%structure, basis%amplitudes_of(scene%loads), basis%torus, balance, u, &
-                      scene%planning, 0, error, search%phase, looks_near=scene%certificate%looks_near)
+                      scene%planning, 0, error, search%phase, looks_near=scene%certificate%looks_near, &
+                      keeps_refined=keeps_refined)
       else
          call certify(result%certificate, scene%structure, basis%amplitudes_of(scene%loads), basis%torus, balance, u, &
                       scene%planning, scene%certificate%improvement_steps, error, curve=curve, &
-                      looks_near=scene%certificate%looks_near)
+                      looks_near=scene%certificate%looks_near, keeps_refined=keeps_refined)
       end if
       if (allocated(error)) return
       if (allocated(result%certificate%improved)) call keep_improved(basis, result, error)

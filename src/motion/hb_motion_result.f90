@@ -44,6 +44,8 @@ module hb_motion_result
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
       real(wp), allocatable :: artificial_damping(:)    !! [1/s], (n_tones), of a normal mode
       real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
+      complex(wp), allocatable :: outputs(:, :)         !! cos - i sin [m], (n_harmonics, outputs of the accuracy asked for)
+      real(wp), allocatable :: output_estimate(:)       !! estimated error of each of them, relative to it
       real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of certificate%wider, n_law_dofs)

@@ -1,35 +1,41 @@
-!> A response: the amplitude of one degree of freedom, as a number that can have maxima along a curve.
+!> A response: the motion of one degree of freedom, all that oscillates there or one harmonic of it.
 module hb_response
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_scene, only: scene_t
+   use hb_structure, only: structure_t
    use hb_text, only: to_text
    implicit none
    private
    public :: new_response, response_t
 
    type :: response_t
+      character(:), allocatable :: name                               !! as the input has it
       integer :: dof = 0                                              !! of the structure
       integer :: column = 0                                           !! number of the coordinate that is dof; 0: none is
       integer, allocatable :: tuple(:)                                !! of a harmonic; none: root mean square of all but the mean
    contains
       procedure :: of => response_of
+      procedure :: distance => response_distance
+      procedure :: is_in => response_is_in
    end type response_t
 
 contains
 
-   !> Response of a name: `v3` for all that oscillates there, `v3 (1,0)` for one harmonic. Fails where the scene has no such thing.
-   subroutine new_response(self, name, scene, error)
+   !> Response of a name: `v3` for all that oscillates there, `v3 (1,0)` for one harmonic. Fails where the structure has no such
+   !> degree of freedom.
+   subroutine new_response(self, name, structure, n_tones, error)
       type(response_t), intent(out) :: self
       character(*), intent(in) :: name
-      type(scene_t), intent(in) :: scene
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: n_tones
       type(error_t), allocatable, intent(out) :: error
-      integer :: bracket, status, tuple(scene%tones%n_tones)
+      integer :: bracket, status, tuple(n_tones)
 
+      self%name = trim(name)
       bracket = index(name, "(")
       if (bracket == 0) bracket = len_trim(name) + 1
-      call scene%structure%find_dof(trim(adjustl(name(:bracket - 1))), self%dof, error)
+      call structure%find_dof(trim(adjustl(name(:bracket - 1))), self%dof, error)
       if (allocated(error) .or. bracket > len_trim(name)) return
       status = 1
       if (index(name, ")") == len_trim(name) .and. count_of(",", name) == size(tuple) - 1) &
@@ -40,8 +46,6 @@ contains
          return
       end if
       self%tuple = tuple
-      if (scene%harmonics%index_of(tuple) == 0 .and. .not. scene%accuracy%grows_set) &
-         call fail(error, "'"//name//"': the set of harmonics does not have this tuple")
    end subroutine new_response
 
    pure integer function count_of(letter, text) result(n)
@@ -51,6 +55,15 @@ contains
 
       n = count([(text(i:i) == letter, i=1, len(text))])
    end function count_of
+
+   !> Whether a set has its harmonic.
+   pure logical function response_is_in(self, harmonics) result(is_in)
+      class(response_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: harmonics
+
+      is_in = .true.
+      if (allocated(self%tuple)) is_in = harmonics%index_of(self%tuple) > 0
+   end function response_is_in
 
    !> Its square, from the amplitudes of its degree of freedom.
    pure real(wp) function response_of(self, harmonics, amplitudes) result(square)
@@ -67,4 +80,29 @@ contains
          square = 0.5_wp*sum([(abs(amplitudes(h))**2, h=merge(2, 1, harmonics%has_zero), harmonics%n_harmonics)])
       end if
    end function response_of
+
+   !> Distance of two motions of its degree of freedom in what counts for it, relative to the second, phases included: 1 where the
+   !> first has nothing of it, 0 where neither has. What is nothing but rounding of the motion there is no unit.
+   pure real(wp) function response_distance(self, set, amplitudes, set_of_second, second) result(distance)
+      class(response_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set, set_of_second
+      complex(wp), intent(in) :: amplitudes(:), second(:)             !! (n_harmonics of each)
+      complex(wp) :: difference(size(second))
+      real(wp), parameter :: rounding = 1.0e-9_wp
+      real(wp) :: beyond, reference
+      integer :: h, k
+
+      difference = second
+      beyond = 0.0_wp
+      do h = 1, set%n_harmonics
+         k = set_of_second%index_of(set%tuples(:, h))
+         if (k > 0) then
+            difference(k) = difference(k) - amplitudes(h)
+         else if (.not. allocated(self%tuple)) then
+            if (any(set%tuples(:, h) /= 0)) beyond = beyond + 0.5_wp*abs(amplitudes(h))**2
+         end if
+      end do
+      reference = max(sqrt(self%of(set_of_second, second)), rounding*norm2(abs(second)), tiny(1.0_wp))
+      distance = sqrt(self%of(set_of_second, difference) + beyond)/reference
+   end function response_distance
 end module hb_response

@@ -15,7 +15,8 @@ module hb_rung
    use hb_tuple_union, only: tuple_union_t
    implicit none
    private
-   public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, is_rigid, join, margin, most_failures
+   public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_wanted, is_rigid, join, margin
+   public :: most_failures
    public :: put_on_rung, reliable, rung_t, trim_set, with_caution
 
    integer, parameter :: most_failures = 3                            ! of rungs one after the other
@@ -219,6 +220,13 @@ contains
       integer :: h
 
       is_needed = sum(abs(tuple)) <= 1
+      if (allocated(scene%accuracy%outputs)) then
+         do h = 1, size(scene%accuracy%outputs)
+            associate (output => scene%accuracy%outputs(h))
+               if (allocated(output%tuple)) is_needed = is_needed .or. all(output%tuple == tuple) .or. all(output%tuple == -tuple)
+            end associate
+         end do
+      end if
       h = scene%harmonics%index_of(tuple)
       if (h > 0 .and. .not. is_needed) is_needed = any(abs(scene%loads(:, h)) > 0.0_wp)
    end function is_needed_at
@@ -330,12 +338,22 @@ contains
       estimate_of = hypot(result%certificate%truncation, result%certificate%aliasing)
    end function estimate_of
 
+   !> Largest estimated error of what the tolerance is for: the outputs that are named, or else the motion.
+   pure real(wp) function estimate_of_wanted(result) result(estimate)
+      type(motion_result_t), intent(in) :: result
+
+      estimate = estimate_of(result)
+      if (allocated(result%output_estimate)) estimate = maxval(result%output_estimate)
+   end function estimate_of_wanted
+
    !> Raises the estimate of a motion against rigid laws.
    pure subroutine with_caution(scene, result)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(inout) :: result
 
-      if (is_rigid(scene)) result%certificate%truncation = min(1.0_wp, caution*result%certificate%truncation)
+      if (.not. is_rigid(scene)) return
+      result%certificate%truncation = min(1.0_wp, caution*result%certificate%truncation)
+      if (allocated(result%output_estimate)) result%output_estimate = min(1.0_wp, caution*result%output_estimate)
    end subroutine with_caution
 
    !> Whether a law is rigid.

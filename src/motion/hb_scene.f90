@@ -10,6 +10,7 @@ module hb_scene
    use hb_march_config, only: march_config_t
    use hb_model, only: model_source_t
    use hb_normal_mode, only: normal_mode_t
+   use hb_response, only: response_t
    use hb_solver_types, only: solver_config_t
    use hb_stability, only: stability_config_t
    use hb_structure, only: structure_t
@@ -41,6 +42,7 @@ module hb_scene
       logical :: grows_set = .false.                                  !! no &harmonics rules the set
       logical :: refines_grid = .false.                               !! no &sampling rules the grid
       real(wp) :: tolerance = 1.0e-2_wp                               !! estimated error relative to the motion that the laws feel
+      type(response_t), allocatable :: outputs(:)                     !! or relative to each of these, where there are any
       integer :: max_harmonics = 2000                                 !! tuples of a set
       integer :: max_samples = 2000000                                !! of a grid
       real(wp) :: max_work = 60.0e9_wp                                !! of all solutions of a point, as `work` of a report

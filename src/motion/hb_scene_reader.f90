@@ -13,6 +13,7 @@ module hb_scene_reader
    use hb_scene_laws, only: read_laws, update_laws
    use hb_scene_loads, only: loaded_tuples, read_loads, read_starts
    use hb_scene_reduction, only: is_reduced_for, reduce_scene
+   use hb_text, only: to_text
    use hb_scene_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
    use hb_scene_symmetry, only: check_symmetry
    use hb_scene_tones, only: read_tones
@@ -83,6 +84,23 @@ contains
       end if
    end subroutine update_scene
 
+   !> Tuples of loads, first guesses and outputs whose accuracy is asked for, (n_tones, any).
+   function wanted_tuples(self, document) result(tuples)
+      type(scene_t), intent(in) :: self
+      type(document_t), intent(inout), target :: document
+      integer, allocatable :: tuples(:, :)
+      integer, allocatable :: entries(:)
+      integer :: i
+
+      associate (outputs => self%accuracy%outputs, n_tones => self%tones%n_tones)
+         entries = [loaded_tuples(document, n_tones)]
+         do i = 1, size(outputs)
+            if (allocated(outputs(i)%tuple)) entries = [entries, outputs(i)%tuple]
+         end do
+         tuples = reshape(entries, [n_tones, size(entries)/n_tones])
+      end associate
+   end function wanted_tuples
+
    !> Reads group after group; `error` is what stops the reading, problems of single keys wait in the document.
    subroutine read_parts(self, document, error)
       type(scene_t), intent(inout) :: self
@@ -97,9 +115,14 @@ contains
       if (allocated(error)) return
       call read_tones(self%tones, document, error)
       if (allocated(error)) return
-      call read_accuracy(self%accuracy, document)
+      call read_accuracy(self%accuracy, document, self%structure, self%tones%n_tones)
       if (self%accuracy%grows_set) then
-         call read_lowest_set(self%harmonics, document, loaded_tuples(document, self%tones%n_tones), error, self%symmetry)
+         call read_lowest_set(self%harmonics, document, wanted_tuples(self, document), error, self%symmetry)
+         if (.not. allocated(error) .and. self%harmonics%n_harmonics > self%accuracy%max_harmonics) then
+            group => document%optional_group("accuracy")
+            call group%problem("max_harmonics", "must be "//to_text(self%harmonics%n_harmonics)// &
+                               " or more, the tuples to begin with")
+         end if
       else
          call read_harmonics(self%harmonics, document, self%tones%n_tones, error, self%symmetry)
       end if

@@ -170,6 +170,8 @@ contains
       end do
       group => document%optional_group("output")
       if (group%given("dofs") .and. allocated(self%output%dofs)) is_kept(self%output%dofs) = .true.
+      if (any(self%accuracy%outputs%dof == 0)) return
+      is_kept(self%accuracy%outputs%dof) = .true.
       is_sound = .true.
       do i = 1, document%count("start")
          call keep_named(document%group("start", i), "dof")
@@ -275,6 +277,7 @@ contains
 
       number = 0
       number(kept) = [(i, i=1, size(kept))]
+      self%accuracy%outputs%dof = number(self%accuracy%outputs%dof)
       do i = 1, size(self%laws)
          self%laws(i)%law%dofs = number(self%laws(i)%law%dofs)
       end do

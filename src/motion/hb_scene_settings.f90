@@ -6,9 +6,11 @@ module hb_scene_settings
    use hb_kinds, only: wp
    use hb_memory_estimate, only: gib
    use hb_properties, only: limits_t, properties_t
+   use hb_response, only: new_response
    use hb_scene, only: accuracy_t, certificate_config_t, scene_t
    use hb_solver_types, only: method_names, start_names
    use hb_stability, only: stability_config_t, stability_method_names
+   use hb_structure, only: structure_t
    use hb_text, only: string_t, to_text
    use hb_torus, only: default_samples, fast_size, new_torus, torus_t
    implicit none
@@ -63,13 +65,19 @@ contains
       end associate
    end subroutine read_solver
 
-   !> Reads `&accuracy`: the tolerance, and what may be spent on it. Without a set in `&harmonics` it is on in any case.
-   subroutine read_accuracy(self, document)
+   !> Reads `&accuracy`: the tolerance, what it is for, what may be spent on it. Without a set in `&harmonics` it is on in any case.
+   subroutine read_accuracy(self, document, structure, n_tones)
       type(accuracy_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: n_tones
       type(properties_t), pointer :: group
+      type(string_t), allocatable :: names(:)
+      type(error_t), allocatable :: error
       real(wp) :: work
+      integer :: i
 
+      allocate (self%outputs(0))
       group => document%optional_group("harmonics")
       self%grows_set = .not. (group%given("order") .or. group%given("tuples") .or. group%given("set") .or. group%given("odd_only"))
       self%is_on = document%count("accuracy") > 0 .or. self%grows_set
@@ -77,6 +85,16 @@ contains
       group => document%optional_group("accuracy")
       work = self%max_work/unit_of_work
       call group%get("tolerance", self%tolerance, unit="1", limits=limits_t(above=0.0_wp))
+      call group%get("of", names)
+      if (.not. allocated(names)) allocate (names(0))
+      deallocate (self%outputs)
+      allocate (self%outputs(size(names)))
+      do i = 1, size(names)
+         call new_response(self%outputs(i), names(i)%value, structure, n_tones, error)
+         if (allocated(error)) call group%problem("of", error%message)
+      end do
+      if (size(names) > 0 .and. document%count("curve") > 0) &
+         call group%problem("of", "is for points and sweeps; leave it out with &curve, whose tolerance is that of the motion")
       call group%get("max_harmonics", self%max_harmonics, limits=limits_t(minimum=1, maximum=1000000))
       call group%get("max_samples", self%max_samples, limits=limits_t(minimum=1, maximum=100000000))
       call group%get("max_work", work, limits=limits_t(minimum=0.0_wp))

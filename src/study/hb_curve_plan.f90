@@ -217,7 +217,9 @@ contains
       end if
       allocate (request%peaks(size(self%peak_of)))
       do i = 1, size(self%peak_of)
-         call new_response(request%peaks(i), self%peak_of(i)%value, scene, error)
+         call new_response(request%peaks(i), self%peak_of(i)%value, scene%structure, scene%tones%n_tones, error)
+         if (.not. (allocated(error) .or. scene%accuracy%grows_set .or. request%peaks(i)%is_in(scene%harmonics))) &
+            call fail(error, "'"//request%peaks(i)%name//"': the set of harmonics does not have this tuple")
          if (.not. allocated(error)) cycle
          error%message = self%place//": peak_of: "//error%message
          return

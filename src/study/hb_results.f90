@@ -225,6 +225,7 @@ contains
          call put(self, "n_rungs", [point%n_rungs], error)
          call put(self, "rung_difference", [point%rung_difference], error)
          if (allocated(point%n_samples)) call put(self, "grid", point%n_samples, error)
+         if (allocated(point%output_estimate)) call put(self, "output_estimate", point%output_estimate, error)
       end if
       call put_coefficients(self, point, error)
       if (allocated(point%improved_coefficients)) call put(self, "improved_coefficients", point%improved_coefficients, error)

@@ -9,8 +9,8 @@ module hb_results_file
    use hb_outcome, only: outcome_names
    use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_results_plan, only: axis_t, component_axis, curve_entries, dof_axis, harmonic_axis, identifier, is_characters, &
-      is_checked, is_integer, is_real, law_axis, law_dof_axis, message_axis, multiplier_axis, n_bytes_of, parameter_name_length, &
-      parameter_names, plan_t, point_axis, size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
+      is_checked, is_integer, is_real, law_axis, law_dof_axis, message_axis, multiplier_axis, n_bytes_of, output_axis, &
+      parameter_name_length, parameter_names, plan_t, point_axis, size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
    use hb_signals, only: note_unfinished
    use hb_solver_types, only: rescue_names
    use hb_stability, only: stability_method_names
@@ -128,6 +128,8 @@ contains
                call file%add_texts(axis%name, layout%dof_labels, axis%scale, error)
             case (law_axis)
                call file%add_texts(axis%name, layout%law_labels, axis%scale, error)
+            case (output_axis)
+               call file%add_texts(axis%name, layout%output_names, axis%scale, error)
             case (law_dof_axis)
                call file%add_texts(axis%name, layout%law_dof_labels, axis%scale, error)
             case (component_axis)

@@ -25,6 +25,7 @@ module hb_results_layout
       integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics), the union over all points; zeros where each has
                                                         !! tuples of its own
       logical :: has_own_tuples = .false.               !! each point has, in the first of its places for harmonics
+      character(64), allocatable :: output_names(:)     !! that a tolerance is for; none: it is for the motion
       logical :: has_accuracy = .false.                 !! sets or grids follow from a tolerance
       character(16), allocatable :: dof_labels(:), dof_units(:) !! stored degrees of freedom; `m`, `rad`
       character(16), allocatable :: law_dof_labels(:), law_dof_units(:) !! those on which laws act
@@ -67,7 +68,7 @@ contains
 
       if (.not. (allocated(layout%tuples) .and. allocated(layout%dof_labels) .and. &
                  allocated(layout%dof_units) .and. allocated(layout%law_dof_labels) .and. &
-                 allocated(layout%law_labels) .and. &
+                 allocated(layout%law_labels) .and. allocated(layout%output_names) .and. &
                  allocated(layout%law_dof_units) .and. allocated(layout%n_samples) .and. &
                  allocated(layout%parameters))) then
          call fail(error, "layout: an array is not allocated")

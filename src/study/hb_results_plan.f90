@@ -11,8 +11,8 @@ module hb_results_plan
    public :: tuple_entry_name, variable_t
    public :: message_length
    public :: is_characters, is_integer, is_real
-   public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, multiplier_axis, point_axis, tone_axis
-   public :: curve_entries, worker_axis
+   public :: component_axis, dof_axis, harmonic_axis, law_axis, law_dof_axis, message_axis, multiplier_axis, output_axis
+   public :: curve_entries, point_axis, tone_axis, worker_axis
 
    integer, parameter :: message_length = 400          ! bytes
    character(*), parameter :: curve_entries = "curve_entry" ! name of the axis of what a curve goes on from, the last one
@@ -23,7 +23,7 @@ module hb_results_plan
    ! Indices of the axes; the hypertime axes follow.
    integer, parameter :: point_axis = 1, tone_axis = 2, harmonic_axis = 3, dof_axis = 4, law_dof_axis = 5, &
       component_axis = 6, message_axis = 7, law_axis = 8, worker_axis = 9, multiplier_axis = 10, &
-      n_plain_axes = 10
+      output_axis = 11, n_plain_axes = 11
 
    !> A dimension of the file.
    type :: axis_t
@@ -138,6 +138,8 @@ contains
             call add("n_rungs", is_integer, [point_axis], "1", "sets and grids that were solved until the tolerance was met")
             call add("rung_difference", is_real, [point_axis], "1", "difference of the last two of them, relative to the motion")
             call add("grid", is_integer, [tone_axis, point_axis], "1", "samples of each tone")
+            if (size(layout%output_names) > 0) call add("output_estimate", is_real, [output_axis, point_axis], "1", &
+               "estimated error of each output that the tolerance is for, relative to it")
          end if
          if (layout%has_own_tuples) call add("tuples", is_integer, [tone_axis, harmonic_axis, point_axis], "1", &
             "integer tuple j of each harmonic of the point; only the first n_harmonics are in use")
@@ -268,6 +270,7 @@ contains
       call set(component_axis, "component", 2, "1", "part of a coefficient")
       call set(worker_axis, "worker", layout%n_ranks, "1", "MPI rank of the run, from 0")
       call set(multiplier_axis, "multiplier", layout%n_multipliers, "1", "number of the multiplier, from 0")
+      call set(output_axis, "output", size(layout%output_names), "1", "output that the tolerance is for, as the input has it")
       call set(message_axis, "message_byte", message_length, "1", "byte of a message")
       do i = 1, size(layout%n_samples)
          call set(n_plain_axes + i, "tau_"//to_text(i), layout%n_samples(i), "rad", &
@@ -430,7 +433,8 @@ contains
          n_bytes = n_bytes + bytes_of_kind(plan%times(i)%kind)*int(layout%n_ranks, int64)
       end do
       n_bytes = n_bytes + 8*sum(int(plan%axes%length, int64)) + 8*size(layout%tuples, kind=int64) + &
-         of_a_text*(size(layout%dof_labels) + size(layout%law_dof_labels) + size(layout%law_labels))
+         of_a_text*(size(layout%dof_labels) + size(layout%law_dof_labels) + size(layout%law_labels) + &
+                    size(layout%output_names))
       do i = 1, size(layout%parameters)
          n_bytes = n_bytes + layout%n_points*merge(of_a_text, 8_int64, layout%parameters(i)%is_text)
       end do

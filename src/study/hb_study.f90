@@ -257,6 +257,10 @@ contains
          layout%has_improved = has_improved(self)
          layout%has_accuracy = scene%accuracy%is_on
          layout%has_own_tuples = scene%accuracy%grows_set
+         allocate (layout%output_names(size(scene%accuracy%outputs)))
+         do i = 1, size(layout%output_names)
+            layout%output_names(i) = scene%accuracy%outputs(i)%name
+         end do
          if (scene%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure%n_dofs)
          layout%title = scene%output%title
          layout%input_name = self%document%file_name

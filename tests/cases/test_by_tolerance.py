@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from nhbm_post.reader import Results
+from nhbm_post.report import info
 
 from program import BAD_INPUT, run
 
@@ -72,6 +73,10 @@ def test_one_percent_without_a_word(tmp_path):
     ("group", "words"),
     [
         ("&accuracy tolerance = 0 /", "tolerance"),
+        ("&accuracy of = 'x2 (1,0)' /", "unknown degree of freedom 'x2'"),
+        ("&accuracy of = 'x1 (1)' /", "'x1 (1,1)'"),
+        ("&accuracy max_harmonics = 60 /", "must be 61 or more"),
+        ("&accuracy of = 'x1' /\n&curve parameter = 'law(1)%gap', from = 0.5, to = 0.9 /", "leave it out with &curve"),
         ("&certificate improvement_steps = 3 /", "improvement_steps"),
         ("&curve parameter = 'law(1)%gap', from = 0.5, to = 0.9, switch = .true. /", "&harmonics order"),
     ],
@@ -79,6 +84,17 @@ def test_one_percent_without_a_word(tmp_path):
 def test_what_cannot_be_is_refused(group, words, tmp_path):
     done, _ = _solve(SCENE + group, tmp_path)
     assert done.status == BAD_INPUT and words in done.stderr
+
+
+def test_estimates_of_outputs_are_stored_and_shown(tmp_path):
+    outputs = ["x1 (2,0)", "x1"]
+    done, path = _solve(SCENE + f"&accuracy of = {', '.join(map(repr, outputs))} /", tmp_path)
+    assert done.status == 0, done.stderr
+    with Results(path) as results:
+        estimates = dict(results.output_estimates())
+        shown = info(results)
+    assert list(estimates) == outputs and all(0 < found[0] < 1e-2 for found in estimates.values())
+    assert all(f"output     {name}: estimated error" in shown for name in outputs)
 
 
 def test_a_given_order_stays(tmp_path):

@@ -16,8 +16,15 @@ MUTANTS = [
             "accuracy_converged",
             "test_hb_accurate_motion",
             "a point whose budget is spent counts as converged",
-            "estimate_of(result) <= scene%accuracy%tolerance)",
-            "estimate_of(result) <= 1.0_wp)",
+            "estimate_of_wanted(result) <= scene%accuracy%tolerance)",
+            "estimate_of_wanted(result) <= 1.0_wp)",
+        ),
+        (
+            "accuracy_outputs_raised",
+            "test_hb_accurate_motion",
+            "an estimate of an output that was too small is not raised",
+            "max(1.0_wp, min(difference/max(estimates_below(i), tiny(1.0_wp)), largest_correction))",
+            "1.0_wp",
         ),
         (
             "accuracy_neighbour",
@@ -243,6 +250,23 @@ MUTANTS = [
             "stability of motions by tolerance is given up early",
             'document%count("curve") > 0 .or. self%accuracy%is_on)',
             'document%count("curve") > 0)',
+        ),
+    ),
+    *of(
+        "motion/hb_response.f90",
+        (
+            "response_beyond",
+            "test_hb_response",
+            "harmonics that the second motion lacks count for nothing",
+            "beyond = beyond + 0.5_wp*abs(amplitudes(h))**2",
+            "beyond = 0.0_wp",
+        ),
+        (
+            "response_rounding",
+            "test_hb_response",
+            "rounding is a unit of errors",
+            "rounding*norm2(abs(second)), ",
+            "",
         ),
     ),
 ]

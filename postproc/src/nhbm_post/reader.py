@@ -415,6 +415,13 @@ class Results:
             return np.full(self.n_tones, np.nan)
         return np.asarray(self._file["frequency_estimate"][point], dtype=float)
 
+    def output_estimates(self) -> list[tuple[str, np.ndarray]]:
+        """Name and estimated relative errors (n_points) of each output that a tolerance was for."""
+        if "output_estimate" not in self._file:
+            return []
+        names = [name.decode() for name in self._file["output"][()]]
+        return list(zip(names, np.asarray(self._file["output_estimate"][()], dtype=float).T, strict=True))
+
     def unknown_tones(self) -> np.ndarray:
         """Numbers (from 0) of the tones whose frequencies were found, not given."""
         if "frequency_estimate" not in self._file:

@@ -29,6 +29,7 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
         ("dofs", list_text(results.dofs)),
         ("with laws", list_text(results.law_dofs)),
         *(("swept", text) for text in sweeps),
+        *(("output", text) for text in _outputs(results)),
         ("points", f"{results.used.size}: {counts}"),
         ("complete", _completeness(results)),
     ]
@@ -39,6 +40,12 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
     if shown < results.n_points:
         lines.append(f"... {results.n_points - shown} more points; --points {results.n_points} shows all")
     return "\n".join(lines)
+
+
+def _outputs(results: Results) -> list[str]:
+    """Outputs that a tolerance was for, with the largest estimated error of each."""
+    estimates = [(name, found[np.isfinite(found)]) for name, found in results.output_estimates()]
+    return [f"{name}: estimated error {number_text(found.max())} or less" for name, found in estimates if found.size > 0]
 
 
 def _completeness(results: Results) -> str:
