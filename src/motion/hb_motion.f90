@@ -386,22 +386,26 @@ contains
    end subroutine describe_motion
 
    !> Stability of a motion of the scene, as its settings ask for it but for the tolerance; not that of normal modes.
-   subroutine stability_of(scene, balance, c, tolerance, stability)
+   subroutine stability_of(scene, balance, c, tolerance, stability, is_marched)
       type(scene_t), intent(in) :: scene
       type(balance_t), intent(in) :: balance
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
       real(wp), intent(in) :: tolerance
       type(stability_t), intent(out) :: stability
+      logical, intent(in), optional :: is_marched                     !! of the motion that repeats when it is marched, in any case
       type(march_system_t), target :: system
       type(stability_config_t) :: config
       type(tones_t) :: tones
+      logical :: has_to_march
 
       if (scene%normal_mode%is_asked) return
+      has_to_march = has_to_be_marched(scene%laws)
+      if (present(is_marched)) has_to_march = has_to_march .or. is_marched
       config = scene%stability
       config%tolerance = tolerance
       tones = scene%tones
       tones%omega = balance%omega
-      if (.not. has_to_be_marched(scene%laws)) then
+      if (.not. has_to_march) then
          call find_stability(stability, config, scene%structure, scene%laws, balance%harmonics%tuples, tones, c, &
                              usual_work(balance))
       else if (tones%n_tones == 1 .and. config%method /= stability_method%off) then

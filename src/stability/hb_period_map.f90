@@ -2,9 +2,9 @@
 !> rigid friction that holds and lets go, sliders in a plane.
 !>
 !> The state that repeats is found by Newton's method from that of the motion (shooting); the derivative of the map there is its
-!> monodromy matrix, from central differences. Two distances of the differences, and two steps of a method with steps, tell its
-!> error; where the map has a kink or a jump, as at a grazing blow, they do not agree. Source: A. H. Nayfeh and B. Balachandran,
-!> Applied Nonlinear Dynamics, Wiley 1995, sections 6.5 and 7.1.
+!> monodromy matrix, from central differences over distances that shrink (and steps, of a method that has them), extrapolated. What
+!> the next distance changes is the estimate; where the map has a kink or a jump, as at a grazing blow, it stays large. Source:
+!> A. H. Nayfeh and B. Balachandran, Applied Nonlinear Dynamics, Wiley 1995, sections 6.5 and 7.1.
 module hb_period_map
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
@@ -22,17 +22,19 @@ module hb_period_map
    private
    public :: find_period_map, new_period_map, period_map_t, work_of_period_map
 
-   real(wp), parameter :: farthest = 1.0e-3_wp                        ! of two states whose difference makes a derivative, scaled
+   real(wp), parameter :: farthest = 5.0e-3_wp                        ! of two states whose difference makes a derivative, scaled
    real(wp), parameter :: nearer = 0.2_wp                             ! from one distance to the next
-   integer, parameter :: most_levels = 3                              ! distances
-   real(wp), parameter :: good = 1.0e-6_wp                            ! estimate from which on no nearer one is tried
-   real(wp), parameter :: tolerance = 1.0e-11_wp                      ! of marching with variable steps
+   integer, parameter :: most_levels = 4                              ! distances
+   real(wp), parameter :: most_accurate = 1.0e-13_wp                  ! tolerance of marching with variable steps
+   real(wp), parameter :: least_accurate = 1.0e-11_wp
+   real(wp), parameter :: finer = 1.0e-4_wp                           ! that of marching relative to that of the matrix
    integer, parameter :: fewest_steps = 1000                          ! of marching with fixed ones, in a period
    integer, parameter :: steps_a_radian = 20                          ! of the fastest motion, likewise
    real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind: what
                                                                       ! is moved apart has to slip, not to creep
    real(wp), parameter :: same_motion = 0.1_wp                        ! largest change of the state by shooting, scaled
    real(wp), parameter :: repeats = 1.0e-7_wp                         ! what may be left of a state after a period, scaled
+   real(wp), parameter :: enough = 1.0e-9_wp                          ! what no step is made for, likewise
    integer, parameter :: most_shots = 30
    integer, parameter :: most_matrices = 4                            ! on the way
    real(wp), parameter :: slow = 0.3_wp                               ! fall of what is left that asks for a new matrix
@@ -48,6 +50,9 @@ module hb_period_map
       real(wp), allocatable :: shift(:)                               !! of the phase of a tone of its own, as the matrix
       real(wp) :: estimate = huge(1.0_wp)                             !! of the error of the matrix, relative to its largest entry
       logical :: is_found = .false.
+      real(wp), private :: tolerance = 0.0_wp
+      real(wp), private :: share = 1.0_wp                             ! of the period that is marched: a half of an odd motion,
+      real(wp), private :: sense = 1.0_wp                             ! which is mirrored then, -1
       real(wp), private :: start = 0.0_wp, period = 0.0_wp            ! [s]
       real(wp), allocatable, private :: scale(:)                      ! of (q, v, states), > 0
       real(wp), allocatable, private :: x(:)                          ! state, scaled
@@ -60,11 +65,12 @@ module hb_period_map
 contains
 
    !> Takes the state of a motion at the phase that is farthest from its events. Fails for laws that no method can follow.
-   subroutine new_period_map(self, system, motion, restitution, error)
+   subroutine new_period_map(self, system, motion, restitution, tolerance, error)
       type(period_map_t), intent(out) :: self
       type(march_system_t), intent(inout) :: system                   !! of all degrees of freedom
       type(motion_series_t), intent(in) :: motion                     !! of all degrees of freedom, one tone
       real(wp), intent(in) :: restitution                             !! of rigid walls
+      real(wp), intent(in) :: tolerance                               !! of the matrix, relative
       type(error_t), allocatable, intent(out) :: error
       type(hold_t), allocatable :: rigid(:)
       real(wp) :: reach(motion%n_coordinates), speed(motion%n_coordinates)
@@ -82,7 +88,8 @@ contains
             if (.not. law%has_bounds) self%config%method = march_method%runge_kutta_4
          end select
       end do
-      self%config%tolerance = tolerance
+      self%tolerance = tolerance
+      self%config%tolerance = min(max(finer*tolerance, most_accurate), least_accurate)
       self%config%restitution = restitution
       self%config%decimation = huge(1)
       reach = sum(abs(motion%amplitudes), dim=2)
@@ -107,7 +114,26 @@ contains
       self%rate(:n) = v(1, :)/self%scale(:n)
       self%rate(n + 1:2*n) = acceleration(motion, self%start)/self%scale(n + 1:2*n)
       call list_still(self, system, rigid)
+      if (is_odd(system, motion)) then
+         self%share = 0.5_wp
+         self%sense = -1.0_wp
+      end if
    end subroutine new_period_map
+
+   !> Whether a motion has odd harmonics alone, and laws that let it.
+   pure logical function is_odd(system, motion)
+      type(march_system_t), intent(in) :: system
+      type(motion_series_t), intent(in) :: motion
+      real(wp), parameter :: nothing = 1.0e-9_wp                      ! relative
+      logical :: is_even(size(motion%frequencies))
+      integer :: i, k
+
+      is_even = modulo(motion%tuples(1, :), 2) == 0
+      is_odd = all([(system%laws%laws(i)%law%is_odd, i=1, size(system%laws%laws))])
+      do k = 1, motion%n_coordinates
+         is_odd = is_odd .and. sum(abs(motion%amplitudes(k, :)), mask=is_even) <= nothing*sum(abs(motion%amplitudes))
+      end do
+   end function is_odd
 
    !> Places that may stay for ever: of coordinates that rigid friction holds, and of sliders.
    subroutine list_still(self, system, rigid)
@@ -177,7 +203,7 @@ contains
 
       looks = usual_looks
       if (self%config%method == march_method%runge_kutta_4) looks = 4.0_wp*n_steps_of(self, system, 2)
-      work = (6.0_wp*size(self%x) + usual_shots)*looks*work_of_look(system)
+      work = (8.0_wp*size(self%x) + usual_shots)*looks*work_of_look(system)
    end function work_of_period_map
 
    pure real(wp) function work_of_look(system) result(work)
@@ -209,7 +235,7 @@ contains
       type(march_system_t), intent(inout), target :: system
       logical, intent(in) :: is_free                                  !! the tone is the motion's own
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
-      real(wp), allocatable :: best(:, :), here(:, :), there(:, :)
+      real(wp), allocatable :: before(:, :), best(:, :), here(:, :), now(:, :), there(:, :)
       real(wp) :: estimate
       integer :: level
       logical :: is_done
@@ -223,18 +249,26 @@ contains
          if (.not. is_done) return
          call differentiate(self, system, level, there, is_done)
          if (.not. is_done) return
-         estimate = maxval(abs(there - here))/max(1.0_wp, maxval(abs(there)))
-         if (estimate < self%estimate) then
-            self%estimate = estimate
-            best = there
-         end if
-         if (self%estimate <= good) exit
+         now = there + (there - here)*(nearer**2/(1.0_wp - nearer**2))
          call move_alloc(there, here)
+         if (allocated(before)) then
+            estimate = maxval(abs(now - before))/max(1.0_wp, maxval(abs(now)))
+            if (estimate < self%estimate) then
+               self%estimate = estimate
+               best = now
+            end if
+            if (self%estimate <= self%tolerance) exit
+         end if
+         call move_alloc(now, before)
       end do
       if (.not. allocated(best)) return
       call leave_still(self, best)
       self%matrix = matmul(transpose(self%free), matmul(best, self%free))
       self%first = matmul(transpose(self%free), matmul(self%first, self%free))
+      if (self%sense < 0.0_wp) then                                   ! twice half a period
+         self%matrix = matmul(self%matrix, self%matrix)
+         self%first = matmul(self%first, self%first)
+      end if
       self%shift = matmul(transpose(self%free), matmul(best, self%rate))
       self%is_found = .true.
    end subroutine find_period_map
@@ -256,7 +290,7 @@ contains
       end do
    end subroutine settle_sliders
 
-   !> A state after a period.
+   !> A state after a period, or the mirror image of that after half of one.
    subroutine carry(self, system, level, x, after, is_done)
       type(period_map_t), intent(inout) :: self
       type(march_system_t), intent(inout), target :: system
@@ -276,10 +310,10 @@ contains
          state%v = y(n + 1:2*n)
          state%s = y(2*n + 1:)
       end associate
-      self%config%duration = self%period
-      call march_from(system, self%config, self%period/n_steps_of(self, system, level), nothing, state, record, error)
+      self%config%duration = self%share*self%period
+      call march_from(system, self%config, self%config%duration/n_steps_of(self, system, level), nothing, state, record, error)
       is_done = .not. allocated(error)
-      if (is_done) after = [state%q, state%v, state%s]/self%scale
+      if (is_done) after = self%sense*[state%q, state%v, state%s]/self%scale
       if (is_done) is_done = all(ieee_is_finite(after))
    end subroutine carry
 
@@ -322,7 +356,7 @@ contains
       k = 0
       do i = 1, size(self%still, 2)
          associate (place => self%still(:, i))
-            if (norm2(matmul(place, matrix) - place) > neutral) cycle
+            if (norm2(matmul(place, matrix) - self%sense*place) > neutral) cycle
             k = k + 1
             q(:, k) = place
          end associate
@@ -348,8 +382,9 @@ contains
       real(wp), dimension(size(self%x)) :: after, begun
       real(wp), allocatable :: matrix(:, :), step(:)
       real(wp) :: before, left
-      integer :: n_matrices, shot
+      integer :: level, n_matrices, shot
 
+      level = merge(3, 1, self%config%method == march_method%cvode)   ! accurate, as near a bifurcation little is left of the matrix
       begun = self%x
       n_matrices = 0
       before = huge(1.0_wp)
@@ -357,12 +392,12 @@ contains
          call carry(self, system, 1, self%x, after, is_done)
          if (.not. is_done) return
          left = maxval(abs(after - self%x))
-         is_done = left <= repeats .and. (n_matrices > 0 .and. left > slow*before .or. left <= 0.01_wp*repeats)
+         is_done = left <= repeats .and. (n_matrices > 0 .and. left > slow*before .or. left <= min(enough, self%tolerance))
          if (is_done .and. n_matrices > 0) exit
          if (n_matrices == 0 .or. left > slow*before) then
             is_done = .false.
             if (n_matrices == most_matrices) return
-            call differentiate(self, system, 1, matrix, is_done)
+            call differentiate(self, system, level, matrix, is_done)
             if (.not. is_done) return
             n_matrices = n_matrices + 1
             call leave_still(self, matrix)
@@ -401,8 +436,8 @@ contains
       step = 0.0_wp
       step(:m) = -matmul(transpose(self%free), left)
       if (is_free) then
-         a(:m, n) = matmul(transpose(self%free), self%rate)
-         a(n, :m) = a(:m, n)
+         a(n, :m) = matmul(transpose(self%free), self%rate)
+         a(:m, n) = self%share*a(n, :m)
          a(n, n) = 0.0_wp
       end if
       call dgetrf(n, n, a, n, pivots, info)

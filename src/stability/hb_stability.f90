@@ -263,7 +263,7 @@ contains
       call system%structure%refuse_large("stability", most_dense, error)
       if (allocated(error)) return
       call new_motion_series(motion, tuples, tones%omega, amplitudes)
-      call new_period_map(map, system, motion, restitution, error)
+      call new_period_map(map, system, motion, restitution, config%tolerance, error)
       if (allocated(error)) return
       if (config%method == stability_method%auto .and. work_of_period_map(map, system) > work_allowed) return
       self%method = stability_method%march

@@ -70,8 +70,15 @@ MUTANTS = [
             "period_map_still",
             "test_hb_period_map",
             "places that friction holds for ever stay among the multipliers",
-            "if (norm2(matmul(place, matrix) - place) > neutral) cycle",
-            "if (norm2(matmul(place, matrix) - place) > 0.0_wp) cycle",
+            "if (norm2(matmul(place, matrix) - self%sense*place) > neutral) cycle",
+            "if (norm2(matmul(place, matrix) - self%sense*place) > 0.0_wp) cycle",
+        ),
+        (
+            "period_map_half",
+            "test_hb_period_map",
+            "half a period of an odd motion counts as a whole one",
+            "         self%matrix = matmul(self%matrix, self%matrix)",
+            "         continue",
         ),
         (
             "period_map_restitution",
