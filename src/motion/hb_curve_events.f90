@@ -44,6 +44,7 @@ module hb_curve_events
       type(scene_problem_t), pointer :: problem => null()
       integer, allocatable :: which(:)
       integer :: kind = 0                                             ! hb_bifurcation
+      logical :: is_marched = .false.                                 ! of the motion that repeats when it is marched
    contains
       procedure :: value => bifurcation_event_value
    end type bifurcation_event_t
@@ -72,7 +73,7 @@ contains
       real(wp), intent(in) :: x(:)
       complex(wp), allocatable :: multipliers(:)
 
-      call find_multipliers(self%problem, self%which, x, sharp, multipliers)
+      call find_multipliers(self%problem, self%which, x, sharp, multipliers, self%is_marched)
       value = 0.0_wp
       if (allocated(multipliers)) value = bifurcation_value(self%kind, multipliers)
    end function bifurcation_event_value
@@ -190,11 +191,12 @@ contains
    end function square_at
 
    !> Multipliers of the motion at a point of the curve; not allocated where they are not looked for, or not found.
-   subroutine find_multipliers(problem, which, x, tolerance, multipliers)
+   subroutine find_multipliers(problem, which, x, tolerance, multipliers, is_marched)
       type(scene_problem_t), intent(inout), target :: problem
       integer, intent(in) :: which(:)                                 !! parameters that are unknown
       real(wp), intent(in) :: x(:), tolerance
       complex(wp), allocatable, intent(out) :: multipliers(:)
+      logical, intent(in), optional :: is_marched                     !! those of the motion that repeats when it is marched
       type(stability_t) :: stability
       complex(wp), allocatable :: c(:, :)
       logical :: is_possible
@@ -204,7 +206,7 @@ contains
       associate (scene => problem%scene, balance => problem%balance)
          allocate (c(scene%structure%n_dofs, balance%harmonics%n_harmonics))
          call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
-         call stability_of(scene, balance, c, tolerance, stability)
+         call stability_of(scene, balance, c, tolerance, stability, is_marched)
       end associate
       if (.not. allocated(stability%multipliers)) return
       call move_alloc(stability%multipliers, multipliers)

@@ -16,6 +16,7 @@ module hb_motion
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_judge, only: judge_t, locking_t, may_be_locked, settled_t
+   use hb_march_system, only: march_system_t, new_march_system
    use hb_marched_result, only: guess_from, is_lost, keep_marched
    use hb_motion_result, only: motion_result_t
    use hb_odd_symmetry, only: asymmetry
@@ -26,7 +27,8 @@ module hb_motion
    use hb_limit_cycle_search, only: search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, rescue
-   use hb_stability, only: find_stability, stability_config_t, stability_t, stability_verdict => verdict
+   use hb_stability, only: find_marched_stability, find_stability, has_to_be_marched, stability_config_t, &
+                           stability_method, stability_t, stability_verdict => verdict
    use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
@@ -385,21 +387,34 @@ contains
    end subroutine describe_motion
 
    !> Stability of a motion of the scene, as its settings ask for it but for the tolerance; not that of normal modes.
-   subroutine stability_of(scene, balance, c, tolerance, stability)
+   subroutine stability_of(scene, balance, c, tolerance, stability, is_marched)
       type(scene_t), intent(in) :: scene
       type(balance_t), intent(in) :: balance
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
       real(wp), intent(in) :: tolerance
       type(stability_t), intent(out) :: stability
+      logical, intent(in), optional :: is_marched                     !! of the motion that repeats when it is marched, in any case
+      type(march_system_t), target :: system
       type(stability_config_t) :: config
       type(tones_t) :: tones
+      logical :: has_to_march
 
       if (scene%normal_mode%is_asked) return
+      has_to_march = has_to_be_marched(scene%laws)
+      if (present(is_marched)) has_to_march = has_to_march .or. is_marched
       config = scene%stability
       config%tolerance = tolerance
       tones = scene%tones
       tones%omega = balance%omega
-      call find_stability(stability, config, scene%structure, scene%laws, balance%harmonics%tuples, tones, c, usual_work(balance))
+      if (.not. has_to_march) then
+         call find_stability(stability, config, scene%structure, scene%laws, balance%harmonics%tuples, tones, c, &
+                             usual_work(balance))
+      else if (tones%n_tones == 1 .and. config%method /= stability_method%off) then
+         call new_march_system(system, scene%structure, scene%laws, scene%loads, scene%harmonics%frequencies(tones%omega), &
+                               tones%omega)
+         call find_marched_stability(stability, config, system, balance%harmonics%tuples, tones, c, scene%march%restitution, &
+                                     usual_work(balance))
+      end if
    end subroutine stability_of
 
    !> A verdict holds only where the motion with its first-order errors taken out has it, too: multipliers feel errors of the motion
@@ -416,6 +431,7 @@ contains
       associate (found => result%certificate, stability => result%stability)
          if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
          if (max(found%truncation, found%aliasing) <= exact) return
+         if (has_to_be_marched(scene%laws)) return                    ! found along a better motion already
          config = scene%stability
          config%patience = 1.0_wp
          tones = scene%tones

@@ -7,6 +7,7 @@ submodule (hb_motion_curve) hb_motion_curve_step
    use hb_curve_events, only: bifurcation_event_t, branch_event_t, find_extremes, find_multipliers, fold_event_t, graze_event_t, &
       peak_event_t, sharp, value_event_t
    use hb_newton, only: solve_newton
+   use hb_stability, only: stability_method
    implicit none
 
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
@@ -142,6 +143,7 @@ contains
          if (has_branched) then
             branch%curve = curve
             call find(branch, [-curve%orientation, curve%orientation], 0.0_wp, curve_kind%branch)
+            if (is_found) call sharpen(bifurcation%branch, is_there)
          end if
          do i = 1, size(request%peaks)
             if (.not. (slopes_before(i) > 0.0_wp .and. slopes(i) <= 0.0_wp)) cycle
@@ -232,7 +234,47 @@ contains
          case (bifurcation%doubling); call add(curve_kind%flip, place, x)
          case default; call add(curve_kind%torus, place, x)
          end select
+         call sharpen(change%kind, is_there)
+         if (change%kind == bifurcation%branch .and. .not. is_there) self%waiting = self%waiting(:size(self%waiting) - 1)
       end subroutine find_bifurcation
+
+      !> Moves the bifurcation found last to where it is of the motion that repeats when it is marched: near a kink of a law the
+      !> multipliers of a truncated motion are off to first order in what is cut off.
+      subroutine sharpen(kind, is_there)
+         integer, intent(in) :: kind
+         logical, intent(out) :: is_there                             !! false: that motion has none on the step
+         real(wp), parameter :: widths(4) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp, 1.0_wp]   ! of the step
+         type(bifurcation_event_t) :: marched
+         real(wp) :: ends(2), place, values(2)
+         integer :: i, k
+         logical :: is_on_curve
+
+         is_there = .true.
+         associate (problem => self%problem, curve => self%curve, found => self%waiting(size(self%waiting)))
+            if (problem%scene%stability%method /= stability_method%march .or. problem%scene%tones%n_tones > 1) return
+            if (all([(problem%scene%laws(i)%law%n_switches + problem%scene%laws(i)%law%n_states == 0, &
+                      i=1, size(problem%scene%laws))])) return
+            marched%problem => self%problem
+            marched%which = self%which
+            marched%kind = kind
+            marched%is_marched = .true.
+            do i = 1, size(widths)
+               ends = min(max(found%place + widths(i)*curve%last_step*[-1.0_wp, 1.0_wp], 0.0_wp), curve%last_step)
+               do k = 1, 2
+                  call curve%point_at(ends(k), x, is_on_curve)
+                  if (.not. is_on_curve) return
+                  values(k) = marched%value(x)
+               end do
+               if (.not. values(1)*values(2) < 0.0_wp) cycle
+               call curve%find_zero(marched, ends, values, located_multiplier, x, place, is_on_curve)
+               if (.not. is_on_curve) return
+               found%place = place
+               found%x = x
+               return
+            end do
+         end associate
+         is_there = .false.
+      end subroutine sharpen
 
       subroutine add(kind, place, x_there)
          integer, intent(in) :: kind

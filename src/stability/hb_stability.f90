@@ -7,17 +7,22 @@ module hb_stability
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
    use hb_exponents, only: exponents_t, find_exponents, work_of_exponents
+   use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
    use hb_koopman_hill, only: hill_t, new_hill
    use hb_law, only: law_box_t
+   use hb_march_system, only: march_system_t
    use hb_monodromy, only: find_monodromy, monodromy_t, work_of_transfer
+   use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_multipliers, only: deflate, eigenvalues_of
-   use hb_structure, only: structure_t
+   use hb_period_map, only: find_period_map, new_period_map, period_map_t, work_of_period_map
+   use hb_structure, only: most_dense, structure_t
    use hb_tones, only: tones_t
    use hb_variation, only: new_variation, variation_t
    implicit none
    private
-   public :: find_stability, n_multipliers_of, stability_config_t, stability_method, stability_method_names, stability_t, verdict
+   public :: find_marched_stability, find_stability, has_to_be_marched, n_multipliers_of, stability_config_t, stability_method
+   public :: stability_method_names, stability_t, verdict
 
    integer, parameter :: most_multipliers = 16                        !! that are kept, the largest
    real(wp), parameter :: smallest_margin = 1.0e-9_wp                 ! of a multiplier from 1 that is sure
@@ -180,9 +185,8 @@ contains
       logical, intent(in) :: is_free                                  !! the tone is the motion's own
       type(hill_t), allocatable, intent(inout) :: hill
       type(monodromy_t) :: monodromy
-      complex(wp), allocatable :: multipliers(:), shifts(:, :, :)
+      complex(wp), allocatable :: shifts(:, :, :)
       real(wp), allocatable :: shift(:)
-      real(wp) :: margin
 
       associate (period => two_pi/variation%motion%omega(1))
          if (allocated(hill)) then
@@ -200,7 +204,18 @@ contains
          self%estimate = max(self%estimate, norm2(matmul(monodromy%matrix, shift) - shift)/norm2(shift))
          call deflate(monodromy%matrix, shift)
       end if
-      call eigenvalues_of(monodromy%matrix, multipliers)
+      call judge_matrix(self, monodromy%matrix, variation%motion%omega(1))
+   end subroutine judge_period
+
+   !> Keeps the multipliers of a monodromy matrix and tells what they say, with the estimate that there is.
+   subroutine judge_matrix(self, matrix, omega)
+      type(stability_t), intent(inout) :: self
+      real(wp), intent(in) :: matrix(:, :)
+      real(wp), intent(in) :: omega                                   !! [rad/s]
+      complex(wp), allocatable :: multipliers(:)
+      real(wp) :: margin
+
+      call eigenvalues_of(matrix, multipliers)
       if (size(multipliers) == 0) return
       margin = max(smallest_margin, safety*self%estimate)
       self%n_unstable = count(abs(multipliers) > 1.0_wp + margin)
@@ -210,6 +225,59 @@ contains
          self%verdict = verdict%stable
       end if
       self%multipliers = multipliers(:min(size(multipliers), most_multipliers))
-      self%exponents = log(max(abs(self%multipliers), tiny(1.0_wp)))*variation%motion%omega(1)/two_pi
-   end subroutine judge_period
+      self%exponents = log(max(abs(self%multipliers), tiny(1.0_wp)))*omega/two_pi
+   end subroutine judge_matrix
+
+   !> Whether a law leads through events that have no linearised equations here: rigid ones, and sliders without bounds.
+   pure logical function has_to_be_marched(laws)
+      type(law_box_t), intent(in) :: laws(:)
+      integer :: i
+
+      has_to_be_marched = .false.
+      do i = 1, size(laws)
+         select type (law => laws(i)%law)
+         class is (hysteretic_law_t)
+            has_to_be_marched = has_to_be_marched .or. .not. law%has_bounds
+         end select
+         has_to_be_marched = has_to_be_marched .or. laws(i)%law%is_multiplier
+      end do
+   end function has_to_be_marched
+
+   !> The same as `find_stability` by marching a period of one tone from the motion and from beside it, for laws that ask for it:
+   !> multipliers are those of the motion that repeats there, their change from the motion given is the least of the estimate.
+   subroutine find_marched_stability(self, config, system, tuples, tones, amplitudes, restitution, work_allowed)
+      type(stability_t), intent(out) :: self
+      type(stability_config_t), intent(in) :: config
+      type(march_system_t), intent(inout), target :: system
+      integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
+      type(tones_t), intent(in) :: tones                              !! of the motion
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin, (n_dofs, n_harmonics)
+      real(wp), intent(in) :: restitution                             !! of rigid walls
+      real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
+      type(error_t), allocatable :: error
+      type(motion_series_t) :: motion
+      type(period_map_t) :: map
+      type(stability_t) :: before
+
+      if (config%method == stability_method%off .or. tones%n_tones > 1) return
+      call system%structure%refuse_large("stability", most_dense, error)
+      if (allocated(error)) return
+      call new_motion_series(motion, tuples, tones%omega, amplitudes)
+      call new_period_map(map, system, motion, restitution, config%tolerance, error)
+      if (allocated(error)) return
+      if (config%method == stability_method%auto .and. work_of_period_map(map, system) > work_allowed) return
+      self%method = stability_method%march
+      call find_period_map(map, system, tones%is_unknown(1), work_on_demand)
+      if (.not. map%is_found) return
+      self%estimate = map%estimate
+      if (tones%is_unknown(1)) then
+         self%estimate = max(self%estimate, norm2(matmul(map%matrix, map%shift) - map%shift)/norm2(map%shift))
+         call deflate(map%matrix, map%shift)
+         call deflate(map%first, map%shift)
+      end if
+      call judge_matrix(self, map%matrix, tones%omega(1))
+      before%estimate = map%estimate
+      call judge_matrix(before, map%first, tones%omega(1))
+      call self%hold_against(before)
+   end subroutine find_marched_stability
 end module hb_stability

@@ -15,7 +15,8 @@ from judge_parts.scenes import RIGID, Scene
 SOURCE = Path(__file__).with_name("marching.c")
 NEARNESS = 1e-3  # of the second start, relative to the motion
 PERIODS_OF_SLIDERS = 20
-RIGID_STEP = 0.015  # of Moreau's rule, in radians of the fastest motion: first order
+FIRST_ORDER = (*RIGID, 10)  # kinds: Moreau's rule, and sliders in a plane, which stay where they are for a step
+RIGID_STEP = 0.015  # of these, in radians of the fastest motion
 RIGID_STEP_OF_ERRORS = 0.003
 LOOKS = 64  # in a period of the slowest tone, for each tone in it
 SMALLEST = 2e-2  # motion of a coordinate relative to the largest one: where it sticks it keeps what the second start adds
@@ -98,7 +99,7 @@ def _march(library, scene: Scene, motion: Motion, q, v, bound, rigid_step=RIGID_
         elif law.kind == 8:
             reach = np.abs(motion.amplitudes @ w).sum()
             stiffest += (3 * law.parameters[0] * reach + 2 * abs(law.parameters[1])) * reach * (w @ k)
-    is_rigid = any(law.kind in RIGID for law in scene.laws)
+    is_rigid = any(law.kind in FIRST_ORDER for law in scene.laws)
     fastest = max(np.sqrt(stiffest), scene.omega.max())
     for law, w, k in zip(scene.laws, shape, kick):
         if law.kind == 3:

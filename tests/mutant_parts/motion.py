@@ -139,6 +139,13 @@ MUTANTS = [
     *of(
         "motion/hb_motion_curve_step.f90",
         (
+            "motion_curve_series_alone",
+            "test_curve_bifurcations",
+            "bifurcations at stops stay those of the series",
+            "            marched%is_marched = .true.",
+            "            marched%is_marched = .false.",
+        ),
+        (
             "motion_curve_no_fold",
             "test_hb_motion_curve",
             "folds are not looked for",

@@ -58,6 +58,37 @@ MUTANTS = [
         ),
     ),
     *of(
+        "stability/hb_period_map.f90",
+        (
+            "period_map_distance",
+            "test_hb_period_map",
+            "differences are taken for those of half the distance",
+            "matrix(:, k) = (above - below)/(2.0_wp*distance)",
+            "matrix(:, k) = (above - below)/distance",
+        ),
+        (
+            "period_map_still",
+            "test_hb_period_map",
+            "places that friction holds for ever stay among the multipliers",
+            "if (norm2(matmul(place, matrix) - self%sense*place) > neutral) cycle",
+            "if (norm2(matmul(place, matrix) - self%sense*place) > 0.0_wp) cycle",
+        ),
+        (
+            "period_map_half",
+            "test_hb_period_map",
+            "half a period of an odd motion counts as a whole one",
+            "         self%matrix = matmul(self%matrix, self%matrix)",
+            "         continue",
+        ),
+        (
+            "period_map_restitution",
+            "test_hb_period_map",
+            "blows take all of the speed",
+            "self%config%restitution = restitution",
+            "self%config%restitution = 0.0_wp",
+        ),
+    ),
+    *of(
         "stability/hb_stability.f90",
         (
             "stability_circle",
