@@ -12,11 +12,11 @@ module verb_march
    use hb_march_file, only: march_content_t, march_origin_t, read_march_state, write_march_file
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
-   use hb_model_file, only: model_file_t
    use hb_modes, only: modes_t, new_modes
    use hb_mpi, only: comm_t, rank_of, share_error
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_record_tones, only: find_tones
+   use hb_run_services, only: run_services
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use hb_structure, only: max_dofs, most_dense
@@ -79,7 +79,7 @@ contains
       end if
       document = study%document
       call study%plan%apply(options%point + 1, document)
-      call read_scene(study%scene, document, error, models=model_file_t())
+      call read_scene(study%scene, document, error, services=run_services())
       call annotate(error, "point "//to_text(options%point))
    end subroutine choose_point
 

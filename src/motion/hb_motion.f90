@@ -16,7 +16,6 @@ module hb_motion
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_judge, only: judge_t, locking_t, may_be_locked, settled_t
-   use hb_march_system, only: march_system_t, new_march_system
    use hb_marched_result, only: guess_from, is_lost, keep_marched
    use hb_motion_result, only: motion_result_t
    use hb_odd_symmetry, only: asymmetry
@@ -27,8 +26,8 @@ module hb_motion
    use hb_limit_cycle_search, only: search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, rescue
-   use hb_stability, only: find_marched_stability, find_stability, has_to_be_marched, stability_config_t, &
-                           stability_method, stability_t, stability_verdict => verdict
+   use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, stability_method, stability_t, &
+      stability_verdict => verdict
    use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
@@ -394,27 +393,13 @@ contains
       real(wp), intent(in) :: tolerance
       type(stability_t), intent(out) :: stability
       logical, intent(in), optional :: is_marched                     !! of the motion that repeats when it is marched, in any case
-      type(march_system_t), target :: system
       type(stability_config_t) :: config
-      type(tones_t) :: tones
-      logical :: has_to_march
 
-      if (scene%normal_mode%is_asked) return
-      has_to_march = has_to_be_marched(scene%laws)
-      if (present(is_marched)) has_to_march = has_to_march .or. is_marched
       config = scene%stability
       config%tolerance = tolerance
-      tones = scene%tones
-      tones%omega = balance%omega
-      if (.not. has_to_march) then
-         call find_stability(stability, config, scene%structure, scene%laws, balance%harmonics%tuples, tones, c, &
-                             usual_work(balance))
-      else if (tones%n_tones == 1 .and. config%method /= stability_method%off) then
-         call new_march_system(system, scene%structure, scene%laws, scene%loads, scene%harmonics%frequencies(tones%omega), &
-                               tones%omega)
-         call find_marched_stability(stability, config, system, balance%harmonics%tuples, tones, c, scene%march%restitution, &
-                                     usual_work(balance))
-      end if
+      if (present(is_marched)) config%is_marched = is_marched
+      call ask_for_stability(scene, config, harmonic_motion_t(balance%harmonics%tuples, tones_of(scene, balance), c), &
+                             usual_work(balance), stability)
    end subroutine stability_of
 
    !> A verdict holds only where the motion with its first-order errors taken out has it, too: multipliers feel errors of the motion
@@ -426,21 +411,41 @@ contains
       real(wp), parameter :: exact = 1.0e-6_wp                        ! error of a motion, relative, that multipliers do not feel
       type(stability_config_t) :: config
       type(stability_t) :: refined
-      type(tones_t) :: tones
 
       associate (found => result%certificate, stability => result%stability)
          if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
-         if (max(found%truncation, found%aliasing) <= exact) return
-         if (has_to_be_marched(scene%laws)) return                    ! found along a better motion already
+         if (max(found%truncation, found%aliasing) <= exact .or. stability%is_marched) return
          config = scene%stability
          config%patience = 1.0_wp
-         tones = scene%tones
-         tones%omega = balance%omega
-         call find_stability(refined, config, scene%structure, scene%laws, found%around%tuples, tones, found%refined, &
-                             huge(1.0_wp))
+         call ask_for_stability(scene, config, &
+                                harmonic_motion_t(found%around%tuples, tones_of(scene, balance), found%refined), &
+                                huge(1.0_wp), refined)
          call stability%hold_against(refined)
       end associate
    end subroutine compare_with_refined
+
+   !> Asks the finder of the scene; without one nothing is known.
+   subroutine ask_for_stability(scene, config, motion, work_allowed, stability)
+      type(scene_t), intent(in) :: scene
+      type(stability_config_t), intent(in) :: config
+      type(harmonic_motion_t), intent(in) :: motion
+      real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
+      type(stability_t), intent(out) :: stability
+
+      if (scene%normal_mode%is_asked .or. config%method == stability_method%off .or. .not. allocated(scene%services%finder)) return
+      call scene%services%finder%find(stability, config, motion, scene%structure, scene%laws, &
+                             excitation_t(scene%loads, scene%harmonics%frequencies(motion%tones%omega), scene%march%restitution), &
+                             work_allowed)
+   end subroutine ask_for_stability
+
+   !> The tones of a scene at the frequencies of a solution.
+   type(tones_t) function tones_of(scene, balance) result(tones)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(in) :: balance
+
+      tones = scene%tones
+      tones%omega = balance%omega
+   end function tones_of
 
    !> About how many nanoseconds a point takes that needs nothing unusual, from counts alone: the same for all points of a sweep.
    pure real(wp) function usual_work(balance) result(work)

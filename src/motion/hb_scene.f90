@@ -12,13 +12,13 @@ module hb_scene
    use hb_normal_mode, only: normal_mode_t
    use hb_response, only: response_t
    use hb_solver_types, only: solver_config_t
-   use hb_stability, only: stability_config_t
+   use hb_stability, only: stability_config_t, stability_finder_t
    use hb_structure, only: structure_t
    use hb_tones, only: tones_t
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: accuracy_t, certificate_config_t, scene_t, symmetry, symmetry_names
+   public :: accuracy_t, certificate_config_t, scene_t, services_t, symmetry, symmetry_names
 
    !> Among which motions a scene is solved.
    type :: symmetry_t
@@ -70,9 +70,15 @@ module hb_scene
       logical :: secant = .true.                                      !! extrapolate through the last two solutions
    end type chain_config_t
 
+   !> Whom a scene asks for what it does not do itself.
+   type :: services_t
+      class(model_source_t), allocatable :: models                    !! from where a structure of type `model` comes
+      class(stability_finder_t), allocatable :: finder                !! of stability; none: it is not known
+   end type services_t
+
    type :: scene_t
       logical :: is_read = .false.                                    !! from an input, without an error
-      class(model_source_t), allocatable :: models                    !! from where a structure of type `model` comes
+      type(services_t) :: services
       type(structure_t) :: structure
       type(tones_t) :: tones
       integer, allocatable :: phase_dofs(:)                           !! of the sines that vanish, by unknown tone; size 0:

@@ -7,10 +7,10 @@ module hb_scene_reader
    use hb_march_config, only: read_march
    use hb_memory_estimate, only: check_memory
    use hb_memory_sizes, only: sizes_of
-   use hb_model, only: model_source_t
    use hb_properties, only: properties_t
-   use hb_scene, only: scene_t, symmetry
+   use hb_scene, only: scene_t, services_t, symmetry
    use hb_scene_laws, only: read_laws, update_laws
+   use hb_floquet, only: floquet_t
    use hb_scene_loads, only: loaded_tuples, read_loads, read_starts
    use hb_scene_reduction, only: is_reduced_for, reduce_scene
    use hb_text, only: to_text
@@ -38,15 +38,15 @@ contains
 
    !> Reads a scene. All problems of the input are collected in one message, a line each. Fails as well where the scene would
    !> need more memory than its key `memory_limit` or, where that is zero, `available` says.
-   subroutine read_scene(self, document, error, available, models)
+   subroutine read_scene(self, document, error, available, services)
       type(scene_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available                     !! bytes for this process
-      class(model_source_t), intent(in), optional :: models           !! for a structure of type `model`
+      type(services_t), intent(in), optional :: services
 
       if (present(available)) self%memory_limit = available
-      if (present(models)) allocate (self%models, source=models)
+      if (present(services)) self%services = services
       call document%begin()
       call read_parts(self, document, error)
       if (.not. allocated(error)) call document%finish(error)
@@ -57,14 +57,14 @@ contains
    !> Brings a scene, read from a document before, to the values that this has now: reads what has changed, or everything where
    !> more than numbers did. Whatever is unusual, a mistake in the input included, ends in a complete reading, which has the last
    !> word. `is_new` tells of that.
-   subroutine update_scene(self, document, is_new, error, available, models)
+   subroutine update_scene(self, document, is_new, error, available, services)
       type(scene_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       logical, intent(out) :: is_new
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available                     !! bytes for this process
-      class(model_source_t), intent(in), optional :: models           !! for a structure of type `model`, else those of before
-      class(model_source_t), allocatable :: same_models
+      type(services_t), intent(in), optional :: services              !! else those of before
+      type(services_t) :: same
       logical :: is_read
 
       is_read = self%is_read
@@ -76,12 +76,9 @@ contains
       end if
       is_new = .not. is_read
       if (.not. is_new) return
-      if (present(models)) then
-         call read_scene(self, document, error, available, models)
-      else
-         if (allocated(self%models)) allocate (same_models, source=self%models)
-         call read_scene(self, document, error, available, same_models)
-      end if
+      same = self%services
+      if (present(services)) same = services
+      call read_scene(self, document, error, available, same)
    end subroutine update_scene
 
    !> Tuples of loads, first guesses and outputs whose accuracy is asked for, (n_tones, any).
@@ -111,7 +108,7 @@ contains
       call read_solver(self, document%optional_group("solver"))
       call document%required_group("structure", group, error)
       if (allocated(error)) return
-      call read_structure(group, self%structure, error, self%memory_limit, self%models)
+      call read_structure(group, self%structure, error, self%memory_limit, self%services%models)
       if (allocated(error)) return
       call read_tones(self%tones, document, error)
       if (allocated(error)) return
@@ -130,6 +127,7 @@ contains
       call read_laws(self, document, error)
       if (allocated(error)) return
       call read_certificate(self%certificate, document%optional_group("certificate"))
+      if (.not. allocated(self%services%finder)) allocate (self%services%finder, source=floquet_t())
       call read_stability(self%stability, document%optional_group("stability"), &
                           is_patient=(document%count("curve") > 0 .or. self%accuracy%is_on) .and. self%tones%n_tones == 1)
       call read_output(self, document%optional_group("output"))
@@ -215,7 +213,7 @@ contains
       is_read = .false.
       call document%required_group("structure", group, error)
       if (allocated(error)) return
-      call read_structure(group, other, error, self%memory_limit, self%models)
+      call read_structure(group, other, error, self%memory_limit, self%services%models)
       if (allocated(error)) return
       associate (structure => self%structure)
          if (other%n_dofs /= structure%n_dofs) return

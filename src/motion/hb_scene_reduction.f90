@@ -53,10 +53,11 @@ contains
          mark = mark_of(self%structure, kept, loads, up_to)
          is_found = .false.
          model = model_to_keep_beside(document)
-         if (allocated(self%models)) call self%models%recall(mark, small, is_found, model)
+         if (allocated(self%services%models)) call self%services%models%recall(mark, small, is_found, model)
          if (.not. is_found) then
             call reduce_structure(self%structure, kept, loads, up_to, self%memory_limit, small, error, recovery)
-            if (.not. allocated(error) .and. allocated(self%models)) call self%models%keep(mark, small, recovery, model)
+            if (.not. allocated(error) .and. allocated(self%services%models)) &
+               call self%services%models%keep(mark, small, recovery, model)
          end if
          if (.not. allocated(error)) then
             call number_anew(self, kept, small%n_dofs)

@@ -17,9 +17,9 @@ module hb_kernel_times
    use hb_lapack, only: dgetrf
    use hb_law_coordinates, only: laws_at
    use hb_marching_judge, only: marching_judge_t
-   use hb_model_file, only: model_file_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
+   use hb_run_services, only: run_services
    use hb_scene, only: scene_t
    use hb_scene_basis, only: find_basis
    use hb_scene_coordinates, only: coordinates_of
@@ -175,7 +175,7 @@ contains
       type(document_t), target :: copy
 
       copy = document
-      call read_scene(scene, copy, error, models=model_file_t())
+      call read_scene(scene, copy, error, services=run_services())
    end subroutine read_fresh
 
    !> The balance of what the laws of a scene feel, as a point is solved.

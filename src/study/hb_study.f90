@@ -7,11 +7,11 @@ module hb_study
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
-   use hb_model_file, only: model_file_t
    use hb_namelist, only: complete_text, read_namelist, set_text
    use hb_motion_curve, only: state_size
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row, new_plan, plan_t
+   use hb_run_services, only: run_services
    use hb_scene, only: scene_t
    use hb_scene_coordinates, only: coordinates_of
    use hb_scene_reader, only: group_names, read_scene
@@ -73,7 +73,7 @@ contains
       call refuse_hidden(self%plan, self%document, overrides, error)
       if (allocated(error)) return
       call self%plan%apply(1, first)
-      call read_scene(self%scene, first, error, self%available_memory, model_file_t())
+      call read_scene(self%scene, first, error, self%available_memory, run_services())
       if (allocated(error)) return
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then
@@ -89,7 +89,7 @@ contains
          call set_text(self%document, "solver%first_guess", "'neighbour'", error)
          first = self%document
          call self%plan%apply(1, first)
-         if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory, model_file_t())
+         if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory, run_services())
          if (allocated(error)) return
       end if
       self%input_complete = complete_text(first)
@@ -110,7 +110,7 @@ contains
 
       document = self%document
       call self%plan%apply(point, document)
-      call read_scene(scene, document, error, self%available_memory, model_file_t())
+      call read_scene(scene, document, error, self%available_memory, run_services())
       call annotate(error, "point "//to_text(point)//" ("//self%plan%describe(point)//")")
    end subroutine study_read_point
 

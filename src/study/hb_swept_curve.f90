@@ -8,13 +8,13 @@ module hb_swept_curve
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_marching_judge, only: marching_judge_t
-   use hb_model_file, only: model_file_t
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_motion_ridge, only: motion_ridge_t
    use hb_outcome, only: is_solved, outcome
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t, results_t
+   use hb_run_services, only: run_services
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
    use hb_swept_point, only: check_layout, spread_result
@@ -60,7 +60,7 @@ contains
 
       self%document = source%document
       call source%plan%apply(first, self%document)
-      call update_scene(self%scene, self%document, is_new, failure, source%available_memory, model_file_t())
+      call update_scene(self%scene, self%document, is_new, failure, source%available_memory, run_services())
       if (.not. allocated(failure)) call check_layout(self%scene, source%layout, failure)
       if (.not. allocated(failure)) call source%plan%curve%make_request(self%scene, self%document, self%request, failure)
       self%request%available_memory = source%available_memory

@@ -6,9 +6,9 @@ module hb_switched_input
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
-   use hb_model_file, only: model_file_t
    use hb_namelist, only: complete_text
    use hb_properties, only: limits_t, properties_t
+   use hb_run_services, only: run_services
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use hb_study, only: study_t
@@ -44,7 +44,7 @@ contains
 
       document = study%document
       call plan%apply(point, document)
-      call read_scene(scene, document, error, study%available_memory, model_file_t())
+      call read_scene(scene, document, error, study%available_memory, run_services())
       if (allocated(error)) return
       text = without_sweeps(complete_text(document))
       allocate (overrides(0))

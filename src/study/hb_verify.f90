@@ -22,12 +22,12 @@ module hb_verify
    use hb_march_system, only: march_system_t, new_march_system
    use hb_march_verdict, only: decide, growth_of, limit_of, n_settled, verdict
    use hb_marched_motion, only: settle
-   use hb_model_file, only: model_file_t
    use hb_modes, only: slowest_decay
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: is_solved, outcome
    use hb_results_record, only: read_record, record_t
    use hb_row_checks, only: refuse_damaged_rows
+   use hb_run_services, only: run_services
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use hb_structure, only: max_dofs
@@ -209,7 +209,7 @@ contains
 
       document = stored%study%document
       call stored%study%plan%apply(point, document)
-      call read_scene(scene, document, error, models=model_file_t())
+      call read_scene(scene, document, error, services=run_services())
       if (allocated(error)) return
       associate (omega => stored%frequency(:, point))
          tuples = stored%tuples

@@ -89,7 +89,7 @@ MUTANTS = [
         ),
     ),
     *of(
-        "stability/hb_stability.f90",
+        "stability/hb_floquet.f90",
         (
             "stability_circle",
             "test_hb_stability",
@@ -104,6 +104,9 @@ MUTANTS = [
             "         call deflate(monodromy%matrix, shift)",
             "         continue",
         ),
+    ),
+    *of(
+        "stability/hb_stability.f90",
         (
             "stability_better_motion",
             "test_hb_stability",

@@ -7,10 +7,10 @@ module scenes
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_marching_judge, only: marching_judge_t
-   use hb_model_file, only: model_file_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_namelist, only: read_namelist
+   use hb_run_services, only: run_services
    use hb_scene, only: scene_t
    use hb_scene_coordinates, only: coordinates_of
    use hb_scene_reader, only: read_scene
@@ -81,7 +81,7 @@ contains
       type(document_t), target :: document
 
       call read_namelist(document, "test.nml", one_group_a_line(text), error)
-      if (.not. allocated(error)) call read_scene(scene, document, error, models=model_file_t())
+      if (.not. allocated(error)) call read_scene(scene, document, error, services=run_services())
    end subroutine make_scene
 
    !> Message of an error, empty without one: a test that expects none says what went wrong.

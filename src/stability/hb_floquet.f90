@@ -1,0 +1,183 @@
+!> Finds Floquet multipliers and Lyapunov exponents of motions, and what they say of stability. Source: docs/user/theory.md, section 8.
+module hb_floquet
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_error, only: error_t
+   use hb_exponents, only: exponents_t, find_exponents, work_of_exponents
+   use hb_hysteretic_law, only: hysteretic_law_t
+   use hb_kinds, only: two_pi, wp
+   use hb_koopman_hill, only: hill_t, new_hill
+   use hb_law, only: law_box_t
+   use hb_monodromy, only: find_monodromy, monodromy_t, work_of_transfer
+   use hb_multipliers, only: deflate, eigenvalues_of
+   use hb_stability, only: excitation_t, harmonic_motion_t, most_multipliers, stability_config_t, stability_finder_t, &
+      stability_method, stability_t, verdict
+   use hb_structure, only: structure_t
+   use hb_variation, only: new_variation, variation_t
+   implicit none
+   private
+   public :: floquet_t, has_to_be_marched, judge_matrix, work_on_demand
+
+   real(wp), parameter :: smallest_margin = 1.0e-9_wp                 ! of a multiplier from 1 that is sure
+   real(wp), parameter :: safety = 10.0_wp                            ! on the estimate of the error
+   real(wp), parameter :: safety_of_spread = 3.0_wp                   ! on the difference of both halves of a record
+   real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
+
+   type, extends(stability_finder_t) :: floquet_t
+   contains
+      procedure :: find => floquet_find
+   end type floquet_t
+
+contains
+
+   !> From the equations linearised along the motion; nothing where a law has none.
+   subroutine floquet_find(self, stability, config, motion, structure, laws, excitation, work_allowed)
+      class(floquet_t), intent(in) :: self
+      type(stability_t), intent(out) :: stability
+      type(stability_config_t), intent(in) :: config
+      type(harmonic_motion_t), intent(in) :: motion
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)
+      type(excitation_t), intent(in) :: excitation
+      real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
+      type(variation_t) :: variation
+      type(hill_t), allocatable :: hill
+      type(error_t), allocatable :: error
+      real(wp) :: work
+
+      associate (unused => self, not_needed => excitation)
+      end associate
+      if (config%method == stability_method%off .or. has_to_be_marched(laws)) return
+      call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
+      if (allocated(error)) return
+      work = work_of_exponents(variation)
+      if (motion%tones%n_tones == 1) work = work_of_transfer(variation, two_pi/motion%tones%omega(1))
+      if (config%method == stability_method%auto .and. work > config%patience*work_allowed) return
+      stability%method = stability_method%march
+      if (config%method == stability_method%hill .and. variation%is_smooth()) then
+         allocate (hill)
+         call new_hill(hill, variation, error)
+         if (allocated(error)) return
+         stability%method = stability_method%hill
+      end if
+      if (motion%tones%n_tones == 1) then
+         call judge_period(stability, config, variation, motion%amplitudes, motion%tones%is_unknown(1), hill)
+      else
+         call judge_torus(stability, config, variation, motion%amplitudes, motion%tones%is_unknown, max(work, work_allowed), hill)
+      end if
+   end subroutine floquet_find
+
+   !> Disturbances by shifts of the phases of unknown tones, as series, (size of the state, n_harmonics, any).
+   pure function shifts_of(variation, amplitudes, is_unknown) result(shifts)
+      type(variation_t), intent(in) :: variation
+      complex(wp), intent(in) :: amplitudes(:, :)
+      logical, intent(in) :: is_unknown(:)
+      complex(wp), allocatable :: shifts(:, :, :)
+      complex(wp), parameter :: i = (0.0_wp, 1.0_wp)
+      integer :: h, k, m, n
+
+      n = size(amplitudes, 1)
+      allocate (shifts(variation%size, size(amplitudes, 2), count(is_unknown)), source=(0.0_wp, 0.0_wp))
+      k = 0
+      do m = 1, size(is_unknown)
+         if (.not. is_unknown(m)) cycle
+         k = k + 1
+         do h = 1, size(amplitudes, 2)
+            shifts(:n, h, k) = i*variation%motion%tuples(m, h)*amplitudes(:, h)
+            shifts(n + 1:2*n, h, k) = i*variation%motion%frequencies(h)/variation%scale*shifts(:n, h, k)
+         end do
+      end do
+   end function shifts_of
+
+   !> Exponents of a motion of several tones.
+   subroutine judge_torus(self, config, variation, amplitudes, is_unknown, work_limit, hill)
+      type(stability_t), intent(inout) :: self
+      type(stability_config_t), intent(in) :: config
+      type(variation_t), intent(inout) :: variation
+      complex(wp), intent(in) :: amplitudes(:, :)
+      logical, intent(in) :: is_unknown(:)
+      real(wp), intent(in) :: work_limit
+      type(hill_t), allocatable, intent(inout) :: hill
+      type(exponents_t) :: found
+      real(wp) :: margin
+
+      call find_exponents(found, variation, shifts_of(variation, amplitudes, is_unknown), config%tolerance, work_limit, hill)
+      if (.not. allocated(found%rate)) return
+      self%exponents = found%rate(:min(size(found%rate), most_multipliers))
+      self%estimate = found%spread(1)
+      margin = max(safety_of_spread*found%spread(1), smallest_margin*minval(abs(variation%motion%omega)))
+      self%n_unstable = count(found%rate > safety_of_spread*found%spread .and. found%rate > margin)
+      if (self%n_unstable > 0) then
+         self%verdict = verdict%unstable
+      else if (maxval(found%rate) < -margin) then
+         self%verdict = verdict%stable
+      end if
+   end subroutine judge_torus
+
+   !> Multipliers of a periodic motion.
+   subroutine judge_period(self, config, variation, amplitudes, is_free, hill)
+      type(stability_t), intent(inout) :: self
+      type(stability_config_t), intent(in) :: config
+      type(variation_t), intent(inout) :: variation
+      complex(wp), intent(in) :: amplitudes(:, :)
+      logical, intent(in) :: is_free                                  !! the tone is the motion's own
+      type(hill_t), allocatable, intent(inout) :: hill
+      type(monodromy_t) :: monodromy
+      complex(wp), allocatable :: shifts(:, :, :)
+      real(wp), allocatable :: shift(:)
+
+      associate (period => two_pi/variation%motion%omega(1))
+         if (allocated(hill)) then
+            call hill%transfer(0.0_wp, period, config%tolerance, monodromy%matrix, monodromy%estimate)
+         else
+            call find_monodromy(monodromy, variation, 0.0_wp, config%tolerance, work_on_demand)
+         end if
+      end associate
+      self%estimate = monodromy%estimate
+      if (.not. all(ieee_is_finite(monodromy%matrix))) return
+      if (is_free) then
+         shifts = shifts_of(variation, amplitudes, [.true.])
+         shift = real(sum(shifts(:size(monodromy%matrix, 1), :, 1), dim=2))
+         if (variation%n_states > 0) shift = matmul(monodromy%matrix, shift)   ! sliders join
+         self%estimate = max(self%estimate, norm2(matmul(monodromy%matrix, shift) - shift)/norm2(shift))
+         call deflate(monodromy%matrix, shift)
+      end if
+      call judge_matrix(self, monodromy%matrix, variation%motion%omega(1))
+   end subroutine judge_period
+
+   !> Keeps the multipliers of a monodromy matrix and tells what they say, with the estimate that there is.
+   subroutine judge_matrix(self, matrix, omega)
+      type(stability_t), intent(inout) :: self
+      real(wp), intent(in) :: matrix(:, :)
+      real(wp), intent(in) :: omega                                   !! [rad/s]
+      complex(wp), allocatable :: multipliers(:)
+      real(wp) :: margin
+
+      call eigenvalues_of(matrix, multipliers)
+      if (size(multipliers) == 0) return
+      margin = max(smallest_margin, safety*self%estimate)
+      self%n_unstable = count(abs(multipliers) > 1.0_wp + margin)
+      if (self%n_unstable > 0) then
+         self%verdict = verdict%unstable
+      else if (abs(multipliers(1)) < 1.0_wp - margin) then
+         self%verdict = verdict%stable
+      end if
+      self%multipliers = multipliers(:min(size(multipliers), most_multipliers))
+      self%exponents = log(max(abs(self%multipliers), tiny(1.0_wp)))*omega/two_pi
+   end subroutine judge_matrix
+
+   !> Whether a law leads through events that have no linearised equations here: rigid ones, and sliders without bounds.
+   pure logical function has_to_be_marched(laws)
+      type(law_box_t), intent(in) :: laws(:)
+      integer :: i
+
+      has_to_be_marched = .false.
+      do i = 1, size(laws)
+         select type (law => laws(i)%law)
+         class is (hysteretic_law_t)
+            has_to_be_marched = has_to_be_marched .or. .not. law%has_bounds
+         end select
+         has_to_be_marched = has_to_be_marched .or. laws(i)%law%is_multiplier
+      end do
+   end function has_to_be_marched
+
+end module hb_floquet

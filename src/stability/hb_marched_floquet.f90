@@ -1,0 +1,80 @@
+!> Floquet multipliers by marching a period, where laws lead through events that have no linearised equations: the map from one period
+!> to the next, by differences. Source: docs/user/theory.md, section 8.
+module hb_marched_floquet
+   use hb_error, only: error_t
+   use hb_floquet, only: floquet_t, has_to_be_marched, judge_matrix, work_on_demand
+   use hb_kinds, only: wp
+   use hb_law, only: law_box_t
+   use hb_march_system, only: march_system_t, new_march_system
+   use hb_motion_series, only: motion_series_t, new_motion_series
+   use hb_multipliers, only: deflate
+   use hb_period_map, only: find_period_map, new_period_map, period_map_t, work_of_period_map
+   use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, stability_method, stability_t
+   use hb_structure, only: most_dense, structure_t
+   implicit none
+   private
+   public :: marched_floquet_t
+
+   type, extends(floquet_t) :: marched_floquet_t
+   contains
+      procedure :: find => marched_floquet_find
+   end type marched_floquet_t
+
+contains
+
+   !> Along the motion where laws have linearised equations and nothing else is asked for, else by marching a period.
+   subroutine marched_floquet_find(self, stability, config, motion, structure, laws, excitation, work_allowed)
+      class(marched_floquet_t), intent(in) :: self
+      type(stability_t), intent(out) :: stability
+      type(stability_config_t), intent(in) :: config
+      type(harmonic_motion_t), intent(in) :: motion
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)
+      type(excitation_t), intent(in) :: excitation
+      real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
+      type(march_system_t), target :: system
+
+      if (.not. (config%is_marched .or. has_to_be_marched(laws))) then
+         call self%floquet_t%find(stability, config, motion, structure, laws, excitation, work_allowed)
+      else if (config%method /= stability_method%off .and. motion%tones%n_tones == 1) then
+         call new_march_system(system, structure, laws, excitation%loads, excitation%frequencies, motion%tones%omega)
+         stability%is_marched = .true.
+         call find_marched_stability(stability, config, system, motion, excitation%restitution, work_allowed)
+      end if
+   end subroutine marched_floquet_find
+
+   !> By marching a period of one tone from the motion and from beside it, for laws that ask for it: multipliers are those of the
+   !> motion that repeats there, their change from the motion given is the least of the estimate.
+   subroutine find_marched_stability(self, config, system, motion, restitution, work_allowed)
+      type(stability_t), intent(inout) :: self
+      type(stability_config_t), intent(in) :: config
+      type(march_system_t), intent(inout), target :: system
+      type(harmonic_motion_t), intent(in) :: motion
+      real(wp), intent(in) :: restitution                             !! of rigid walls
+      real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
+      type(error_t), allocatable :: error
+      type(motion_series_t) :: series
+      type(period_map_t) :: map
+      type(stability_t) :: before
+
+      call system%structure%refuse_large("stability", most_dense, error)
+      if (allocated(error)) return
+      call new_motion_series(series, motion%tuples, motion%tones%omega, motion%amplitudes)
+      call new_period_map(map, system, series, restitution, config%tolerance, error)
+      if (allocated(error)) return
+      if (config%method == stability_method%auto .and. work_of_period_map(map, system) > work_allowed) return
+      self%method = stability_method%march
+      call find_period_map(map, system, motion%tones%is_unknown(1), work_on_demand)
+      if (.not. map%is_found) return
+      self%estimate = map%estimate
+      if (motion%tones%is_unknown(1)) then
+         self%estimate = max(self%estimate, norm2(matmul(map%matrix, map%shift) - map%shift)/norm2(map%shift))
+         call deflate(map%matrix, map%shift)
+         call deflate(map%first, map%shift)
+      end if
+      call judge_matrix(self, map%matrix, motion%tones%omega(1))
+      before%estimate = map%estimate
+      call judge_matrix(before, map%first, motion%tones%omega(1))
+      call self%hold_against(before)
+   end subroutine find_marched_stability
+end module hb_marched_floquet
