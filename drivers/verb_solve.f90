@@ -4,6 +4,7 @@ module verb_solve
    use arguments, only: arguments_t
    use console, only: say
    use exit_status, only: incomplete, not_all_right, success
+   use hb_curve_request, only: curve_kind
    use hb_curve_table, only: curve_lines, find_leaving, leaving_t, note_curve_values
    use hb_error, only: error_t
    use hb_file_place, only: check_source
@@ -155,6 +156,7 @@ contains
             deallocate (error)
          else
             call run(switched, options, where, is_there, comm, its_status, error)
+            if (from%kind == curve_kind%graze .and. its_status == not_all_right) its_status = success   ! there may be no torus
          end if
       end subroutine run_one
    end subroutine run_switched
