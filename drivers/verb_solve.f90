@@ -5,7 +5,7 @@ module verb_solve
    use console, only: say
    use exit_status, only: incomplete, not_all_right, success
    use hb_curve_request, only: curve_kind
-   use hb_curve_table, only: curve_kinds, curve_lines, note_curve_values
+   use hb_curve_table, only: curve_lines, find_leaving, leaving_t, note_curve_values
    use hb_error, only: error_t
    use hb_file_place, only: check_source
    use hb_interruption, only: interruption
@@ -117,40 +117,38 @@ contains
       integer, intent(inout) :: status
       type(error_t), allocatable, intent(out) :: error
       type(sweep_plan_t) :: plan
-      integer, allocatable :: kinds(:)
+      type(leaving_t), allocatable :: leaving(:)
       integer :: i, its_status
 
       if (.not. allocated(study%plan%curve) .or. status == incomplete) return
       if (.not. study%plan%curve%switches) return
       plan = study%plan
       call note_curve_values(path, plan, error)
-      if (.not. allocated(error)) call curve_kinds(path, plan%n_points, kinds, error)
+      if (.not. allocated(error)) call find_leaving(path, plan%n_points, leaving, error)
       if (allocated(error)) return
-      do i = 1, size(kinds)
-         if (.not. any(kinds(i) == [curve_kind%flip, curve_kind%torus])) cycle
-         call run_one(i, kinds(i) == curve_kind%torus)
+      do i = 1, size(leaving)
+         call run_one(leaving(i))
          if (allocated(error)) return
          status = max(status, its_status)
       end do
 
    contains
 
-      subroutine run_one(point, is_torus)
-         integer, intent(in) :: point                                 ! from 1
-         logical, intent(in) :: is_torus
+      subroutine run_one(from)
+         type(leaving_t), intent(in) :: from
          type(study_t) :: switched
          type(string_t), allocatable :: overrides(:)
          character(:), allocatable :: place, text, where
          logical :: is_there
 
          its_status = success
-         where = switched_path(path, point)
-         place = place_of(path, point)
+         where = switched_path(path, from%point)
+         place = place_of(path, from%point)
          is_there = kind_of_file(where) /= file_kind%none .and. .not. options%overwrite
          if (is_there) then                                           ! its own input names this file as it was named then
             call load_stored_study(where, comm, switched, error)
          else
-            call switched_input(study, plan, path, point, is_torus, text, overrides, error)
+            call switched_input(study, plan, path, from, text, overrides, error)
             if (.not. allocated(error)) call new_study(switched, place, text, overrides, error, memory_share(comm))
          end if
          if (allocated(error)) then                                   ! the curve itself is there
@@ -158,6 +156,7 @@ contains
             deallocate (error)
          else
             call run(switched, options, where, is_there, comm, its_status, error)
+            if (from%kind == curve_kind%graze .and. its_status == not_all_right) its_status = success   ! there may be no torus
          end if
       end subroutine run_one
    end subroutine run_switched

@@ -19,6 +19,7 @@ module hb_preconditioner
 
    type :: preconditioner_t
       type(block_pattern_t) :: pattern                                !! of the tangent of one harmonic
+      integer, private :: n_harmonics = 0
       logical, private :: needs_reaction = .false.                    ! of any law
       type(block_factors_t), allocatable, private :: alone            ! LU of the tangent of each harmonic
       type(coarse_tangent_t), allocatable, private :: coupled         ! and that between the most coupled ones
@@ -32,20 +33,26 @@ module hb_preconditioner
 contains
 
    !> Finds where the tangent of one harmonic has entries: where S has, where a law couples two motions, and where a force that
-   !> depends on the reaction meets S. Factors come with the first `update`.
+   !> depends on the reaction meets S. Factors come with the first `update`; those of a balance that is made anew at another value,
+   !> as along a curve, serve until the next one.
    subroutine preconditioner_prepare(self, linear, laws)
       class(preconditioner_t), intent(inout) :: self
       type(linear_part_t), intent(in) :: linear
       type(projected_laws_t), intent(in) :: laws
-      integer :: law, reach
+      type(block_pattern_t) :: before
+      integer :: law, n_before, reach
 
-      if (allocated(self%alone)) deallocate (self%alone)
-      if (allocated(self%coupled)) deallocate (self%coupled)
+      before = self%pattern
+      n_before = self%n_harmonics
+      self%n_harmonics = laws%transform%harmonics%n_harmonics
       self%needs_reaction = laws%needs_reaction
       law = max(0, maxval(abs(laws%jacobian%row - laws%jacobian%column)), laws%memory_reach())
       reach = max(linear%pattern%reach, law)
       if (laws%needs_reaction) reach = linear%pattern%reach + law
       call new_block_pattern(self%pattern, linear%n_law, min(linear%n_law, reach))
+      if (self%n_harmonics == n_before .and. self%pattern%n == before%n .and. self%pattern%reach == before%reach) return
+      if (allocated(self%alone)) deallocate (self%alone)
+      if (allocated(self%coupled)) deallocate (self%coupled)
    end subroutine preconditioner_prepare
 
    !> Finds the tangent of harmonic h by itself, (1 - df/ds) S + df/dq + i w df/dv, from mean slopes.

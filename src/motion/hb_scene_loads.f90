@@ -48,9 +48,6 @@ contains
 
       power = 0
       call group%get("frequency_power", power, limits=limits_t(minimum=0, maximum=4))
-      if (power > 0 .and. any(self%tones%is_unknown)) then
-         call group%problem("frequency_power", "loads cannot grow with frequencies where some of these are unknown")
-      end if
       if (power == 0) then
          call read_amplitude(self, group, trim(units(0)), self%loads)
          return
@@ -58,8 +55,13 @@ contains
       self%has_inertia_loads = .true.
       allocate (amplitudes(size(self%loads, 1), size(self%loads, 2)), source=(0.0_wp, 0.0_wp))
       call read_amplitude(self, group, trim(units(max(0, min(power, 4)))), amplitudes)
-      w = self%harmonics%frequencies(self%tones%omega)
+      w = self%harmonics%frequencies(merge(0.0_wp, self%tones%omega, self%tones%is_unknown))
       do h = 1, size(w)
+         if (.not. any(abs(amplitudes(:, h)) > 0.0_wp)) cycle
+         if (any(self%tones%is_unknown .and. self%harmonics%tuples(:, h) /= 0)) then
+            call group%problem("frequency_power", "a load cannot grow with a frequency that is unknown")
+            return
+         end if
          self%loads(:, h) = self%loads(:, h) + abs(w(h))**power*amplitudes(:, h)
          self%load_slopes(:, h) = self%load_slopes(:, h) + power*abs(w(h))**(power - 1)*sign(1.0_wp, w(h))*amplitudes(:, h)
       end do

@@ -1,4 +1,5 @@
-!> Finds Floquet multipliers and Lyapunov exponents of motions, and what they say of stability. Source: docs/user/theory.md, section 8.
+!> Finds Floquet multipliers and Lyapunov exponents of motions, and what they say of stability. Source: docs/user/theory.md,
+!> section 8.
 module hb_floquet
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t

@@ -1,5 +1,5 @@
-!> Floquet multipliers by marching a period, where laws lead through events that have no linearised equations: the map from one period
-!> to the next, by differences. Source: docs/user/theory.md, section 8.
+!> Floquet multipliers by marching a period, where laws lead through events that have no linearised equations: the map from one
+!> period to the next, by differences. Source: docs/user/theory.md, section 8.
 module hb_marched_floquet
    use hb_error, only: error_t
    use hb_floquet, only: floquet_t, has_to_be_marched, judge_matrix, work_on_demand

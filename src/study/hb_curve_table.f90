@@ -10,9 +10,16 @@ module hb_curve_table
    use hb_text, only: number_of, to_text
    implicit none
    private
-   public :: curve_kinds, curve_lines, note_curve_values, number_cut_short
+   public :: curve_lines, find_leaving, leaving_t, note_curve_values, number_cut_short
 
    integer, parameter :: most_lines = 60
+
+   !> A point at which other motions leave a curve.
+   type :: leaving_t
+      integer :: point = 0                                            !! from 1
+      integer :: kind = 0                                             !! hb_curve_request%curve_kind
+      integer :: beyond = 0                                           !! of a graze: the point next to it, on the side of contact
+   end type leaving_t
 
 contains
 
@@ -35,23 +42,40 @@ contains
       call file%close(error_in_close)
    end subroutine note_curve_values
 
-   !> What the points of curves in a file are.
-   subroutine curve_kinds(path, n_points, kinds, error)
+   !> Lists where other motions leave the curves of a file: doublings, tones that join, and grazing at which stability is lost.
+   subroutine find_leaving(path, n_points, leaving, error)
       character(*), intent(in) :: path
       integer, intent(in) :: n_points
-      integer, allocatable, intent(out) :: kinds(:)                   !! (n_points)
+      type(leaving_t), allocatable, intent(out) :: leaving(:)
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
       type(h5_dataset_t) :: dataset
+      integer, dimension(n_points) :: is_stable, kind
+      integer :: after, before, beyond, i
 
-      allocate (kinds(n_points), source=curve_kind%none)
+      allocate (leaving(0))
+      is_stable = 0
       call open_file(file, path, error)
       if (allocated(error)) return
       call file%open_dataset("curve_kind", dataset, error)
-      if (.not. allocated(error)) call dataset%read(kinds, error)
+      if (.not. allocated(error)) call dataset%read(kind, error)
+      if (file%has("is_stable") .and. .not. allocated(error)) call file%open_dataset("is_stable", dataset, error)
+      if (file%has("is_stable") .and. .not. allocated(error)) call dataset%read(is_stable, error)
       call file%close(error_in_close)
-   end subroutine curve_kinds
+      if (allocated(error)) return
+      do i = 1, n_points
+         beyond = i
+         if (kind(i) == curve_kind%graze) then
+            before = max(1, i - 1)
+            after = min(n_points, i + 1)
+            if (is_stable(before) > 0 .and. is_stable(after) < 0) beyond = after
+            if (is_stable(before) < 0 .and. is_stable(after) > 0) beyond = before
+         end if
+         if (any(kind(i) == [curve_kind%flip, curve_kind%torus]) .or. beyond /= i) &
+            leaving = [leaving, leaving_t(i, kind(i), beyond)]
+      end do
+   end subroutine find_leaving
 
    !> A line for each special point: what it is, its values, its number. `plan` has the values of the curve.
    subroutine curve_lines(path, plan, lines, error)

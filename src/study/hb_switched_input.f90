@@ -1,8 +1,12 @@
-!> The input of motions that leave a curve: of the doubled period at a flip, or with a tone of their own where a torus begins.
+!> The input of motions that leave a curve: of the doubled period at a flip, or with a tone of their own where a torus begins, also
+!> where a contact that begins takes the stability away.
 !>
 !> It is the complete input of the curve at the point, with other tones, harmonics and tuples, and the point as its origin: an
-!> input as any other, whose run has a result file of its own.
+!> input as any other, whose run has a result file of its own. At a graze multipliers jump, and nothing in the motion there tells
+!> where the other ones go: these are marched to, a little beyond.
 module hb_switched_input
+   use hb_curve_request, only: curve_kind
+   use hb_curve_table, only: leaving_t
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
@@ -24,12 +28,11 @@ module hb_switched_input
 contains
 
    !> Gives text and overrides of the input. Fails where the curve has a set or a law for which that is not known.
-   subroutine switched_input(study, plan, path, point, is_torus, text, overrides, error)
+   subroutine switched_input(study, plan, path, from, text, overrides, error)
       type(study_t), intent(in) :: study                              !! of the curve
       type(sweep_plan_t), intent(in) :: plan                          !! with the values along it
       character(*), intent(in) :: path                                !! of its result file
-      integer, intent(in) :: point                                    !! from 1
-      logical, intent(in) :: is_torus                                 !! else the period doubles
+      type(leaving_t), intent(in) :: from
       character(:), allocatable, intent(out) :: text
       type(string_t), allocatable, intent(out) :: overrides(:)        !! path=value
       type(error_t), allocatable, intent(out) :: error
@@ -40,10 +43,12 @@ contains
       character(:), allocatable :: key
       integer, allocatable :: samples(:)
       integer :: i, k
+      logical :: is_torus                                             ! else the period doubles
       character(5), parameter :: with_tuples(2) = [character(5) :: "load", "start"]
 
+      is_torus = from%kind /= curve_kind%flip
       document = study%document
-      call plan%apply(point, document)
+      call plan%apply(from%point, document)
       call read_scene(scene, document, error, study%available_memory, run_services())
       if (allocated(error)) return
       text = without_sweeps(complete_text(document))
@@ -107,8 +112,13 @@ contains
          end do
          call add("curve%peak_of", key)
       end if
-      call add("curve%origin", quote(path))
-      call add("curve%origin_point", to_text(point - 1))
+      if (from%kind == curve_kind%graze) then
+         call add("solver%first_guess", "'march'")
+         call add("curve%start", to_text(a_little_beyond(plan, from)))
+      else
+         call add("curve%origin", quote(path))
+         call add("curve%origin_point", to_text(from%point - 1))
+      end if
       call add("curve%switch", ".false.")
 
    contains
@@ -119,6 +129,18 @@ contains
          overrides = [overrides, string_t(where//"="//what)]
       end subroutine add
    end subroutine switched_input
+
+   !> A value on the side of contact, inside of the range of the curve.
+   pure real(wp) function a_little_beyond(plan, from) result(value)
+      type(sweep_plan_t), intent(in) :: plan
+      type(leaving_t), intent(in) :: from
+      real(wp), parameter :: little = 0.01_wp                         ! of the range
+
+      associate (graze => plan%curve_values(from%point), ends => [plan%curve%from, plan%curve%to])
+         value = graze + sign(little*abs(ends(2) - ends(1)), plan%curve_values(from%beyond) - graze)
+         value = min(max(value, minval(ends)), maxval(ends))
+      end associate
+   end function a_little_beyond
 
    !> The frequency of the first tone as the input has it.
    function input_frequency(scene, key) result(text)

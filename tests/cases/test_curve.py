@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -32,7 +33,7 @@ STOP = """
 &accuracy tolerance = 1e-3 /
 &curve parameter = 'tones%frequency', from = 0.3, to = 1.2, points = 300 /
 """
-UNUSED, PENDING = 17, 0
+UNUSED, PENDING, COLLAPSED = 17, 0, 10
 
 
 def assert_same_bits(a, b, moving="tones_frequency"):
@@ -234,6 +235,24 @@ def test_what_is_wrong_with_a_curve_is_said(tmp_path, keys, says):
     assert done.status == BAD_INPUT and says in done.stderr, done.stderr
     assert re.search(r"bad.nml:[89]: ", done.stderr), done.stderr
     assert not (tmp_path / "bad.h5").exists()
+
+
+def test_torus_behind_a_graze_is_found_and_followed_both_ways(tmp_path):
+    """A rotor that bounces in its ring; radii at 1.15 rad/s by marching from rest, 0.1271 and 1.1203."""
+    text = (Path(__file__).parents[2] / "inputs" / "gallery" / "jeffcott_torus.nml").read_text(encoding="utf-8")
+    path = solve(text.replace("to = 2.5", "to = 1.2").replace("1.0, 1.15", "1.15"), tmp_path, status=None)
+    with Results(path) as results:
+        (graze,) = results.select({"curve_kind": "graze"})
+    torus = path.with_name(f"{path.stem}_{graze}.h5")
+    with Results(torus) as results:
+        (at_value,) = results.select({"curve_kind": "value"})
+    status, speed, tuples, c = read(torus, "status", "tones_frequency_1", "tuple", "coefficients")
+    assert speed[status == COLLAPSED] == pytest.approx(0.9251817195, rel=1e-4), "its tone dies out at the graze"
+    phases = np.stack(np.meshgrid(*2 * [np.linspace(0, 2 * np.pi, 200)]))
+    angles = np.tensordot(tuples, phases, 1)
+    radius = np.hypot(*(np.tensordot(c[at_value, k, :, 0], np.cos(angles), 1)
+                        + np.tensordot(c[at_value, k, :, 1], np.sin(angles), 1) for k in (0, 1)))  # fmt: skip
+    np.testing.assert_allclose([radius.min(), radius.max()], [0.1271, 1.1203], rtol=0, atol=1e-3)
 
 
 def test_doubled_motions_are_followed_in_a_file_of_their_own(tmp_path):

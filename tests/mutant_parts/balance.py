@@ -233,6 +233,13 @@ MUTANTS = [
     *of(
         "balance/hb_preconditioner.f90",
         (
+            "preconditioner_forgets",
+            "test_hb_balance_precondition",
+            "factors are lost where a balance is made anew",
+            "      if (self%n_harmonics == n_before .and.",
+            "      if (self%n_harmonics == -n_before .and.",
+        ),
+        (
             "precondition_rank",
             "test_hb_balance_precondition",
             "harmonics are coupled by their numbers, not by how strongly they are",

@@ -167,7 +167,8 @@ def _curves(results, name, dof, measure, over, where, n_curves, axis=None) -> tu
     dof = results.default_dof(measure.quantity) if dof is None else dof
     points = np.array(results.select(where) if where else results.used, dtype=int)
     points = points[np.isin(points, results.used)]
-    if axis is not None and axis.path.startswith("tones%frequency") and axis.path not in results.swept:
+    over_tone = axis is not None and axis.path.startswith("tones%frequency")
+    if over_tone and not any(path.startswith("tones%frequency") for path in results.swept):
         return _backbone(results, name, dof, measure, points, axis)
     names_of_curve = [results.curve.path, results.curve.name] if results.curve else []
     moving = results.curve if over in (None, "amplitude", *names_of_curve) else None
@@ -380,8 +381,8 @@ def _status_keys(curves: list[Curve]) -> list[Line2D]:
 
 
 def _axis_key(axis: Parameter) -> tuple:
-    """What files in one picture must have in common: parameter and unit, or the words along it."""
-    return axis.label, axis.units, () if axis.is_number else tuple(dict.fromkeys(axis.values))
+    """What files in one picture must have in common: parameter and unit, or the words along it; one tone is the first one."""
+    return axis.label.removesuffix("(1)"), axis.units, () if axis.is_number else tuple(dict.fromkeys(axis.values))
 
 
 def _swept_parameter(results: Results, over: str | None, points: np.ndarray) -> Parameter:
