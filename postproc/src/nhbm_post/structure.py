@@ -82,7 +82,7 @@ class Structure:
         return self._turned(field, self._polar)
 
     def force(self, values: Mapping[str, float]) -> np.ndarray:
-        """Forces (n_nodes, 3) at the nodes of the degrees of freedom that `values` names; those of pairs stand at the node between."""
+        """Forces (n_nodes, 3) at the nodes of the degrees of freedom that `values` names; those of pairs at the node between."""
         field = np.zeros((len(self.points), 3))
         for label, value in values.items():
             if label in self._place:
