@@ -176,6 +176,9 @@ class Model:
             raise ModelError(f"file '{path}': {error}") from None
         except OSError as error:
             raise ModelError(f"file '{path}' cannot be read as HDF5: {error}") from None
+        except (KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError, OverflowError, MemoryError) as error:
+            why = " ".join(str(error).strip("'\"").split())  # h5py raises any of these where a part is damaged
+            raise ModelError(f"file '{path}' is damaged: {why}") from None
 
     @classmethod
     def _from_file(cls, file: h5py.File) -> Model:
