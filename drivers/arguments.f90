@@ -57,11 +57,15 @@ contains
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: name, value
       integer :: i
+      logical :: options_ended                                        !! by `--`: what follows are words
 
       allocate (self%overrides(0), self%machine(0), self%given(0))
+      options_ended = .false.
       i = 1
       do while (i <= size(words))
-         if (index(words(i)%value, "-") == 1) then
+         if (.not. options_ended .and. words(i)%value == "--") then
+            options_ended = .true.
+         else if (.not. options_ended .and. index(words(i)%value, "-") == 1) then
             call cut_option(words(i)%value, name, value, error)
             if (allocated(error)) return
             if (takes_value(name) .and. .not. allocated(value)) then

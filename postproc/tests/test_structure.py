@@ -6,6 +6,8 @@ import pytest
 from synthetic import write_results
 from test_cli import run
 
+from nhbm_post.structure import Structure
+
 meshio = pytest.importorskip("meshio")
 
 TUPLES = [[0, 0], [1, 0], [0, 1], [1, 1]]
@@ -34,7 +36,8 @@ def write_model(path, labels, node, direction, recovery=None):
 def files(tmp_path):
     coefficients = np.random.default_rng(3).normal(size=(1, 2, 4, 2))
     coefficients[:, :, 0, 1] = 0.0
-    write_results(tmp_path / "run.h5", TUPLES, FREQUENCY, coefficients, dofs=("n2.z", "q1"), law_dofs=("n2.z",))
+    law = {"law_dofs": ("n2.z",), "force": 10.0 * coefficients[:, 1:]}  # ten times the motion of q1
+    write_results(tmp_path / "run.h5", TUPLES, FREQUENCY, coefficients, dofs=("n2.z", "q1"), **law)
     return tmp_path, coefficients[0]
 
 
@@ -64,6 +67,9 @@ def test_shapes_and_motion_of_a_reduced_model(files, capsys):
         mesh = meshio.read(folder / "run_motion" / f"000{i}.vtu")
         assert mesh.cells[0].type == "quad"
         np.testing.assert_allclose(mesh.point_data["displacement"][[1, 2], 2], recovery[:2] @ moved(c, t), rtol=1e-12)
+        force = mesh.point_data["law_force"]
+        np.testing.assert_allclose(force[1, 2], 10.0 * moved(c, t)[1], rtol=1e-12)
+        assert np.count_nonzero(force) == 1
     assert 'timestep="0.5" file="run_motion/0001.vtu"' in (folder / "run_motion.pvd").read_text()
 
 
@@ -75,6 +81,13 @@ def test_model_as_it_is(files, capsys):
     field = meshio.read(folder / "a_harmonics.vtu").point_data["cos 1,0"]
     np.testing.assert_allclose([field[1, 2], field[0, 1], field[2, 0]], [*c[:, 1, 0], 0.0], rtol=1e-14)
     assert not (folder / "a_motion.pvd").exists()
+
+
+def test_forces_of_nodes_that_move_along_their_radius(tmp_path):
+    write_model(tmp_path / "polar.h5", ["n3.r", "n3.t", "n4.t", "n2.x"], [2, 2, 3, 1], ["r", "t", "t", "x"])
+    force = Structure(tmp_path / "polar.h5").force({"n3.r": 2.0, "n4.t": 3.0, "n2.x": 5.0, "q1": 7.0})
+    expected = [[0, 0, 0], [5, 0, 0], [np.sqrt(2), np.sqrt(2), 0], [-3, 0, 0]]
+    np.testing.assert_allclose(force, expected, atol=1e-15)
 
 
 def test_what_does_not_fit_is_told(files, capsys):

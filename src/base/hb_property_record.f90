@@ -88,7 +88,7 @@ contains
       else if (self%content%is_given(i_key)) then
          self%content%keys(i_key)%has_problem = .true.
          call add_problem(self, place_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(key)//": "//text// &
-                          self%content%comma_advice(i_key, self%content%keys(i_key)%head, .false.))
+                          self%content%comma_advice(i_key))
       else
          call add_problem(self, self%place()//": "//trim(key)//": "//text)
       end if
@@ -200,7 +200,7 @@ contains
 
       call add_problem(self, place_at(self, self%content%keys(i_key)%line, .true.)//": "// &
                        trim(self%content%names%names(i_key))//" "//text// &
-                       self%content%comma_advice(i_key, self%content%keys(i_key)%head, .false.))
+                       self%content%comma_advice(i_key))
    end subroutine key_problem
 
    !> Adds a problem with one value of a key.
@@ -212,7 +212,7 @@ contains
 
       call add_problem(self, place_at(self, self%content%values(i_value)%line, .true.)//": "// &
                        element_text(trim(self%content%names%names(i_key)), element(1), element(2))//" = "// &
-                       shown(self%content%shown(i_value))//" "//text//self%content%comma_advice(i_key, i_value, .true.))
+                       shown(self%content%shown(i_value))//" "//text)
    end subroutine value_problem
 
    !> Keys asked for, in alphabetical order.

@@ -274,17 +274,16 @@ contains
    end function content_is_given
 
    !> What to say where a value of a key of real numbers looks like the first half of a number with a decimal comma:
-   !> `1,5e-3` is two values. From value number `i_value` on, or of that alone; empty where none looks so.
-   pure function content_comma_advice(self, i_key, i_value, only_this) result(advice)
+   !> `1,5e-3` is two values. Empty where none looks so.
+   pure function content_comma_advice(self, i_key) result(advice)
       class(content_t), intent(in) :: self
-      integer, intent(in) :: i_key, i_value
-      logical, intent(in) :: only_this
+      integer, intent(in) :: i_key
       character(:), allocatable :: advice
       integer :: comma, first, i, last
 
       advice = ""
-      i = i_value
-      if (.not. self%keys(i_key)%is_real) i = 0
+      i = 0
+      if (self%keys(i_key)%is_real) i = self%keys(i_key)%head
       do while (i > 0)
          associate (value => self%values(i))
             comma = value%last + 1
@@ -299,7 +298,6 @@ contains
                end if
             end if
             i = value%next
-            if (only_this) return
          end associate
       end do
    end function content_comma_advice

@@ -39,6 +39,15 @@ def test_values_may_stand_behind_an_equals_sign(tmp_path):
     assert b"stiffness = 0.2" in bytes(read(tmp_path / "other.h5", "input_complete"))
 
 
+def test_two_dashes_end_the_options(tmp_path):
+    (tmp_path / "-case.nml").write_text(OSCILLATOR)
+    assert run("check", "--quiet", "--", "-case.nml", cwd=tmp_path).status == ALL_CONVERGED
+    assert run("--", "check", "-case.nml", cwd=tmp_path).status == ALL_CONVERGED
+    done = run("check", "--", "-case.nml", "--quiet", cwd=tmp_path)
+    assert done.status == BAD_INPUT and len(done.messages) == 1
+    assert done.messages[0].strip() == "unexpected argument '--quiet'; the input file is '-case.nml'"
+
+
 @pytest.mark.parametrize(
     "words, says",
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -10,8 +11,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import scipy.io
 import scipy.sparse as sp
 from nhbm import Model
+from nhbm.command import main as nhbm_model
 from nhbm_post.cli import main as post
 from nhbm_post.reader import Results
 from nhbm_post.structure import Structure, harmonic_of, motions
@@ -81,6 +84,54 @@ def test_model_is_what_its_matrices_are(chain, tmp_path):
     other = solve(tmp_path, as_matrices(chain) + one_by_one, name="matrices")
     for key in ours:
         np.testing.assert_array_equal(ours[key], other[key])
+
+
+def entries(form, matrix):
+    """The lower triangle in lines of a form of row, column and value, counted from one."""
+    part = sp.tril(matrix).tocoo()
+    return "".join(form.format(i + 1, j + 1, v) for i, j, v in zip(part.row, part.col, part.data))
+
+
+def imported(kind, model, folder):
+    """Writes the model in a format and gives the options of `nhbm-model import` for it."""
+    given = {"mass": model.mass, "stiffness": model.stiffness}
+    files = [f"--{name}={folder / name}.{'npz' if kind == 'npz' else 'mtx'}" for name in given]
+    (folder / "labels").write_text("\n".join(model.labels))
+    labels = f"--labels={folder / 'labels'}"
+    if kind == "calculix":
+        for end, matrix in ((".sti", model.stiffness), (".mas", model.mass)):
+            (folder / f"job{end}").write_text(entries("{} {} {:.17g}\n", matrix))
+        (folder / "job.dof").write_text("".join(f"{i + 1}.3\n" for i in range(N)))
+        return [f"--calculix={folder / 'job'}"]
+    for name, matrix in given.items():
+        if kind == "npz":
+            sp.save_npz(folder / f"{name}.npz", matrix)
+        elif kind == "abaqus":
+            (folder / f"{name}.mtx").write_text(entries("{},3, {},3, {:.17g}\n", matrix))
+        else:
+            scipy.io.mmwrite(folder / name, matrix, precision=17)
+    if kind == "abaqus":
+        return ["--abaqus", *files]
+    if kind == "mesh":
+        nodes = "".join(f"{i + 1}, {i}.0, 0.0, 0.0\n" for i in range(N))
+        (folder / "mesh.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=T3D2\n1, 1, 2\n*NSET, NSET=STOPS\n2, 4\n")
+        return [*files, labels, f"--mesh={folder / 'mesh.inp'}"]
+    return [*files, labels]
+
+
+@pytest.mark.parametrize("kind", ["matrix market", "npz", "calculix", "abaqus", "mesh"])
+def test_every_format_gives_the_same_motion(chain, tmp_path, kind):
+    chain = dataclasses.replace(chain, damping=None, loads={}, sets={"stops": np.array([1, 3])})
+    chain.write(tmp_path / "chain.h5")
+    ours = solve(tmp_path, MODEL + STOPS)
+    (tmp_path / "chain.h5").unlink()
+    sets = [] if kind == "mesh" else ["--set=stops=2,4"]
+    assert nhbm_model(["import", *imported(kind, chain, tmp_path), *sets, "-o", str(tmp_path / "chain.h5")]) == 0
+    other = solve(tmp_path, MODEL + STOPS, name="other")
+    assert np.abs(ours["force_coefficients"]).max() > 0.01  # the stops are struck
+    for key in ("coefficients", "force_coefficients"):
+        np.testing.assert_allclose(other[key], ours[key], rtol=0, atol=1e-13)
+    assert other["dof"].tolist() == ours["dof"].tolist() and other["law"].tolist() == ours["law"].tolist()
 
 
 def test_sweep_of_a_law_on_a_set(chain, tmp_path):

@@ -1,5 +1,6 @@
-"""The same chain from each format, and lines that are wrong."""
+"""The same chain from each format, and files that are wrong."""
 
+import io
 import re
 
 import numpy as np
@@ -131,3 +132,97 @@ def test_wrong_lines_are_named(tmp_path, name, text, message):
             (tmp_path / file).write_text(content)
     with pytest.raises(ModelError, match=message):
         importing.from_calculix(tmp_path / "job")
+
+
+HEAD = "%%MatrixMarket matrix coordinate real general\n"
+SOUND = HEAD + "2 2 2\n1 1 1.0\n2 2 2.0\n"
+CSR = {"format": b"csr", "shape": [2, 2], "data": [1.0, 2.0], "indices": [0, 1], "indptr": [0, 1, 2]}
+
+
+def npz(**change):
+    file = io.BytesIO()
+    np.savez(file, **(CSR | change))
+    return file.getvalue()
+
+
+MATRIX_MARKET = ["--mass=sound.mtx", "--stiffness=bad.mtx"]
+NPZ = ["--mass=sound.npz", "--stiffness=bad.npz"]
+CALCULIX = ["--calculix=job"]
+ABAQUS = ["--abaqus", "--mass=abaqus.mtx", "--stiffness=bad.mtx"]
+LABELS = ["--mass=sound.mtx", "--stiffness=sound.mtx", "--labels=labels"]
+MESH = ["--mass=sound.mtx", "--stiffness=sound.mtx", "--labels=places"]
+ALWAYS = {
+    "sound.mtx": SOUND,
+    "sound.npz": npz(),
+    "abaqus.mtx": "1,3,1,3,1.0\n2,3,2,3,1.0\n",
+    "job.dof": "1.3\n2.3\n",
+    "job.sti": "1 1 2.0\n2 2 1.0\n",
+    "job.mas": "1 1 1.0\n2 2 1.0\n",
+    "places": "n1.z n2.z",
+}
+
+
+@pytest.mark.parametrize(
+    "options, name, content, says",
+    [
+        (MATRIX_MARKET, "bad.mtx", "", "holds no sparse matrix"),
+        (MATRIX_MARKET, "bad.mtx", "hello\n", "holds no sparse matrix"),
+        (MATRIX_MARKET, "bad.mtx", SOUND[: SOUND.rindex("2 2")], "holds no sparse matrix"),
+        (MATRIX_MARKET, "bad.mtx", SOUND.replace("2.0", "nan"), "the entry in row 2, column 2 is not a finite number"),
+        (MATRIX_MARKET, "bad.mtx", SOUND.replace("2 2 2.0", "3 2 2.0"), "row index exceeds matrix dimensions"),
+        (MATRIX_MARKET, "bad.mtx", HEAD + "2 3 1\n1 1 1.0\n", "the matrix is 2 x 3, not square"),
+        (MATRIX_MARKET, "bad.mtx", HEAD + "3 3 1\n1 1 1.0\n", "matrix 'stiffness' has 3 rows, there are 2 labels"),
+        (MATRIX_MARKET, "bad.mtx", HEAD + "0 0 0\n", "the matrix is 0 x 0, not square"),
+        (MATRIX_MARKET, "bad.mtx", HEAD + "99999999999 99999999999 1\n1 1 1.0\n", "holds no sparse matrix"),
+        (MATRIX_MARKET, "bad.mtx", HEAD.replace("real", "complex") + "2 2 1\n1 1 1.0 2.0\n", "the matrix is complex, not real"),
+        (NPZ, "bad.npz", "", "holds no sparse matrix"),
+        (NPZ, "bad.npz", "hello", "holds no sparse matrix"),
+        (NPZ, "bad.npz", npz()[:-30], "File is not a zip file"),
+        (NPZ, "bad.npz", npz(data=[1.0, np.inf]), "the entry in row 2, column 2 is not a finite number"),
+        (NPZ, "bad.npz", npz(indices=[0, 7]), "column index values must be < 2"),
+        (NPZ, "bad.npz", npz(indices=[0, -1]), "column index values must be >= 0"),
+        (NPZ, "bad.npz", npz(indptr=[0, 2, 1]), "index pointer values must form a non-decreasing sequence"),
+        (NPZ, "bad.npz", npz(data=["a", "b"]), "the matrix is of type <U1, not real"),
+        (NPZ, "bad.npz", npz(data=[1.0, 2.0j]), "the matrix is complex, not real"),
+        (CALCULIX, "job.dof", "", "names no degree of freedom"),
+        (CALCULIX, "job.dof", "1.3\n1.3\n", "degrees of freedom 1 and 2 both have the label 'n1.z'"),
+        (CALCULIX, "job.sti", "", "holds no entries"),
+        (CALCULIX, "job.sti", b"\xff\xfe", "is no text"),
+        (CALCULIX, "job.sti", "0 1 2.0\n", "has an entry in row 0, column 1 of 2; they count from 1"),
+        (CALCULIX, "job.sti", "1.5 1 2.0\n", "line 1: 1.5 is no whole number"),
+        (CALCULIX, "job.sti", "1 1 1.0\n1e30 1 2.0\n", "line 2: 1e30 is no whole number"),
+        (CALCULIX, "job.sti", "1 1 nan\n", "line 1: nan is not a finite number"),
+        (ABAQUS, "bad.mtx", "*HEADING\n", "holds no entries"),
+        (ABAQUS, "bad.mtx", "1,3,1,3,1.0\n2,3,2", "line 2 has 3 numbers, expected 5"),
+        (ABAQUS, "bad.mtx", "1,9,1,9,1.0\n", "node 1, direction 9: only nodes from 1 and directions 1 to 6 are known"),
+        (ABAQUS, "bad.mtx", "inf,3,1,3,1.0\n", "line 1: inf is no whole number"),
+        (ABAQUS, "bad.mtx", b"\xff\xfe", "is no text"),
+        (LABELS, "labels", "a\na\n", "degrees of freedom 1 and 2 both have the label 'a'"),
+        (LABELS, "labels", "a\n2\n", "label 2 is '2', it must begin with a letter"),
+        (LABELS, "labels", b"\xff\xfe", "is no text"),
+        ([*MESH, "--mesh=bad.inp"], "bad.inp", "*NODE\n7, 0.0, 0.0, 0.0\n", "node 1 of the matrices is not in the mesh"),
+        ([*MESH, "--mesh=bad.inp"], "bad.inp", "*NODE\n1,0.,0.\n2,", "is no mesh that meshio reads"),
+        ([*MESH, "--mesh=bad.msh"], "bad.msh", "hello", "is no mesh that meshio reads: Error: Couldn't read file bad.msh"),
+    ],
+)  # fmt: skip
+def test_bad_files_get_one_message(tmp_path, monkeypatch, capsys, options, name, content, says):
+    if name.startswith("bad.") and "--mesh" in options[-1]:
+        pytest.importorskip("meshio")
+    monkeypatch.chdir(tmp_path)
+    for file, text in (ALWAYS | {name: content}).items():
+        (tmp_path / file).write_bytes(text if isinstance(text, bytes) else text.encode())
+    assert main(["import", *options, "-o", "out.h5"]) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.count("\n") == 1, said
+    assert name in said.err and says in said.err
+    assert not (tmp_path / "out.h5").exists()
+
+
+def test_loads_and_places_of_the_output_are_looked_at(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sound.mtx").write_text(SOUND)
+    command = ["import", "--mass=sound.mtx", "--stiffness=sound.mtx"]
+    assert main([*command, "--load=push=x2:nan", "-o", "out.h5"]) == 2
+    assert capsys.readouterr().err == "nhbm-model: load 'push': the value at x2 is not a finite number\n"
+    assert main([*command, "-o", "nowhere/out.h5"]) == 2
+    assert capsys.readouterr().err == "nhbm-model: file 'nowhere/out.h5': there is no folder 'nowhere'\n"

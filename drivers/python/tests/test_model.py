@@ -1,6 +1,7 @@
 """The model file: what is written is read, and what is wrong is named."""
 
 import dataclasses
+import re
 
 import h5py
 import numpy as np
@@ -80,6 +81,26 @@ def test_damaged_files_are_refused(chain, tmp_path, damage, message):
     with h5py.File(path, "r+") as file:
         damage(file)
     with pytest.raises(ModelError, match=message):
+        Model.read(path)
+
+
+@pytest.mark.parametrize("mark", [b"TREE", b"SNOD", b"HEAP"])
+def test_parts_of_hdf5_that_are_damaged(chain, tmp_path, mark):
+    path = tmp_path / "chain.h5"
+    chain.write(path)
+    path.write_bytes(path.read_bytes().replace(mark, b"XXXX"))
+    with pytest.raises(ModelError, match=re.escape(f"file '{path}'")) as raised:
+        Model.read(path)
+    assert "\n" not in str(raised.value)
+
+
+def test_labels_that_are_a_group(chain, tmp_path):
+    path = tmp_path / "chain.h5"
+    chain.write(path)
+    with h5py.File(path, "r+") as file:
+        del file["labels"]
+        file.create_group("labels")
+    with pytest.raises(ModelError, match=re.escape(f"file '{path}' is damaged: ")):
         Model.read(path)
 
 

@@ -303,7 +303,7 @@ def _parser() -> argparse.ArgumentParser:
         verbs.vtk,
         "the motion of a structure in space, for ParaView",
         "Writes FILE_harmonics.vtu, the deflection shapes of harmonics (cos, sin and amplitude at each node), and FILE_motion.pvd "
-        "with a folder of files, the motion over time. Reduced models give the motion of the full one.",
+        "with a folder of files, the motion and the forces of the laws over time. Reduced models give the motion of the full one.",
     )
     sub.add_argument("--model", type=Path, required=True, metavar="MODEL", help="model file of the run")
     options.add_point(sub)

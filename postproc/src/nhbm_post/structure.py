@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import h5py
@@ -10,6 +10,7 @@ import numpy as np
 
 from .errors import ReaderError, UsageError
 from .reader import Results
+from .series import Series
 
 _AXES = {"x": 0, "y": 1, "z": 2, "r": 0, "t": 1}  # r and t: along and across the node's own radius from the axis z
 
@@ -34,6 +35,9 @@ class Structure:
             raise ReaderError(f"{self.path}: the model has no coordinates; nhbm-model import --mesh adds them")
         self._types, starts, nodes = (file[f"cells/{name}"][()] for name in ("type", "indptr", "nodes"))
         self._cells = [nodes[starts[i] : starts[i + 1]] for i in range(len(self._types))]
+        where = zip(self.labels, file["dofs/node"][()], file["dofs/direction"][()])
+        self._place = {label: (int(node), _AXES[d.decode()]) for label, node, d in where if node >= 0 and d.decode() in _AXES}
+        self._polar_place = {int(node) for node, d in zip(file["dofs/node"][()], file["dofs/direction"][()]) if d in (b"r", b"t")}
         place = "recovery" if "recovery" in file else "dofs"
         node = file[f"{place}/node"][()]
         direction = [text.decode() for text in file[f"{place}/direction"][()]]
@@ -75,10 +79,22 @@ class Structure:
         moved = self._matrix @ motion if self._matrix is not None else motion[self._rows]
         field = np.zeros((len(self.points), 3))
         field[self._where] = moved
-        x, y = self.points[self._polar, :2].T
+        return self._turned(field, self._polar)
+
+    def force(self, values: Mapping[str, float]) -> np.ndarray:
+        """Forces (n_nodes, 3) at the nodes of the degrees of freedom that `values` names; those of pairs at the node between."""
+        field = np.zeros((len(self.points), 3))
+        for label, value in values.items():
+            if label in self._place:
+                field[self._place[label]] = value
+        return self._turned(field, np.array(sorted(self._polar_place), dtype=int))
+
+    def _turned(self, field: np.ndarray, polar: np.ndarray) -> np.ndarray:
+        """The field with x and y where nodes have r and t."""
+        x, y = self.points[polar, :2].T
         c, s = np.array([x, y]) / np.hypot(x, y)
-        r, t = field[self._polar, :2].T
-        field[self._polar, :2] = np.column_stack([c * r - s * t, s * r + c * t])
+        r, t = field[polar, :2].T
+        field[polar, :2] = np.column_stack([c * r - s * t, s * r + c * t])
         return field
 
     def mesh(self, **fields):
@@ -150,15 +166,21 @@ def write_harmonics(structure: Structure, tuples, coefficients, path: Path, want
     return [tuple(int(k) for k in tuples[h]) for h in chosen]
 
 
-def write_motion(structure: Structure, frequencies, coefficients, path: Path, times: np.ndarray) -> None:
-    """An animation for ParaView: a file .pvd, and beside it one .vtu for each moment with the field `displacement`."""
+def write_motion(
+    structure: Structure, frequencies, coefficients, path: Path, times: np.ndarray, forces: Mapping[str, Series]
+) -> None:
+    """An animation for ParaView: a file .pvd, and beside it one .vtu for each moment with the field `displacement` and, where there
+    are laws, `law_force`: what these hold the nodes back with, as the result has it."""
     folder = path.with_suffix("")
     folder.mkdir(exist_ok=True)
     rows = []
     for i, t in enumerate(times):
         motion = (coefficients * np.exp(1j * frequencies * t)).real.sum(axis=1)
         file = folder / f"{i:04d}.vtu"
-        structure.mesh(displacement=structure.displacement(motion)).write(file)
+        fields = {"displacement": structure.displacement(motion)}
+        if forces:
+            fields["law_force"] = structure.force({dof: float(series.evaluate(t)) for dof, series in forces.items()})
+        structure.mesh(**fields).write(file)
         rows.append(f'<DataSet timestep="{t:.12g}" file="{folder.name}/{file.name}"/>')
     body = "\n".join(rows)
     path.write_text(f'<VTKFile type="Collection" version="0.1">\n<Collection>\n{body}\n</Collection>\n</VTKFile>\n')

@@ -207,6 +207,7 @@ def vtk(arguments):
     with Results(arguments.file) as results:
         point = results.point(arguments.point, dict(arguments.at))
         tuples, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
+        forces = {dof: results.series(point, dof, "force", arguments.unconverged) for dof in results.labels("force")}
         slowest = float(np.abs(results.frequency(point)).min())
     path = stem.with_name(f"{stem.name}_harmonics.vtu")
     written = write_harmonics(structure, tuples, coefficients, path, arguments.tuples, arguments.harmonics)
@@ -218,7 +219,7 @@ def vtk(arguments):
         raise UsageError("the motion must end after it begins: --to above --from")
     path = stem.with_name(f"{stem.name}_motion.pvd")
     times = np.linspace(arguments.t_from, end, arguments.frames, endpoint=False)
-    write_motion(structure, frequencies, coefficients, path, times)
+    write_motion(structure, frequencies, coefficients, path, times, forces)
     print(f"{path}: {len(times)} moments from {arguments.t_from:g} s to {end:g} s")
 
 

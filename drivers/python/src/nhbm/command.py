@@ -134,6 +134,8 @@ def _write(model: Model, options) -> None:
     path = Path(options.output)
     if path.exists() and not options.overwrite:
         raise ModelError(f"file '{path}' exists; --overwrite replaces it")
+    if not path.parent.is_dir():
+        raise ModelError(f"file '{path}': there is no folder '{path.parent}'")
     model.write(path)
     print(f"{path}: {model.n_dofs} degrees of freedom, {model.stiffness.nnz} entries of the stiffness")
 

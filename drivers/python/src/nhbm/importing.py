@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ import scipy.io
 import scipy.sparse as sp
 
 from nhbm.errors import ModelError
-from nhbm.model import Model
+from nhbm.model import Model, check_labels
 
 DIRECTIONS = {1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
 ANGLES = ("rx", "ry", "rz")
@@ -22,6 +24,9 @@ def from_matrices(paths: dict[str, Path], labels: list[str] | None = None, **mor
     matrices = {name: read_matrix(path) for name, path in paths.items()}
     if labels is None:
         labels = [f"x{i + 1}" for i in range(next(iter(matrices.values())).shape[0])]
+    for name, matrix in matrices.items():
+        if matrix.shape[0] != len(labels):
+            raise ModelError(f"file '{paths[name]}': matrix '{name}' has {matrix.shape[0]} rows, there are {len(labels)} labels")
     return Model(**matrices, **places_of(labels), **more)
 
 
@@ -29,16 +34,35 @@ def read_matrix(path) -> sp.csr_matrix:
     """One matrix, its format by the end of the file's name."""
     path = _existing(path)
     try:
-        if path.suffix == ".npz":
-            return sp.csr_matrix(sp.load_npz(path))
-        return sp.csr_matrix(scipy.io.mmread(path))
-    except (ValueError, OSError, KeyError, IndexError) as error:
+        matrix = sp.load_npz(path) if path.suffix == ".npz" else scipy.io.mmread(path)
+        if sp.issparse(matrix) and matrix.format in ("csr", "csc", "bsr"):
+            matrix.check_format()  # indices, which SciPy does not look at when it loads them
+        matrix = sp.csr_matrix(matrix)
+    except (ValueError, TypeError, OSError, KeyError, IndexError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise ModelError(f"file '{path}' holds no sparse matrix: {error}") from None
+    if matrix.dtype.kind not in "fiub":
+        kind = "complex" if matrix.dtype.kind == "c" else f"of type {matrix.dtype}"
+        raise ModelError(f"file '{path}': the matrix is {kind}, not real; give an imaginary part of K as --structural")
+    if matrix.shape[0] != matrix.shape[1] or 0 in matrix.shape:
+        raise ModelError(f"file '{path}': the matrix is {matrix.shape[0]} x {matrix.shape[1]}, not square")
+    if not np.isfinite(matrix.data).all():
+        at = matrix.tocoo()
+        e = int(np.argmin(np.isfinite(at.data)))
+        raise ModelError(f"file '{path}': the entry in row {at.row[e] + 1}, column {at.col[e] + 1} is not a finite number")
+    return matrix
 
 
 def read_labels(path) -> list[str]:
     """Labels, a line each."""
-    return _existing(path).read_text().split()
+    return _checked(_text(path).split(), path)
+
+
+def _checked(labels: list[str], path) -> list[str]:
+    try:
+        check_labels(labels)
+    except ModelError as error:
+        raise ModelError(f"file '{path}': {error}") from None
+    return labels
 
 
 def places_of(labels: list[str]) -> dict:
@@ -66,22 +90,26 @@ def from_calculix(stem, **more) -> Model:
     stem = Path(stem)
     stem = stem.with_suffix("") if stem.suffix in (".sti", ".mas", ".dof", ".inp") else stem
     labels = []
-    for line in _existing(f"{stem}.dof").read_text().split():
+    for line in _text(f"{stem}.dof").split():
         node, _, direction = line.partition(".")
         if not node.isdigit() or direction not in ("1", "2", "3", "4", "5", "6"):
             raise ModelError(f"file '{stem}.dof': '{line}' is no node and direction, such as 12.3")
         labels.append(f"n{node}.{DIRECTIONS[int(direction)]}")
-    n = len(labels)
+    if not labels:
+        raise ModelError(f"file '{stem}.dof' names no degree of freedom")
+    n = len(_checked(labels, f"{stem}.dof"))
     matrices = {name: _triangle(f"{stem}{end}", n) for name, end in (("stiffness", ".sti"), ("mass", ".mas"))}
     return Model(**matrices, **places_of(labels), **more)
 
 
 def _triangle(path, n) -> sp.csr_matrix:
     """Symmetric matrix of which one triangle stands in a file as row, column, value."""
-    table = _table(_existing(path), 3)
+    table = _table(path, 3, 2)
+    outside = ((table[:, :2] < 1) | (table[:, :2] > n)).any(axis=1)
+    if outside.any():
+        i, j = table[np.argmax(outside), :2]
+        raise ModelError(f"file '{path}' has an entry in row {i:.0f}, column {j:.0f} of {n}; they count from 1")
     row, column = (table[:, :2].astype(np.int64) - 1).T
-    if len(table) and (min(row.min(), column.min()) < 0 or max(row.max(), column.max()) >= n):
-        raise ModelError(f"file '{path}' has an entry in row {row.max() + 1}, column {column.max() + 1} of {n}")
     return _symmetric(row, column, table[:, 2], n)
 
 
@@ -95,12 +123,16 @@ def _symmetric(row, column, value, n) -> sp.csr_matrix:
 
 def from_abaqus(paths: dict[str, Path], **more) -> Model:
     """Model of Abaqus' `*MATRIX GENERATE` (MATRIX INPUT format): node, direction, node, direction, value a line."""
-    tables = {name: _table(_existing(path), 5) for name, path in paths.items()}
+    tables = {name: _table(path, 5, 4) for name, path in paths.items()}
     places = np.unique(np.concatenate([t[:, pair] for t in tables.values() for pair in ([0, 1], [2, 3])]), axis=0)
     index = {(int(node), int(direction)): i for i, (node, direction) in enumerate(places)}
     for node, direction in index:
         if direction not in DIRECTIONS or node < 1:
-            raise ModelError(f"node {node}, direction {direction}: only nodes from 1 and directions 1 to 6 are known")
+            at = [t[:, pair] == (node, direction) for t in tables.values() for pair in ([0, 1], [2, 3])]
+            path = list(paths.values())[next(i for i, found in enumerate(at) if found.all(axis=1).any()) // 2]
+            raise ModelError(
+                f"file '{path}': node {node}, direction {direction}: only nodes from 1 and directions 1 to 6 are known"
+            )
     matrices = {}
     for name, table in tables.items():
         row = np.array([index[int(a), int(b)] for a, b in table[:, :2]])
@@ -152,10 +184,13 @@ def add_mesh(model: Model, path) -> None:
     from meshio._vtk_common import meshio_to_vtk_type
 
     path = _existing(path)
+    said = io.StringIO()
     try:
-        mesh = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio's readers raise whatever they meet
-        raise ModelError(f"file '{path}' is no mesh that meshio reads: {error}") from None
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:  # meshio's readers raise whatever they meet, or print it and exit
+        why = said.getvalue() if isinstance(error, SystemExit) else str(error)
+        raise ModelError(f"file '{path}' is no mesh that meshio reads: {' '.join(why.split())}") from None
     numbers = np.asarray(mesh.point_gids) if getattr(mesh, "point_gids", None) is not None else _abaqus_numbers(path)
     if numbers is None or len(numbers) != len(mesh.points):
         numbers = np.arange(1, len(mesh.points) + 1)
@@ -197,10 +232,10 @@ def _abaqus_numbers(path: Path) -> np.ndarray | None:
     return np.array(numbers)
 
 
-def _table(path, n_columns) -> np.ndarray:
-    """Numbers of a text file, a row a line; lines that begin with * or # are no data."""
+def _table(path, n_columns, n_whole) -> np.ndarray:
+    """Numbers of a text file, a row a line, the first of them whole; lines that begin with * or # are no data."""
     rows = []
-    for number, line in enumerate(path.read_text().splitlines(), start=1):
+    for number, line in enumerate(_text(path).splitlines(), start=1):
         if not line.strip() or line.lstrip()[0] in "*#%":
             continue
         words = line.replace(",", " ").replace("D", "E").replace("d", "e").split()
@@ -210,7 +245,22 @@ def _table(path, n_columns) -> np.ndarray:
             raise ModelError(f"file '{path}', line {number}: '{line.strip()}' are no numbers") from None
         if len(words) != n_columns:
             raise ModelError(f"file '{path}', line {number} has {len(words)} numbers, expected {n_columns}")
+        for word, value in zip(words[:n_whole], rows[-1]):
+            if not (value.is_integer() and abs(value) < 2**53):
+                raise ModelError(f"file '{path}', line {number}: {word} is no whole number")
+        for word, value in zip(words[n_whole:], rows[-1][n_whole:]):
+            if not np.isfinite(value):
+                raise ModelError(f"file '{path}', line {number}: {word} is not a finite number")
+    if not rows:
+        raise ModelError(f"file '{path}' holds no entries")
     return np.array(rows).reshape(-1, n_columns)
+
+
+def _text(path) -> str:
+    try:
+        return _existing(path).read_text()
+    except UnicodeDecodeError:
+        raise ModelError(f"file '{path}' is no text") from None
 
 
 def _existing(path) -> Path:

@@ -91,15 +91,7 @@ class Model:
                     f"matrix '{name}': the entry between {self.labels[at.row[e]]} and {self.labels[at.col[e]]} is not a "
                     "finite number"
                 )
-        seen: dict[str, int] = {}
-        for i, label in enumerate(self.labels):
-            if not label or not label[0].isascii() or not label[0].isalpha():
-                raise ModelError(f"label {i + 1} is '{label}', it must begin with a letter")
-            if len(label) > MAX_LABEL:
-                raise ModelError(f"label '{label}' has more than {MAX_LABEL} characters")
-            if label in seen:
-                raise ModelError(f"degrees of freedom {seen[label] + 1} and {i + 1} both have the label '{label}'")
-            seen[label] = i
+        check_labels(self.labels)
         for what, values in (("units", self.units), ("nodes", self.dof_node), ("directions", self.dof_direction)):
             if len(values) != n:
                 raise ModelError(f"there are {len(values)} {what} for {n} degrees of freedom")
@@ -117,6 +109,9 @@ class Model:
                 raise ModelError(f"load '{name}' has {len(dofs)} degrees of freedom and {len(values)} values")
             if len(dofs) and (np.min(dofs) < 0 or np.max(dofs) >= n):
                 raise ModelError(f"load '{name}' acts on a degree of freedom that there is not")
+            if not np.isfinite(values).all():
+                at = self.labels[int(dofs[np.argmin(np.isfinite(values))])]
+                raise ModelError(f"load '{name}': the value at {at} is not a finite number")
 
     def dofs_of(self, name: str) -> list[int]:
         """Numbers of a label, of a set with a direction (`contact.z`), or of all directions of a set (`contact`)."""
@@ -181,6 +176,9 @@ class Model:
             raise ModelError(f"file '{path}': {error}") from None
         except OSError as error:
             raise ModelError(f"file '{path}' cannot be read as HDF5: {error}") from None
+        except (KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError, OverflowError, MemoryError) as error:
+            why = " ".join(str(error).strip("'\"").split())  # h5py raises any of these where a part is damaged
+            raise ModelError(f"file '{path}' is damaged: {why}") from None
 
     @classmethod
     def _from_file(cls, file: h5py.File) -> Model:
@@ -228,6 +226,19 @@ class Model:
             **matrices,
             **more,
         )
+
+
+def check_labels(labels: list[str]) -> None:
+    """Refuses labels that are no names or not unique."""
+    seen: dict[str, int] = {}
+    for i, label in enumerate(labels):
+        if not label or not label[0].isascii() or not label[0].isalpha():
+            raise ModelError(f"label {i + 1} is '{label}', it must begin with a letter")
+        if len(label) > MAX_LABEL:
+            raise ModelError(f"label '{label}' has more than {MAX_LABEL} characters")
+        if label in seen:
+            raise ModelError(f"degrees of freedom {seen[label] + 1} and {i + 1} both have the label '{label}'")
+        seen[label] = i
 
 
 def _write_lists(file, group, lists, parts, texts) -> None:
