@@ -27,7 +27,7 @@ module hb_accurate_motion
    public :: calibrate, calibrate_outputs, left_after, solve_to_tolerance
 
    integer, parameter :: most_rungs = 24
-   integer, parameter :: most_idle = 3                                ! rungs one after the other that gain nothing
+   integer, parameter :: most_idle = 4                                ! rungs one after the other that gain nothing
    real(wp), parameter :: idle = 0.8_wp                               ! of the estimate before: no gain
    real(wp), parameter :: step = 0.03_wp                              ! of the error, from one rung to the next
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
