@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray
 from nhbm_post.reader import Results
+from nhbm_post.report import info
 
 from program import BAD_INPUT, NOT_ALL_CONVERGED, command, environment, read, run, solve
 
@@ -582,3 +583,21 @@ def test_last_set_of_a_key_counts(tmp_path):
     twice = solve(WALL, tmp_path, "--set", "law(1)%gap=9.0", "--set", "LAW(wall)%GAP=1.0e-3", name="twice")
     once = solve(WALL, tmp_path, "--set", "law(1)%gap=1.0e-3", name="once")
     assert_same_bits(twice, once)
+
+
+def test_energies_of_a_linear_oscillator_are_shown(tmp_path):
+    """Mean kinetic energy m w**2 a**2/4, strain energy k a**2/4, loss factor d w/k, equivalent damping d/(2 m)."""
+    text = """&structure type = 'matrices', n_dofs = 1, mass = 2.0, damping = 0.3, stiffness = 5.0 /
+&tones frequency = 1.2 /
+&harmonics order = 1 /
+&load dof = 'x1', tuple = 1, cos = 1.0 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 1e-12 /
+"""
+    (tmp_path / "linear.nml").write_text(text)
+    assert run("solve", "linear.nml", "-o", "linear.h5", cwd=tmp_path).status == 0
+    amplitude = 1 / abs(5.0 - 2.0 * 1.2**2 + 0.3j * 1.2)
+    with Results(tmp_path / "linear.h5") as results:
+        line = next(line for line in info(results).splitlines() if line.startswith("energies"))
+    expected = (2.0 * 1.2**2 * amplitude**2 / 4, 5.0 * amplitude**2 / 4, 0.3 * 1.2 / 5.0, 0.3 / 4.0)
+    shown = [float(word) for word in line.replace(",", "").split() if word[0].isdigit() and word != "1/s"]
+    np.testing.assert_allclose(shown, expected, rtol=1e-5)

@@ -302,6 +302,10 @@ class Results:
             raise ReaderError(f"{self.path}: there are no multipliers; solve with &stability and one tone")
         return self._dataset("multiplier_real")[()] + 1j * self._dataset("multiplier_imag")[()]
 
+    def has(self, name: str) -> bool:
+        """Whether the file has a dataset; files of older versions lack some."""
+        return name in self._file
+
     def per_point(self, name: str) -> np.ndarray:
         """A dataset with one number a point: `iterations`, `residual`, `solve_seconds`, `penetration`, ..."""
         dataset = self._dataset(name)

@@ -30,6 +30,7 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
         ("with laws", list_text(results.law_dofs)),
         *(("swept", text) for text in sweeps),
         *(("output", text) for text in _outputs(results)),
+        *(("energies", text) for text in _energies(results)),
         ("points", f"{results.used.size}: {counts}"),
         ("complete", _completeness(results)),
     ]
@@ -46,6 +47,18 @@ def _outputs(results: Results) -> list[str]:
     """Outputs that a tolerance was for, with the largest estimated error of each."""
     estimates = [(name, found[np.isfinite(found)]) for name, found in results.output_estimates()]
     return [f"{name}: estimated error {number_text(found.max())} or less" for name, found in estimates if found.size > 0]
+
+
+def _energies(results: Results) -> list[str]:
+    """Mean energies and what is lost of them, over all points where they are known."""
+    texts = []
+    for name, unit in (("energy_kinetic", " J"), ("energy_strain", " J"), ("loss_factor", ""), ("equivalent_damping", " 1/s")):
+        values = results.per_point(name) if results.has(name) else np.array([])
+        values = values[np.isfinite(values)]
+        if values.size > 0:
+            ends = list(dict.fromkeys(number_text(value) for value in (values.min(), values.max())))
+            texts.append(f"{name.removeprefix('energy_').replace('_', ' ')} {' to '.join(ends)}{unit}")
+    return [", ".join(texts)] if texts else []
 
 
 def _completeness(results: Results) -> str:
