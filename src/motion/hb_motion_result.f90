@@ -58,7 +58,7 @@ module hb_motion_result
       type(curve_place_t), allocatable :: curve         !! of a motion on a curve
       type(stability_t) :: stability
       real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
-      real(wp), allocatable :: corrected_samples(:, :)  !! same
-      real(wp), allocatable :: force_samples(:, :)      !! [N], same
+      real(wp), allocatable :: corrected_samples(:, :)  !! corrected to walls, as displacement_samples
+      real(wp), allocatable :: force_samples(:, :)      !! [N], as displacement_samples
    end type motion_result_t
 end module hb_motion_result

@@ -61,7 +61,7 @@ contains
       end do
    end subroutine motion_series_at
 
-   !> The same at a few phases, side by side: exp(i j.tau) of each tuple from powers of those of the tones.
+   !> Coordinates and their rates at a few phases, side by side: exp(i j.tau) of each tuple from powers of those of the tones.
    pure subroutine sum_up(self, phases, z, v)
       type(motion_series_t), intent(in) :: self
       real(wp), intent(in) :: phases(:, :)                            !! tau [rad], (n_tones, n_times), at most `n_together`

@@ -253,7 +253,7 @@ contains
       end do
    end subroutine variation_find_slopes
 
-   !> The same for a law with memory: sliders that slip move with their bounds.
+   !> Derivatives of a law with memory: sliders that slip move with their bounds.
    subroutine find_slopes_with_memory(self, law, place, piece, z, v, by_place, by_state)
       class(variation_t), intent(in) :: self
       class(hysteretic_law_t), intent(in) :: law
@@ -328,7 +328,7 @@ contains
       end associate
    end function variation_work_of_step
 
-   !> The same of a node, or of a look for events.
+   !> About how many nanoseconds a node of a step or a look for events takes, from counts alone.
    pure real(wp) function variation_work_of_node(self) result(work)
       class(variation_t), intent(in) :: self
 

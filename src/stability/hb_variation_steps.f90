@@ -47,7 +47,7 @@ contains
       if (self%n_states > 0) call move_sliders(self, piece, x)
    end subroutine propagate
 
-   !> The same steps for a single degree of freedom, without a matrix being made.
+   !> Steps of a single degree of freedom, without a matrix being made.
    subroutine propagate_two(self, piece, h, x)
       type(variation_t), intent(in) :: self
       type(piece_t), intent(in) :: piece

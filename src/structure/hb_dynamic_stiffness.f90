@@ -215,7 +215,7 @@ contains
       call parts%solver%end()
    end subroutine condense
 
-   !> The same, with a solver that has begun.
+   !> Condenses each harmonic with a solver that has begun.
    subroutine condense_all(self, parts, frequencies, drives, error)
       class(dynamic_stiffness_t), intent(inout) :: self
       type(parts_t), intent(inout) :: parts
