@@ -424,7 +424,7 @@ contains
    end subroutine motion_curve_set_out
 
    !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve across this one,
-   !> by inverse iteration.
+   !> by inverse iteration. Its sense, which rounding would choose, is that of its first large entry.
    subroutine turn_off(self, direction)
       class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(inout), contiguous :: direction(:)             !! of the curve; of the other one
@@ -432,6 +432,7 @@ contains
       real(wp) :: along(size(direction)), next(size(direction))
       integer :: i
       integer, parameter :: n_rounds = 3
+      real(wp), parameter :: large = 0.6_wp                           ! of the largest
       real(wp), parameter :: nearby = 1.0e-9_wp                       ! where the tangent is not singular to the last digit
       logical :: is_singular
 
@@ -448,7 +449,10 @@ contains
             call solver%solve(curve%problem, next, is_singular)
             next = curve%units*across(next/curve%units, along)
          end do
-         direction = next
+         associate (scaled => next/curve%units)
+            i = findloc(abs(scaled) > large*maxval(abs(scaled)), .true., dim=1)
+            direction = sign(1.0_wp, scaled(i))*next
+         end associate
       end associate
 
    contains
