@@ -306,6 +306,17 @@ contains
       do i = 1, size(kept)
          names = checksum(names, structure%labels(kept(i)))
       end do
+      associate (sets => structure%sets)
+         if (allocated(sets%names) .and. allocated(sets%direction)) then
+            do i = 1, size(sets%names)
+               names = checksum(names, sets%names(i))
+            end do
+            names = checksum(checksum(checksum(names, sets%first), sets%nodes), sets%node_of)
+            do i = 1, size(sets%direction)
+               names = checksum(names, sets%direction(i))
+            end do
+         end if
+      end associate
       associate (m => structure%sparse%mass, d => structure%sparse%damping, k => structure%sparse%stiffness)
          mark = [structure%n_dofs, m%n_entries(), d%n_entries(), k%n_entries(), checksum(checksum(0, m%column), m%value), &
                  checksum(checksum(0, d%column), d%value), checksum(checksum(0, k%column), k%value), checksum(0, kept), &

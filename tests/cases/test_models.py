@@ -364,6 +364,21 @@ def test_a_second_run_reads_the_reduction(net):
     assert list(net.glob("*.part")) == []
 
 
+def test_a_reduction_belongs_to_its_sets(net):
+    """Two sets that change their nodes among degrees of freedom that are kept anyway: the load on one of them moves."""
+    text = NET.replace("'n100.z'", "'stops.z'").replace("label = 'stop', dof = 'stops.z'", "label = 'stop', dof = 'n400.z'")
+    text = text.replace("dofs = 'stops.z', 'n1111.z'", "dofs = 'n400.z', 'n550.z', 'n800.z'")
+    before = solve(net, text, name="sets")["coefficients"]
+    with h5py.File(net / "net.h5", "r+") as model:
+        nodes = model["sets/nodes"][()]
+        last = model["sets/indptr"][()][list(model["sets/names"].asstr()[()]).index("stops") + 1] - 1
+        model["sets/nodes"][last] = 549
+    after = solve(net, text, name="sets")["coefficients"]
+    with h5py.File(net / "net.h5", "r+") as model:
+        model["sets/nodes"][()] = nodes
+    assert largest_difference(after, before) > 1e-3
+
+
 def test_all_nodes_of_a_reduced_model_are_recovered(net):
     everything = NET.replace("&output dofs = 'stops.z', 'n1111.z' /\n", "")
     for file in net.glob("net.h5.*.reduced"):
