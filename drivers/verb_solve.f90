@@ -319,7 +319,11 @@ contains
       text = ""
       if (.not. allocated(error)) text = commensurate_text(scene%tones, scene%certificate%commensurability)
       if (len(text) == 0) text = "such tones are hard to tell from commensurate ones"
-      if (study%plan%n_points > 1) text = "first at "//study%plan%describe(point)//": "//text
+      if (len(study%plan%describe(point)) > 0) then
+         text = "first at "//study%plan%describe(point)//": "//text
+      else if (study%plan%n_points > 1) then                          ! of a curve
+         text = "first in point "//to_text(point - 1)//": "//text
+      end if
       text = "; "//text
    end function near_text
 

@@ -288,3 +288,17 @@ def test_doubled_motions_are_followed_in_a_file_of_their_own(tmp_path):
     assert done.status == ALL_CONVERGED, done.stderr
     assert not old.exists(), "what left the curve of before at a point where this one has none"
     assert_same_bits(tmp_path / "alone.h5", doubled, moving="load_1_cos")
+
+
+def test_the_warning_of_tones_names_a_point_of_the_curve(tmp_path):
+    scene = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.2, stiffness = 1.0 /
+&tones frequency = 1.3, 2.6005 /
+&harmonics order = 2 /
+&load dof = 'x1', tuple = 1, 0, cos = 0.1 /
+&load dof = 'x1', tuple = 0, 1, cos = 0.1 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /
+&curve parameter = 'load(1)%cos', from = 0.1, to = 0.2 /
+"""
+    (tmp_path / "near.nml").write_text(scene)
+    done = run("solve", "near.nml", "-o", "near.h5", cwd=tmp_path)
+    assert "nearly vanishes (see 'combination'); first in point 0: " in done.stdout, done.stdout + done.stderr
