@@ -88,6 +88,15 @@ def test_unstable_parts_are_dashed(tmp_path):
     assert {"stable", "unstable"} <= set(legend_of(fig))
 
 
+def test_a_curve_of_unknown_stability_is_not_drawn_as_stable(tmp_path):
+    first, other = curve_file(tmp_path / "c.h5"), curve_file(tmp_path / "d.h5", stability=None)
+    with Results(first) as results, Results(other) as unknown:
+        fig = draw_response(results, measure=Measure("harmonic", (1,)), others=[("d", unknown)])
+        alone = draw_response(unknown, measure=Measure("harmonic", (1,)))
+    assert lines(fig, "curve")[-1].get_linestyle() == ":" and "stability not known" in legend_of(fig)
+    assert lines(alone, "curve")[0].get_linestyle() == "-" and "stability not known" not in legend_of(alone)
+
+
 def arrows(fig):
     return [(a.xyann, a.xy) for ax in fig.axes for a in ax.texts if a.get_gid() == "jump"]
 

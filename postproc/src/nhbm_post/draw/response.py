@@ -130,7 +130,8 @@ def draw_response(
         ax.set_xscale(scales[0])
         ax.set_yscale(scales[1])
         for i, curve in enumerate(curves):
-            _draw_curve(ax, i, curve, x_factor, factor, scales, axis.is_number)
+            by_stability = axis.is_number and (curve.stability.any() or any(curve is c for c in _of_unknown_stability(curves)))
+            _draw_curve(ax, i, curve, x_factor, factor, scales, axis.is_number, by_stability)
         if strips:
             _draw_rows(strips[0], [(i, curves[i]) for i in rows], x_factor, len(curves) > 1)
         below = strips[0] if strips else ax
@@ -249,12 +250,12 @@ def _curve_look(i: int, curve: Curve, is_joined: bool) -> dict:
     return {"color": style.COLOURS[i % len(style.COLOURS)], "linestyle": dashes, "linewidth": 1.4}
 
 
-def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined) -> None:
+def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined, by_stability) -> None:
     """The line, its converged points (where there are few, or alone between gaps), and marks of the others."""
     look = _curve_look(i, curve, is_joined)
     has_place = np.isfinite if scales[1] == "linear" else lambda values: values > 0.0
     x, y, is_converged = curve.line(has_place)
-    if curve.stability.any() and is_joined:
+    if by_stability:
         _draw_by_stability(ax, curve, has_place, x_factor, factor, look)
     else:
         ax.plot(x_factor * x, factor * y, **look, gid="curve")
@@ -354,6 +355,13 @@ def _curve_keys(curves: list[Curve], is_joined: bool) -> list[Line2D]:
     return entries
 
 
+def _of_unknown_stability(curves: list[Curve]) -> list[Curve]:
+    """Curves of which nothing is known beside others that are known to be stable or not."""
+    if not any(curve.stability.any() for curve in curves):
+        return []
+    return [curve for curve in curves if (curve.kind != "").any() and not curve.stability.any()]
+
+
 def _special_keys(curves: list[Curve]) -> list[Line2D]:
     """Legend of what was located, and of dashes, as far as there are any."""
     entries = []
@@ -363,6 +371,8 @@ def _special_keys(curves: list[Curve]) -> list[Line2D]:
             one, several = _WORDS.get(kind, (kind, f"{kind}s"))
             entries.append(Line2D([], [], **shape, color=style.INK, label=f"{n} {one if n == 1 else several}"))
     stability = np.concatenate([curve.stability for curve in curves])
+    if _of_unknown_stability(curves):
+        entries.append(Line2D([], [], color=style.INK, linestyle=":", linewidth=1.4, label="stability not known"))
     for verdict, dashes, word in ((1, "-", "stable"), (-1, (0, (4, 2)), "unstable")):
         if (stability == verdict).any():
             entries.append(Line2D([], [], color=style.INK, linestyle=dashes, linewidth=1.4, label=word))
