@@ -290,7 +290,7 @@ contains
       end associate
    end function linear_bytes
 
-   !> All that a balance keeps on a grid; see hb_transform, hb_law_forces and what they use.
+   !> All that a balance keeps on a grid; see hb_transform, hb_sampled_laws and what they use.
    pure real(wp) function sample_bytes(s, n_harmonics, samples, with_derivatives, with_answers)
       type(sizes_t), intent(in) :: s
       real(wp), intent(in) :: n_harmonics
