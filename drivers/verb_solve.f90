@@ -172,6 +172,7 @@ contains
       if (kind_of_file(path) == file_kind%none) return
       call read_record(old, path, error)
       if (allocated(error)) return
+      if (index(old%input_complete, "&curve") == 0) return
       do i = 1, old%n_points
          where = switched_path(path, i)
          if (kind_of_file(where) == file_kind%none) cycle
