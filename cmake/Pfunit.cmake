@@ -52,6 +52,7 @@ function(hb_add_test name)
   if(NOT arg_LABELS)
     set(arg_LABELS unit)
   endif()
+  list(APPEND arg_LINK_LIBRARIES hb_test_flags) # the last one: its options count
   set(n_processes 1)
   set(passed_on "")
   set(environment ${HB_TEST_ENVIRONMENT})

@@ -6,7 +6,7 @@ module verb_plan
    use hb_counter_speed, only: measure_counter
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_place
-   use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
+   use hb_hdf5, only: h5_file_t, open_file
    use hb_row_buffer, only: hold_seconds
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, rank_of, size_of
@@ -114,16 +114,11 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: ignored
       type(h5_file_t) :: file
-      type(h5_dataset_t) :: dataset
       real(wp), allocatable :: seconds(:)
 
       call open_file(file, path, error)
       if (allocated(error)) return
-      call file%open_dataset("solve_seconds", dataset, error)
-      if (.not. allocated(error)) then
-         allocate (seconds(product(dataset%get_extents())))
-         call dataset%read(seconds, error)
-      end if
+      call file%get("solve_seconds", seconds, error)
       call file%close(ignored)
       if (allocated(error)) return
       measured = pack(seconds, seconds > 0.0_wp)

@@ -140,7 +140,7 @@ contains
       integer :: a, b, i, k, pair
       real(wp) :: weight
 
-      associate (shape => law%law%shape, df_dq => self%df_dq%values, df_dv => self%df_dv%values)
+      associate (shape => law%law%shape, df_dq => self%df_dq, df_dv => self%df_dv)
          do k = 1, size(law%columns)
             do i = 1, size(law%columns)
                pair = self%pair_at(law%columns(i), law%columns(k))
@@ -148,8 +148,9 @@ contains
                   do a = 1, size(shape, 2)
                      weight = shape(i, a)*shape(k, b)
                      if (weight == 0.0_wp) cycle                       ! most of them where coordinates are degrees of freedom
-                     df_dq(:, pair) = df_dq(:, pair) + weight*law%df_dz(:, a, b)
-                     if (size(law%v, 2) > 0) df_dv(:, pair) = df_dv(:, pair) + weight*law%df_dv(:, a, b)
+                     df_dq%values(:, pair) = df_dq%values(:, pair) + weight*law%df_dz(:, a, b)
+                     if (size(law%v, 2) == 0) cycle
+                     df_dv%values(:, pair) = df_dv%values(:, pair) + weight*law%df_dv(:, a, b)
                   end do
                end do
             end do

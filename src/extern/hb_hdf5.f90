@@ -4,7 +4,7 @@
 !> the disk, `make_scale`, `attach_scale` and `set_attribute` describe them, `close` ends.
 !> `open_file_parallel` then opens it on all ranks, and `write_row` puts raw data in place: it changes no
 !> metadata, so ranks need not agree on anything and a killed run leaves a sound file. Small datasets whose values are known
-!> are made by `put` in one go.
+!> are made by `put` in one go, and read by `get`.
 !>
 !> Extents are given in the order of Fortran, fastest first: h5py, h5dump and xarray show them reversed.
 !> Datasets are contiguous, never compressed. Messages of the library are not printed but put into the error.
@@ -43,7 +43,11 @@ module hb_hdf5
       procedure :: flush => file_flush
       procedure :: has => file_has
       procedure :: open_dataset => file_open_dataset
+      generic :: get => get_integer, get_real, get_texts
       generic :: put => put_integer, put_real, put_text
+      procedure, private :: get_integer => file_get_integer
+      procedure, private :: get_real => file_get_real
+      procedure, private :: get_texts => file_get_texts
       procedure, private :: put_integer => file_put_integer
       procedure, private :: put_real => file_put_real
       procedure, private :: put_text => file_put_text
@@ -428,4 +432,81 @@ contains
       call made%describe("1", long_name, error)
       if (present(dataset)) dataset = made
    end subroutine file_put_text
+
+   !> Reads a whole vector, or a scalar as a vector of one; does nothing after an error.
+   subroutine file_get_real(self, name, values, error, n_expected)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(out) :: values(:)
+      type(error_t), allocatable, intent(inout) :: error
+      integer, intent(in), optional :: n_expected         !! entries; default: any number
+      type(h5_dataset_t) :: dataset
+      integer :: n, status
+
+      call open_vector(self, name, dataset, n, error, n_expected)
+      if (allocated(error)) return
+      allocate (values(n), stat=status)
+      if (status /= 0) call fail(error, dataset%place//": there is no memory for its "//to_text(n)//" entries")
+      if (.not. allocated(error)) call dataset%read(values, error)
+      call dataset%close()
+   end subroutine file_get_real
+
+   !> As for real numbers.
+   subroutine file_get_integer(self, name, values, error, n_expected)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, allocatable, intent(out) :: values(:)
+      type(error_t), allocatable, intent(inout) :: error
+      integer, intent(in), optional :: n_expected
+      type(h5_dataset_t) :: dataset
+      integer :: n, status
+
+      call open_vector(self, name, dataset, n, error, n_expected)
+      if (allocated(error)) return
+      allocate (values(n), stat=status)
+      if (status /= 0) call fail(error, dataset%place//": there is no memory for its "//to_text(n)//" entries")
+      if (.not. allocated(error)) call dataset%read(values, error)
+      call dataset%close()
+   end subroutine file_get_integer
+
+   !> As for real numbers: strings padded with blanks.
+   subroutine file_get_texts(self, name, values, error, n_expected)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      character(:), allocatable, intent(out) :: values(:)
+      type(error_t), allocatable, intent(inout) :: error
+      integer, intent(in), optional :: n_expected
+      type(h5_dataset_t) :: dataset
+      integer :: n
+
+      call open_vector(self, name, dataset, n, error, n_expected)
+      if (allocated(error)) return
+      call dataset%read(values, error)
+      call dataset%close()
+   end subroutine file_get_texts
+
+   subroutine open_vector(self, name, dataset, n, error, n_expected)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      type(h5_dataset_t), intent(out) :: dataset
+      integer, intent(out) :: n                           !! entries
+      type(error_t), allocatable, intent(inout) :: error
+      integer, intent(in), optional :: n_expected
+
+      n = 0
+      if (allocated(error)) return
+      if (.not. self%has(name)) then
+         call fail(error, self%place//" has no '"//name//"'")
+         return
+      end if
+      call self%open_dataset(name, dataset, error)
+      if (allocated(error)) return
+      n = product(dataset%get_extents())
+      if (size(dataset%get_extents()) > 1) then
+         call fail(error, dataset%place//" has "//to_text(size(dataset%get_extents()))//" axes, not one")
+      else if (present(n_expected)) then
+         if (n /= n_expected) call fail(error, dataset%place//": "//to_text(n)//" values, expected "//to_text(n_expected))
+      end if
+      if (allocated(error)) call dataset%close()
+   end subroutine open_vector
 end module hb_hdf5

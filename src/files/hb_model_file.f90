@@ -2,7 +2,7 @@
 module hb_model_file
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: annotate, error_t, fail
-   use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
+   use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_model, only: model_source_t, model_t
    use hb_reduction_file, only: read_reduction, write_reduction
@@ -155,10 +155,10 @@ contains
       type(model_t), intent(inout) :: model
       type(error_t), allocatable, intent(out) :: error
 
-      call read_texts(file, "labels", model%labels, error)
+      call file%get("labels", model%labels, error)
       if (allocated(error)) return
       model%n_dofs = size(model%labels)
-      call read_texts(file, "units", model%units, error)
+      call file%get("units", model%units, error)
       if (allocated(error)) return
       call check_size("units", size(model%units), model%n_dofs, error)
       if (allocated(error)) return
@@ -185,9 +185,9 @@ contains
          if (is_required) call fail(error, "has no matrix '"//name//"'")
          return
       end if
-      call read_integers(file, name//"/indptr", starts, error)
-      if (.not. allocated(error)) call read_integers(file, name//"/indices", columns, error)
-      if (.not. allocated(error)) call read_reals(file, name//"/data", values, error)
+      call file%get(name//"/indptr", starts, error)
+      call file%get(name//"/indices", columns, error)
+      call file%get(name//"/data", values, error)
       if (allocated(error)) return
       if (size(starts) /= n_dofs + 1) then
          call fail(error, "matrix '"//name//"' has "//to_text(size(starts) - 1)//" rows, there are "//to_text(n_dofs)//" labels")
@@ -207,9 +207,9 @@ contains
       integer :: i, k, n_nodes
 
       if (.not. file%has("sets")) return
-      call read_integers(file, "nodes/number", numbers, error)
-      if (.not. allocated(error)) call read_integers(file, "dofs/node", node_of, error)
-      if (.not. allocated(error)) call read_texts(file, "dofs/direction", words, error)
+      call file%get("nodes/number", numbers, error)
+      call file%get("dofs/node", node_of, error)
+      call file%get("dofs/direction", words, error)
       if (allocated(error)) return
       n_nodes = size(numbers)
       call check_size("dofs/node", size(node_of), model%n_dofs, error)
@@ -224,9 +224,9 @@ contains
       model%sets%node_of = node_of + 1
       allocate (model%sets%direction(size(words)))
       model%sets%direction = words
-      call read_texts(file, "sets/names", words, error)
-      if (.not. allocated(error)) call read_integers(file, "sets/indptr", starts, error)
-      if (.not. allocated(error)) call read_integers(file, "sets/nodes", nodes, error)
+      call file%get("sets/names", words, error)
+      call file%get("sets/indptr", starts, error)
+      call file%get("sets/nodes", nodes, error)
       if (.not. allocated(error)) call check_ranges("sets", size(words), starts, size(nodes), error)
       if (allocated(error)) return
       do i = 1, size(words)
@@ -255,10 +255,10 @@ contains
       real(wp), allocatable :: values(:)
 
       if (.not. file%has("loads")) return
-      call read_texts(file, "loads/names", words, error)
-      if (.not. allocated(error)) call read_integers(file, "loads/indptr", starts, error)
-      if (.not. allocated(error)) call read_integers(file, "loads/dofs", dofs, error)
-      if (.not. allocated(error)) call read_reals(file, "loads/values", values, error)
+      call file%get("loads/names", words, error)
+      call file%get("loads/indptr", starts, error)
+      call file%get("loads/dofs", dofs, error)
+      call file%get("loads/values", values, error)
       if (.not. allocated(error)) call check_ranges("loads", size(words), starts, size(dofs), error)
       if (.not. allocated(error)) call check_size("loads/values", size(values), size(dofs), error)
       if (allocated(error)) return
@@ -296,63 +296,4 @@ contains
       if (starts(1) /= 0 .or. starts(n_ranges + 1) /= n_entries .or. any(starts(2:) < starts(:n_ranges))) &
          call fail(error, "'"//name//"/indptr' must rise from 0 to "//to_text(n_entries)//", the number of entries")
    end subroutine check_ranges
-
-   subroutine read_integers(file, name, values, error)
-      type(h5_file_t), intent(in) :: file
-      character(*), intent(in) :: name
-      integer, allocatable, intent(out) :: values(:)
-      type(error_t), allocatable, intent(out) :: error
-      type(h5_dataset_t) :: dataset
-
-      call open_vector(file, name, dataset, error)
-      if (allocated(error)) return
-      allocate (values(product(dataset%get_extents())))
-      call dataset%read(values, error)
-      call dataset%close()
-   end subroutine read_integers
-
-   subroutine read_reals(file, name, values, error)
-      type(h5_file_t), intent(in) :: file
-      character(*), intent(in) :: name
-      real(wp), allocatable, intent(out) :: values(:)
-      type(error_t), allocatable, intent(out) :: error
-      type(h5_dataset_t) :: dataset
-
-      call open_vector(file, name, dataset, error)
-      if (allocated(error)) return
-      allocate (values(product(dataset%get_extents())))
-      call dataset%read(values, error)
-      call dataset%close()
-   end subroutine read_reals
-
-   subroutine read_texts(file, name, values, error)
-      type(h5_file_t), intent(in) :: file
-      character(*), intent(in) :: name
-      character(:), allocatable, intent(out) :: values(:)
-      type(error_t), allocatable, intent(out) :: error
-      type(h5_dataset_t) :: dataset
-
-      call open_vector(file, name, dataset, error)
-      if (allocated(error)) return
-      call dataset%read(values, error)
-      call dataset%close()
-   end subroutine read_texts
-
-   !> Opens a dataset of one axis.
-   subroutine open_vector(file, name, dataset, error)
-      type(h5_file_t), intent(in) :: file
-      character(*), intent(in) :: name
-      type(h5_dataset_t), intent(out) :: dataset
-      type(error_t), allocatable, intent(out) :: error
-
-      if (.not. file%has(name)) then
-         call fail(error, "has no '"//name//"'")
-         return
-      end if
-      call file%open_dataset(name, dataset, error)
-      if (allocated(error)) return
-      if (size(dataset%get_extents()) == 1) return
-      call fail(error, "'"//name//"' has "//to_text(size(dataset%get_extents()))//" axes, not one")
-      call dataset%close()
-   end subroutine open_vector
 end module hb_model_file

@@ -155,7 +155,7 @@ contains
       type(asked_t), intent(in) :: asked
       type(string_t), allocatable, intent(out) :: texts(:)
       character(:), allocatable :: text
-      integer(int64) :: bits, bits_before
+      logical :: is_repeated
       integer :: i
 
       allocate (texts(0))
@@ -173,9 +173,9 @@ contains
       deallocate (texts)
       allocate (texts(size(asked%numbers)))
       do i = 1, size(texts)
-         bits = transfer(asked%numbers(i), bits)            ! zeros have signs
-         if (i == 1 .or. bits /= bits_before) text = number_text(asked%numbers(i), asked%kind)
-         bits_before = bits                                 ! matrices have long rows of equal numbers
+         is_repeated = i > 1                                ! matrices have long rows of equal numbers; zeros have signs
+         if (is_repeated) is_repeated = transfer(asked%numbers(i), 0_int64) == transfer(asked%numbers(i - 1), 0_int64)
+         if (.not. is_repeated) text = number_text(asked%numbers(i), asked%kind)
          texts(i)%value = text
       end do
    end subroutine texts_of

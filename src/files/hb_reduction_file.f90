@@ -59,7 +59,7 @@ contains
       type(structure_t), intent(in) :: structure
       real(wp), intent(in) :: recovery(:, :)
       type(error_t), allocatable, intent(inout) :: error
-      type(h5_dataset_t) :: none(0), scale
+      type(h5_dataset_t) :: none(0)
       real(wp) :: figures(5)
 
       figures = [real(structure%reduction%n_full, wp), structure%reduction%reach%up_to, structure%reduction%error, &
@@ -132,53 +132,50 @@ contains
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: form, labels(:), units(:), words(:)
       integer, allocatable :: of_file(:), sum(:)
-      real(wp), allocatable :: damping(:), figures(:), mass(:), stiffness(:)
-      integer :: n
+      real(wp), allocatable :: damping(:, :), figures(:), mass(:, :), stiffness(:, :)
 
       call file%get_attribute("format", form, error)
       if (allocated(error)) return
-      call read_integers("mark", of_file)
-      call read_integers("sum", sum)
-      call read_reals("figures", figures)
-      call read_reals("mass", mass)
-      call read_reals("damping", damping)
-      call read_reals("stiffness", stiffness)
-      call read_texts("labels", labels)
-      call read_texts("units", units)
+      call file%get("mark", of_file, error)
+      call file%get("sum", sum, error)
+      call file%get("figures", figures, error)
+      call file%get("labels", labels, error)
+      call file%get("units", units, error)
+      call read_matrix("mass", mass)
+      call read_matrix("damping", damping)
+      call read_matrix("stiffness", stiffness)
       if (allocated(error)) return
-      n = size(labels)
-      if (form /= format_name .or. size(of_file) /= size(mark) .or. size(sum) /= 1 .or. size(figures) /= 5 .or. size(units) /= n &
-          .or. any([size(mass), size(damping), size(stiffness)] /= n**2) .or. .not. file%has("recovery")) then
+      if (form /= format_name .or. size(of_file) /= size(mark) .or. size(sum) /= 1 .or. size(figures) /= 5 .or. &
+          size(units) /= size(labels) .or. .not. file%has("recovery")) then
          call fail(error, "is of another form")
       else if (any(of_file /= mark)) then
          call fail(error, "is of something else")
       end if
       if (allocated(error)) return
-      call new_structure(structure, reshape(mass, [n, n]), reshape(damping, [n, n]), reshape(stiffness, [n, n]), labels, units, &
-                         error)
+      call new_structure(structure, mass, damping, stiffness, labels, units, error)
       if (allocated(error)) return
       associate (sets => structure%sets, vectors => structure%vectors)
          if (file%has("node_of")) then
             allocate (sets%names(0), sets%nodes(0))
             if (file%has("set_names")) then
-               call read_texts("set_names", words)
+               call file%get("set_names", words, error)
                if (allocated(words)) sets%names = padded(words, name_length)
             end if
-            call read_integers("set_first", sets%first)
-            call read_integers("set_nodes", sets%nodes)
-            call read_integers("node_of", sets%node_of)
-            call read_texts("direction", words)
+            call file%get("set_first", sets%first, error)
+            call file%get("set_nodes", sets%nodes, error)
+            call file%get("node_of", sets%node_of, error)
+            call file%get("direction", words, error)
             if (allocated(words)) sets%direction = padded(words, direction_length)
          end if
          if (file%has("vector_first")) then
             allocate (vectors%names(0))
             if (file%has("vector_names")) then
-               call read_texts("vector_names", words)
+               call file%get("vector_names", words, error)
                if (allocated(words)) vectors%names = padded(words, name_length)
             end if
-            call read_integers("vector_first", vectors%first)
-            call read_integers("vector_dofs", vectors%dofs)
-            call read_reals("vector_values", vectors%values)
+            call file%get("vector_first", vectors%first, error)
+            call file%get("vector_dofs", vectors%dofs, error)
+            call file%get("vector_values", vectors%values, error)
          end if
       end associate
       if (allocated(error)) return
@@ -196,43 +193,18 @@ contains
 
    contains
 
-      subroutine read_integers(name, values)
+      subroutine read_matrix(name, matrix)
          character(*), intent(in) :: name
-         integer, allocatable, intent(out) :: values(:)
+         real(wp), allocatable, intent(out) :: matrix(:, :)
          type(h5_dataset_t) :: dataset
 
          if (allocated(error)) return
          call file%open_dataset(name, dataset, error)
          if (allocated(error)) return
-         allocate (values(product(dataset%get_extents())))
-         if (size(values) > 0) call dataset%read(values, error)
+         allocate (matrix(size(labels), size(labels)))
+         call dataset%read(matrix, error)
          call dataset%close()
-      end subroutine read_integers
-
-      subroutine read_reals(name, values)
-         character(*), intent(in) :: name
-         real(wp), allocatable, intent(out) :: values(:)
-         type(h5_dataset_t) :: dataset
-
-         if (allocated(error)) return
-         call file%open_dataset(name, dataset, error)
-         if (allocated(error)) return
-         allocate (values(product(dataset%get_extents())))
-         if (size(values) > 0) call dataset%read(values, error)
-         call dataset%close()
-      end subroutine read_reals
-
-      subroutine read_texts(name, values)
-         character(*), intent(in) :: name
-         character(:), allocatable, intent(out) :: values(:)
-         type(h5_dataset_t) :: dataset
-
-         if (allocated(error)) return
-         call file%open_dataset(name, dataset, error)
-         if (allocated(error)) return
-         call dataset%read(values, error)
-         call dataset%close()
-      end subroutine read_texts
+      end subroutine read_matrix
    end subroutine read_parts
 
    pure function padded(words, length) result(longer)

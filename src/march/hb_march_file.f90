@@ -2,7 +2,7 @@
 !>
 !> Made whole under another name and then put in place, by one process. docs/user/schema.md lists what is in it.
 module hb_march_file
-   use hb_error, only: annotate, error_t, fail
+   use hb_error, only: annotate, error_t
    use hb_file_place, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
@@ -266,35 +266,21 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
-      real(wp) :: time(1)
+      real(wp), allocatable :: time(:)
+      integer :: n_dofs, n_states
 
       call open_file(file, path, error)
       if (allocated(error)) return
-      call read_real("state_time", time)
-      call read_real("state_displacement", state%q)
-      call read_real("state_velocity", state%v)
-      if (size(state%s) > 0) call read_real("state_slider", state%s)
+      n_dofs = size(state%q)
+      n_states = size(state%s)
+      call file%get("state_time", time, error, 1)
+      call file%get("state_displacement", state%q, error, n_dofs)
+      call file%get("state_velocity", state%v, error, n_dofs)
+      if (n_states > 0) call file%get("state_slider", state%s, error, n_states)
+      call annotate(error, "no record, or a record of another scene")
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
       if (.not. allocated(error)) state%time = time(1)
       call annotate(error, "&march continue")
-
-   contains
-
-      subroutine read_real(name, values)
-         character(*), intent(in) :: name
-         real(wp), intent(inout), contiguous :: values(:)
-         type(h5_dataset_t) :: dataset
-
-         if (allocated(error)) return
-         call file%open_dataset(name, dataset, error)
-         if (allocated(error)) return
-         if (product(dataset%get_extents()) /= size(values)) then
-            call fail(error, "'"//path//"' has "//to_text(product(dataset%get_extents()))//" values of "//name//", the scene "// &
-                      to_text(size(values))//": it is a record of another scene")
-            return
-         end if
-         call dataset%read(values, error)
-      end subroutine read_real
    end subroutine read_march_state
 end module hb_march_file

@@ -50,18 +50,14 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
-      type(h5_dataset_t) :: dataset
-      integer, dimension(n_points) :: is_stable, kind
+      integer, allocatable :: is_stable(:), kind(:)
       integer :: after, before, beyond, i
 
       allocate (leaving(0))
-      is_stable = 0
       call open_file(file, path, error)
       if (allocated(error)) return
-      call file%open_dataset("curve_kind", dataset, error)
-      if (.not. allocated(error)) call dataset%read(kind, error)
-      if (file%has("is_stable") .and. .not. allocated(error)) call file%open_dataset("is_stable", dataset, error)
-      if (file%has("is_stable") .and. .not. allocated(error)) call dataset%read(is_stable, error)
+      call file%get("curve_kind", kind, error, n_points)
+      call file%get("is_stable", is_stable, error, n_points)
       call file%close(error_in_close)
       if (allocated(error)) return
       do i = 1, n_points
@@ -85,19 +81,16 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
-      type(h5_dataset_t) :: dataset
       type(sweep_plan_t) :: rounded                                   ! to ten digits
       character(16) :: digits
-      integer, dimension(plan%n_points) :: kind, status
+      integer, allocatable :: kind(:), status(:)
       integer :: i, n
 
       allocate (character(160) :: lines(0))
       call open_file(file, path, error)
       if (allocated(error)) return
-      call file%open_dataset("curve_kind", dataset, error)
-      if (.not. allocated(error)) call dataset%read(kind, error)
-      if (.not. allocated(error)) call file%open_dataset("status", dataset, error)
-      if (.not. allocated(error)) call dataset%read(status, error)
+      call file%get("curve_kind", kind, error, plan%n_points)
+      call file%get("status", status, error, plan%n_points)
       call file%close(error_in_close)
       if (allocated(error)) return
       rounded = plan

@@ -12,7 +12,7 @@ module hb_marched_motion
    use hb_advice, only: rounded
    use hb_birkhoff, only: coefficients_at
    use hb_coordinates, only: coordinates_t
-   use hb_error, only: error_t, fail
+   use hb_error, only: error_t
    use hb_judge, only: settled_t
    use hb_kinds, only: int64, two_pi, wp
    use hb_march, only: march_from, march_record_t

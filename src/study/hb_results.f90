@@ -7,7 +7,6 @@
 module hb_results
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_branches, only: left_branch
-   use hb_certificate, only: certificate_t
    use hb_clock, only: wall_clock
    use hb_crash_watch, only: crash_place_t
    use hb_error, only: annotate, error_t, fail

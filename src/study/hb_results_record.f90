@@ -43,13 +43,6 @@ module hb_results_record
       procedure :: check_rows => record_check_rows
    end type record_t
 
-   !> Reads a dataset as a whole; does nothing once there is an error.
-   interface read_all
-      module procedure read_all_integers
-      module procedure read_all_reals
-      module procedure read_all_texts
-   end interface read_all
-
 contains
 
    !> Reads the message of a point; empty where there is none, or the file does not tell.
@@ -155,24 +148,24 @@ contains
       call read_overrides(overrides, self%overrides)
       call read_one(file, "input_complete", self%input_complete, error)
       call read_one(file, "input_libraries", self%input_libraries, error)
-      call read_all(file, "dof", self%dofs, error)
-      call read_all(file, "law", self%laws, error)
-      call read_all(file, "status", self%status, error)
+      call file%get("dof", self%dofs, error)
+      call file%get("law", self%laws, error)
+      call file%get("status", self%status, error)
       if (allocated(error)) return
       self%n_points = size(self%status)
       if (self%n_points == 0 .or. .not. all(is_status(self%status))) then
          call fail(error, "dataset 'status' has no points, or numbers that are no status")
          return
       end if
-      call read_all(file, "rescue", self%rescue, error, self%n_points)
-      call read_all(file, "is_near_commensurate", self%is_near_commensurate, error, self%n_points)
-      call read_all(file, "is_stable", self%is_stable, error, self%n_points)
-      call read_all(file, "branch", self%branch, error, self%n_points)
-      call read_all(file, "residual", self%residual, error, self%n_points)
-      call read_all(file, "solve_seconds", self%solve_seconds, error, self%n_points)
-      call read_all(file, "truncation_estimate", self%truncation, error, self%n_points)
-      call read_all(file, "aliasing_estimate", self%aliasing, error, self%n_points)
-      call read_all(file, "penetration", self%penetration, error, self%n_points)
+      call file%get("rescue", self%rescue, error, self%n_points)
+      call file%get("is_near_commensurate", self%is_near_commensurate, error, self%n_points)
+      call file%get("is_stable", self%is_stable, error, self%n_points)
+      call file%get("branch", self%branch, error, self%n_points)
+      call file%get("residual", self%residual, error, self%n_points)
+      call file%get("solve_seconds", self%solve_seconds, error, self%n_points)
+      call file%get("truncation_estimate", self%truncation, error, self%n_points)
+      call file%get("aliasing_estimate", self%aliasing, error, self%n_points)
+      call file%get("penetration", self%penetration, error, self%n_points)
       if (allocated(error)) return
       self%has_own_tuples = file%has("tuples")
       if (self%has_own_tuples) then
@@ -203,15 +196,14 @@ contains
       end if
    end subroutine read_datasets
 
-   !> Opens a dataset of so many axes, whose number of values must be what is expected.
-   subroutine open_column(file, name, dataset, n_axes, extents, error, n_expected)
+   !> Opens a dataset of so many axes.
+   subroutine open_column(file, name, dataset, n_axes, extents, error)
       type(h5_file_t), intent(in) :: file
       character(*), intent(in) :: name
       type(h5_dataset_t), intent(out) :: dataset
       integer, intent(in) :: n_axes
       integer, allocatable, intent(out) :: extents(:)
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(in), optional :: n_expected
 
       call file%open_dataset(name, dataset, error)
       if (allocated(error)) return
@@ -220,9 +212,6 @@ contains
          call fail(error, "dataset '"//name//"' has "//to_text(size(extents))//" axes, expected "//to_text(n_axes))
       else if (product(real(extents, wp)) > huge(1)) then
          call fail(error, "dataset '"//name//"' has more than "//to_text(huge(1))//" values")
-      else if (present(n_expected)) then
-         if (product(extents) /= n_expected) call fail(error, "dataset '"//name//"' has "//to_text(product(extents))// &
-            " values for "//to_text(n_expected)//" points")
       end if
    end subroutine open_column
 
@@ -234,7 +223,7 @@ contains
       type(error_t), allocatable, intent(inout) :: error
       character(:), allocatable :: texts(:)
 
-      call read_all(file, name, texts, error)
+      call file%get(name, texts, error)
       if (allocated(error)) return
       if (size(texts) == 1) then
          text = texts(1)
@@ -283,55 +272,4 @@ contains
       if (allocated(self%is_damaged)) is_open = is_open .or. self%is_damaged
       points = pack([(i, i=1, self%n_points)], is_open)
    end function open_points
-
-   subroutine read_all_integers(file, name, values, error, n_expected)
-      type(h5_file_t), intent(in) :: file
-      character(*), intent(in) :: name
-      integer, allocatable, intent(out) :: values(:)
-      type(error_t), allocatable, intent(inout) :: error
-      integer, intent(in), optional :: n_expected
-      type(h5_dataset_t) :: dataset
-      integer, allocatable :: extents(:)
-      integer :: status
-
-      if (.not. allocated(error)) call open_column(file, name, dataset, 1, extents, error, n_expected)
-      if (allocated(error)) return
-      allocate (values(extents(1)), stat=status)
-      if (status == 0) then
-         call dataset%read(values, error)
-      else
-         call fail(error, "there is no memory for dataset '"//name//"'")
-      end if
-   end subroutine read_all_integers
-
-   subroutine read_all_reals(file, name, values, error, n_expected)
-      type(h5_file_t), intent(in) :: file
-      character(*), intent(in) :: name
-      real(wp), allocatable, intent(out) :: values(:)
-      type(error_t), allocatable, intent(inout) :: error
-      integer, intent(in), optional :: n_expected
-      type(h5_dataset_t) :: dataset
-      integer, allocatable :: extents(:)
-      integer :: status
-
-      if (.not. allocated(error)) call open_column(file, name, dataset, 1, extents, error, n_expected)
-      if (allocated(error)) return
-      allocate (values(extents(1)), stat=status)
-      if (status == 0) then
-         call dataset%read(values, error)
-      else
-         call fail(error, "there is no memory for dataset '"//name//"'")
-      end if
-   end subroutine read_all_reals
-
-   subroutine read_all_texts(file, name, values, error)
-      type(h5_file_t), intent(in) :: file
-      character(*), intent(in) :: name
-      character(:), allocatable, intent(out) :: values(:)
-      type(error_t), allocatable, intent(inout) :: error
-      type(h5_dataset_t) :: dataset
-
-      if (.not. allocated(error)) call file%open_dataset(name, dataset, error)
-      if (.not. allocated(error)) call dataset%read(values, error)
-   end subroutine read_all_texts
 end module hb_results_record

@@ -121,18 +121,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
-      type(h5_dataset_t) :: dataset
       integer, allocatable :: status(:)
 
       n_pending = 0
       call raise_guard("'"//path//"': was changed while the run wrote it, HDF5 dies of it; results are lost")
       call open_file(file, path, error)
-      if (.not. allocated(error)) call file%open_dataset("status", dataset, error)
-      if (.not. allocated(error)) then
-         allocate (status(product(dataset%get_extents())))
-         call dataset%read(status, error)
-         n_pending = count(status == outcome%pending)
-      end if
+      call file%get("status", status, error)
+      if (.not. allocated(error)) n_pending = count(status == outcome%pending)
       call file%close(error_in_close)
       call lower_guard()
    end subroutine count_pending

@@ -36,10 +36,10 @@ contains
       call file%close(error_in_close)
       if (.not. allocated(error)) call refuse_damaged_rows(path, status, [point], error)
       if (.not. allocated(error)) then
-         if (.not. any(kind(1) == [curve_kind%flip, curve_kind%torus])) then
+         if (.not. any(kind(point + 1) == [curve_kind%flip, curve_kind%torus])) then
             call fail(error, "it is neither a 'flip' nor a 'torus'; 'nhbm info' and 'nhbm-post peaks' list those")
          else
-            call new_curve_origin(self, kind(1) == curve_kind%torus, state(:, 1), tuples, scene, error)
+            call new_curve_origin(self, kind(point + 1) == curve_kind%torus, state(:, 1), tuples, scene, error)
          end if
       end if
       if (allocated(error)) error%message = "point "//to_text(point)//" of '"//path//"': "//error%message
@@ -59,12 +59,10 @@ contains
             call fail(error, "the file has "//to_text(extents(2))//" points")
             return
          end if
-         allocate (state(extents(1), 1), kind(1), status(extents(2)))
+         allocate (state(extents(1), 1))
          call dataset%read_rows(point + 1, state, error)
-         if (.not. allocated(error)) call file%open_dataset("curve_kind", dataset, error)
-         if (.not. allocated(error)) call dataset%read_rows(point + 1, kind, error)
-         if (.not. allocated(error)) call file%open_dataset("status", dataset, error)
-         if (.not. allocated(error)) call dataset%read(status, error)
+         call file%get("curve_kind", kind, error, extents(2))
+         call file%get("status", status, error, extents(2))
       end subroutine read_all
    end subroutine read_curve_origin
 end module hb_stored_origin

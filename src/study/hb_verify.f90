@@ -173,12 +173,10 @@ contains
       if (.not. allocated(error)) call file%open_dataset("frequency_estimate", dataset, error)
       if (.not. allocated(error)) call dataset%read(stored%frequency_estimates, error)
       if (stored%has_own_tuples .and. .not. allocated(error)) then
-         allocate (stored%own_tuples(size(stored%tuples, 1), size(stored%tuples, 2), stored%n_points), &
-                   stored%n_harmonics(stored%n_points))
+         allocate (stored%own_tuples(size(stored%tuples, 1), size(stored%tuples, 2), stored%n_points))
          call file%open_dataset("tuples", dataset, error)
          if (.not. allocated(error)) call dataset%read(stored%own_tuples, error)
-         if (.not. allocated(error)) call file%open_dataset("n_harmonics", dataset, error)
-         if (.not. allocated(error)) call dataset%read(stored%n_harmonics, error)
+         call file%get("n_harmonics", stored%n_harmonics, error, stored%n_points)
       end if
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)

@@ -54,4 +54,21 @@ MUTANTS = [
             "(void)mutex;",
         ),
     ),
+    *of(
+        "extern/hb_hdf5.f90",
+        (
+            "hdf5_axes",
+            "test_hb_hdf5",
+            "a matrix is read as a vector",
+            "if (size(dataset%get_extents()) > 1) then",
+            "if (size(dataset%get_extents()) > 2) then",
+        ),
+        (
+            "hdf5_expected",
+            "test_hb_hdf5",
+            "a vector of another length is taken",
+            "if (n /= n_expected) call fail(error, dataset%place",
+            "if (n < n_expected) call fail(error, dataset%place",
+        ),
+    ),
 ]
