@@ -131,7 +131,8 @@ contains
       if (scene%accuracy%grows_set .and. scene%chain%is_on .and. result%status == outcome%converged) call trim_set(scene, top)
    end subroutine solve_to_tolerance
 
-   !> Whether rungs have gained nothing for so long that none will: each of the last ones leaves nearly all of the estimate before it.
+   !> Whether rungs have gained nothing for so long that none will: each of the last ones leaves nearly all of the estimate
+   !> before it.
    pure logical function gains_nothing(estimates)
       real(wp), intent(in) :: estimates(:)                            !! of the errors of all rungs, in their order
 

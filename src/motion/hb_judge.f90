@@ -26,7 +26,7 @@ module hb_judge
 
    !> Where a scene ends that is followed through time.
    type :: settled_t
-      integer :: status = outcome%pending                             !! marched, subharmonic, broadband, several; pending: not known
+      integer :: status = outcome%pending                             !! of marching; pending: not known
       integer :: n_motions = 0                                        !! in which several starts end; 0: there was one start
       character(:), allocatable :: message                            !! what was found, or why nothing was
       complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_dofs, n_harmonics); where marched

@@ -95,7 +95,8 @@ def test_the_least_room_for_tuples_is_as_documented(n_tones, tmp_path):
     page = (Path(__file__).resolve().parents[2] / "docs" / "user" / "input.md").read_text(encoding="utf-8")
     told = re.search(r"first box, (\d+), (\d+), (\d+) or (\d+) for one to four tones", page)
     least = int(told[n_tones])
-    loads = "".join(f"&load dof='x1', tuple={','.join(str(int(i == m)) for i in range(n_tones))}, cos=0.4 /\n" for m in range(n_tones))
+    tuples = (",".join(str(int(i == m)) for i in range(n_tones)) for m in range(n_tones))
+    loads = "".join(f"&load dof='x1', tuple={entries}, cos=0.4 /\n" for entries in tuples)
     tones = ", ".join(str(np.sqrt(p)) for p in (1, 2, 3, 5)[:n_tones])
     scene = f"&structure type='matrices', n_dofs=1, mass=1, damping=0.2, stiffness=1 /\n&tones frequency={tones} /\n{loads}"
     for room, status in ((least, 0), (least - 1, BAD_INPUT)):
