@@ -109,7 +109,7 @@ contains
          if (n == 0) cycle
          call write_fact("", to_text(n)//" "//outcome_text(status)// &
             first_of(outcome_name(status), findloc(record%status, status, dim=1)))
-         if (.not. is_solved(status)) call write_message(path, findloc(record%status, status, dim=1))
+         if (.not. is_solved(status) .or. status == outcome%several) call write_message(path, findloc(record%status, status, dim=1))
       end do
       n = count(record%rescue > 0)
       if (n > 0) call write_fact("", to_text(n)//" needed more than the direct attempt (see 'rescue')")

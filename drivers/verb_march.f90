@@ -3,17 +3,20 @@ module verb_march
    use arguments, only: arguments_t
    use console, only: say
    use hb_clock, only: wall_clock
+   use hb_coexisting_motions, only: tell_motions
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_place
    use hb_kinds, only: wp
-   use hb_march, only: judge, march_from, march_record_t, march_watcher_t
+   use hb_march, only: judge, march_from, march_judgement_t, march_record_t, march_watcher_t
    use hb_march_config, only: march_method_names, march_start, step_of
    use hb_march_file, only: march_content_t, march_origin_t, read_march_state, write_march_file
+   use hb_march_starts, only: motions_of, state_on_sphere
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
    use hb_modes, only: modes_t, new_modes
    use hb_mpi, only: comm_t, rank_of, share_error
+   use hb_outcome, only: outcome
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_record_tones, only: find_tones
    use hb_run_services, only: run_services
@@ -57,6 +60,10 @@ contains
          call fail(error, "&march needs 'duration' [s]")
          return
       end if
+      if (study%scene%march%starts > 1 .and. any(study%scene%tones%is_unknown)) then
+         call fail(error, "&march starts: motions with an unknown tone differ by its phase, too; give 1")
+         return
+      end if
       call place_result(options, comm, path, error)
       if (allocated(error)) return
       if (rank_of(comm) == 0) call march_scene(options, study, path, error)
@@ -95,6 +102,7 @@ contains
       real(wp) :: seconds, share, step
       real(wp), allocatable :: frequencies(:), omega(:)
       character(300) :: line
+      integer :: i
 
       call check_place(path, options%overwrite, error)
       call annotate(error, "march record '"//path//"'")
@@ -120,6 +128,8 @@ contains
          frequencies = scene%harmonics%frequencies(omega)
          call judge(content%record, frequencies, scene%march%n_peaks, content%judgement, error)
          if (allocated(error)) return
+         if (scene%march%starts > 1) call march_others(scene, frequencies, step, content, error)
+         if (allocated(error)) return
          origin%title = scene%output%title
          origin%method = trim(march_method_names(scene%march%method))
          origin%input_text = study%input_text
@@ -140,9 +150,66 @@ contains
             call say("the record has no tone of its own; the coefficients of unknown tones mean nothing")
          end if
       end if
+      if (allocated(content%motion)) call say(tell_motions(content%motion, &
+         [(outcome%marched, i=1, size(content%motion))], [(amplitude_of(content, content%motion(i)), i=1, size(content%motion))]))
       write (line, "(es7.1)") maxval(content%judgement%spread)
       call say("largest difference between coefficients of both halves of the record: "//trim(line))
    end subroutine march_scene
+
+   !> Marches from the other starts, as long as from the first one, and tells motions apart.
+   subroutine march_others(scene, frequencies, step, content, error)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
+      real(wp), intent(in) :: step                                    !! [s]
+      type(march_content_t), intent(inout) :: content                 !! with what the first start has come to
+      type(error_t), allocatable, intent(out) :: error
+      type(march_judgement_t) :: each(scene%march%starts)
+      type(march_record_t) :: record
+      type(march_state_t) :: state
+      type(march_system_t), target :: system
+      complex(wp) :: c(size(frequencies), size(scene%output%dofs), scene%march%starts)
+      integer :: i, kind(scene%march%starts)
+      real(wp) :: size_of_motion, spread(scene%march%starts)
+
+      each(1) = content%judgement
+      kind = 1
+      do i = 1, size(each)
+         call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, scene%tones%omega)
+         if (i == 1) then
+            size_of_motion = maxval(abs(matmul(content%record%every_displacement, system%laws%shape(scene%output%dofs, :))))
+            if (size_of_motion <= 0.0_wp) size_of_motion = max(system%length, tiny(1.0_wp))
+         else
+            call state_on_sphere(system, scene%tones%omega, size_of_motion, i - 1, state)
+            call march_from(system, scene%march, step, scene%output%dofs, state, record, error)
+            if (allocated(error)) kind(i) = 0                         ! it runs away from there
+            if (kind(i) > 0) call judge(record, frequencies, 0, each(i), error)
+         end if
+         c(:, :, i) = 0.0_wp
+         spread(i) = 0.0_wp
+         if (kind(i) == 0) cycle
+         c(:, :, i) = each(i)%coefficients
+         spread(i) = min(1.0_wp, norm2(each(i)%spread)/max(norm2(abs(c(:, :, i))), tiny(1.0_wp)))
+      end do
+      if (allocated(error)) deallocate (error)
+      content%motion = motions_of(c, kind, spread)
+      allocate (content%motions(maxval(content%motion)))
+      do i = 1, size(content%motions)
+         content%motions(i) = each(findloc(content%motion, i, dim=1))
+      end do
+   end subroutine march_others
+
+   !> Amplitude of an oscillation with the same root mean square, of the degree of freedom that has the largest one.
+   pure real(wp) function amplitude_of(content, motion) result(amplitude)
+      type(march_content_t), intent(in) :: content
+      integer, intent(in) :: motion                                   !! 0: none
+      integer :: k
+
+      amplitude = 0.0_wp
+      if (motion == 0) return
+      associate (c => content%motions(motion)%coefficients)           ! the zero tuple is the first one
+         amplitude = maxval([(norm2(abs(c(2:, k))), k=1, size(c, 2))])
+      end associate
+   end function amplitude_of
 
    !> Base frequencies for the march: unknown ones without a first guess take those of the linear structure, the lowest first.
    subroutine guess_frequencies(scene, omega, error)

@@ -98,7 +98,8 @@ contains
       call run_study(study, how, comm, summary, error)
       if (allocated(error)) return
       associate (n => summary%counts)
-         if (n(outcome%converged) + n(outcome%marched) + n(outcome%unused) < summary%n_points) status = not_all_right
+         if (n(outcome%converged) + n(outcome%marched) + n(outcome%several) + n(outcome%unused) < summary%n_points) &
+            status = not_all_right
       end associate
       if (summary%n_left > 0) status = incomplete
       if (is_told) call write_summary(summary, study, path)

@@ -36,6 +36,7 @@ module hb_march_config
       real(wp) :: spectral_radius = 0.8_wp                            !! of generalized_alpha at infinite frequency
       integer :: start = march_start%rest
       character(:), allocatable :: record                             !! file with the record to be continued
+      integer :: starts = 1                                           !! states from which to march
       integer :: n_peaks = 0                                          !! frequencies searched for, per degree of freedom
       real(wp) :: largest = huge(1.0_wp)                              !! displacement at which to give up [m], no key
       integer(int64) :: most_looks = huge(1_int64)                    !! at the motion, after which to give up, no key
@@ -64,6 +65,7 @@ contains
       call group%get("spectral_radius", self%spectral_radius, unit="1", limits=limits_t(minimum=0.0_wp, maximum=1.0_wp))
       call group%get("start", start, choices=start_names)
       call group%get("continue", self%record)
+      call group%get("starts", self%starts, limits=limits_t(minimum=1, maximum=1000))
       call group%get("n_peaks", self%n_peaks, limits=limits_t(minimum=0, maximum=1000))
       self%method = max(1, findloc(march_method_names == method, .true., dim=1))
       self%start = merge(march_start%given, march_start%rest, start == start_names(march_start%given))

@@ -34,6 +34,8 @@ module hb_march_file
       type(march_record_t) :: record
       type(march_judgement_t) :: judgement
       type(march_state_t) :: state                                    !! the last one
+      integer, allocatable :: motion(:)                               !! in which each start ends, from 1; 0: it runs away
+      type(march_judgement_t), allocatable :: motions(:)              !! each of them, (maxval(motion))
    end type march_content_t
 
    type(h5_dataset_t), parameter :: no_scales(0) = [h5_dataset_t ::]
@@ -68,6 +70,7 @@ contains
          call write_record(writer, origin, structure, content%record, error)
          call write_judgement(writer, origin, structure, content%judgement, error)
          call write_state(writer, structure, content%state, error)
+         if (allocated(content%motion)) call write_motions(writer, origin, structure, content, error)
          call writer%file%put("input_text", origin%input_text, "the input as given", error)
          call writer%file%put("input_complete", origin%input_complete, "the input after defaults", error)
          call writer%file%close(error_in_close)
@@ -191,6 +194,37 @@ contains
       call put_by_dof(self, "peak_coefficients", as_pairs(judgement%amplitudes), [self%component, self%peak, self%dof], units, &
                       "coefficients of the largest lines", error)
    end subroutine write_judgement
+
+   !> Writes where several starts lead.
+   subroutine write_motions(self, origin, structure, content, error)
+      type(writer_t), intent(in) :: self
+      type(march_origin_t), intent(in) :: origin
+      type(structure_t), intent(in) :: structure
+      type(march_content_t), intent(in) :: content
+      type(error_t), allocatable, intent(inout) :: error
+      type(h5_dataset_t) :: start, motion
+      complex(wp) :: c(size(origin%tuples, 2), size(origin%kept_dofs), size(content%motions))
+      real(wp) :: pairs(2, size(c, 1), size(c, 2), size(c, 3)), spread(size(c, 1), size(c, 2), size(c, 3))
+      character(:), allocatable :: units
+      integer :: i
+
+      do i = 1, size(content%motions)
+         c(:, :, i) = content%motions(i)%coefficients
+         spread(:, :, i) = content%motions(i)%spread
+      end do
+      pairs(1, :, :, :) = real(c, wp)
+      pairs(2, :, :, :) = -aimag(c)
+      units = join(structure%units(origin%kept_dofs), " ")
+      call self%file%put("start", [(i, i=1, size(content%motion))], no_scales, "1", "number of the start", error, start)
+      call make_scale(start, "start", error)
+      call self%file%put("motion", [(i, i=1, size(content%motions))], no_scales, "1", "number of the motion", error, motion)
+      call make_scale(motion, "motion", error)
+      call self%file%put("start_motion", content%motion, [start], "1", "motion in which each start ends, 0: none", error)
+      call put_by_dof(self, "motion_coefficients", pairs, [self%component, self%harmonic, self%dof, motion], units, &
+                      "coefficients of each motion", error)
+      call put_by_dof(self, "motion_spread", spread, [self%harmonic, self%dof, motion], units, &
+                      "difference of the coefficients of both halves of its record", error)
+   end subroutine write_motions
 
    subroutine write_state(self, structure, state, error)
       type(writer_t), intent(in) :: self

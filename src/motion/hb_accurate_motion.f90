@@ -24,7 +24,7 @@ module hb_accurate_motion
    use hb_watch, only: watch_t
    implicit none
    private
-   public :: calibrate, calibrate_outputs, left_after, solve_to_tolerance
+   public :: calibrate, calibrate_outputs, gains_nothing, left_after, solve_to_tolerance
 
    integer, parameter :: most_rungs = 24
    integer, parameter :: most_idle = 4                                ! rungs one after the other that gain nothing
@@ -62,7 +62,8 @@ contains
       type(error_t), allocatable :: trouble
       real(wp) :: before, best_estimate, difference, estimate, goal, raw
       real(wp), allocatable :: outputs_before(:), outputs_raw(:)      ! estimates of outputs
-      integer :: n_failures, n_idle, rung
+      real(wp), allocatable :: estimates(:)                           ! of all rungs so far
+      integer :: n_failures, rung
       logical :: is_checked, is_there
 
       here = scene
@@ -79,12 +80,12 @@ contains
       before = estimate_of(result)
       outputs_before = estimates_of_outputs(result)
       n_failures = 0
-      n_idle = 0
+      estimates = [estimate_of_wanted(result)]
       difference = 0.0_wp
       do rung = 1, most_rungs
          estimate = estimate_of_wanted(result)
          if (estimate <= scene%accuracy%tolerance*merge(margin, unchecked, is_checked)) exit
-         if (account%work > scene%accuracy%max_work .or. n_idle == most_idle) exit
+         if (account%work > scene%accuracy%max_work .or. gains_nothing(estimates)) exit
          goal = max(step*estimate, margin*scene%accuracy%tolerance)
          if (estimate <= margin*scene%accuracy%tolerance) goal = max(0.3_wp*estimate, step*scene%accuracy%tolerance)
          goal = goal*3.0_wp**n_failures*estimate_of(result)/max(estimate, tiny(1.0_wp))   ! of the motion
@@ -117,7 +118,7 @@ contains
             best_estimate = max(estimate, difference)
          end if
          n_failures = 0
-         n_idle = merge(n_idle + 1, 0, estimate_of_wanted(trial) > idle*estimate)
+         estimates = [estimates, estimate_of_wanted(trial)]
          top = next
          result = trial
       end do
@@ -129,6 +130,17 @@ contains
       call finish(scene, result, top, account, difference, watch)
       if (scene%accuracy%grows_set .and. scene%chain%is_on .and. result%status == outcome%converged) call trim_set(scene, top)
    end subroutine solve_to_tolerance
+
+   !> Whether rungs have gained nothing for so long that none will: each of the last ones leaves nearly all of the estimate
+   !> before it.
+   pure logical function gains_nothing(estimates)
+      real(wp), intent(in) :: estimates(:)                            !! of the errors of all rungs, in their order
+
+      associate (n => size(estimates))
+         gains_nothing = n > most_idle
+         if (gains_nothing) gains_nothing = all(estimates(n - most_idle + 1:) > idle*estimates(n - most_idle:n - 1))
+      end associate
+   end function gains_nothing
 
    !> Corrects the estimates of a rung by what the rung below shows. Its motion was off by the difference of the two: an estimate
    !> that was below that is raised by as much here. What the upper rung is off by is less than the difference by as much as it
@@ -321,9 +333,12 @@ contains
       type(motion_result_t) :: whole
       type(error_t), allocatable :: error
 
+      if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
+         result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= scene%accuracy%tolerance)
       if (scene%stability%method /= stability_method%off .or. size(scene%output%samples) > 0) then
          here = scene
          here%certificate%is_on = .false.
+         here%stability%work_spent = account%work
          call put_on_rung(here, scene, top, error)
          if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns, watch=watch)
          if (.not. allocated(error) .and. whole%status == outcome%converged) then
@@ -335,10 +350,6 @@ contains
             end if
          end if
       end if
-      associate (found => result%certificate)
-         if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
-            result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= scene%accuracy%tolerance)
-      end associate
       if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
          result%message = message_on_outputs(scene%accuracy, result%output_estimate)
       result%harmonics = top%set

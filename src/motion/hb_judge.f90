@@ -26,9 +26,12 @@ module hb_judge
 
    !> Where a scene ends that is followed through time.
    type :: settled_t
-      integer :: status = outcome%pending                             !! marched, subharmonic, broadband; pending: not known
+      integer :: status = outcome%pending                             !! of marching; pending: not known
+      integer :: n_motions = 0                                        !! in which several starts end; 0: there was one start
       character(:), allocatable :: message                            !! what was found, or why nothing was
       complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_dofs, n_harmonics); where marched
+      complex(wp), allocatable :: averages(:, :)                      !! likewise at the coordinates, (n_harmonics, n_coordinates)
+      real(wp) :: amplitude = 0.0_wp                                  !! of the same root mean square, of the largest coordinate [m]
       real(wp) :: spread = 0.0_wp                                     !! of the coordinates of the laws between windows, relative
       integer :: n_periods = 0                                        !! of the slowest tone, in all
       real(wp) :: work = 0.0_wp                                       !! in about a nanosecond, from counts

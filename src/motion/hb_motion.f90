@@ -101,6 +101,7 @@ contains
       if (allocated(error)) settled%message = "marching: "//error%message
       if (watch%verdict == verdict%go_on .and. settled%status == outcome%marched) &
          call balance_from(scene, guess_from(scene, coordinates, settled), watch, result, unknowns)
+      result%n_motions = settled%n_motions
       if (watch%verdict /= verdict%go_on) then
          result%status = status_of(watch)
       else if (result%rescue == rescue%march) then
@@ -112,7 +113,7 @@ contains
          call forget_motion(result)
          result%status = settled%status
          result%message = settled%message
-         if (settled%status == outcome%marched) call keep_marched(scene, coordinates, settled, result)
+         if (is_solved(settled%status)) call keep_marched(scene, coordinates, settled, result)
       end if
    end subroutine rescue_by_march
 

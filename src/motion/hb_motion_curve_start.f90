@@ -53,7 +53,7 @@ contains
          rung = rung_of(scene)
       end if
       self%is_done = allocated(error) .or. .not. allocated(unknowns)
-      if (result%status == outcome%marched) then
+      if (any(result%status == [outcome%marched, outcome%several])) then
          result%status = outcome%stalled                              ! a motion, but no point of a curve
          result%message = "a curve starts from a balance; "//result%message
       end if

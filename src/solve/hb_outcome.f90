@@ -30,18 +30,19 @@ module hb_outcome
       integer :: marched = 18                          !! no balance was found; the motion is that in which marching ends
       integer :: subharmonic = 19                      !! marching ends in a motion that takes several periods
       integer :: broadband = 20                        !! marching ends in a motion without order
+      integer :: several = 21                          !! marching ends in several motions, by where it starts
       integer :: interrupted = -1                      !! the run ends: never in a file, where the point stays pending
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:20) = [character(13) :: &
+   character(*), parameter :: outcome_names(0:21) = [character(13) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
       "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed", "diverged", "locked", &
-      "timed_out", "impact", "unused", "marched", "subharmonic", "broadband"]
+      "timed_out", "impact", "unused", "marched", "subharmonic", "broadband", "several"]
 
-   character(*), parameter :: texts(0:20) = [character(64) :: &
+   character(*), parameter :: texts(0:21) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
@@ -62,7 +63,8 @@ module hb_outcome
       "unused: room for a point of a curve that has ended before", &
       "marched: no balance was found, the motion is from marching", &
       "subharmonic: the motion takes several periods, see the message", &
-      "broadband: marching finds no motion of the tones"]
+      "broadband: marching finds no motion of the tones", &
+      "several: marching ends in several motions, see the message"]
 
 contains
 
@@ -89,7 +91,7 @@ contains
       integer, intent(in) :: status
 
       is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating, &
-                               outcome%impact, outcome%marched])
+                               outcome%impact, outcome%marched, outcome%several])
    end function is_solved
 
    !> Whether a number is one of the statuses.

@@ -52,7 +52,7 @@ contains
       if (allocated(error)) return
       work = work_of_exponents(variation)
       if (motion%tones%n_tones == 1) work = work_of_transfer(variation, two_pi/motion%tones%omega(1))
-      if (config%method == stability_method%auto .and. work > config%patience*work_allowed) return
+      if (config%method == stability_method%auto .and. work > max(config%patience*work_allowed, config%work_spent)) return
       stability%method = stability_method%march
       if (config%method == stability_method%hill .and. variation%is_smooth()) then
          allocate (hill)

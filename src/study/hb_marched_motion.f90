@@ -120,6 +120,8 @@ contains
             has_forgotten = window == most_windows .or. rate*settled%n_periods*period >= enough_decay .or. &
                             (rate <= 0.0_wp .and. window > least_windows)   ! no mode of the structure decays, or none is known
             settled%spread = spread
+            settled%averages = now
+            settled%amplitude = amplitude_of(z)
             if (window < least_windows .and. spread > aim*allowed) cycle
             call tell(scene, settled, z, now, record, allowed, has_forgotten, window == most_windows)
             if (settled%status == outcome%subharmonic) exit
@@ -195,6 +197,14 @@ contains
                            ", and it does not show yet whether the motion repeats"
       end select
    end subroutine tell
+
+   !> Amplitude of an oscillation with the same root mean square, of the coordinate that has the largest one.
+   pure real(wp) function amplitude_of(z) result(amplitude)
+      real(wp), intent(in) :: z(:, :)                                 !! (n_samples, n_coordinates)
+      integer :: k
+
+      amplitude = sqrt(2.0_wp/size(z, 1))*maxval([(norm2(z(:, k) - sum(z(:, k))/size(z, 1)), k=1, size(z, 2))])
+   end function amplitude_of
 
    !> Averages at all tuples, cos - i sin, (n_harmonics, any).
    function averages_of(x, record, frequencies) result(c)

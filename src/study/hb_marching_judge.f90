@@ -1,10 +1,10 @@
 !> The judge of a run: marching.
 module hb_marching_judge
+   use hb_coexisting_motions, only: settle_from_starts
    use hb_error, only: error_t
    use hb_judge, only: judge_t, locking_t, settled_t
    use hb_kinds, only: wp
    use hb_locking, only: find_locking
-   use hb_marched_motion, only: settle
    use hb_marched_start, only: marched_guess
    use hb_scene, only: scene_t
    use hb_watch, only: watch_t
@@ -29,7 +29,7 @@ contains
       type(settled_t), intent(out) :: settled
       type(error_t), allocatable, intent(out) :: error
 
-      call settle(scene, law_dofs, watch, settled, error)
+      call settle_from_starts(scene, law_dofs, watch, settled, error)
    end subroutine marching_judge_settle
 
    subroutine marching_judge_first_guess(self, scene, omega, law_dofs, watch, guess, error)

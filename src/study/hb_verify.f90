@@ -234,7 +234,7 @@ contains
          config%largest = runaway*maxval(scale)
          call new_march_state(state, system%n_dofs, system%laws%n_states)
          call place_state(system, amplitudes, frequencies, -periods_of_sliders*length%period, step, state)
-         if (stored%status(point) == outcome%marched) then
+         if (any(stored%status(point) == [outcome%marched, outcome%several])) then
             scene%march%tolerance = config%tolerance
             call verify_marched(scene, system, transpose(amplitudes), state, stored%truncation(point), result, error)
             return

@@ -45,6 +45,7 @@ STATUSES = (
     "marched",
     "subharmonic",
     "broadband",
+    "several",
 )
 
 _FORMS = (

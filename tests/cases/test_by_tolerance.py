@@ -3,6 +3,9 @@ and refused."""
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -84,6 +87,22 @@ def test_one_percent_without_a_word(tmp_path):
 def test_what_cannot_be_is_refused(group, words, tmp_path):
     done, _ = _solve(SCENE + group, tmp_path)
     assert done.status == BAD_INPUT and words in done.stderr
+
+
+@pytest.mark.parametrize("n_tones", [1, 2, 3, 4])
+def test_the_least_room_for_tuples_is_as_documented(n_tones, tmp_path):
+    """docs/user/input.md, `max_harmonics`: so many are taken, one less is refused."""
+    page = (Path(__file__).resolve().parents[2] / "docs" / "user" / "input.md").read_text(encoding="utf-8")
+    told = re.search(r"first box, (\d+), (\d+), (\d+) or (\d+) for one to four tones", page)
+    least = int(told[n_tones])
+    tuples = (",".join(str(int(i == m)) for i in range(n_tones)) for m in range(n_tones))
+    loads = "".join(f"&load dof='x1', tuple={entries}, cos=0.4 /\n" for entries in tuples)
+    tones = ", ".join(str(np.sqrt(p)) for p in (1, 2, 3, 5)[:n_tones])
+    scene = f"&structure type='matrices', n_dofs=1, mass=1, damping=0.2, stiffness=1 /\n&tones frequency={tones} /\n{loads}"
+    for room, status in ((least, 0), (least - 1, BAD_INPUT)):
+        (tmp_path / "scene.nml").write_text(f"{scene}&law type='cubic_spring', dof='x1', stiffness=0.01 /\n"
+                                            f"&accuracy max_harmonics={room} /\n")
+        assert run("check", "scene.nml", cwd=tmp_path).status == status
 
 
 def test_estimates_of_outputs_are_stored_and_shown(tmp_path):

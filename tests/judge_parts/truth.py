@@ -133,6 +133,7 @@ def _march(library, scene: Scene, motion: Motion, q, v, bound, rigid_step=RIGID_
     n_steps, first = periods * looks * stride, (periods - kept) * looks * stride
     out = np.zeros((kept * looks, len(q)))
     slider = _sliders(scene, motion, shape, period, looks)
+    q, v = np.array(q), np.array(v)  # a real part is a view with gaps
     done = library.judge_march(
         ctypes.byref(problem), *(ctypes.c_void_p(a.ctypes.data) for a in (q, v, slider)), ctypes.c_double(step),
         ctypes.c_long(n_steps), ctypes.c_long(first), ctypes.c_long(stride), ctypes.c_double(bound),

@@ -14,6 +14,23 @@ MUTANTS = [
         ),
     ),
     *of(
+        "march/hb_march_starts.f90",
+        (
+            "starts_apart",
+            "test_hb_march_starts",
+            "motions of which one coordinate differs are the same",
+            "distance = maxval([(norm2(abs(a(:, k) - b(:, k)))/own(k)",
+            "distance = minval([(norm2(abs(a(:, k) - b(:, k)))/own(k)",
+        ),
+        (
+            "starts_sphere",
+            "test_hb_march_starts",
+            "all starts have one direction",
+            "angle = two_pi*golden*number",
+            "angle = two_pi*golden",
+        ),
+    ),
+    *of(
         "march/hb_march_verdict.f90",
         (
             "verdict_limit",

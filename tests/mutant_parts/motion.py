@@ -27,6 +27,20 @@ MUTANTS = [
             "1.0_wp",
         ),
         (
+            "accuracy_idle",
+            "test_hb_accurate_motion",
+            "the third rung that gains nothing is the last one",
+            "integer, parameter :: most_idle = 4",
+            "integer, parameter :: most_idle = 3",
+        ),
+        (
+            "accuracy_torus",
+            "test_hb_accurate_motion",
+            "stability of a torus found by tolerance may take no more than a usual point",
+            "here%stability%work_spent = account%work",
+            "here%stability%work_spent = 0.0_wp",
+        ),
+        (
             "accuracy_neighbour",
             "test_hb_accurate_motion",
             "the set of a neighbour is not used",

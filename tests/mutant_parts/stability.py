@@ -98,6 +98,13 @@ MUTANTS = [
             "self%n_unstable = count(abs(multipliers) < 1.0_wp + margin)",
         ),
         (
+            "stability_work_spent",
+            "test_hb_stability",
+            "stability of a motion that was dear to find may not be dear",
+            "max(config%patience*work_allowed, config%work_spent)",
+            "config%patience*work_allowed",
+        ),
+        (
             "stability_own_phase",
             "test_hb_stability",
             "the shift of the motion's own phase is left among the multipliers",

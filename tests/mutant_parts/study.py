@@ -4,6 +4,23 @@ from mutant_parts.mutant import of
 
 MUTANTS = [
     *of(
+        "study/hb_coexisting_motions.f90",
+        (
+            "coexisting_told",
+            "test_hb_marched_motion",
+            "of several motions the first is the answer, without a word",
+            "settled%status == outcome%marched) settled%status = outcome%several",
+            "settled%status == outcome%marched) continue",
+        ),
+        (
+            "coexisting_subharmonic",
+            "test_hb_marched_motion",
+            "motions of several periods do not count beside others",
+            "if (each(i)%status == outcome%pending) cycle",
+            "if (each(i)%status /= outcome%marched) each(i)%status = 0\n         if (each(i)%status == 0) cycle",
+        ),
+    ),
+    *of(
         "study/hb_marched_motion.f90",
         (
             "marched_repeats",

@@ -10,7 +10,7 @@ PENDING, CONVERGED, FAILED, CRASHED, UNUSED = 0, 1, 6, 12, 17
 EMPTY = (PENDING, FAILED, CRASHED, UNUSED)
 # There is a motion: of the balance, where all but the first miss a threshold of the certificate and do not count as converged, or
 # marched.
-SOLVED = (CONVERGED, 7, 8, 9, 16, 18)
+SOLVED = (CONVERGED, 7, 8, 9, 16, 18, 21)
 
 TEXTS = {
     "pending": "not solved yet",
@@ -34,6 +34,7 @@ TEXTS = {
     "marched": "marched: no balance was found, the motion is from marching",
     "subharmonic": "subharmonic: the motion takes several periods, see the message",
     "broadband": "broadband: marching finds no motion of the tones",
+    "several": "several: marching ends in several motions, see the message",
 }
 NAMES = dict(enumerate(TEXTS))
 

@@ -244,7 +244,7 @@ class Results:
 
     @property
     def solved(self) -> np.ndarray:
-        """Numbers of the points with a motion: converged, truncated, aliased, penetrating, impact, marched."""
+        """Numbers of the points with a motion: converged, truncated, aliased, penetrating, impact, marched, several."""
         return np.flatnonzero(np.isin(self.status, SOLVED))
 
     @property

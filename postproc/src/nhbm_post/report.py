@@ -135,8 +135,8 @@ def _frequency_text(results: Results, point: int, tone: int) -> str:
 
 
 def _last_column(results: Results, point: int, dof: str) -> str:
-    """Largest amplitudes of a solved point, why a failed one failed."""
-    if results.status[point] in EMPTY or results.status_name(point) in ("collapsed", "no_motion", "locked"):
+    """Largest amplitudes of a solved point, why a failed one failed, which motions there are beside each other."""
+    if results.status[point] in EMPTY or results.status_name(point) in ("collapsed", "no_motion", "locked", "several"):
         return results.message(point) or "-"
     try:
         series = results.series(point, dof, allow_unconverged=True)

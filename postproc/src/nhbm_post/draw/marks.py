@@ -42,6 +42,7 @@ _MARKS = {
     "penetrating": Mark("v", "#CC79A7"),
     "impact": Mark("<", "#F0E442"),
     "marched": Mark("d", "#009E73"),
+    "several": Mark("D", "#009E73", is_filled=False),
     "stalled": Mark("x", style.FAILURE),
     "out_of_budget": Mark("+", style.FAILURE),
     "singular": Mark("1", style.FAILURE),
