@@ -52,7 +52,9 @@ contains
          call describe_all(self, worst, estimate, error)
          if (allocated(error) .or. self%watch%verdict /= verdict%go_on .or. self%n_rungs == most_rungs) return
          is_accurate = estimate <= margin*self%scene%accuracy%tolerance
-         if (is_accurate .and. all(self%waiting(self%first_waiting:)%kind /= curve_kind%branch)) return
+         associate (kinds => self%waiting(self%first_waiting:)%kind)
+            if (is_accurate .and. .not. any(kinds == curve_kind%branch .or. kinds == curve_kind%split)) return
+         end associate
          if (.not. is_accurate) n_idle = merge(n_idle + 1, 0, estimate > idle*best)
          if (n_idle == most_idle) then                                ! no set helps: the point is told as it is
             call stand_at(self, first, error)
@@ -148,7 +150,7 @@ contains
       real(wp), allocatable, intent(inout) :: x(:), direction(:)
       type(error_t), allocatable, intent(out) :: error
       type(scene_t) :: scene                                          ! in which all tuples of the lowest set are needed
-      type(motion_result_t) :: result
+      type(motion_result_t), allocatable :: result
       type(rung_t) :: before, next
       real(wp), allocatable :: moved(:), moved_direction(:)
       real(wp) :: best, estimate
@@ -161,6 +163,8 @@ contains
       best = huge(1.0_wp)
       self%n_rungs = 1
       do
+         if (allocated(result)) deallocate (result)
+         allocate (result)
          call self%make_curve(x, direction)
          call self%describe(waiting_t(curve_kind%regular, 0.0_wp, x), result, error)
          if (allocated(error)) return

@@ -7,7 +7,7 @@ submodule (hb_motion_curve) hb_motion_curve_start
    use hb_curve_origin, only: find_direction
    use hb_motion, only: solve_motion
    use hb_newton, only: solve_newton
-   use hb_rung, only: join, put_on_rung, rung_of
+   use hb_rung, only: join, put_on_rung, reliable, rung_of
    use hb_scene_problem, only: new_scene_problem
    use hb_solver_types, only: solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
@@ -55,6 +55,10 @@ contains
       if (result%status == outcome%marched) then
          result%status = outcome%stalled                              ! a motion, but no point of a curve
          result%message = "a curve starts from a balance; "//result%message
+      end if
+      if (any(scene%tones%is_unknown) .and. scene%accuracy%is_on .and. .not. self%is_done) then
+         self%is_done = estimate_of(result) >= reliable
+         if (self%is_done) result%message = "no set that is allowed holds this motion: it may have other tones, or none"
       end if
       if (self%is_done) return
       further = [pack(result%frequency, scene%tones%is_unknown)]
