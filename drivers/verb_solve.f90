@@ -68,7 +68,7 @@ contains
       if (.not. allocated(error)) call run_switched(study, options, options%input, comm, status, error)
    end subroutine run_resume
 
-   subroutine run(study, options, path, resumes, comm, status, error)
+   subroutine run(study, options, path, resumes, comm, status, error, n_rows)
       type(study_t), intent(in) :: study
       type(arguments_t), intent(in) :: options
       character(*), intent(in) :: path                                !! of the result file
@@ -76,6 +76,7 @@ contains
       type(comm_t), intent(in) :: comm
       integer, intent(out) :: status
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(out), optional :: n_rows                        !! points of the file that are not unused
       type(run_options_t) :: how
       type(run_summary_t) :: summary
       logical :: is_told
@@ -102,6 +103,7 @@ contains
             status = not_all_right
       end associate
       if (summary%n_left > 0) status = incomplete
+      if (present(n_rows)) n_rows = summary%n_points - summary%counts(outcome%unused)
       if (is_told) call write_summary(summary, study, path)
       if (is_told .and. options%level >= log_level%verbose) call write_times(summary)
       if (rank_of(comm) == 0 .and. status == incomplete) write (error_unit, "(a)") "nhbm: "//reason(summary)//": "// &
@@ -140,6 +142,7 @@ contains
          type(study_t) :: switched
          type(string_t), allocatable :: overrides(:)
          character(:), allocatable :: place, text, where
+         integer :: n_rows
          logical :: is_there
 
          its_status = success
@@ -156,8 +159,12 @@ contains
             if (rank_of(comm) == 0) call say(place//" was not switched: "//error%message)
             deallocate (error)
          else
-            call run(switched, options, where, is_there, comm, its_status, error)
-            if (from%kind == curve_kind%graze .and. its_status == not_all_right) its_status = success   ! there may be no torus
+            call run(switched, options, where, is_there, comm, its_status, error, n_rows)
+            if (allocated(error) .or. from%kind /= curve_kind%graze .or. its_status /= not_all_right .or. n_rows > 1) return
+            its_status = success                                      ! the motion that contact brings need not be a torus
+            if (rank_of(comm) > 0) return
+            call say("behind "//place//" no torus was found: "//where//" is removed")
+            call remove_file(where)
          end if
       end subroutine run_one
    end subroutine run_switched

@@ -9,9 +9,11 @@ module hb_curve_origin
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: two_pi, wp
+   use hb_rung, only: degree_of, join, needed_samples, rung_of, rung_t
    use hb_scene, only: scene_t
    use hb_scene_problem, only: scene_problem_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
    public :: curve_origin_t, find_direction, new_curve_origin
@@ -21,20 +23,23 @@ module hb_curve_origin
    type :: curve_origin_t
       logical :: is_torus = .false.                                   !! a tone joins, the last one; else the period doubles
       integer :: multiple = 1                                         !! of entries of tuples: 2 where the period doubles
+      type(rung_t) :: rung                                            !! the wider set, and its grid
       real(wp), allocatable :: u(:, :)                                !! motion in the wider set, (n_coefficients, n_coordinates)
       real(wp), allocatable :: further(:)                             !! frequencies of unknown tones there, and the value
    end type curve_origin_t
 
 contains
 
-   !> Takes the motion of a point on another curve over into the set of a scene. Fails where the state is not that of such a point.
-   subroutine new_curve_origin(self, is_torus, state, tuples, scene, error)
+   !> Takes the motion of a point on another curve over into the set of a scene, or one around it where sets are chosen by a
+   !> tolerance. Fails where the state is not that of such a point.
+   subroutine new_curve_origin(self, is_torus, state, tuples, scene, error, n_samples)
       type(curve_origin_t), intent(out) :: self
       logical, intent(in) :: is_torus                                 !! else the period doubles
       real(wp), intent(in) :: state(:)                                !! as hb_motion_curve stores it: unknowns, direction, angle
       integer, intent(in) :: tuples(:, :)                             !! on the other curve, (its tones, its harmonics)
       type(scene_t), intent(in) :: scene                              !! with the wider set
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: n_samples(:)                   !! of the grid on the other curve, (its tones)
       type(harmonics_t) :: other
       real(wp), allocatable :: old(:, :)
       real(wp) :: first                                               ! base frequency of the motion that is left [rad/s]
@@ -52,8 +57,10 @@ contains
          call fail(error, "its motion does not fit the tones, harmonics and laws of this input")
          return
       end if
+      call choose_rung(self%rung, other, is_torus, scene, error, n_samples)
+      if (allocated(error)) return
       old = reshape(state(:n - n_further), [other%n_coefficients, n_coordinates])
-      associate (set => scene%harmonics)
+      associate (set => self%rung%set)
          allocate (self%u(set%n_coefficients, n_coordinates), source=0.0_wp)
          do h = 1, other%n_harmonics
             if (is_torus) then
@@ -76,6 +83,45 @@ contains
          end if
       end associate
    end subroutine new_curve_origin
+
+   !> Set and grid of the other motions: those of the scene or, where a tolerance rules them, what the motion there has and what
+   !> comes to it.
+   subroutine choose_rung(rung, other, is_torus, scene, error, n_samples)
+      type(rung_t), intent(out) :: rung
+      type(harmonics_t), intent(in) :: other
+      logical, intent(in) :: is_torus
+      type(scene_t), intent(in) :: scene
+      type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: n_samples(:)
+      type(harmonics_t) :: wide
+      integer :: entries(other%n_tones + 1, other%n_harmonics)
+      logical :: is_new
+
+      rung = rung_of(scene)
+      if (scene%accuracy%grows_set) then
+         if (is_torus) then
+            entries = 0
+            entries(:other%n_tones, :) = other%tuples
+            call new_harmonics(wide, entries, error)
+         else
+            call new_doubled_set(wide, other, error)
+         end if
+         if (allocated(error)) return
+         rung%unknowns = [spread(0.0_wp, 1, rung%set%n_coefficients), 0.0_wp*scene%tones%omega]
+         call join(rung, wide, is_new)
+         deallocate (rung%unknowns)
+         if (rung%set%n_harmonics > scene%accuracy%max_harmonics) then
+            call fail(error, "the other motions begin with more tuples than &accuracy max_harmonics allows")
+            return
+         end if
+      end if
+      if (.not. (scene%accuracy%is_on .and. scene%accuracy%refines_grid)) return
+      rung%n_samples = max(rung%n_samples, needed_samples(rung%set%highest, degree_of(scene)))
+      if (.not. present(n_samples)) return
+      associate (old => rung%n_samples(:other%n_tones))
+         old = max(old, merge(1, 2, is_torus)*n_samples)
+      end associate
+   end subroutine choose_rung
 
    !> Direction of the other motions at the origin, where the problem stands; it has the frequency `joined` of a tone that joins,
    !> which may become another one.

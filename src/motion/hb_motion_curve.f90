@@ -75,7 +75,7 @@ module hb_motion_curve
       integer, private :: way = 1                                     ! 1 and 2 from the start; 2 k + 1 and 2 k + 2 from the k-th
                                                                       ! branch point, along the other curve, or motion apart
       type(origin_t), allocatable, private :: origins(:)              ! branch points met on the ways from the start, motions apart
-      type(waiting_t), allocatable, private :: met(:)                 ! motions at values at which others are sought
+      type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are sought
       real(wp), allocatable, private :: x_first(:)                    ! the start itself
       real(wp), allocatable, private :: first_direction(:)            ! there, where the curve leaves another one
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first way
@@ -106,6 +106,8 @@ module hb_motion_curve
       procedure, nopass :: n_entries
       procedure :: destroy => motion_curve_destroy
       procedure, private :: renew => motion_curve_renew
+      procedure, private :: go => motion_curve_go
+      procedure, private :: has_left_branch => motion_curve_has_left_branch
       procedure, private :: step => motion_curve_step
       procedure, private :: step_to_tolerance => motion_curve_step_to_tolerance
       procedure, private :: put_on => motion_curve_put_on
@@ -121,6 +123,7 @@ module hb_motion_curve
       procedure, private :: note_apart => motion_curve_note_apart
       procedure, private :: note_met => motion_curve_note_met
       procedure, private :: look_apart => motion_curve_look_apart
+      procedure, private :: settle => motion_curve_settle
       procedure, private :: move => motion_curve_move
       procedure, private :: sense => motion_curve_sense
       procedure, private :: state => motion_curve_state
@@ -144,12 +147,13 @@ module hb_motion_curve
 
       !> Takes the place of `begin`: next to a motion and tangent of another curve, in the plane across this a bit before it, so
       !> that what is there lies ahead. `is_found` is false where there is no motion.
-      module subroutine motion_curve_begin_next_to(self, scene, document, request, place, is_found, error, watch)
+      module subroutine motion_curve_begin_next_to(self, scene, document, request, place, sense, is_found, error, watch)
          class(motion_curve_t), intent(inout), target :: self
          type(scene_t), intent(in) :: scene
          type(document_t), intent(in) :: document                     !! from which it was read
          type(curve_request_t), intent(in) :: request
-         real(wp), intent(in) :: place(:)                             !! unknowns and tangent of the other curve, in this order
+         type(curve_place_t), intent(in) :: place                     !! a fold or peak of the other curve
+         real(wp), intent(in) :: sense                                !! 1 along its tangent, -1 against it
          logical, intent(out) :: is_found
          type(error_t), allocatable, intent(out) :: error
          class(watch_t), intent(inout), target :: watch
@@ -207,6 +211,14 @@ module hb_motion_curve
          type(error_t), allocatable, intent(out) :: error
       end subroutine motion_curve_step_to_tolerance
 
+      !> Takes a motion over to a set and a grid on which it is as accurate as is asked for, if there is one, in the plane across a
+      !> direction. The problem stands on these afterwards.
+      module subroutine motion_curve_settle(self, x, direction, error)
+         class(motion_curve_t), intent(inout), target :: self
+         real(wp), allocatable, intent(inout) :: x(:), direction(:)   !! on the set at hand, before and afterwards
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine motion_curve_settle
+
       !> Takes start and direction of this way over to the set at hand.
       module subroutine motion_curve_carry_start(self)
          class(motion_curve_t), intent(inout) :: self
@@ -224,8 +236,9 @@ module hb_motion_curve
    ! Motions apart from all curves; body in hb_motion_curve_apart
    interface
       !> Looks for a motion apart from all that were met at the values at which others are asked for; notes the first one.
-      module subroutine motion_curve_look_apart(self)
+      module subroutine motion_curve_look_apart(self, error)
          class(motion_curve_t), intent(inout), target :: self
+         type(error_t), allocatable, intent(out) :: error
       end subroutine motion_curve_look_apart
    end interface
 
@@ -267,8 +280,8 @@ contains
 
       is_found = .false.
       do n_steps = 1, most_steps
-         call self%step()
-         if (self%curve%status /= outcome%pending) return
+         call self%go(error)
+         if (allocated(error) .or. self%curve%status /= outcome%pending) return
          i = findloc(self%waiting%kind, kind, dim=1)
          is_found = i > 0
          if (is_found) exit
@@ -279,14 +292,15 @@ contains
       call count_work(self%curve%report, report_t(), result)
    end subroutine motion_curve_look_for
 
-   !> The first response of the request at a stored state.
+   !> The first response of the request at the state of the point told last.
    real(wp) function motion_curve_measure(self, state) result(measure)
       class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: state(:)
 
       measure = 0.0_wp
       if (size(self%request%peaks) > 0) &
-         measure = sqrt(square_at(self%problem, self%which, self%request%peaks(1), state(:size(self%x_first))))
+         measure = sqrt(square_at(self%problem, self%which, self%request%peaks(1), &
+                                  state(:self%problem%n_unknowns + size(self%which))))
    end function motion_curve_measure
 
    !> 1 on the first of two ways from one point, -1 on the other.
@@ -342,12 +356,8 @@ contains
       call self%watch%begin(self%problem%scene%solver%time_limit)
       before = self%curve%report
       if (self%first_waiting > size(self%waiting)) then
-         if (self%scene%accuracy%is_on) then
-            call self%step_to_tolerance(error)
-            if (allocated(error)) return
-         else
-            call self%step()
-         end if
+         call self%go(error)
+         if (allocated(error)) return
       end if
       if (self%curve%status /= outcome%pending) then
          result%status = self%curve%status
@@ -370,6 +380,18 @@ contains
       self%n_told = self%n_told + 1
       self%is_done = self%is_done .or. self%n_told >= self%request%n_points
    end subroutine motion_curve_next
+
+   !> Goes one step, by tolerance where one is asked for.
+   subroutine motion_curve_go(self, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      if (self%scene%accuracy%is_on) then
+         call self%step_to_tolerance(error)
+      else
+         call self%step()
+      end if
+   end subroutine motion_curve_go
 
    !> Notes what a point has taken.
    pure subroutine count_work(report, before, result)
@@ -404,7 +426,10 @@ contains
       self%way = self%way + 1
       if (self%way == 2 .and. .not. is_inside(self%request, self%request%start)) self%way = 3
       if (self%way == 2 .and. allocated(self%request%origin)) self%way = 3   ! the other way has the same motions, shifted
-      if (self%way > 2*(1 + size(self%origins)) .and. self%n_told + 1 < self%request%n_points) call self%look_apart()
+      if (self%way > 2*(1 + size(self%origins)) .and. self%n_told + 1 < self%request%n_points) then
+         call self%look_apart(error)
+         if (allocated(error)) return
+      end if
       self%is_done = self%way > 2*(1 + size(self%origins)) .and. self%watch%verdict == verdict%go_on
       if (self%way > 2*(1 + size(self%origins))) return
       call self%set_out(error)
@@ -428,26 +453,24 @@ contains
    end subroutine motion_curve_note_origin
 
    !> Adds a motion apart from all curves so far to those from which curves are followed.
-   subroutine motion_curve_note_apart(self, x)
+   subroutine motion_curve_note_apart(self, x, rung)
       class(motion_curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
+      type(rung_t), intent(in) :: rung                                !! its set and grid
 
-      call self%note_origin([x, 0.0_wp*x], self%first_rung)
+      call self%note_origin([x, 0.0_wp*x], rung)
       self%origins(size(self%origins))%is_apart = .true.
    end subroutine motion_curve_note_apart
 
    !> Keeps a motion that was met at a value at which others are sought.
-   subroutine motion_curve_note_met(self, x)
+   subroutine motion_curve_note_met(self, x, rung)
       class(motion_curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
-      type(waiting_t), allocatable :: longer(:)
+      type(rung_t), intent(in) :: rung                                !! its set and grid
 
       if (.not. allocated(self%request%others)) return
       if (all(abs(self%request%others - x(size(x))) > 0.0_wp)) return
-      allocate (longer(size(self%met) + 1))
-      longer(:size(self%met)) = self%met
-      longer(size(longer))%x = x
-      call move_alloc(longer, self%met)
+      self%met = [self%met, origin_t(x=x, rung=rung)]
    end subroutine motion_curve_note_met
 
    !> Whether a value is in the range, and at none of its ends.
@@ -466,7 +489,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: r(self%problem%n_unknowns)
       integer :: n
-      logical :: is_certified, is_possible
+      logical :: has_tangent, is_certified, is_possible
 
       n = self%problem%n_unknowns
       call self%move(point%x, is_possible)
@@ -480,7 +503,9 @@ contains
          result%n_unknowns = n
          nullify (balance%watch)                                      ! what a solution is worth is always found to its end
          is_certified = scene%certificate%is_on
-         if (any(point%kind == [curve_kind%branch, curve_kind%start])) scene%certificate%is_on = .false.   ! it has no tangent
+         has_tangent = point%kind /= curve_kind%branch
+         if (point%kind == curve_kind%start) has_tangent = scene%accuracy%is_on .and. .not. self%has_left_branch()
+         scene%certificate%is_on = is_certified .and. has_tangent
          call self%curve%put_plane(point%x, self%curve%direction, 0.0_wp)
          call describe_motion(scene, whole_basis(scene%harmonics, scene%torus), balance, &
                               reshape(point%x(:n), [scene%harmonics%n_coefficients, balance%n_dofs]), result, error, &
@@ -497,6 +522,14 @@ contains
       result%n_rungs = self%n_rungs
    end subroutine motion_curve_describe
 
+   !> Whether this way begins at a branch point.
+   pure logical function motion_curve_has_left_branch(self) result(has)
+      class(motion_curve_t), intent(in) :: self
+
+      has = self%way > 2
+      if (has) has = .not. self%origins((self%way - 1)/2)%is_apart
+   end function motion_curve_has_left_branch
+
    !> Makes the result of a point.
    subroutine motion_curve_tell(self, point, result, error)
       class(motion_curve_t), intent(inout), target :: self
@@ -511,7 +544,7 @@ contains
          call self%describe(point, result, error)
       end if
       if (allocated(error)) return
-      call self%note_met(point%x)
+      call self%note_met(point%x, self%rung)
       length = self%length + point%place
       result%curve = curve_place_t(point%kind, point%x(size(point%x)), self%sense()*length, (self%way - 1)/2, point%x)
       if (self%scene%accuracy%is_on) then

@@ -2,66 +2,138 @@
 submodule (hb_motion_curve) hb_motion_curve_apart
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_kinds, only: two_pi
-   use hb_other_motions, only: find_other, shifted
+   use hb_newton, only: solve_newton
+   use hb_other_motions, only: find_other, is_other, shifted
+   use hb_rung, only: carry, join
    use hb_solver_types, only: solver_config_t
    implicit none
 
    integer, parameter :: most_iterations = 40                         ! from one guess
+   integer, parameter :: most_spurious = 4                            ! motions at a value that a larger set makes known ones
+   real(wp), parameter :: clearly = 3.0_wp                            ! farther than known motions may be off, in tolerances
 
 contains
 
-   module subroutine motion_curve_look_apart(self)
+   module subroutine motion_curve_look_apart(self, error)
       class(motion_curve_t), intent(inout), target :: self
-      type(bordered_problem_t) :: held
-      type(solver_config_t) :: config
-      real(wp), allocatable :: known(:, :)
-      real(wp) :: form(self%problem%n_unknowns + 1, 1), x(self%problem%n_unknowns + 1)
-      integer :: i
-      logical :: is_found, is_possible
+      type(error_t), allocatable, intent(out) :: error
+      type(origin_t), allocatable :: known(:), others(:)
+      real(wp), allocatable :: x(:)
+      integer :: i, k, n_spurious
+      logical :: is_found
 
       if (.not. allocated(self%request%others)) return
-      config = self%problem%scene%solver
-      config%max_iterations = most_iterations
-      form = 0.0_wp
-      form(size(x), 1) = 1.0_wp
       do i = 1, size(self%request%others)
-         known = known_at(self, self%request%others(i))
-         if (size(known, 2) == 0) cycle                               ! nothing to begin with
-         call self%move(known(:, 1), is_possible)
-         if (.not. is_possible) cycle
-         call new_bordered_problem(held, self%problem, self%which, form, self%request%others(i:i))
-         config%tolerance = max(self%problem%scene%solver%tolerance, &
-                                2.0_wp*self%problem%rounding_level(known(:self%problem%n_unknowns, 1)))
-         call find_other(held, config, self%problem%scene%harmonics, known, x, is_found)
-         if (.not. is_found) cycle
-         x(size(x)) = self%request%others(i)
-         call self%note_apart(x)
-         return
+         known = pack(self%met, [(.not. abs(self%met(k)%x(size(self%met(k)%x)) - self%request%others(i)) > 0.0_wp, &
+                                  k=1, size(self%met))])
+         if (size(known) == 0) cycle                                  ! nothing to begin with
+         others = known
+         do n_spurious = 0, most_spurious
+            call look_at(self, self%request%others(i), others, x, is_found, error)
+            if (allocated(error)) return
+            if (.not. is_found) exit
+            others = [others, origin_t(x=x, rung=self%rung)]
+            call accept(self, known, x, is_found, error)
+            if (allocated(error)) return
+            if (is_found) then
+               call self%note_apart(x, self%rung)
+               return
+            end if
+         end do
       end do
    end subroutine motion_curve_look_apart
 
-   !> Motions met at a value, and the same ones shifted by periods of what drives them.
-   function known_at(self, value) result(known)
-      class(motion_curve_t), intent(in) :: self
+   !> Looks for a motion at a value beside those that are known there, on a set that has the tuples of all of them.
+   subroutine look_at(self, value, known, x, is_found, error)
+      class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: value
-      real(wp), allocatable :: known(:, :)
+      type(origin_t), intent(in) :: known(:)
+      real(wp), allocatable, intent(out) :: x(:)
+      logical, intent(out) :: is_found
+      type(error_t), allocatable, intent(out) :: error
+      type(bordered_problem_t) :: held
+      type(report_t) :: report
+      type(rung_t) :: rung
+      type(solver_config_t) :: config
+      real(wp), allocatable :: form(:, :), motions(:, :), solved(:)
+      integer :: i
+      logical :: is_new, is_possible
+
+      is_found = .false.
+      if (self%scene%accuracy%is_on) then
+         rung = known(1)%rung
+         rung%unknowns = [known(1)%x(:size(known(1)%x) - size(self%which)), 0.0_wp*self%scene%tones%omega]
+         do i = 2, size(known)
+            call join(rung, known(i)%rung%set, is_new)
+            rung%n_samples = max(rung%n_samples, known(i)%rung%n_samples)
+         end do
+         call self%put_on(rung, error)
+         if (allocated(error)) return
+      end if
+      motions = motions_of(self, known)
+      call self%move(motions(:, 1), is_possible)
+      if (.not. is_possible) return
+      allocate (form(size(motions, 1), 1), source=0.0_wp)
+      form(size(form), 1) = 1.0_wp
+      call new_bordered_problem(held, self%problem, self%which, form, [value])
+      config = self%problem%scene%solver
+      config%tolerance = max(config%tolerance, 2.0_wp*self%problem%rounding_level(motions(:self%problem%n_unknowns, 1)))
+      config%max_iterations = most_iterations
+      if (self%scene%accuracy%is_on) then                             ! what is driven away from must be a zero of this problem
+         do i = 1, size(motions, 2)
+            solved = motions(:, i)
+            call solve_newton(held, config, solved, report)
+            if (report%status == outcome%converged) motions(:, i) = solved
+         end do
+      end if
+      x = motions(:, 1)
+      call find_other(held, config, self%problem%scene%harmonics, motions, x, is_found)
+      x(size(x)) = value
+   end subroutine look_at
+
+   !> Brings a motion to the tolerance; not accepted is one that is another then no more.
+   subroutine accept(self, known, x, is_accepted, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(origin_t), intent(in) :: known(:)
+      real(wp), allocatable, intent(inout) :: x(:)
+      logical, intent(out) :: is_accepted
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: along(:)
+      real(wp) :: value
+
+      is_accepted = .true.
+      if (.not. self%scene%accuracy%is_on) return
+      value = x(size(x))
+      along = 0.0_wp*x
+      along(size(x)) = 1.0_wp
+      call self%settle(x, along, error)
+      if (allocated(error)) return
+      x(size(x)) = value
+      is_accepted = is_other(x, motions_of(self, known), self%problem%scene%harmonics, self%problem%x_scale, &
+                             clearly*self%scene%accuracy%tolerance)
+   end subroutine accept
+
+   !> Motions on the set at hand, and the same ones shifted by periods of what drives them.
+   function motions_of(self, known) result(motions)
+      class(motion_curve_t), intent(in) :: self
+      type(origin_t), intent(in) :: known(:)
+      real(wp), allocatable :: motions(:, :)
       real(wp), allocatable :: phases(:)
       real(wp) :: x(self%problem%n_unknowns + 1)
       integer :: copy, i, m, n_copies
 
       associate (scene => self%problem%scene, n => self%problem%n_unknowns)
          n_copies = scene%tones%subharmonic**scene%tones%n_tones
-         allocate (known(n + 1, 0), phases(scene%tones%n_tones))
-         do i = 1, size(self%met)
-            if (abs(self%met(i)%x(n + 1) - value) > 0.0_wp) cycle
+         allocate (motions(n + 1, 0), phases(scene%tones%n_tones))
+         do i = 1, size(known)
             do copy = 0, n_copies - 1
                phases = [(modulo(copy/scene%tones%subharmonic**(m - 1), scene%tones%subharmonic), m=1, scene%tones%n_tones)]
                phases = two_pi/scene%tones%subharmonic*phases
-               x = self%met(i)%x
+               x = carry(known(i)%rung%set, scene%harmonics, known(i)%x, 1)
                if (copy > 0) x(:n) = shifted(x(:n), scene%harmonics, phases)
-               known = reshape([known, x], [n + 1, size(known, 2) + 1])
+               motions = reshape([motions, x], [n + 1, size(motions, 2) + 1])
             end do
          end do
       end associate
-   end function known_at
+   end function motions_of
 end submodule hb_motion_curve_apart

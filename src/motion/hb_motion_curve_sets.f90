@@ -5,10 +5,12 @@
 !> Neighbours share sets: one that grows is made for a part of the tolerance, and shrinks below a smaller part. The tuples of the
 !> lowest set always stay, as a motion may lose its symmetry on the way. Source: docs/user/accuracy.md.
 submodule (hb_motion_curve) hb_motion_curve_sets
-   use hb_rung, only: carry, choose_next, choose_smaller, margin
+   use hb_harmonics, only: harmonics_t, new_box
+   use hb_rung, only: carry, choose_next, choose_smaller, join, margin
    implicit none
 
    integer, parameter :: most_rungs = 12                              ! on one step
+   integer, parameter :: most_stalled = 3                             ! sets on which one step is tried that leads nowhere
    integer, parameter :: most_idle = 2                                ! one after the other that gain nothing
    real(wp), parameter :: idle = 0.8_wp                               ! of the estimate before: no gain
    real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: for the points that follow, too
@@ -22,10 +24,10 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(standing_t) :: first, here
       type(scene_t) :: scene                                          ! in which all tuples of the lowest set are needed
-      type(rung_t) :: next, top
+      type(rung_t) :: next
       real(wp) :: best, estimate
-      integer :: n_idle, worst
-      logical :: is_found
+      integer :: n_idle, n_stalled, worst
+      logical :: is_accurate, is_found
 
       scene = self%scene
       scene%loads = (1.0_wp, 0.0_wp)
@@ -33,16 +35,27 @@ contains
       if (allocated(error)) return
       first = standing_at(self)
       n_idle = 0
+      n_stalled = 0
       best = huge(1.0_wp)
       self%n_rungs = 1
       do
          here = standing_at(self)
          call self%step()
+         if (self%curve%status == outcome%stalled .and. n_stalled < most_stalled) then
+            n_stalled = n_stalled + 1
+            call widen(self, scene, here, is_found, error)
+            if (allocated(error)) return
+            self%n_rungs = self%n_rungs + 1
+            if (is_found) cycle
+         end if
          if (self%curve%status /= outcome%pending) return
          call describe_all(self, worst, estimate, error)
-         if (allocated(error) .or. estimate <= margin*self%scene%accuracy%tolerance .or. self%n_rungs == most_rungs) return
-         if (self%watch%verdict /= verdict%go_on) return
-         n_idle = merge(n_idle + 1, 0, estimate > idle*best)
+         if (allocated(error) .or. self%watch%verdict /= verdict%go_on .or. self%n_rungs == most_rungs) return
+         is_accurate = estimate <= margin*self%scene%accuracy%tolerance
+         associate (kinds => self%waiting(self%first_waiting:)%kind)
+            if (is_accurate .and. .not. any(kinds == curve_kind%branch .or. kinds == curve_kind%split)) return
+         end associate
+         if (.not. is_accurate) n_idle = merge(n_idle + 1, 0, estimate > idle*best)
          if (n_idle == most_idle) then                                ! no set helps: the point is told as it is
             call stand_at(self, first, error)
             if (allocated(error)) return
@@ -51,12 +64,15 @@ contains
             if (self%curve%status == outcome%pending) call describe_all(self, worst, estimate, error)
             return
          end if
-         best = min(best, estimate)
-         associate (n => self%problem%n_unknowns, point => self%waiting(worst))
-            top = self%rung
-            top%unknowns = [point%x(:n), 0.0_wp*self%scene%tones%omega]
-            call choose_next(scene, point%result, top, max(least_goal*estimate, goal_ahead*self%scene%accuracy%tolerance), &
-                             0, next, is_found)
+         associate (point => self%waiting(worst))
+            if (is_accurate) then                                     ! the other motions may have what this one has not
+               next = top_at(self, point%x)
+               call fill(next, is_found)
+            else
+               best = min(best, estimate)
+               call choose_next(scene, point%result, top_at(self, point%x), &
+                                max(least_goal*estimate, goal_ahead*self%scene%accuracy%tolerance), 0, next, is_found)
+            end if
          end associate
          if (.not. is_found) return
          call stand_at(self, here, error)
@@ -73,6 +89,109 @@ contains
       end do
    end subroutine motion_curve_step_to_tolerance
 
+   !> Goes over to a larger set or a finer grid where there is no way on, at the last point; the curve stays stalled where there is
+   !> none.
+   subroutine widen(self, scene, here, is_found, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene
+      type(standing_t), intent(in) :: here
+      logical, intent(out) :: is_found
+      type(error_t), allocatable, intent(out) :: error
+      type(motion_result_t) :: result
+      type(rung_t) :: next
+
+      is_found = .false.
+      call stand_at(self, here, error)
+      if (allocated(error)) return
+      call self%describe(waiting_t(curve_kind%regular, 0.0_wp, self%curve%x), result, error)
+      if (allocated(error)) return
+      call choose_next(scene, result, top_at(self, self%curve%x), least_goal*estimate_of(result), 0, next, is_found)
+      if (is_found .and. self%watch%verdict == verdict%go_on) call change_set(self, next, is_found, error)
+      if (allocated(error)) return
+      if (is_found) then
+         self%curve%step = self%curve%config%first_step
+      else
+         call stand_at(self, here, error)
+         self%curve%status = outcome%stalled
+      end if
+   end subroutine widen
+
+   !> Makes the set of one tone one without gaps: where symmetry breaks the branch point depends on tuples that carry nothing.
+   subroutine fill(rung, is_new)
+      type(rung_t), intent(inout) :: rung
+      logical, intent(out) :: is_new
+      type(harmonics_t) :: box
+      type(error_t), allocatable :: error
+
+      is_new = .false.
+      if (rung%set%n_tones > 1 .or. is_without_gaps(rung)) return
+      call new_box(box, rung%set%highest, .false., error)
+      if (.not. allocated(error)) call join(rung, box, is_new)
+   end subroutine fill
+
+   pure logical function is_without_gaps(rung)
+      type(rung_t), intent(in) :: rung
+
+      is_without_gaps = rung%set%n_tones == 1 .and. rung%set%n_harmonics == rung%set%highest(1) + 1
+   end function is_without_gaps
+
+   !> The set at hand with a motion in it.
+   function top_at(self, x) result(top)
+      class(motion_curve_t), intent(in) :: self
+      real(wp), intent(in) :: x(:)
+      type(rung_t) :: top
+
+      top = self%rung
+      top%unknowns = [x(:self%problem%n_unknowns), 0.0_wp*self%scene%tones%omega]
+   end function top_at
+
+   module subroutine motion_curve_settle(self, x, direction, error)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), allocatable, intent(inout) :: x(:), direction(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(scene_t) :: scene                                          ! in which all tuples of the lowest set are needed
+      type(motion_result_t), allocatable :: result
+      type(rung_t) :: before, next
+      real(wp), allocatable :: moved(:), moved_direction(:)
+      real(wp) :: best, estimate
+      integer :: n_idle
+      logical :: is_found
+
+      scene = self%scene
+      scene%loads = (1.0_wp, 0.0_wp)
+      n_idle = 0
+      best = huge(1.0_wp)
+      self%n_rungs = 1
+      do
+         if (allocated(result)) deallocate (result)
+         allocate (result)
+         call self%make_curve(x, direction)
+         call self%describe(waiting_t(curve_kind%regular, 0.0_wp, x), result, error)
+         if (allocated(error)) return
+         estimate = estimate_of(result)
+         if (estimate <= margin*scene%accuracy%tolerance .or. self%n_rungs == most_rungs) return
+         n_idle = merge(n_idle + 1, 0, estimate > idle*best)
+         if (n_idle == most_idle .or. self%watch%verdict /= verdict%go_on) return
+         best = min(best, estimate)
+         call choose_next(scene, result, top_at(self, x), max(least_goal*estimate, goal_ahead*scene%accuracy%tolerance), 0, next, &
+                          is_found)
+         if (.not. is_found) return
+         before = self%rung
+         moved = carry(before%set, next%set, x, size(self%which))
+         moved_direction = carry(before%set, next%set, direction, size(self%which))
+         call self%put_on(next, error)
+         if (allocated(error)) return
+         call self%find_on_plane(moved, moved_direction, is_found)
+         if (.not. is_found) then
+            call self%put_on(before, error)
+            return
+         end if
+         call move_alloc(moved, x)
+         call move_alloc(moved_direction, direction)
+         self%n_rungs = self%n_rungs + 1
+      end do
+   end subroutine motion_curve_settle
+
    !> Goes over to a smaller set or a coarser grid, if one will do.
    subroutine shrink(self, scene, error)
       class(motion_curve_t), intent(inout), target :: self
@@ -81,11 +200,11 @@ contains
       type(standing_t) :: here
       type(rung_t) :: smaller
       real(wp) :: ahead
-      logical :: is_found, is_smaller
+      logical :: is_filled, is_found, is_smaller
 
-      smaller = self%rung
-      smaller%unknowns = [self%curve%x(:self%problem%n_unknowns), 0.0_wp*scene%tones%omega]
+      smaller = top_at(self, self%curve%x)
       call choose_smaller(scene, smaller, is_smaller)
+      if (is_without_gaps(self%rung)) call fill(smaller, is_filled)   ! so it stays behind a branch point
       if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%rung%set%n_harmonics) return   ! a little less is not worth it
       here = standing_at(self)
       associate (direction => self%curve%direction)
@@ -175,7 +294,7 @@ contains
       is_found = .false.
       call self%put_on(rung, error)
       if (allocated(error)) return
-      is_at_branch_point = self%way > 2 .and. self%length <= 0.0_wp   ! there are two tangents
+      is_at_branch_point = self%has_left_branch() .and. self%length <= 0.0_wp   ! there are two tangents
       is_found = is_at_branch_point
       unevenness = self%unevenness                                    ! a curve that goes on from a stored row has that of the start
       is_uneven = self%is_uneven

@@ -5,10 +5,9 @@ submodule (hb_motion_curve) hb_motion_curve_start
    use hb_curve, only: curve_config_t, new_curve
    use hb_curve_conditions, only: set_conditions
    use hb_curve_origin, only: find_direction
-   use hb_harmonics, only: new_harmonics
    use hb_motion, only: solve_motion
    use hb_newton, only: solve_newton
-   use hb_rung, only: join, put_on_rung
+   use hb_rung, only: join, put_on_rung, reliable, rung_of
    use hb_scene_problem, only: new_scene_problem
    use hb_solver_types, only: solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
@@ -57,6 +56,10 @@ contains
          result%status = outcome%stalled                              ! a motion, but no point of a curve
          result%message = "a curve starts from a balance; "//result%message
       end if
+      if (any(scene%tones%is_unknown) .and. scene%accuracy%is_on .and. .not. self%is_done) then
+         self%is_done = estimate_of(result) >= reliable
+         if (self%is_done) result%message = "no set that is allowed holds this motion: it may have other tones, or none"
+      end if
       if (self%is_done) return
       further = [pack(result%frequency, scene%tones%is_unknown)]
       if (scene%normal_mode%is_asked) further = [further, pack(result%artificial_damping, scene%tones%is_unknown)]
@@ -66,7 +69,7 @@ contains
       if (self%is_done) return
       self%x_first = [unknowns(:self%problem%n_unknowns), further]
       call self%set_out(error)
-      if (.not. allocated(error)) call self%note_met(self%x_first)
+      if (.not. allocated(error)) call self%note_met(self%x_first, self%first_rung)
       self%n_told = 1
       result%curve = curve_place_t(curve_kind%start, request%start, 0.0_wp, 0, self%state())
       if (scene%accuracy%is_on) then
@@ -85,7 +88,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       logical :: is_found
 
-      call prepare(self, scene, document, self%request%origin%further, rung_of(scene), error)
+      call prepare(self, scene, document, self%request%origin%further, self%request%origin%rung, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       call find_first(self, is_found)
@@ -95,6 +98,10 @@ contains
          self%is_done = .true.
          return
       end if
+      if (scene%accuracy%is_on) call self%settle(self%x_first, self%first_direction, error)
+      self%is_done = allocated(error)
+      if (self%is_done) return
+      self%first_rung = self%rung
       call self%set_out(error)
       if (allocated(error)) return
       call self%put_start()
@@ -184,12 +191,13 @@ contains
       end do
    end subroutine motion_curve_find_on_plane
 
-   module subroutine motion_curve_begin_next_to(self, scene, document, request, place, is_found, error, watch)
+   module subroutine motion_curve_begin_next_to(self, scene, document, request, place, sense, is_found, error, watch)
       class(motion_curve_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
-      real(wp), intent(in) :: place(:)
+      type(curve_place_t), intent(in) :: place
+      real(wp), intent(in) :: sense
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
       class(watch_t), intent(inout), target :: watch
@@ -199,11 +207,13 @@ contains
       self%way = 1
       is_found = .false.
       if (allocated(self%waiting)) deallocate (self%waiting, self%origins, self%met)
-      associate (x => place(:size(place)/2), direction => place(size(place)/2 + 1:))
-         call prepare(self, scene, document, x(size(x) - self%n_further(scene) + 1:), rung_of(scene), error)
+      associate (n => size(place%state)/2)
+         call prepare(self, scene, document, place%state(n - self%n_further(scene) + 1:n), rung_of(scene, place), error)
          if (allocated(error)) return
-         self%x_first = x - run_up*request%longest_step*direction/norm2(direction/units_at(self, x))
-         self%first_direction = direction
+         associate (x => place%state(:n), direction => sense*place%state(n + 1:))
+            self%x_first = x - run_up*request%longest_step*direction/norm2(direction/units_at(self, x))
+            self%first_direction = direction
+         end associate
       end associate
       call self%find_on_plane(self%x_first, self%first_direction, is_found)
       if (is_found) call self%set_out(error)
@@ -219,6 +229,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       class(watch_t), intent(inout), target :: watch
       type(motion_result_t) :: result
+      type(rung_t) :: rung
       integer :: i, n
 
       self%request = request
@@ -228,25 +239,27 @@ contains
       self%is_done = allocated(error)
       if (self%is_done) return
       self%x_first = stored(1)%state(:n)
-      call self%note_met(self%x_first)
+      call self%note_met(self%x_first, self%first_rung)
       if (allocated(request%origin)) self%first_direction = stored(1)%state(n + 1:2*n)
       do i = 2, size(stored)
+         rung = rung_of(scene, stored(i))
+         n = rung%set%n_coefficients*self%problem%balance%n_dofs + self%n_further(scene)
          if (stored(i)%kind == curve_kind%branch .and. stored(i)%branch == 0 .and. request%switches) &
-            call self%note_origin(stored(i)%state(:2*n_entries(stored(i)%state, 0)), rung_of(scene, stored(i)))
+            call self%note_origin(stored(i)%state(:2*n), rung)
          if (stored(i)%kind == curve_kind%start .and. stored(i)%branch > size(self%origins)) &
-            call self%note_apart(stored(i)%state(:n))
-         call self%note_met(stored(i)%state(:n))
+            call self%note_apart(stored(i)%state(:n), rung)
+         call self%note_met(stored(i)%state(:n), rung)
       end do
       associate (last => stored(size(stored)))
          self%way = 2*last%branch + merge(2, 1, last%length < 0.0_wp .or. &
                                           (last%branch > 0 .and. count(stored%kind == curve_kind%start .and. &
                                                                        stored%branch == last%branch) > 1))
+         n = n_entries(last%state, 3)
          call self%set_out(error)
          if (allocated(error)) return
          self%n_told = size(stored)
          self%length = abs(last%length)
          if (scene%accuracy%is_on) then
-            n = n_entries(last%state, 3)
             call self%put_on(rung_of(scene, last), error)
             if (allocated(error)) return
             call self%make_curve(last%state(:n), last%state(n + 1:2*n))
@@ -268,20 +281,6 @@ contains
       end associate
       self%is_done = self%n_told >= request%n_points
    end subroutine motion_curve_go_on_from
-
-   !> Set and grid of a stored point; those of the scene where it has none of its own.
-   function rung_of(scene, place) result(rung)
-      type(scene_t), intent(in) :: scene
-      type(curve_place_t), intent(in), optional :: place
-      type(rung_t) :: rung
-      type(error_t), allocatable :: error
-
-      rung%set = scene%harmonics
-      rung%n_samples = scene%torus%n_samples
-      if (.not. present(place)) return
-      if (allocated(place%tuples)) call new_harmonics(rung%set, place%tuples, error)   ! cannot fail: there was a motion in it
-      if (allocated(place%n_samples)) rung%n_samples = place%n_samples
-   end function rung_of
 
    !> Makes the curve ready to begin on a set and a grid.
    subroutine prepare(self, scene, document, further, rung, error)

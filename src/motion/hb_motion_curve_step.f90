@@ -173,7 +173,7 @@ contains
             change%problem => self%problem
             change%which = self%which
             do i = bifurcation%branch, bifurcation%torus
-               if (i == bifurcation%branch .and. (n_pieces > 1 .or. has_branched)) cycle   ! that is known
+               if (i == bifurcation%branch .and. (n_pieces > 1 .or. has_branched .or. tells_all(self))) cycle   ! that is known
                change%kind = i
                call find_bifurcation([bifurcation_value(i, self%multipliers), bifurcation_value(i, multipliers)])
             end do
@@ -201,6 +201,7 @@ contains
          call add(curve_kind%regular, curve%last_step, curve%x)
       end associate
       call put_in_order(self%waiting)
+      call self%renew()                                               ! the tolerance was another one: a stored curve has this
 
    contains
 
@@ -291,6 +292,16 @@ contains
          call move_alloc(longer, self%waiting)
       end subroutine add
    end subroutine look_back
+
+   !> Whether all motions of one period are sought, and the determinant tells where they meet: where multipliers of a truncated
+   !> motion pass 1 a little beside a fold it is no other event.
+   logical function tells_all(self)
+      class(motion_curve_t), intent(in) :: self
+
+      associate (set => self%problem%scene%harmonics)
+         tells_all = abs(self%curve%orientation) > 0.0_wp .and. set%n_harmonics == set%highest(1) + 1
+      end associate
+   end function tells_all
 
    !> Whether both extremes are the same before and after, as of a whirl round the middle of a ring.
    pure logical function same_change(before, after)

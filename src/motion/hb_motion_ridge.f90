@@ -12,6 +12,7 @@ module hb_motion_ridge
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_outcome, only: outcome
+   use hb_rung, only: distance, rung_of, rung_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
    use hb_text, only: to_text
@@ -32,7 +33,7 @@ module hb_motion_ridge
       type(motion_curve_t), private :: curve
       type(scene_t), private :: scene
       type(document_t), private :: document
-      real(wp), allocatable, private :: x(:), direction(:)            ! the last point, and the tangent of the curve there
+      type(curve_place_t), private :: last                            ! the last point, with the tangent of the curve there
       real(wp), private :: value = 0.0_wp                             ! second value there
       real(wp), private :: step = 0.0_wp, length = 0.0_wp             ! relative to the range of the second value
       integer, private :: n_told = 0
@@ -90,7 +91,7 @@ contains
          result%message = "no such point is on the curve from "//to_text(self%inner%from)//" to "//to_text(self%inner%to)
          return
       end if
-      call take(self, result%curve%state, request%start, curve_kind%start, result)
+      call take(self, request%start, curve_kind%start, result)
    end subroutine motion_ridge_begin
 
    !> Takes the place of `begin`: the ridge stands where a stored one has been.
@@ -106,8 +107,8 @@ contains
       call prepare(self, scene, document, request, watch)
       associate (last => stored(size(stored)))
          n = self%curve%n_entries(last%state, 1)
-         self%x = last%state(:n)
-         self%direction = last%state(n + 1:2*n)
+         self%last = last
+         self%last%state = last%state(:2*n)
          self%step = last%state(2*n + 1)
          self%value = last%parameter
          self%length = last%length
@@ -148,19 +149,23 @@ contains
    end subroutine set_values
 
    !> Makes a point of a curve along the first value the last one of the ridge.
-   subroutine take(self, state, value, kind, result)
+   subroutine take(self, value, kind, result)
       class(motion_ridge_t), intent(inout) :: self
-      real(wp), intent(in) :: state(:)                                !! unknowns and direction
       real(wp), intent(in) :: value
       integer, intent(in) :: kind
       type(motion_result_t), intent(inout) :: result
 
       if (kind /= curve_kind%start) self%length = self%length + abs(value - self%value)/self%request%moving%typical
-      self%x = state(:size(state)/2)
-      self%direction = state(size(state)/2 + 1:)
+      self%last = result%curve
       self%value = value
-      result%curve = curve_place_t(kind, value, self%length, 0, self%x)
-      if (any(kind == [curve_kind%start, curve_kind%regular])) result%curve%state = [self%x, self%direction, self%step]
+      associate (place => result%curve, n => size(self%last%state)/2)
+         place%kind = kind
+         place%parameter = value
+         place%length = self%length
+         place%branch = 0
+         place%state = self%last%state(:n)
+         if (any(kind == [curve_kind%start, curve_kind%regular])) place%state = [self%last%state, self%step]
+      end associate
       self%n_told = self%n_told + 1
       self%is_done = kind == curve_kind%end .or. self%n_told >= self%request%n_points
    end subroutine take
@@ -198,7 +203,7 @@ contains
          end do
          if (is_found) then
             if (n_steps <= easy_steps) self%step = min(request%longest_step, 1.5_wp*self%step)
-            call take(self, result%curve%state, value, kind, result)
+            call take(self, value, kind, result)
          else if (.not. allocated(error)) then
             result = nothing
             result%status = outcome%stalled
@@ -227,22 +232,30 @@ contains
 
       is_found = .false.
       n_steps = 0
-      call set_values(self, value, self%x(size(self%x)))
+      call set_values(self, value, self%last%state(size(self%last%state)/2))
       call update_scene(self%scene, self%document, is_new, error, self%request%available_memory)
       if (allocated(error)) return
       do sense = 1, -1, -2
          call self%curve%destroy()
-         call self%curve%begin_next_to(self%scene, self%document, self%inner, [self%x, sense*self%direction], is_found, error, &
+         call self%curve%begin_next_to(self%scene, self%document, self%inner, self%last, real(sense, wp), is_found, error, &
                                        self%watch)
          if (allocated(error) .or. .not. is_found) return
          call self%curve%look_for(self%request%over%kind, most_steps, result, n_steps, is_found, error)
          if (allocated(error) .or. is_found) exit
       end do
       if (allocated(error) .or. .not. is_found) return
-      associate (found => result%curve%state(:size(self%x)), n => size(self%x) - 1)
-         is_found = norm2(found(:n) - self%x(:n)) <= largest_change*norm2(self%x(:n))
-      end associate
+      is_found = distance(motion_at(self, result%curve), motion_at(self, self%last), .false.) <= largest_change
    end subroutine try
+
+   !> The motion of a point on its set.
+   function motion_at(self, place) result(rung)
+      type(motion_ridge_t), intent(in) :: self
+      type(curve_place_t), intent(in) :: place
+      type(rung_t) :: rung
+
+      rung = rung_of(self%scene, place)
+      rung%unknowns = [place%state(:size(place%state)/2 - 1), 0.0_wp*self%scene%tones%omega]
+   end function motion_at
 
    !> Frees the curve; safe to call twice.
    subroutine motion_ridge_destroy(self)

@@ -15,7 +15,7 @@ module hb_other_motions
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    implicit none
    private
-   public :: deflated_share, find_other, shifted
+   public :: deflated_share, find_other, is_other, shifted
 
    real(wp), parameter :: least_distance = 1.0e-3_wp                  ! of another motion, relative to the size
    real(wp), parameter :: longest_step = 1.0_wp                       ! likewise
@@ -49,7 +49,7 @@ contains
             call disturb(guess, scale, harmonics, lowest, x)
             guessed = x
             call solve_newton(problem, config, x, report)             ! many guesses lead elsewhere by themselves
-            is_found = report%status == outcome%converged .and. is_apart(x, known, scale)
+            is_found = report%status == outcome%converged .and. is_apart(x, known, scale, least_distance)
             if (is_found) return
             x = guessed
             call follow_deflated(problem, config, known, scale, x, is_found)
@@ -89,16 +89,29 @@ contains
          x = x + min(1.0_wp, longest_step/max(length, tiny(1.0_wp)))*r
          report%iterations = report%iterations + 1
       end do
-      is_found = report%status == outcome%converged .and. is_apart(x, known, scale)
+      is_found = report%status == outcome%converged .and. is_apart(x, known, scale, least_distance)
    end subroutine follow_deflated
 
+   !> Whether x is none of the known motions, which may be off by a share of themselves.
+   pure logical function is_other(x, known, harmonics, x_scale, share)
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(in) :: known(:, :)                             !! (n_unknowns, any)
+      type(harmonics_t), intent(in) :: harmonics
+      real(wp), intent(in) :: x_scale(:)                              !! of unknowns of the balance
+      real(wp), intent(in) :: share
+
+      is_other = is_apart(x, known, scale_of(known, harmonics, [x_scale, spread(1.0_wp, 1, size(x) - size(x_scale))]), &
+                          max(least_distance, share))
+   end function is_other
+
    !> Whether x is none of the known motions.
-   pure logical function is_apart(x, known, scale)
+   pure logical function is_apart(x, known, scale, least)
       real(wp), intent(in) :: x(:)
       real(wp), intent(in) :: known(:, :), scale(:)
+      real(wp), intent(in) :: least                                   !! distance, relative to each of them
       integer :: i
 
-      is_apart = all([(norm2((x - known(:, i))/scale) >= least_distance*norm2(known(:, i)/scale), i=1, size(known, 2))])
+      is_apart = all([(norm2((x - known(:, i))/scale) >= least*norm2(known(:, i)/scale), i=1, size(known, 2))])
    end function is_apart
 
    !> The step of the deflated problem, as a share of that of the problem itself.

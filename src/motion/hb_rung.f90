@@ -8,7 +8,7 @@ module hb_rung
    use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory
    use hb_memory_sizes, only: sizes_of
-   use hb_motion_result, only: motion_result_t
+   use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_scene, only: scene_t
    use hb_torus, only: fast_size, new_torus, samples_for
    use hb_tuple_choice, only: choose_tuples, largest_places
@@ -16,8 +16,7 @@ module hb_rung
    implicit none
    private
    public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_wanted, is_rigid, join, margin
-   public :: most_failures
-   public :: put_on_rung, reliable, rung_t, trim_set, with_caution
+   public :: most_failures, needed_samples, put_on_rung, reliable, rung_of, rung_t, trim_set, with_caution
 
    integer, parameter :: most_failures = 3                            ! of rungs one after the other
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
@@ -212,6 +211,20 @@ contains
       joined%unknowns = on_other_set(rung, joined%set)
       rung = joined
    end subroutine join
+
+   !> Set and grid of a stored point; those of the scene where it has none of its own.
+   function rung_of(scene, place) result(rung)
+      type(scene_t), intent(in) :: scene
+      type(curve_place_t), intent(in), optional :: place
+      type(rung_t) :: rung
+      type(error_t), allocatable :: error
+
+      rung%set = scene%harmonics
+      rung%n_samples = scene%torus%n_samples
+      if (.not. present(place)) return
+      if (allocated(place%tuples)) call new_harmonics(rung%set, place%tuples, error)   ! cannot fail: there was a motion in it
+      if (allocated(place%n_samples)) rung%n_samples = place%n_samples
+   end function rung_of
 
    !> Whether a set must have a tuple: the mean value, fundamentals, and what is loaded.
    pure logical function is_needed_at(scene, tuple) result(is_needed)

@@ -78,11 +78,6 @@ contains
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then
          call self%plan%curve%make_request(self%scene, first, request, error)
-         if (self%scene%accuracy%is_on .and. .not. allocated(error)) then
-            if (any([allocated(request%over), allocated(request%origin), request%switches, size(self%plan%curve%others) > 0])) &
-               call fail(error, file_name//": &curve with switch, origin, others or follow needs a given set of harmonics: "// &
-                         "give &harmonics order, leave out &accuracy")
-         end if
          if (allocated(error)) return
       end if
       if (is_chained(self)) then

@@ -39,7 +39,6 @@ contains
       type(document_t), target :: document
       type(properties_t), pointer :: group
       type(scene_t) :: scene
-      type(truncation_t) :: truncation
       character(:), allocatable :: key
       integer, allocatable :: samples(:)
       integer :: i, k
@@ -54,37 +53,22 @@ contains
       text = without_sweeps(complete_text(document))
       allocate (overrides(0))
       call document%begin()
-      call read_truncation(truncation, document, scene%tones%n_tones, error)
-      if (allocated(error)) return
-      if (.not. allocated(truncation%order)) then
-         call fail(error, "&harmonics set = 'list' says nothing of the other motions; use a box or a diamond")
-      else if (is_torus .and. scene%tones%n_tones > 1) then
+      if (is_torus .and. scene%tones%n_tones > 1) then
          call fail(error, "the motion has several tones")
       else if (.not. is_torus .and. any([(scene%laws(i)%law%phase_tone > 0, i=1, size(scene%laws))])) then
          call fail(error, "a law turns with a tone")
       end if
+      if (.not. (allocated(error) .or. scene%accuracy%grows_set)) call add_set()   ! else the origin tells it
       if (allocated(error)) return
       if (is_torus) then
          group => document%group("tones", 1)
          key = trim(merge("hertz    ", "frequency", group%given("hertz")))
          call add("tones%"//key, input_frequency(scene, key)//", 0.0")
          call add("tones%unknown", to_text(scene%tones%is_unknown(1))//", .true.")
-         if (size(plan%curve%torus_order) == 2) then
-            call add("harmonics%order", as_list(plan%curve%torus_order))
-            call add("harmonics%set", "'box'")
-         else if (truncation%set == "box") then
-            call add("harmonics%order", as_list(min([truncation%order, truncation%order], torus_orders)))
-         end if
          call add("certificate%improvement_steps", "0")
       else
          call add("tones%subharmonic", to_text(2*scene%tones%subharmonic))
-         if (truncation%set == "diamond") then
-            call add("harmonics%order", to_text(2*truncation%order(1)))
-         else
-            call add("harmonics%order", as_list(2*truncation%order))
-         end if
       end if
-      call add("harmonics%odd_only", ".false.")
       call add("harmonics%symmetry", "'none'")
       group => document%optional_group("sampling")
       samples = [0]
@@ -128,6 +112,26 @@ contains
 
          overrides = [overrides, string_t(where//"="//what)]
       end subroutine add
+
+      subroutine add_set()
+         type(truncation_t) :: truncation
+
+         call read_truncation(truncation, document, scene%tones%n_tones, error)
+         if (allocated(error)) return
+         if (.not. allocated(truncation%order)) then
+            call fail(error, "&harmonics set = 'list' says nothing of the other motions; use a box or a diamond")
+         else if (is_torus .and. size(plan%curve%torus_order) == 2) then
+            call add("harmonics%order", as_list(plan%curve%torus_order))
+            call add("harmonics%set", "'box'")
+         else if (is_torus .and. truncation%set == "box") then
+            call add("harmonics%order", as_list(min([truncation%order, truncation%order], torus_orders)))
+         else if (.not. is_torus .and. truncation%set == "box") then
+            call add("harmonics%order", as_list(2*truncation%order))
+         else if (.not. is_torus) then
+            call add("harmonics%order", to_text(2*truncation%order(1)))
+         end if
+         call add("harmonics%odd_only", ".false.")
+      end subroutine add_set
    end subroutine switched_input
 
    !> A value on the side of contact, inside of the range of the curve.

@@ -290,6 +290,102 @@ def test_doubled_motions_are_followed_in_a_file_of_their_own(tmp_path):
     assert_same_bits(tmp_path / "alone.h5", doubled, moving="load_1_cos")
 
 
+UEDA = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 0.0,
+   damping_mass = 0.1 /
+&tones frequency = 1.0 /
+&accuracy tolerance = 1e-6 /
+&load dof = 'x1', tuple = 1, cos = 0.01 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 1.0 /
+&curve parameter = 'load(1)%cos', from = 0.01, to = 5.2, values = 5.0, switch = .true., points = 500 /
+"""
+FORCED_VAN_DER_POL = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0 /
+&tones frequency = 1.2 /
+&accuracy tolerance = 1e-4 /
+&load dof = 'x1', tuple = 1, sin = 3.0 /
+&law type = 'van_der_pol', dof = 'x1', strength = 0.5 /
+&curve parameter = 'load(1)%sin', from = 0.9, to = 0.5, switch = .true. /
+"""
+AT_THE_STOP = STOP[: STOP.index("&curve")].replace("frequency = 0.3", "frequency = 0.69")
+BY_TOLERANCE = {
+    "others": AT_THE_STOP + "&curve parameter = 'tones%frequency', from = 0.69, to = 0.71, points = 120, others = 0.7 /\n",
+    "fold": STOP[: STOP.index("&curve")] + "&curve parameter = 'law(1)%gap', from = 1.0, to = 0.6, values = 0.8, points = 60,\n"
+    "   follow = 'fold', over = 'tones%frequency', over_from = 0.3, over_to = 1.2 /\n",
+    "switch": UEDA.replace("to = 5.2, values = 5.0", "to = 3.2"),
+}
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory):
+    return {name: solve(text, tmp_path_factory.mktemp(name)) for name, text in BY_TOLERANCE.items()}
+
+
+@pytest.mark.parametrize("share", [0.35, 0.8])
+@pytest.mark.parametrize("name", BY_TOLERANCE)
+def test_curves_by_tolerance_go_on_bit_by_bit(followed, tmp_path, name, share):
+    path = followed[name]
+    broken = shutil.copy(path, tmp_path / f"{name}.h5")
+    with h5py.File(broken, "r+") as file:
+        file["status"][int(share * (file["status"][...] != UNUSED).sum()) :] = PENDING
+    done = run("resume", broken, cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stderr
+    for dataset, one, other in zip(SOLUTION, read(path, *SOLUTION), read(broken, *SOLUTION)):
+        assert one.tobytes() == other.tobytes(), dataset
+
+
+def test_symmetry_and_period_break_by_tolerance_where_shooting_has_it(tmp_path):
+    """Ueda's oscillator: the tuples that carry nothing before symmetry breaks are in the set where it does."""
+    path = solve(UEDA, tmp_path)
+    with Results(path) as results:
+        (branch,) = results.select({"curve_kind": "branch"})
+        (flip, other) = results.select({"curve_kind": "flip"})
+        assert results.curve.values[branch] == pytest.approx(2.2863817051, rel=2e-9)
+        assert results.curve.values[flip] == pytest.approx(4.8760911500, rel=2e-9)
+        assert results.curve.values[other] == pytest.approx(4.8760911500, rel=2e-9)
+        assert "split" not in results.curve_kind(), "told twice"
+    with Results(path.with_name(f"{path.stem}_{flip}.h5")) as results:
+        (at_value,) = results.select({"curve_kind": "value"})
+        found = [results.amplitude(at_value, "x1", (j,)) for j in (1, 2, 3, 4)]
+        np.testing.assert_allclose(found, [0.02060777, 1.81210552, 0.06220297, 0.74272815], rtol=0, atol=2e-6)
+        assert results.stability()[at_value] == 1
+
+
+def test_torus_is_followed_by_tolerance(tmp_path):
+    """Where its tone joins by shooting, its frequency and amplitudes at the end from a march (test_curve_switching)."""
+    path = solve(FORCED_VAN_DER_POL, tmp_path)
+    with Results(path) as results:
+        (torus,) = results.select({"curve_kind": "torus"})
+        assert results.curve.values[torus] == pytest.approx(0.76153714393, rel=1e-9)
+    with Results(path.with_name(f"{path.stem}_{torus}.h5")) as results:
+        (end,) = results.select({"curve_kind": "end"})
+        assert results.frequency(end)[1] == pytest.approx(1.01110072813, rel=1e-6)
+        assert results.amplitude(end, "x1", (0, 1)) == pytest.approx(1.76810181, rel=1e-4)
+        assert results.amplitude(end, "x1", (1, 0)) == pytest.approx(0.63880032, rel=1e-4)
+
+
+def test_other_motions_are_each_found_to_the_tolerance(followed, tmp_path):
+    """Those of the whole curve, which passes the frequency three times."""
+    whole = solve(STOP.replace("points", "values = 0.7, points"), tmp_path)
+    amplitudes = []
+    for file in (followed["others"], whole):
+        with Results(file) as results:
+            there = np.flatnonzero(results.curve.values == 0.7)
+            there = [p for p in there if results.curve_kind()[p] in ("start", "value")]
+            amplitudes.append(sorted({round(results.amplitude(p, "x2", (1,)), 9) for p in there}))
+            assert max(results.per_point("truncation_estimate")[there]) <= 1e-3
+    assert len(amplitudes[0]) == len(amplitudes[1]) == 3
+    np.testing.assert_allclose(amplitudes[0], amplitudes[1], rtol=2e-3)
+
+
+def test_fold_is_followed_by_tolerance_to_that_of_the_curve_there(followed, tmp_path):
+    there = solve(STOP.replace("gap = 1.0", "gap = 0.8"), tmp_path)
+    with Results(followed["fold"]) as ridge, Results(there) as curve:
+        (point,) = ridge.select({"curve_kind": "value"})
+        fold = curve.select({"curve_kind": "fold"})[0]
+        assert ridge.frequency(point)[0] == pytest.approx(curve.frequency(fold)[0], rel=1e-5)
+
+
 def test_the_warning_of_tones_names_a_point_of_the_curve(tmp_path):
     scene = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.2, stiffness = 1.0 /
 &tones frequency = 1.3, 2.6005 /

@@ -72,6 +72,13 @@ MUTANTS = [
             "if (largest > 0) return",
         ),
         (
+            "origin_set",
+            "test_curve_switching",
+            "by tolerance, doubled motions begin on the lowest set",
+            "         call join(rung, wide, is_new)\n",
+            "",
+        ),
+        (
             "origin_harmonics",
             "test_curve_switching",
             "the other motions are sought among the harmonics that are there",
@@ -124,6 +131,20 @@ MUTANTS = [
             "points above the tolerance are told on the set at hand",
             "if (.not. is_found) return\n         call stand_at(self, here, error)",
             "return\n         call stand_at(self, here, error)",
+        ),
+        (
+            "motion_curve_no_fill",
+            "test_hb_motion_curve",
+            "a branch point is told on a set with gaps",
+            "if (rung%set%n_tones > 1 .or. is_without_gaps(rung)) return",
+            "return",
+        ),
+        (
+            "motion_curve_no_settling",
+            "test_curve_others",
+            "motions apart are told on the set on which they were found",
+            "if (estimate <= margin*scene%accuracy%tolerance .or. self%n_rungs == most_rungs) return",
+            "if (estimate <= 1.0_wp .or. self%n_rungs == most_rungs) return",
         ),
         (
             "motion_curve_loses_even",
