@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from nhbm import Model
 from nhbm.command import main as nhbm_model
 from nhbm_post.cli import main as post
+from nhbm_post.contact import Motion, contacts, follow
 from nhbm_post.reader import Results
 from nhbm_post.structure import Structure, harmonic_of, motions
 
@@ -266,6 +267,23 @@ def test_gallery(name, tmp_path):
     assert post(["vtk", str(tmp_path / "run.h5"), "--model", model, "--frames", "2"]) == 0
     assert post(["deflection", str(tmp_path / "run.h5"), "--model", model, "--dpi", "40"]) == 0
     assert (tmp_path / "run_motion" / "0001.vtu").exists()
+    for view in ("patch", "time"):
+        assert post(["contact", str(tmp_path / "run.h5"), "--model", model, "--view", view, "--dpi", "40"]) == 0
+    if name == "bladed_wheel":
+        check_sliders(tmp_path / "run.h5", model)
+
+
+def check_sliders(path, model):
+    """Sliders that follow the motion over eight beats of the two tones lose what the result says of the laws."""
+    with Results(path) as results:
+        (contact,), motion = contacts(results, Structure(model), 0), Motion(results, 0)
+        times = motion.step * np.arange(int(1.125 * motion.window / motion.step))
+        z, k = motion.coordinate(contact, 0, times), contact.keys["stiffness"]
+        places, _ = follow(z[None], np.full(z.shape, contact.keys["limit"] / k), np.zeros((1, z.shape[1])))
+        work = k * (z - places[0])[1:] * np.diff(places[0], axis=0)
+        start = len(times) // 9
+        power = work[start:].sum(axis=0) / (times[-1] - times[start])
+        np.testing.assert_allclose(power, results.power_laws(0), rtol=2e-3)
 
 
 N_X, N_Y = 40, 30
