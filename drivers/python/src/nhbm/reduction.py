@@ -162,9 +162,12 @@ def _free_interface(model, kept, n_modes) -> np.ndarray:
     if not (scale > 0).all() or np.linalg.cond(held / np.outer(scale, scale)) > 1.0e13:
         raise ModelError("the modes leave nothing of the flexibility at the kept degrees of freedom: take fewer modes")
     boundary = np.linalg.solve(held.T, static.T).T  # one at its own degree of freedom, zero at the others
-    more = loads - boundary @ loads[kept]  # nothing but rounding of loads on kept degrees of freedom
+    inner = modes - boundary @ modes[kept]
+    more = loads - boundary @ loads[kept]
+    known, _ = np.linalg.qr(inner)
+    more -= known @ (known.T @ more)  # nothing but rounding of loads on kept degrees of freedom
     more = more[:, np.abs(more).max(axis=0, initial=0.0) > 1.0e-9 * whole[len(kept) :]]
-    return np.hstack([boundary, modes - boundary @ modes[kept], more])
+    return np.hstack([boundary, inner, more])
 
 
 def _project(model, kept, basis, method) -> Model:
