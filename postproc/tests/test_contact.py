@@ -150,7 +150,7 @@ def test_files_and_pictures(tmp_path, capsys):
     words = (tmp_path / "run.h5", "--model", tmp_path / "model.h5")
     for view in ("patch", "time"):
         status, out, _ = run(capsys, "contact", *words, "--view", view, "--dpi", 40)
-        assert status == 0 and "stop, 3 nodes: open share " in out
+        assert status == 0 and ("stop, 3 nodes: open share " in out) == (view == "patch")
         assert (tmp_path / f"run_contact_{view}.png").stat().st_size > 3000
     assert run(capsys, "vtk", *words, "--frames", 4)[0] == 0
     mesh = meshio.read(tmp_path / "run_harmonics.vtu")

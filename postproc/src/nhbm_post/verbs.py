@@ -210,16 +210,16 @@ def contact(arguments):
         found = chosen(contacts(results, structure, point), arguments.law, results)
         motion = Motion(results, point, arguments.unconverged)
         places, about = structure.points[found.nodes], _origin(results, point, "motion")
-        values = summary(found, motion, results.power_laws(point))
         if arguments.view == "patch":
+            values = summary(found, motion, results.power_laws(point))
+            spans = {name: f"{number_text(value.min())} to {number_text(value.max())}" for name, value in values.items()}
+            told = [f"{name} {span} {UNITS[name]}".removesuffix(" 1") for name, span in spans.items()]
+            print(f"{found.label}, {len(found.nodes)} nodes: {', '.join(told)}")
             fig = draw.draw_patch(found, values, places, about)
         else:
             end = arguments.t_from + motion.period if arguments.t_to is None else arguments.t_to
             times = np.linspace(arguments.t_from, _after(arguments.t_from, end), 601)
             fig = draw.draw_contact_time(found, history(found, motion, times), times, places, structure.has_axis, about)
-    spans = {name: f"{number_text(value.min())} to {number_text(value.max())}" for name, value in values.items()}
-    told = [f"{name} {span} {UNITS[name]}".removesuffix(" 1") for name, span in spans.items()]
-    print(f"{found.label}, {len(found.nodes)} nodes: {', '.join(told)}")
     _save(fig, arguments, arguments.view)
 
 
