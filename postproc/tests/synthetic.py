@@ -49,6 +49,8 @@ def write_results(
     dof_units=None,
     penetration=None,
     input_groups="",
+    laws=(),
+    power=(),
 ):
     """Writes a file; `coefficients` (point, dof, harmonic, 2), `parameters` {name: (path, units, values)}.
 
@@ -143,6 +145,9 @@ def write_results(
             ("point",),
             units,
         )
+        if laws:
+            scale("law", text_array(laws))
+            add("power_laws", np.tile(np.asarray(power, float), (n_points, 1)), ("point", "law"), "W")
         surfaces = dict(
             displacement_samples=samples, corrected_samples=corrected_samples, force_samples=force_samples
         )

@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from nhbm import Model
 from nhbm.command import main as nhbm_model
 from nhbm_post.cli import main as post
+from nhbm_post.contact import Motion, contacts, follow
 from nhbm_post.reader import Results
 from nhbm_post.structure import Structure, harmonic_of, motions
 
@@ -266,6 +267,66 @@ def test_gallery(name, tmp_path):
     assert post(["vtk", str(tmp_path / "run.h5"), "--model", model, "--frames", "2"]) == 0
     assert post(["deflection", str(tmp_path / "run.h5"), "--model", model, "--dpi", "40"]) == 0
     assert (tmp_path / "run_motion" / "0001.vtu").exists()
+    for view in ("patch", "time"):
+        assert post(["contact", str(tmp_path / "run.h5"), "--model", model, "--view", view, "--dpi", "40"]) == 0
+    if name == "bladed_wheel":
+        check_sliders(tmp_path / "run.h5", model)
+
+
+def check_sliders(path, model):
+    """Sliders that follow the motion over eight beats of the two tones lose what the result says of the laws."""
+    with Results(path) as results:
+        (contact,), motion = contacts(results, Structure(model), 0), Motion(results, 0)
+        times = motion.step * np.arange(int(1.125 * motion.window / motion.step))
+        z, k = motion.coordinate(contact, 0, times), contact.keys["stiffness"]
+        places, _ = follow(z[None], np.full(z.shape, contact.keys["limit"] / k), np.zeros((1, z.shape[1])))
+        work = k * (z - places[0])[1:] * np.diff(places[0], axis=0)
+        start = len(times) // 9
+        power = work[start:].sum(axis=0) / (times[-1] - times[start])
+        np.testing.assert_allclose(power, results.power_laws(0), rtol=2e-3)
+
+
+WHEEL = """&structure type = 'model', file = 'FILE.h5', damping_stiffness = 1e-6 /
+&tones frequency = 2586.0 /
+&harmonics order = 9 /
+&load vector = 'push_cos', tuple = 1, cos = 10.0 /
+&load vector = 'push_sin', tuple = 1, sin = 10.0 /
+&law type = 'jenkins', label = 'damper', dof = 'damper.z', stiffness = 1e6, limit = 20.0 /
+"""
+WAVE = ("--sectors", "8", "--neighbours", "damper=under_high,under_low")
+
+
+def test_a_wheel_that_was_never_put_together_moves_as_the_whole(tmp_path, monkeypatch):
+    """Under a load of two nodal diameters that turns, with friction between neighbours: each sector moves as the one before did.
+    One nodal diameter is enough where all odd harmonics belong to it, or the first alone is looked for."""
+    pytest.importorskip("skfem")
+    monkeypatch.chdir(tmp_path)
+    assert nhbm_model(["sector", "--n-sectors", "8", "-o", "sector.h5"]) == 0
+    assert nhbm_model(["wheel", "sector.h5", *WAVE, "--wave", "push=tip.z:2", "-o", "whole.h5"]) == 0
+    keep = ("--keep", "damper.z,tip.z", "--modes", "16", "--no-error")
+    for name, wave, more in (
+        ("small", 2, ()), ("one", 2, ("--diameter", "2")), ("three", 3, ()), ("one_three", 3, ("--diameter", "3")),
+    ):  # fmt: skip
+        assert nhbm_model(["wheel", "sector.h5", *WAVE, "--wave", f"push=tip.z:{wave}", *keep, *more, "-o", f"{name}.h5"]) == 0
+    pair = "dofs = 'damper_1.z', 'damper_2.z', weights = 1.0, -1.0"
+    inputs = {"whole": WHEEL.replace("dof = 'damper.z'", pair) + "&output dofs = 'tip.z' /", "small": WHEEL, "one": WHEEL}
+    first = WHEEL.replace("order = 9", "set = 'list', tuples = 1").replace("2586", "2637") + "&sampling samples = 512 /"
+    inputs |= {"three": first, "one_three": first}
+    tips = {}
+    for name, text in inputs.items():
+        (tmp_path / f"{name}.nml").write_text(text.replace("FILE", name))
+        done = run("solve", f"{name}.nml", "-o", f"{name}_run.h5", "--set", "certificate%is_on=f", cwd=tmp_path)
+        assert done.status == ALL_CONVERGED, done.stderr
+        labels = Model.read(f"{name}.h5")
+        with Results(f"{name}_run.h5") as results:
+            series = [results.series(0, labels.labels[dof]) for dof in labels.dofs_of("tip.z")]
+            tips[name] = np.array([s.cos - 1j * s.sin for s in series])
+    assert np.abs(tips["small"][:, 3]).min() > 1e-4 * np.abs(tips["small"]).max()
+    assert largest_difference(tips["small"], tips["whole"]) < 1e-5
+    assert largest_difference(tips["one"][0], tips["small"][0]) < 1e-8
+    assert largest_difference(tips["one_three"][0], tips["three"][0]) < 1e-7
+    later = tips["small"][0] * np.exp(-1j * np.arange(10) * np.pi / 2)  # a quarter of the period
+    assert largest_difference(tips["small"][1], later) < 1e-7
 
 
 N_X, N_Y = 40, 30

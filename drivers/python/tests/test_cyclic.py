@@ -8,6 +8,9 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from nhbm import Model, ModelError, cyclic, examples
+from nhbm.command import main
+from nhbm.factors import lowest_modes
+from nhbm.reduction import METHODS
 
 N = 6
 
@@ -71,7 +74,7 @@ def test_bladed_sector_of_finite_elements():
     pytest.importorskip("skfem")
     sector = cyclic.sector_of(examples.sector(5), 5, "low", "high")
     wheel = cyclic.wheel(sector)
-    values = scipy.linalg.eigh(wheel.stiffness.toarray(), wheel.mass.toarray(), eigvals_only=True, subset_by_index=[0, 9])
+    values, _ = lowest_modes(wheel.stiffness, wheel.mass, 10)
     waves = np.sort(np.concatenate([np.repeat(cyclic.frequencies(sector, h, 3), 1 if h == 0 else 2) for h in range(3)]))
     np.testing.assert_allclose(waves[:10], np.sqrt(values), rtol=1e-7)  # rounding times the ratio of the highest frequency squared
 
@@ -95,3 +98,105 @@ def test_what_is_no_sector_is_refused(ring):
         cyclic.sector_of(ring, N, "left", "high")
     with pytest.raises(ModelError, match="rotations"):
         cyclic.sector_of(dataclasses.replace(ring, dof_direction=["x", "y", "rx"] * 3), N, "low", "high")
+
+
+@pytest.fixture
+def dented(ring):
+    """The ring with a second mass inside, so that neighbours face each other across nodes of their own."""
+    model = dataclasses.replace(ring)
+    k, m = (sp.block_diag([x, sp.csr_matrix((3, 3))]).tolil() for x in (model.stiffness, model.mass))
+    for d in range(3):
+        k[3 + d, 3 + d] += 2.0
+        k[9 + d, 9 + d] += 2.5
+        k[3 + d, 9 + d] = k[9 + d, 3 + d] = -2.0
+        m[9 + d, 9 + d] = 0.3
+    angle = 0.8 * 2 * np.pi / N
+    return Model(
+        mass=m.tocsr(),
+        stiffness=k.tocsr(),
+        labels=[f"n{i}.{d}" for i in (1, 2, 3, 4) for d in "xyz"],
+        node_numbers=np.arange(1, 5),
+        coordinates=np.vstack([ring.coordinates, [[np.cos(angle), np.sin(angle), 0.0]]]),
+        dof_node=np.repeat(np.arange(4), 3),
+        dof_direction=list("xyz") * 4,
+        sets={**ring.sets, "front": np.array([3]), "back": np.array([1])},
+    )
+
+
+def flexibility(model, forms, w):
+    """Of linear forms (n, n_dofs) of the degrees of freedom."""
+    dynamic = model.stiffness * (1 + 1e-3j) - w**2 * model.mass
+    return forms @ np.linalg.solve(dynamic.toarray(), forms.T)
+
+
+def forms_of(model, name):
+    """Rows that pick the degrees of freedom of a name, or differences of a pair."""
+    unit = np.eye(model.n_dofs)
+    stem, _, direction = name.rpartition(".")
+    if f"{stem}_1" in model.sets:
+        return unit[model.dofs_of(f"{stem}_1.{direction}")] - unit[model.dofs_of(f"{stem}_2.{direction}")]
+    return unit[model.dofs_of(name)]
+
+
+NEIGHBOURS = {"joint": ("front", "back")}
+
+
+def whole(model, diameter):
+    wheel = cyclic.wheel(cyclic.sector_of(model, N, "low", "high"))
+    cyclic.add_neighbours(wheel, "joint", "front", "back", N)
+    cyclic.add_wave(wheel, "push", "low.t", diameter, N)
+    return wheel
+
+
+@pytest.mark.parametrize("method, n_modes, frequencies", [("craig-bampton", 9, (0.0, 0.6, 1.3)), ("free-interface", 3, (0.0,))])
+def test_a_wheel_of_reduced_nodal_diameters_is_the_whole_wheel(dented, method, n_modes, frequencies):
+    """At any frequency with all modes, at rest with few."""
+    keep = ["joint.z", "joint.r", "low.z"]
+    wanted = cyclic.Reduction(keep, n_modes, method, NEIGHBOURS, {"push": cyclic.Wave("low.t", 2)})
+    ours, parts = cyclic.reduced_wheel(cyclic.sector_of(dented, N, "low", "high"), wanted)
+    wheel = whole(dented, 2)
+    assert len(parts) == 4 and ours.n_dofs <= 54
+    np.testing.assert_allclose(ours.mass.diagonal()[3 * N :], 1.0, rtol=1e-10)
+    forms = [np.vstack([forms_of(model, name) for name in keep]) for model in (ours, wheel)]
+    assert forms[0].shape == (3 * N, ours.n_dofs)
+    for w in frequencies:
+        a, b = (flexibility(model, rows, w) for model, rows in zip((ours, wheel), forms))
+        np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-9 * abs(b).max())
+        for load in ("push_cos", "push_sin"):
+            a, b = (motion_under(model, load, w) for model in (ours, wheel))
+            np.testing.assert_allclose(ours.recovery.matrix @ a, b, rtol=1e-8, atol=1e-9 * abs(b).max())
+
+
+def motion_under(model, load, w):
+    full = np.zeros(model.n_dofs)
+    full[model.loads[load][0]] = model.loads[load][1]
+    return np.linalg.solve((model.stiffness * (1 + 1e-3j) - w**2 * model.mass).toarray(), full)
+
+
+def test_one_nodal_diameter_moves_as_the_wheel_does_under_a_wave_that_turns(dented):
+    wanted = cyclic.Reduction(["joint.r", "low.t"], 9, METHODS[0], NEIGHBOURS, {"push": cyclic.Wave("low.t", 4)})
+    ours, _ = cyclic.reduced_wheel(cyclic.sector_of(dented, N, "low", "high"), wanted, 4)
+    wheel = whole(dented, 4)
+    a, b = (motion_under(model, "push_cos", 0.7) - 1j * motion_under(model, "push_sin", 0.7) for model in (ours, wheel))
+    np.testing.assert_allclose(ours.recovery.matrix @ a, b, rtol=1e-8, atol=1e-9 * abs(b).max())
+    for name in ("joint.r", "low.t"):
+        cosine, sine = a[ours.dofs_of(name)]
+        first = (forms_of(wheel, name) @ b)[0]
+        assert abs(first) > 1e-3 and cosine == pytest.approx(first, rel=1e-8) and abs(abs(sine) / abs(cosine) - 1) < 1e-8
+
+
+def test_waves_and_pairs_that_cannot_be_are_refused(dented, tmp_path, capsys):
+    path, out = str(tmp_path / "sector.h5"), str(tmp_path / "small.h5")
+    dented.write(path)
+    words = ["wheel", path, "--sectors", str(N), "-o", out, "--keep", "low.z"]
+    for more, message in (
+        (["--diameter", "1", "--wave", "push=low.z:2"], "wave 'push' of 2 nodal diameters: the model has 1 alone"),
+        (["--neighbours", "joint=high,back"], "node 3 of 'high' is held, or belongs to the next sector"),
+        (["--neighbours", "joint=back,back"], "a node that faces the sector before faces the next one, too"),
+        (["--neighbours", "joint=front,side"], "there is no set 'side'"),
+    ):
+        assert main([*words, *more]) == 2 and message in capsys.readouterr().err
+    assert main([*words[:-2], "--diameter", "1"]) == 2 and "--diameter belongs to --keep" in capsys.readouterr().err
+    assert main([*words, "--wave", "push=low.z:5", "--modes", "3"]) == 0
+    assert "error of the flexibility at" in capsys.readouterr().out
+    assert set(Model.read(out).loads) == {"push_cos", "push_sin"}

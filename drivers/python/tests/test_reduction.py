@@ -72,6 +72,17 @@ def test_loads_and_recovery(chain):
     np.testing.assert_allclose(static, np.linalg.solve(chain.stiffness.toarray(), full), rtol=1e-10)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_loads_on_what_is_kept_add_nothing(block, method):
+    """Their static shapes are there already; rounding must not become shapes that move what is kept."""
+    kept = block.dofs_of("right.z")
+    loads = {"push": (np.array(kept), np.ones(len(kept))), "pull": (np.array(kept[:2]), np.array([1.0, -1.0]))}
+    reduced = reduce(dataclasses.replace(block, loads=loads), ["right.z"], 6, method)
+    assert reduced.n_dofs == len(kept) + 6
+    unit = np.eye(len(kept), reduced.n_dofs)
+    np.testing.assert_allclose(reduced.recovery.matrix[kept], unit, atol=1e-12)
+
+
 def test_file_of_a_reduced_model(chain, tmp_path):
     path = tmp_path / "full.h5"
     chain.write(path)

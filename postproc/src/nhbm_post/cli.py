@@ -333,6 +333,22 @@ def _parser() -> argparse.ArgumentParser:
     choice.add_argument("--time", type=float, metavar="T", help="moment of the motion [s]")
     options.add_output(sub)
 
+    sub = command(
+        "contact",
+        verbs.contact,
+        "what contacts of a structure do: open, stick, slip, gaps, forces",
+        "Draws the nodes of a law on a set. patch: share of the time that each is open and slips, smallest, mean and largest gap, "
+        "largest forces, mean loss; time: which nodes are open, stick or slip at which moment, and the sum of their forces. "
+        "Shares are those of a period, or of 32 periods of the slowest of several tones and 8 of their slowest beat.",
+    )
+    sub.add_argument("--model", type=Path, required=True, metavar="MODEL", help="model file of the run")
+    sub.add_argument("--law", metavar="LABEL", help="label of the law (default: the first that is a contact)")
+    sub.add_argument("--view", choices=("patch", "time"), default="patch", help="default: patch")
+    options.add_point(sub)
+    sub.add_argument("--from", dest="t_from", type=float, default=0.0, metavar="T", help="start of the time [s] (default 0)")
+    sub.add_argument("--to", dest="t_to", type=float, metavar="T", help="its end [s] (default: a slowest period later)")
+    options.add_output(sub)
+
     for name, run, help_text, description in (
         (
             "work-precision",

@@ -148,6 +148,7 @@ class Results:
             self._check_schema()
             self.dofs = self._labels("dof")
             self.law_dofs = self._labels("law_dof") if "law_dof" in self._file else []
+            self.laws = self._labels("law") if "law" in self._file else []
             self.has_own_tuples = "tuples" in self._file
             self.tuples = self._union() if self.has_own_tuples else np.atleast_2d(np.asarray(self._file["tuple"][()], dtype=int))
             self.status = np.asarray(self._file["status"][()], dtype=int)
@@ -312,6 +313,10 @@ class Results:
         if dataset.shape != (self.n_points,):
             raise ReaderError(f"{self.path}: '{name}' has shape {dataset.shape}, not one number a point")
         return dataset[()]
+
+    def power_laws(self, point: int) -> np.ndarray:
+        """Mean loss in each law [W], (n_laws); NaN where no certificate was made."""
+        return np.asarray(self._dataset("power_laws")[point], dtype=float)
 
     # Choice of points
 

@@ -37,6 +37,14 @@ class Structure:
         self._cells = [nodes[starts[i] : starts[i + 1]] for i in range(len(self._types))]
         where = zip(self.labels, file["dofs/node"][()], file["dofs/direction"][()])
         self._place = {label: (int(node), _AXES[d.decode()]) for label, node, d in where if node >= 0 and d.decode() in _AXES}
+        self._all_labels = list(self.labels)  # a reduction that a run has kept may have others
+        self._labels_at: dict[int, dict[str, str]] = {}  # node: direction: label
+        for label, node, d in zip(self.labels, file["dofs/node"][()], file["dofs/direction"][()]):
+            self._labels_at.setdefault(int(node), {})[d.decode()] = label
+        self.sets = {}
+        if "sets" in file:
+            starts, members = file["sets/indptr"][()], file["sets/nodes"][()]
+            self.sets = {name.decode(): members[starts[i] : starts[i + 1]] for i, name in enumerate(file["sets/names"][()])}
         self._polar_place = {int(node) for node, d in zip(file["dofs/node"][()], file["dofs/direction"][()]) if d in (b"r", b"t")}
         place = "recovery" if "recovery" in file else "dofs"
         node = file[f"{place}/node"][()]
@@ -70,6 +78,11 @@ class Structure:
             return False  # damaged: the program takes no notice of it either
 
     @property
+    def has_axis(self) -> bool:
+        """Whether nodes move along and across their radius from the axis z, as in a wheel."""
+        return self._polar.size > 0
+
+    @property
     def cells(self):
         """Kind, as VTK counts, and nodes of each cell."""
         return list(zip(self._types, self._cells))
@@ -80,6 +93,23 @@ class Structure:
         field = np.zeros((len(self.points), 3))
         field[self._where] = moved
         return self._turned(field, self._polar)
+
+    def dofs_of(self, name: str) -> list[str]:
+        """Labels of what a name in the input stands for: a degree of freedom, its number, or all of a set in its order."""
+        if name in self._all_labels:
+            return [name]
+        if name.isdigit() and 1 <= int(name) <= len(self._all_labels):
+            return [self._all_labels[int(name) - 1]]
+        stem, _, direction = (name, "", None) if name in self.sets else name.rpartition(".")
+        at = [self._labels_at.get(int(node), {}) for node in self.sets.get(stem, ())]
+        found = [label for labels in at for d, label in labels.items() if direction in (None, d)]
+        if not found:
+            raise ReaderError(f"{self.path}: no degree of freedom and no set '{name}'; is that the model of the run?")
+        return found
+
+    def node_of(self, label: str) -> int | None:
+        """Index of the node that a degree of freedom moves, None for one without a node."""
+        return self._place[label][0] if label in self._place else None
 
     def force(self, values: Mapping[str, float]) -> np.ndarray:
         """Forces (n_nodes, 3) at the nodes of the degrees of freedom that `values` names; those of pairs at the node between."""
@@ -96,6 +126,12 @@ class Structure:
         r, t = field[polar, :2].T
         field[polar, :2] = np.column_stack([c * r - s * t, s * r + c * t])
         return field
+
+    def field(self, nodes: np.ndarray, values: np.ndarray, elsewhere: float = np.nan) -> np.ndarray:
+        """Values at some nodes as a field over all."""
+        whole = np.full(len(self.points), elsewhere)
+        whole[nodes] = values
+        return whole
 
     def mesh(self, **fields):
         """A mesh of meshio with fields on its nodes."""
@@ -148,9 +184,12 @@ def harmonic_of(tuples, coefficients, j: Sequence[int] | None) -> int:
     raise UsageError(f"tuple {','.join(map(str, j))} is not in the set of harmonics")
 
 
-def write_harmonics(structure: Structure, tuples, coefficients, path: Path, wanted: Sequence[tuple[int, ...]] | None, most: int):
+def write_harmonics(
+    structure: Structure, tuples, coefficients, path: Path, wanted: Sequence[tuple[int, ...]] | None, most: int,
+    more: Mapping[str, np.ndarray],
+):  # fmt: skip
     """Operating deflection shapes: for each harmonic the displacement with the cosine and with the sine, and their size; the
-    harmonics that are wanted, else the largest. Returns their tuples."""
+    harmonics that are wanted, else the largest; and more fields. Returns their tuples."""
     if wanted is None:
         size = np.abs(coefficients).max(axis=0)
         chosen = [int(h) for h in np.argsort(-size, kind="stable")[:most] if size[h] > 0]
@@ -162,15 +201,16 @@ def write_harmonics(structure: Structure, tuples, coefficients, path: Path, want
         cosine = structure.displacement(coefficients[:, h].real)
         sine = structure.displacement(-coefficients[:, h].imag)
         fields |= {f"cos {name}": cosine, f"sin {name}": sine, f"amplitude {name}": np.sqrt(cosine**2 + sine**2)}
-    structure.mesh(**fields).write(path)
+    structure.mesh(**fields, **more).write(path)
     return [tuple(int(k) for k in tuples[h]) for h in chosen]
 
 
 def write_motion(
-    structure: Structure, frequencies, coefficients, path: Path, times: np.ndarray, forces: Mapping[str, Series]
-) -> None:
+    structure: Structure, frequencies, coefficients, path: Path, times: np.ndarray, forces: Mapping[str, Series],
+    more: Sequence[Mapping[str, np.ndarray]],
+) -> None:  # fmt: skip
     """An animation for ParaView: a file .pvd, and beside it one .vtu for each moment with the field `displacement` and, where there
-    are laws, `law_force`: what these hold the nodes back with, as the result has it."""
+    are laws, `law_force`: what these hold the nodes back with, as the result has it; and more fields of each moment."""
     folder = path.with_suffix("")
     folder.mkdir(exist_ok=True)
     rows = []
@@ -180,7 +220,7 @@ def write_motion(
         fields = {"displacement": structure.displacement(motion)}
         if forces:
             fields["law_force"] = structure.force({dof: float(series.evaluate(t)) for dof, series in forces.items()})
-        structure.mesh(**fields).write(file)
+        structure.mesh(**fields, **more[i]).write(file)
         rows.append(f'<DataSet timestep="{t:.12g}" file="{folder.name}/{file.name}"/>')
     body = "\n".join(rows)
     path.write_text(f'<VTKFile type="Collection" version="0.1">\n<Collection>\n{body}\n</Collection>\n</VTKFile>\n')

@@ -13,7 +13,7 @@ from .march import read_displacement
 from .measure import Measure
 from .outcome import CONVERGED, words
 from .reader import QUANTITIES, Results
-from .text import list_text
+from .text import list_text, number_text
 
 # matplotlib takes a second to load, so each verb that draws imports nhbm_post.draw by itself.
 
@@ -199,7 +199,38 @@ def deflection(arguments):
     _save(fig, arguments)
 
 
+def contact(arguments):
+    from . import draw
+    from .contact import UNITS, Motion, chosen, contacts, history, summary
+    from .structure import Structure
+
+    structure = Structure(arguments.model)
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        found = chosen(contacts(results, structure, point), arguments.law, results)
+        motion = Motion(results, point, arguments.unconverged)
+        places, about = structure.points[found.nodes], _origin(results, point, "motion")
+        if arguments.view == "patch":
+            values = summary(found, motion, results.power_laws(point))
+            spans = {name: f"{number_text(value.min())} to {number_text(value.max())}" for name, value in values.items()}
+            told = [f"{name} {span} {UNITS[name]}".removesuffix(" 1") for name, span in spans.items()]
+            print(f"{found.label}, {len(found.nodes)} nodes: {', '.join(told)}")
+            fig = draw.draw_patch(found, values, places, about)
+        else:
+            end = arguments.t_from + motion.period if arguments.t_to is None else arguments.t_to
+            times = np.linspace(arguments.t_from, _after(arguments.t_from, end), 601)
+            fig = draw.draw_contact_time(found, history(found, motion, times), times, places, structure.has_axis, about)
+    _save(fig, arguments, arguments.view)
+
+
+def _after(start: float, end: float) -> float:
+    if not end > start:
+        raise UsageError("the motion must end after it begins: --to above --from")
+    return end
+
+
 def vtk(arguments):
+    from .contact import Motion, contacts, moments, shares
     from .structure import Structure, motions, write_harmonics, write_motion
 
     structure = Structure(arguments.model)
@@ -209,17 +240,19 @@ def vtk(arguments):
         tuples, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
         forces = {dof: results.series(point, dof, "force", arguments.unconverged) for dof in results.labels("force")}
         slowest = float(np.abs(results.frequency(point)).min())
+        end = arguments.t_to if arguments.t_to is not None else arguments.t_from + 2 * np.pi / slowest
+        times = np.linspace(arguments.t_from, _after(arguments.t_from, end), arguments.frames, endpoint=False)
+        found = contacts(results, structure, point)
+        motion = Motion(results, point, arguments.unconverged) if found else None
+        at_nodes = shares(found, motion, results.power_laws(point), structure) if found else {}
+        over_time = moments(found, motion, times, structure)
     path = stem.with_name(f"{stem.name}_harmonics.vtu")
-    written = write_harmonics(structure, tuples, coefficients, path, arguments.tuples, arguments.harmonics)
+    written = write_harmonics(structure, tuples, coefficients, path, arguments.tuples, arguments.harmonics, at_nodes)
     print(f"{path}: {len(written)} harmonics, {list_text([','.join(str(k) for k in j) for j in written])}")
     if arguments.frames == 0:
         return
-    end = arguments.t_from + 2 * np.pi / slowest if arguments.t_to is None else arguments.t_to
-    if not end > arguments.t_from:
-        raise UsageError("the motion must end after it begins: --to above --from")
     path = stem.with_name(f"{stem.name}_motion.pvd")
-    times = np.linspace(arguments.t_from, end, arguments.frames, endpoint=False)
-    write_motion(structure, frequencies, coefficients, path, times, forces)
+    write_motion(structure, frequencies, coefficients, path, times, forces, over_time)
     print(f"{path}: {len(times)} moments from {arguments.t_from:g} s to {end:g} s")
 
 

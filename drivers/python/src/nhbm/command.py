@@ -92,6 +92,9 @@ def parser() -> argparse.ArgumentParser:
                       help="a pair of a set of each sector and one of the next sector")  # fmt: skip
     verb.add_argument("--wave", action="append", default=[], metavar="NAME=SET:DIAMETERS",
                       help="vectors of loads NAME_cos and NAME_sin of a wave")  # fmt: skip
+    verb.add_argument("--keep", help="reduce each nodal diameter by itself and keep these of each sector, as reduce does")
+    verb.add_argument("--diameter", type=int, metavar="H", help="with --keep: the waves of this nodal diameter alone")
+    _reduction(verb, 10, "of each nodal diameter; of those with two waves pairs")
     _output(verb)
 
     verb = verbs.add_parser("assemble", help="put parts together in one model")
@@ -110,14 +113,18 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--keep", required=True,
                       help="degrees of freedom and sets that stay as they are: n3.z,contact.z,corner; a pair keeps what its "
                       "sets move relative to each other")  # fmt: skip
-    verb.add_argument("--modes", type=int, default=20, help="number of modes (default: 20)")
+    _reduction(verb, 20)
+    _output(verb)
+    return top
+
+
+def _reduction(verb, n_modes: int, more: str = "") -> None:
+    verb.add_argument("--modes", type=int, default=n_modes, help=f"number of modes{' ' * bool(more)}{more} (default: {n_modes})")
     verb.add_argument(
         "--method", choices=reduction.METHODS, default=reduction.METHODS[0], help=f"(default: {reduction.METHODS[0]})"
     )
     verb.add_argument("--up-to", type=float, metavar="RAD/S", help="highest frequency at which the error is told")
     verb.add_argument("--no-error", action="store_true", help="do not compare with the full model")
-    _output(verb)
-    return top
 
 
 def _loads(verb) -> None:
@@ -269,18 +276,41 @@ def run_wheel(options) -> int:
         for diameter in range(n // 2 + 1):
             shown = "  ".join(f"{w:.6g}" for w in cyclic.frequencies(sector, diameter, options.frequencies))
             print(f"{diameter:15d}: {shown}")
+    neighbours = {name: (high, low) for name, high, low in map(_two_sets, options.neighbours)}
+    waves = {name: wave for name, wave in map(_wave, options.wave)}
+    if options.keep:
+        h = options.diameter
+        for name, wave in waves.items():
+            if h is not None and (wave.diameter - h) % n and (wave.diameter + h) % n:
+                raise ModelError(f"wave '{name}' of {wave.diameter} nodal diameters: the model has {h} alone (--diameter)")
+        started = time.perf_counter()
+        wanted = cyclic.Reduction(options.keep.split(","), options.modes, options.method, neighbours, waves)
+        model, parts = cyclic.reduced_wheel(sector, wanted, options.diameter)
+        print(f"reduced in {time.perf_counter() - started:.1f} s")
+        if model.recovery is None:
+            print("the motion of all nodes is not kept: it would take more than 1.6 GB")
+        if not options.no_error:
+            _tell_errors(parts, options.up_to)
+        _write(model, options)
+        return OK
+    if options.diameter is not None:
+        raise ModelError("--diameter belongs to --keep")
     model = cyclic.wheel(sector)
-    for text in options.neighbours:
-        cyclic.add_neighbours(model, *_two_sets(text), n)
-    for text in options.wave:
-        name, rest = _named(text, "NAME=SET:DIAMETERS")
-        where, colon, diameter = rest.rpartition(":")
-        if not (colon and diameter.isdigit()):
-            raise ModelError(f"--wave {text}: give NAME=SET:DIAMETERS")
-        cyclic.add_wave(model, name, where, int(diameter), n)
+    for name, (high, low) in neighbours.items():
+        cyclic.add_neighbours(model, name, high, low, n)
+    for name, wave in waves.items():
+        cyclic.add_wave(model, name, wave.where, wave.diameter, n)
     model.validate()
     _write(model, options)
     return OK
+
+
+def _wave(text: str) -> tuple[str, cyclic.Wave]:
+    name, rest = _named(text, "NAME=SET:DIAMETERS")
+    where, colon, diameter = rest.rpartition(":")
+    if not (colon and diameter.isdigit()):
+        raise ModelError(f"--wave {text}: give NAME=SET:DIAMETERS")
+    return name, cyclic.Wave(where, int(diameter))
 
 
 def run_assemble(options) -> int:
@@ -305,13 +335,18 @@ def run_reduce(options) -> int:
     reduced = reduction.reduce(model, options.keep.split(","), options.modes, options.method)
     print(f"reduced in {time.perf_counter() - started:.1f} s")
     if not options.no_error:
-        highest = options.up_to or _highest(reduced)
-        report = reduction.compare(model, reduced, highest * np.array([0.1, 0.35, 0.7, 1.0]))
-        for w, error in zip(report.frequencies, report.errors):
-            print(f"error of the flexibility at {w:.6g} rad/s: {error:.1e}")
-        print(f"compared with the full model in {report.seconds:.1f} s")
+        _tell_errors([(model, reduced)], options.up_to)
     _write(reduced, options)
     return OK
+
+
+def _tell_errors(pairs: list[tuple[Model, Model]], up_to: float | None) -> None:
+    """The errors of reduced models, the largest of several at each frequency."""
+    frequencies = (up_to or max(_highest(reduced) for _, reduced in pairs)) * np.array([0.1, 0.35, 0.7, 1.0])
+    reports = [reduction.compare(model, reduced, frequencies) for model, reduced in pairs]
+    for w, errors in zip(frequencies, zip(*(report.errors for report in reports))):
+        print(f"error of the flexibility at {w:.6g} rad/s: {max(errors):.1e}")
+    print(f"compared with the full model in {sum(report.seconds for report in reports):.1f} s")
 
 
 def _highest(reduced: Model) -> float:

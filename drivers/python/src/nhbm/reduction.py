@@ -89,7 +89,7 @@ def _relative(model, keep) -> tuple[Model, sp.csr_matrix]:
     turn = sp.csr_matrix(sp.identity(model.n_dofs) + shift)
     if not first:
         return model, turn
-    turned = turn.T @ _load_matrix(model)
+    turned = turn.T @ load_matrix(model)
     changed = replace(
         model,
         **{name: sp.csr_matrix(turn.T @ matrix @ turn) for name, matrix in model.matrices().items()},
@@ -104,7 +104,8 @@ def _relative(model, keep) -> tuple[Model, sp.csr_matrix]:
     return changed, turn
 
 
-def _load_matrix(model) -> np.ndarray:
+def load_matrix(model: Model) -> np.ndarray:
+    """The vectors of loads as columns (n_dofs, n_loads)."""
     loads = np.zeros((model.n_dofs, len(model.loads)))
     for i, (dofs, values) in enumerate(model.loads.values()):
         np.add.at(loads[:, i], dofs, values)
@@ -126,7 +127,7 @@ def _craig_bampton(model, kept, n_modes) -> np.ndarray:
         _, shapes = lowest_modes(k_ii, sp.csr_matrix(m[inside][:, inside]), n_modes, 0.0, factors)
         basis[inside, len(kept) : len(kept) + n_modes] = shapes
         if n_more:
-            basis[inside, len(kept) + n_modes :] = factors.solve(_load_matrix(model)[inside])
+            basis[inside, len(kept) + n_modes :] = factors.solve(load_matrix(model)[inside])
     return basis
 
 
@@ -152,7 +153,8 @@ def _free_interface(model, kept, n_modes) -> np.ndarray:
     _, modes = lowest_modes(k, m, n_modes, shift, factors)
     unit = np.zeros((model.n_dofs, len(kept)))
     unit[kept, np.arange(len(kept))] = 1.0
-    attachment = factors.solve(np.hstack([unit, _load_matrix(model)]))
+    attachment = factors.solve(np.hstack([unit, load_matrix(model)]))
+    whole = np.abs(attachment).max(axis=0)
     # what modes leave of the attachment, made well conditioned
     attachment -= modes @ (modes.T @ (m @ attachment))
     static, loads = attachment[:, : len(kept)], attachment[:, len(kept) :]
@@ -161,8 +163,12 @@ def _free_interface(model, kept, n_modes) -> np.ndarray:
     if not (scale > 0).all() or np.linalg.cond(held / np.outer(scale, scale)) > 1.0e13:
         raise ModelError("the modes leave nothing of the flexibility at the kept degrees of freedom: take fewer modes")
     boundary = np.linalg.solve(held.T, static.T).T  # one at its own degree of freedom, zero at the others
-    inner = np.hstack([modes - boundary @ modes[kept], loads - boundary @ loads[kept]])
-    return np.hstack([boundary, inner])
+    inner = modes - boundary @ modes[kept]
+    more = loads - boundary @ loads[kept]
+    known, _ = np.linalg.qr(inner)
+    more -= known @ (known.T @ more)  # nothing but rounding of loads on kept degrees of freedom
+    more = more[:, np.abs(more).max(axis=0, initial=0.0) > 1.0e-9 * whole[len(kept) :]]
+    return np.hstack([boundary, inner, more])
 
 
 def _project(model, kept, basis, method) -> Model:
@@ -187,7 +193,7 @@ def _project(model, kept, basis, method) -> Model:
             matrices[name] = (matrices[name] + sign * matrices[name].T) / 2
     n_inner = inner.shape[1]
     loads = {}
-    for (name, _), column in zip(model.loads.items(), _load_matrix(model).T):
+    for (name, _), column in zip(model.loads.items(), load_matrix(model).T):
         loads[name] = (np.arange(n_kept + n_inner), basis.T @ column)
     node = np.concatenate([model.dof_node[kept], np.full(n_inner, -1)]).astype(int)
     moving = set(node[node >= 0].tolist())

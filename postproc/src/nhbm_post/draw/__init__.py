@@ -1,6 +1,7 @@
 """Pictures of result files and plans, one module a family; every `draw_*` returns a Figure and needs no display."""
 
 from .bench import draw_bench
+from .contact import draw_contact_time, draw_patch
 from .correction import draw_correction
 from .deflection import draw_deflection
 from .heat_map import draw_map
@@ -16,12 +17,14 @@ from .work_precision import Errors, draw_convergence, draw_cost, draw_work_preci
 __all__ = [
     "Errors",
     "draw_bench",
+    "draw_contact_time",
     "draw_convergence",
     "draw_correction",
     "draw_cost",
     "draw_deflection",
     "draw_map",
     "draw_multipliers",
+    "draw_patch",
     "draw_plan",
     "draw_response",
     "draw_rotor",

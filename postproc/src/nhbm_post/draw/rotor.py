@@ -7,10 +7,9 @@ u = x1 cos n(theta - S t) + x2 sin n(theta - S t).
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
+from ..complete_input import groups
 from ..errors import UsageError
 from ..outcome import words
 from ..reader import Results
@@ -27,17 +26,16 @@ class RotorStator:
 
     def __init__(self, results: Results, point: int):
         self._results, self._point = results, point
-        structure = _group(results, "structure")
-        if _value(structure, "type").strip("'\"") != "rotor_stator":
+        structure = _structure(results)
+        if structure.get("type") != ["rotor_stator"]:
             raise UsageError(f"{results.path}: these pictures are for a structure of type 'rotor_stator'")
-        blades = re.search(r"^ *n_blades = (\d+)", results.input_complete, re.MULTILINE)
-        self.n_blades = int(blades.group(1)) if blades else 0
-        gaps = re.search(r"^ *gaps = ((?:[^\n]*,\n)*[^\n]*)", results.input_complete, re.MULTILINE)
-        self.gap = float(np.mean([float(word) for word in gaps.group(1).replace(",", " ").split()])) if gaps else 0.0
-        self.n_diameters = int(_value(structure, "n_diameters"))
-        self.frequencies = [float(_value(structure, f"{body}_frequency")) for body in ("disk", "casing")]
+        laws = groups(results.input_complete, "law")
+        self.n_blades = next((int(law["n_blades"][0]) for law in laws if "n_blades" in law), 0)
+        self.gap = next((float(np.mean([float(gap) for gap in law["gaps"]])) for law in laws if "gaps" in law), 0.0)
+        self.n_diameters = int(structure["n_diameters"][0])
+        self.frequencies = [float(structure[f"{body}_frequency"][0]) for body in ("disk", "casing")]
         self.speed = float(speeds(results)[point])
-        frame = _value(structure, "frame").strip("'\"")
+        frame = structure["frame"][0]
         self._frame_speed = {
             DISK: 0.0 if frame == "stationary" else self.speed,
             CASING: self.speed if frame == "rotating" else 0.0,
@@ -82,7 +80,7 @@ def speeds(results: Results) -> np.ndarray:
     for parameter in results.parameters.values():
         if parameter.path == "structure%speed":
             return parameter.values
-    return np.full(results.n_points, float(_value(_group(results, "structure"), "speed")))
+    return np.full(results.n_points, float(_structure(results)["speed"][0]))
 
 
 def mean_radius(results: Results, point: int, body) -> float:
@@ -234,12 +232,6 @@ def _draw_wave(results: Results, rotor: RotorStator, point: int):
     return fig
 
 
-def _group(results: Results, name: str) -> str:
-    """Keys of the first group `&name` of the complete input."""
-    match = re.search(rf"^&{name}\b(.*?)^/", results.input_complete, re.MULTILINE | re.DOTALL)
-    return match.group(1) if match else ""
-
-
-def _value(group: str, key: str) -> str:
-    match = re.search(rf"^ *{key} = (.*)$", group, re.MULTILINE)
-    return match.group(1).strip() if match else ""
+def _structure(results: Results) -> dict[str, list[str]]:
+    """Keys of the group `&structure`."""
+    return next(iter(groups(results.input_complete, "structure")), {})

@@ -1,0 +1,311 @@
+"""What contacts do at the nodes of a structure: gaps, forces, stick and slip over time, and what of these is left over a period.
+
+The laws are evaluated along the stored motion. Stops: the gap g - z, and k max(z - g, 0). Friction with memory: the slider w of
+f = k (z - w) is pushed by the window |z - w| <= mu N/k (docs/user/theory.md, section 5.5), step by step. Rigid laws have their
+force from the result. Whether a wall is closed says the sign of f + e (z - g), whether rigid friction slips the size of
+f + e dz/dt: for any e, since the gap is zero where the force is not, and the rate where the force is below its limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .complete_input import groups
+from .errors import ReaderError, UsageError
+from .reader import Results
+from .structure import Structure
+from .text import list_text
+
+MEASURES = ("gap", "normal_force", "friction")
+OPEN, STICK, SLIP = 0, 1, 2  # closed contacts without friction stick
+KINDS = ("annular_clearance", "coulomb_rigid", "elastic_stop", "jenkins", "jenkins_2d", "rigid_wall")
+
+_STEPS = 16  # in a period of the fastest harmonic
+_PERIODS = 32  # of the slowest of several tones: what shares are taken over, or
+_BEATS = 8  # periods of the slowest beat of two of them where that is longer
+_BEFORE = 8  # of that part of it in which sliders forget their start; those of one tone along one coordinate need one period
+_MOST = 300_000  # steps
+_BLOCK = 2_000_000  # steps times nodes that are held at once
+
+
+@dataclass
+class Contact:
+    """The laws of one `&law`, a node each; coordinates as (labels of each node, weights)."""
+
+    label: str
+    kind: str
+    laws: np.ndarray  # numbers in the result
+    nodes: np.ndarray  # indices
+    keys: dict[str, float]
+    coordinates: list[tuple[list[list[str]], list[float]]]
+    is_two_sided: bool = False
+
+    @property
+    def slides(self) -> bool:
+        return self.kind in ("coulomb_rigid", "jenkins", "jenkins_2d") or self.keys.get("friction_coefficient", 0.0) > 0.0
+
+
+@dataclass
+class History:
+    """What the laws of a contact do at the nodes, (n_times, n_nodes); NaN for what a law does not know."""
+
+    status: np.ndarray
+    gap: np.ndarray = field(default_factory=lambda: np.array(np.nan))  # [m]
+    normal_force: np.ndarray = field(default_factory=lambda: np.array(np.nan))  # [N]
+    friction: np.ndarray = field(default_factory=lambda: np.array(np.nan))  # [N], its size
+
+    def __post_init__(self):
+        for name in MEASURES:
+            setattr(self, name, np.broadcast_to(getattr(self, name), self.status.shape))
+
+
+def contacts(results: Results, structure: Structure, point: int) -> list[Contact]:
+    """The contacts of a result at nodes of the structure, in the order of the input."""
+    found, first = [], 0
+    labels = results.laws
+    if not labels:
+        return []
+    for number, texts in enumerate(groups(results.input_complete, "law"), start=1):
+        kind = texts["type"][0]
+        label = texts.get("label", [f"{kind} {number}"])[0]
+        coordinates = _coordinates(structure, kind, texts)
+        n = max(len(places) for places, _ in coordinates)
+        expected = [label] if n == 1 else [f"{label} {places[0]}" for places in coordinates[0][0]]
+        if labels[first : first + n] not in (expected, [f"{label} {expected[0]}"]):
+            raise ReaderError(
+                f"{results.path}: law '{label}' of its input is not that of {structure.path}; is that the model of the run?"
+            )
+        laws = np.arange(first, first + n)
+        first += n
+        nodes = [structure.node_of(places[0]) for places in coordinates[0][0]]
+        if kind in KINDS and None not in nodes:
+            keys = _numbers(results, point, texts, number)
+            two_sided = texts.get("two_sided", ["f"])[0].strip(".").lower().startswith("t")
+            found.append(Contact(label, kind, laws, np.array(nodes), keys, coordinates, two_sided))
+    return found
+
+
+def _coordinates(structure: Structure, kind: str, texts: dict[str, list[str]]) -> list[tuple[list[list[str]], list[float]]]:
+    """For each coordinate of a law the degrees of freedom of each of its places, and their weights."""
+    coordinates = []
+    for key, weights in (("dof", ""), ("dofs", "weights"), ("second_dofs", "second_weights"), ("normal_dofs", "normal_weights")):
+        if key not in texts:
+            continue
+        names = [structure.dofs_of(name) for name in texts[key]]
+        n = max(map(len, names))
+        if key == "dofs" and "weights" not in texts:  # a law of several coordinates
+            coordinates += [([[dof] for dof in column], [1.0]) for column in names]
+            continue
+        places = [[column[i if len(column) > 1 else 0] for column in names] for i in range(n)]
+        coordinates.append((places, [float(w) for w in texts.get(weights, ["1"] * len(names))]))
+    return coordinates
+
+
+def _numbers(results: Results, point: int, texts: dict[str, list[str]], number: int) -> dict[str, float]:
+    """The numbers of a law, those that are swept as they are at the point."""
+    keys = {}
+    for key, values in texts.items():
+        try:
+            keys |= {key if len(values) == 1 else f"{key}({i})": float(value) for i, value in enumerate(values, start=1)}
+        except ValueError:
+            continue
+    for parameter in results.parameters.values():
+        for name in (number, texts.get("label", [""])[0]):
+            prefix = f"law({name})%"
+            if parameter.is_number and parameter.path.startswith(prefix):
+                keys[parameter.path[len(prefix) :]] = float(parameter.values[point])
+    return keys
+
+
+class Motion:
+    """Coordinates of the laws of a point, and forces that the result holds, as functions of time."""
+
+    def __init__(self, results: Results, point: int, allow_unconverged: bool = False):
+        self._results, self._point, self._allow = results, point, allow_unconverged
+        self._loaded: dict = {}
+        series = self._series(results.default_dof("force"), "force")
+        tones = np.sort(np.abs(series.omega))
+        self.slowest, self.fastest = float(tones[0]), float(np.abs(series.frequencies).max())
+        self.period = 2 * np.pi / self.slowest
+        self.step = min(2 * np.pi / self.fastest / _STEPS, self.period / 256)
+        self.window = self.period  # what shares are taken over
+        if len(tones) > 1:
+            self.window = 2 * np.pi * max(_PERIODS / tones[0], _BEATS / max(np.diff(tones).min(), 1e-300))
+            self.window = min(self.window, _MOST * self.step)
+
+    def coordinate(self, contact: Contact, k: int, t: np.ndarray, rate: bool = False) -> np.ndarray:
+        """Coordinate k at times, or its rate (n_times, n_nodes)."""
+        places, weights = contact.coordinates[k]
+        return sum(w * self._values([place[i] for place in places], "corrected", t, rate) for i, w in enumerate(weights))
+
+    def force(self, contact: Contact, t: np.ndarray) -> np.ndarray:
+        """Force of each law on its coordinate, of laws of one coordinate (n_times, n_nodes)."""
+        places, weights = contact.coordinates[0]
+        return self._values([place[0] for place in places], "force", t) / weights[0]
+
+    def _series(self, dof: str, quantity: str):
+        if (dof, quantity) not in self._loaded:
+            self._loaded[dof, quantity] = self._results.series(self._point, dof, quantity, self._allow)
+        return self._loaded[dof, quantity]
+
+    def _values(self, dofs: Sequence[str], quantity: str, t: np.ndarray, rate: bool = False) -> np.ndarray:
+        series = [self._series(dof, quantity) for dof in dofs]
+        frequencies = series[0].frequencies
+        c = np.array([s.cos - 1j * s.sin for s in series]).T
+        if rate:
+            c = 1j * frequencies[:, None] * c
+        parts = np.array_split(t, 1 + len(t) // 2000)
+        return np.concatenate([(np.exp(1j * np.outer(part, frequencies)) @ c).real for part in parts])
+
+
+def history(contact: Contact, motion: Motion, times: np.ndarray) -> History:
+    """What a contact does at equally spaced times."""
+    step = times[1] - times[0] if len(times) > 1 else motion.step
+    n_inner = max(1, int(np.ceil(step / motion.step * (1 - 1e-9))))
+    n = (len(times) - 1) * n_inner + 1
+    blocks = list(_blocks(contact, motion, times[0], step / n_inner, n))
+    return History(*(np.concatenate([getattr(b, name) for b in blocks])[::n_inner] for name in ("status", *MEASURES)))
+
+
+def _blocks(contact: Contact, motion: Motion, start: float, step: float, n: int) -> Iterator[History]:
+    """The history at n times, some at once; sliders come from before."""
+    n_before = 0
+    if contact.kind in ("jenkins", "jenkins_2d"):
+        n_before = int(np.ceil(max(_BEFORE * motion.period, motion.window / _BEATS) / step))
+    place = None
+    most = max(1000, _BLOCK // len(contact.nodes))
+    for first in [*range(-n_before, 0, most), *range(0, n, most)]:
+        last = min(first + most, 0 if first < 0 else n)
+        found, place = _evaluate(contact, motion, start + step * np.arange(first, last), place)
+        if first >= 0:
+            yield found
+
+
+def _evaluate(contact: Contact, motion: Motion, times: np.ndarray, place: np.ndarray | None) -> tuple[History, np.ndarray | None]:
+    """The history at times, and where sliders are at their end, which have begun at a place, or at rest."""
+    if contact.kind in ("jenkins", "jenkins_2d"):
+        return _sliding(contact, motion, times, place)
+    return _without_memory(contact, motion, times), None
+
+
+def _without_memory(contact: Contact, motion: Motion, times: np.ndarray) -> History:
+    keys, kind = contact.keys, contact.kind
+    z = motion.coordinate(contact, 0, times)
+    if kind == "coulomb_rigid":
+        force, rate = motion.force(contact, times), motion.coordinate(contact, 0, times, rate=True)
+        slips = np.abs(force + keys["limit"] / _largest(rate) * rate) > keys["limit"]
+        return History(np.where(slips, SLIP, STICK), friction=np.minimum(np.abs(force), keys["limit"]))
+    if kind == "annular_clearance":
+        x, y = (motion.coordinate(contact, k, times) for k in (0, 1))
+        if len(contact.coordinates) == 4:
+            x, y = x - motion.coordinate(contact, 2, times), y - motion.coordinate(contact, 3, times)
+        gap = keys["clearance"] - np.hypot(x - keys.get("center(1)", 0.0), y - keys.get("center(2)", 0.0))
+        normal = keys["stiffness"] * np.maximum(-gap, 0.0)
+        friction = keys.get("friction_coefficient", 0.0) * normal
+        return History(np.where(gap < 0, SLIP if contact.slides else STICK, OPEN), gap, normal, friction)
+    gap = keys["gap"] - (np.abs(z) if contact.is_two_sided else z)
+    if kind == "elastic_stop":
+        return History(np.where(gap < 0, STICK, OPEN), gap, keys["stiffness"] * np.maximum(-gap, 0.0))
+    force = motion.force(contact, times)  # rigid wall
+    force = np.where(z < 0, -force, force) if contact.is_two_sided else force
+    closed = force - _largest(force) / _largest(z) * gap > 0
+    return History(np.where(closed, STICK, OPEN), gap, np.where(closed, np.maximum(force, 0.0), 0.0))
+
+
+def _largest(values: np.ndarray) -> np.ndarray:
+    return np.maximum(np.abs(values).max(), 1e-300)
+
+
+def _sliding(contact: Contact, motion: Motion, t: np.ndarray, place: np.ndarray | None) -> tuple[History, np.ndarray]:
+    """Elastic friction."""
+    z = np.array([motion.coordinate(contact, k, t) for k in range(2 if contact.kind == "jenkins_2d" else 1)])
+    k = contact.keys["stiffness"]
+    gap = normal = np.full(z[0].shape, np.nan)
+    reach = np.full(z[0].shape, contact.keys.get("limit", 0.0) / k)
+    if "friction_coefficient" in contact.keys:
+        normal = contact.keys["preload"] + contact.keys["normal_stiffness"] * motion.coordinate(contact, 1, t)
+        if contact.keys["normal_stiffness"] > 0:
+            gap = -normal / contact.keys["normal_stiffness"]
+        normal = np.maximum(normal, 0.0)
+        reach = contact.keys["friction_coefficient"] * normal / k
+    places, moved = follow(z, reach, np.zeros_like(z[:, 0]) if place is None else place)
+    status = np.where(normal == 0.0, OPEN, np.where(moved, SLIP, STICK))
+    return History(status, gap, normal, k * np.sqrt(((z - places) ** 2).sum(axis=0))), places[:, -1]
+
+
+def follow(z: np.ndarray, reach: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places of sliders that are nowhere farther than `reach` (n_times, n_nodes) from z (n_directions, n_times, n_nodes), and
+    whether each has moved in the step to that time, from `start` (n_directions, n_nodes)."""
+    places = np.zeros_like(z)
+    moved = np.zeros(reach.shape, dtype=bool)
+    w = start
+    for i in range(len(reach)):
+        leash = w - z[:, i]
+        length = np.sqrt((leash**2).sum(axis=0))
+        moved[i] = length > reach[i]
+        w = np.where(moved[i], z[:, i] + leash * (reach[i] / np.maximum(length, 1e-300)), w)
+        places[:, i] = w
+    return places, moved
+
+
+def summary(contact: Contact, motion: Motion, power: np.ndarray) -> dict[str, np.ndarray]:
+    """What is left of the history over a period of one tone, or a long time of several, at each node; what the law has of it."""
+    n = int(np.ceil(motion.window / motion.step))
+    n_open = n_slip = gap = 0.0
+    smallest, largest, normal, friction = np.inf, -np.inf, -np.inf, -np.inf
+    for found in _blocks(contact, motion, 0.0, motion.window / n, n):
+        n_open = n_open + (found.status == OPEN).sum(axis=0)
+        n_slip = n_slip + (found.status == SLIP).sum(axis=0)
+        gap = gap + found.gap.sum(axis=0)
+        smallest = np.minimum(smallest, found.gap.min(axis=0))
+        largest = np.maximum(largest, found.gap.max(axis=0))
+        normal = np.maximum(normal, found.normal_force.max(axis=0))
+        friction = np.maximum(friction, found.friction.max(axis=0))
+    values = {"open share": n_open / n, "slip share": n_slip / n, "smallest gap": smallest, "mean gap": gap / n,
+              "largest gap": largest, "largest normal force": normal, "largest friction": friction,
+              "loss": power[contact.laws]}  # fmt: skip
+    for name in () if contact.slides else ("slip share", "loss"):
+        del values[name]
+    return {name: value for name, value in values.items() if np.isfinite(value).any()}
+
+
+UNITS = {"open share": "1", "slip share": "1", "smallest gap": "m", "mean gap": "m", "largest gap": "m",
+         "largest normal force": "N", "largest friction": "N", "loss": "W"}  # fmt: skip
+
+
+def shares(found: Sequence[Contact], motion: Motion, power: np.ndarray, structure: Structure) -> dict[str, np.ndarray]:
+    """The summaries of contacts as fields over all nodes, `open share LABEL`, ...; NaN where there is no law."""
+    return {
+        f"{name} {contact.label}": structure.field(contact.nodes, values)
+        for contact in found
+        for name, values in summary(contact, motion, power).items()
+    }
+
+
+def moments(
+    found: Sequence[Contact], motion: Motion | None, times: np.ndarray, structure: Structure
+) -> list[dict[str, np.ndarray]]:
+    """Fields over all nodes at each time: `status LABEL`, with -1 where there is no law, and `gap LABEL`, `normal_force LABEL`,
+    `friction LABEL` of laws that have them."""
+    fields: list[dict[str, np.ndarray]] = [{} for _ in times]
+    for contact in found if len(times) else ():
+        past = history(contact, motion, times)
+        for i, frame in enumerate(fields):
+            frame[f"status {contact.label}"] = structure.field(contact.nodes, past.status[i], -1.0)
+            for name in MEASURES:
+                if np.isfinite(getattr(past, name)).any():
+                    frame[f"{name} {contact.label}"] = structure.field(contact.nodes, getattr(past, name)[i])
+    return fields
+
+
+def chosen(found: Sequence[Contact], label: str | None, results: Results) -> Contact:
+    """The contact of a label, the first without one."""
+    if not found:
+        raise UsageError(f"{results.path}: no law of the result is a contact at a node; such are {list_text(KINDS)}")
+    for contact in found:
+        if label in (None, contact.label):
+            return contact
+    raise UsageError(f"{results.path}: no contact '{label}'; there are {list_text([c.label for c in found])}")

@@ -1,0 +1,96 @@
+"""Contacts of a structure: what each node of the patch does, as maps over the patch and over time."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from ..contact import OPEN, SLIP, STICK, UNITS, Contact, History
+from . import style
+
+_COLOURS = {OPEN: "#dfe3e8", STICK: style.COLOURS[0], SLIP: style.COLOURS[1]}
+_PANEL = 2.3  # [inch]
+
+
+def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarray, about: str):
+    """A panel for each of `values` (n_nodes), at the nodes' `points` (n_nodes, 3) as seen along the direction in which the patch
+    is thinnest; over the place along it where it is a line."""
+    extent = np.ptp(points, axis=0)
+    first, second = sorted(np.argsort(-extent, kind="stable")[:2])
+    is_line = extent[[first, second]].min() < 1e-3 * max(extent.max(), 1e-300)
+    along = int(np.argmax(extent))
+    with style.look():
+        n_columns = min(len(values), 3)
+        n_rows = -(-len(values) // n_columns)
+        ratio = 0.8 if is_line else float(np.clip(extent[second] / max(extent[first], 1e-300), 0.25, 1.2))
+        fig = style.figure(0.4 + 1.3 * _PANEL * n_columns, 0.6 + n_rows * (0.75 + _PANEL * ratio))
+        axes = fig.subplots(n_rows, n_columns, squeeze=False).ravel()
+        for ax in axes[len(values) :]:
+            ax.set_axis_off()
+        for ax, (name, value) in zip(axes, values.items()):
+            factor, units = style.unit_scale(float(np.nanmax(np.abs(value))), UNITS[name]) if UNITS[name] != "1" else (1.0, "1")
+            if is_line:
+                order = np.argsort(points[:, along], kind="stable")
+                ax.plot(points[order, along], factor * value[order], "o-", markersize=3.5, color=style.COLOURS[0])
+                ax.set(xlabel=f"{'xyz'[along]} [m]", ylabel=style.with_unit(name, units))
+                ax.set_ylim(*((-0.02, 1.02) if name.endswith("share") else ax.get_ylim()))
+                ax.grid(True)
+                continue
+            limits = {"vmin": 0.0, "vmax": max(float(value.max()), 0.01)} if name.endswith("share") else {}
+            drawn = ax.scatter(
+                points[:, first], points[:, second], c=factor * value, s=_size(points[:, [first, second]], ratio), marker="s",
+                cmap=style.COLOUR_MAP, edgecolors=style.INK, linewidths=0.3, **limits,
+            )  # fmt: skip
+            fig.colorbar(drawn, ax=ax, shrink=0.85)
+            ax.set_title(style.with_unit(name, units))
+            ax.set(xlabel=f"{'xyz'[first]} [m]", ylabel=f"{'xyz'[second]} [m]", aspect="equal")
+            for k, set_limits in ((first, ax.set_xlim), (second, ax.set_ylim)):
+                set_limits(points[:, k].min() - 0.12 * extent[along], points[:, k].max() + 0.12 * extent[along])
+            ax.locator_params(nbins=4)
+        style.head(fig, f"Contact '{contact.label}', {contact.kind}, {len(points)} node{'s' * (len(points) > 1)}", about)
+    return fig
+
+
+def _size(places: np.ndarray, ratio: float) -> float:
+    """Area of a marker [points squared] that leaves some room between the closest nodes."""
+    if len(places) < 2:
+        return 60.0
+    away = np.hypot(*(places[:, None] - places[None, :]).transpose(2, 0, 1))
+    away[np.diag_indices(len(places))] = np.inf
+    nearest = float(np.median(away.min(axis=1)))
+    per_metre = 0.75 * 72.0 * _PANEL * min(1.0, ratio) / max(float(np.ptp(places, axis=0).max()) * min(1.0, ratio), 1e-300)
+    return float(np.clip(0.75 * nearest * per_metre, 2.5, 14.0)) ** 2
+
+
+def draw_contact_time(contact: Contact, found: History, times: np.ndarray, points: np.ndarray, has_axis: bool, about: str):
+    """Open, stick and slip at each node over time, nodes in the order of their place along the patch, or of their angle about the
+    axis z, and the forces of all."""
+    along = int(np.argmax(np.ptp(points, axis=0)))
+    order = np.lexsort((*np.delete(points, along, axis=1).T, np.round(points[:, along], 12)))
+    if has_axis:
+        order = np.argsort(np.arctan2(points[:, 1], points[:, 0]), kind="stable")
+    with style.look():
+        fig = style.figure(6.6, 5.0)
+        closed = "stick" if contact.slides else "closed"
+        handles = [Patch(facecolor=_COLOURS[k], label=text) for k, text in ((OPEN, "open"), (STICK, closed), (SLIP, "slip"))
+                   if k in found.status]  # fmt: skip
+        upper, lower = style.below_legends(fig, [handles], 3.0, 1.2)
+        factor, units = style.unit_scale(float(np.ptp(times)), "s")
+        colours, norm = ListedColormap(list(_COLOURS.values())), BoundaryNorm([-0.5, 0.5, 1.5, 2.5], 3)
+        t = factor * times
+        rows = np.arange(len(order))
+        upper.pcolormesh(t, rows, found.status[:, order].T, cmap=colours, norm=norm, shading="nearest", rasterized=True)
+        upper.set_ylabel(f"node, in the order of {'the angle' if has_axis else 'xyz'[along]}")
+        upper.yaxis.set_major_locator(MaxNLocator(integer=True))
+        forces = {"normal": found.normal_force, "friction (sizes)": found.friction}
+        forces = {name: np.nansum(f, axis=1) for name, f in forces.items() if np.isfinite(f).any()}
+        by, force_units = style.unit_scale(max((float(f.max()) for f in forces.values()), default=0.0), "N")
+        for (name, force), colour in zip(forces.items(), style.COLOURS):
+            lower.plot(t, by * force, color=colour, label=name)
+        lower.set(xlabel=f"time [{units}]", ylabel=style.with_unit("sum of forces", force_units), xlim=(t[0], t[-1]))
+        lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncol=2, borderaxespad=0.2)
+        lower.grid(True)
+        style.head(fig, f"Contact '{contact.label}', {contact.kind}, over time", about)
+    return fig
