@@ -15,6 +15,7 @@ module hb_balance
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
+   use hb_kept_linear_part, only: kept_linear_part_t
    use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_preconditioner, only: preconditioner_t, unit_work
    use hb_problem, only: deformation, problem_t
@@ -32,7 +33,8 @@ module hb_balance
    !> Owner of outside resources: call `destroy`.
    type, extends(problem_t) :: balance_t
       type(harmonics_t) :: harmonics
-      type(linear_part_t) :: stiffness
+      type(linear_part_t), allocatable :: stiffness
+      type(kept_linear_part_t), pointer :: kept_wide => null()        !! linear part of its certificate, if that is to be kept
       real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
       real(wp), allocatable :: xi(:)                                  !! artificial damping, negative, per tone [1/s], (n_tones)
@@ -84,6 +86,10 @@ module hb_balance
       procedure :: destroy => balance_destroy
    end type balance_t
 
+   interface new_balance
+      procedure :: balance_of_stiffness, balance_of_linear_part
+   end interface new_balance
+
    ! Linear part; bodies in hb_balance_linear
    interface
       module subroutine prepare_law(self, i)
@@ -103,7 +109,7 @@ module hb_balance
 
       !> Compliance of the structure where a law acts.
       module function balance_compliance_of_law(self, i) result(compliance)
-         class(balance_t), intent(in) :: self
+         class(balance_t), intent(inout) :: self
          integer, intent(in) :: i                                        !! law
          real(wp) :: compliance                                          !! of the structure at its first coordinate [m/N]
       end function balance_compliance_of_law
@@ -239,13 +245,31 @@ module hb_balance
 
 contains
 
-   !> Balance of laws on the coordinates to which the dynamic stiffness of the structure is condensed.
-   subroutine new_balance(self, harmonics, torus, omega, stiffness, laws, effort, error)
+   !> Balance of laws on the coordinates to which the dynamic stiffness of the structure is condensed; this is handed over, nothing
+   !> is left of it.
+   subroutine balance_of_stiffness(self, harmonics, torus, omega, stiffness, laws, effort, error)
+      type(balance_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      type(torus_t), intent(in) :: torus
+      real(wp), intent(in) :: omega(:)
+      type(dynamic_stiffness_t), intent(inout) :: stiffness           !! at the frequencies j.omega of all harmonics
+      type(law_box_t), intent(in) :: laws(:)
+      integer, intent(in) :: effort
+      type(error_t), allocatable, intent(out) :: error
+      type(linear_part_t), allocatable :: linear
+
+      allocate (linear)
+      call new_linear_part(linear, stiffness)
+      call balance_of_linear_part(self, harmonics, torus, omega, linear, laws, effort, error)
+   end subroutine balance_of_stiffness
+
+   !> Balance of laws on a linear part, which is handed over as well; its component `stiffness`, where it is, may be taken from it.
+   subroutine balance_of_linear_part(self, harmonics, torus, omega, linear, laws, effort, error)
       type(balance_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
-      class(dynamic_stiffness_t), intent(in) :: stiffness             !! at the frequencies j.omega of all harmonics
+      type(linear_part_t), allocatable, intent(inout) :: linear       !! at the frequencies j.omega of all harmonics
       type(law_box_t), intent(in) :: laws(:)                          !! at least one; on numbers of coordinates
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
@@ -256,7 +280,8 @@ contains
       self%effort = effort
       self%frequencies = harmonics%frequencies(omega)
       self%xi = 0.0_wp*omega
-      self%n_dofs = size(stiffness%load, 1)
+      call move_alloc(linear, self%stiffness)
+      self%n_dofs = self%stiffness%n_law
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
       self%has_products = .true.
       self%climbs_first = self%n_unknowns >= fewest_to_climb .and. &
@@ -272,7 +297,6 @@ contains
       call self%tangent_product%destroy()
       call new_projected_laws(self%law_set, laws, self%n_dofs, harmonics, torus, omega, effort, error)
       if (allocated(error)) return
-      call new_linear_part(self%stiffness, stiffness)
       call self%preconditioner%prepare(self%stiffness, self%law_set)
       do i = 1, size(laws)
          call prepare_law(self, i)
@@ -281,7 +305,7 @@ contains
       allocate (self%reaction(harmonics%n_coefficients, self%n_dofs), self%force(harmonics%n_coefficients, self%n_dofs))
       call choose_scales(self)
       call count_work(self, torus)
-   end subroutine new_balance
+   end subroutine balance_of_linear_part
 
    !> What a residual and a tangent cost, in about a nanosecond: transforms and laws by samples, laws with memory by steps for
    !> each unknown, factors by multiplications.
@@ -405,14 +429,14 @@ contains
 
    !> The motion without any law; where the structure is free to move, that on its weak supports.
    subroutine balance_linear_solution(self, u)
-      class(balance_t), intent(in) :: self
+      class(balance_t), intent(inout) :: self
       real(wp), intent(out) :: u(self%harmonics%n_coefficients, self%n_dofs)   !! [m]
 
       call self%stiffness%find_motion(self%harmonics, u)
    end subroutine balance_linear_solution
 
    subroutine balance_solve_linear(self, r, step)
-      class(balance_t), intent(in) :: self
+      class(balance_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: r(:)
       real(wp), intent(out), contiguous :: step(:)
 

@@ -83,6 +83,7 @@ contains
       integer, intent(in) :: kept(:)
       type(balance_t), intent(inout) :: coarse
       type(error_t), allocatable, intent(out) :: error
+      type(dynamic_stiffness_t) :: stiffness
       type(harmonics_t) :: set
       type(torus_t) :: torus
       integer :: m
@@ -96,7 +97,8 @@ contains
       if (allocated(error)) return
       torus%corrects_kinks = self%law_set%transform%torus%corrects_kinks
       if (self%law_set%transform%torus%is_half .and. torus%can_be_halved()) torus = torus%half()
-      call new_balance(coarse, set, torus, self%omega, self%stiffness%restricted_to(kept), self%law_set%laws, self%effort, error)
+      stiffness = self%stiffness%restricted_to(kept)
+      call new_balance(coarse, set, torus, self%omega, stiffness, self%law_set%laws, self%effort, error)
       coarse%watch => self%watch
    end subroutine make_coarse
 

@@ -25,7 +25,7 @@ contains
    end subroutine prepare_law
 
    module function balance_compliance_of_law(self, i) result(compliance)
-      class(balance_t), intent(in) :: self
+      class(balance_t), intent(inout) :: self
       integer, intent(in) :: i
       real(wp) :: compliance
 

@@ -14,6 +14,7 @@ module hb_certificate
    use hb_impact, only: impact_energy
    use hb_kinds, only: wp
    use hb_law, only: defects_t
+   use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_mean_energy, only: mean_energy_t, new_mean_energy
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
@@ -112,12 +113,14 @@ contains
          call check_contact(self, structure, balance, wide, u)
          call find_structure_powers(self, structure, balance, loads, u)
       end if
+      if (associated(balance%kept_wide)) call balance%kept_wide%give_back(wide%stiffness)
       call wide%destroy()
 
    contains
 
       subroutine make_wide_balance()
          type(dynamic_stiffness_t) :: stiffness
+         type(linear_part_t), allocatable :: linear
          complex(wp), allocatable :: wide_loads(:, :)
          integer :: h
 
@@ -125,10 +128,18 @@ contains
          do h = 1, balance%harmonics%n_harmonics
             wide_loads(:, set%index_of(balance%harmonics%tuples(:, h))) = loads(:, h)
          end do
-         call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &
-                                    wide_loads, error, wanted_slopes_t(drives=set%frequencies(balance%xi*balance%omega)))
+         if (associated(balance%kept_wide)) then
+            call balance%kept_wide%take(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
+                                        linear, error)
+         else
+            call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &
+                                       wide_loads, error, wanted_slopes_t(drives=set%frequencies(balance%xi*balance%omega)))
+            if (allocated(error)) return
+            allocate (linear)
+            call new_linear_part(linear, stiffness)
+         end if
          if (allocated(error)) return
-         call new_balance(wide, set, grid, balance%omega, stiffness, balance%law_set%laws, effort, error)
+         call new_balance(wide, set, grid, balance%omega, linear, balance%law_set%laws, effort, error)
          wide%watch => balance%watch
       end subroutine make_wide_balance
    end subroutine certify
@@ -228,10 +239,12 @@ contains
       type(balance_t) :: fine
       type(report_t) :: report
       type(solver_config_t) :: config
+      type(linear_part_t), allocatable :: linear
       real(wp), allocatable :: x(:)
       real(wp) :: difference
 
-      call new_balance(fine, balance%harmonics, grid, balance%omega, balance%stiffness, balance%law_set%laws, effort, error)
+      allocate (linear, source=balance%stiffness)
+      call new_balance(fine, balance%harmonics, grid, balance%omega, linear, balance%law_set%laws, effort, error)
       fine%watch => balance%watch
       if (.not. allocated(error)) then
          config%max_iterations = most_iterations

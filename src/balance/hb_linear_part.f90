@@ -1,4 +1,5 @@
-!> The linear part of the balance: the dynamic stiffness of each harmonic with its factors, and what it makes of coefficients.
+!> The linear part of the balance: the dynamic stiffness of each harmonic, its factors where they are asked for, and what
+!> it makes of coefficients.
 !>
 !> Where S is singular (a structure free to move, an undamped resonance) weak supports hold it for first guesses and first steps;
 !> in a residual they stand only along a homotopy in the laws, and fade as these grow.
@@ -6,6 +7,7 @@
 module hb_linear_part
    use hb_block_factors, only: block_factors_t, new_block_factors
    use hb_dynamic_stiffness, only: dynamic_stiffness_t
+   use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    implicit none
@@ -17,8 +19,12 @@ module hb_linear_part
       logical :: has_supports = .false.                               !! in any harmonic
       real(wp) :: support_share = 0.0_wp                              !! of the supports in residual and tangent, 0 to 1
       real(wp), allocatable, private :: support(:)                    ! (n_law) [N/m]
-      type(block_factors_t), private :: factors                       ! LU of S of each harmonic, on its supports
+      complex(wp), allocatable, private :: free_motion(:, :)          ! without any law, [m], (n_law, n_harmonics); not allocated
+                                                                      ! after `move`
+      type(block_factors_t), private :: factors                       ! LU of S on its supports, of the harmonics asked for
    contains
+      procedure :: move => linear_part_move
+      procedure :: take_loads => linear_part_take_loads
       procedure :: entry => linear_part_entry
       procedure :: support_in => linear_part_support_in
       procedure :: add_supports => linear_part_add_supports
@@ -27,44 +33,75 @@ module hb_linear_part
       procedure :: find_motion => linear_part_find_motion
       procedure :: solve => linear_part_solve
       procedure :: compliance => linear_part_compliance
+      procedure, private :: factorise => linear_part_factorise
    end type linear_part_t
 
 contains
 
-   !> Factorises a dynamic stiffness. Supports are a tenth of the stiffness in the first harmonic that is not singular.
+   !> Makes the linear part of a dynamic stiffness, which is handed over: nothing is left of it. Supports are a tenth of the
+   !> stiffness in the first harmonic that is not singular.
    subroutine new_linear_part(self, stiffness)
       type(linear_part_t), intent(out) :: self
-      class(dynamic_stiffness_t), intent(in) :: stiffness
+      type(dynamic_stiffness_t), intent(inout) :: stiffness
       real(wp), parameter :: weakness = 1.0e-1_wp
       integer :: h, i
-      complex(wp), allocatable :: block(:, :), free_motion(:, :)
-      logical :: has_zero_pivot
       real(wp) :: stiffest
 
-      self%dynamic_stiffness_t = stiffness
-      associate (n => stiffness%n_law)
-         call new_block_factors(self%factors, self%pattern, self%n_harmonics)
-         allocate (self%is_singular(self%n_harmonics), free_motion(n, self%n_harmonics))
-         call self%linear_amplitudes(free_motion, self%is_singular)
-         self%has_supports = any(self%is_singular)
-         h = max(1, findloc(self%is_singular, .false., dim=1))
-         self%support = [(weakness*abs(self%entry(i, i, h)), i=1, n)]
-         stiffest = maxval(self%support)
-         if (stiffest <= 0.0_wp) stiffest = 1.0_wp
-         where (self%support <= epsilon(1.0_wp)*stiffest) self%support = stiffest
-         do h = 1, self%n_harmonics
-            block = self%condensed(:, :, h)
-            if (self%is_singular(h)) then
-               do i = 1, n
-                  associate (row => self%pattern%shift(i) + i)
-                     block(row, i) = block(row, i) + self%support(i)
-                  end associate
-               end do
-            end if
-            call self%factors%factorise(h, block, has_zero_pivot)
-         end do
-      end associate
+      call stiffness%hand_over(self)
+      allocate (self%is_singular(self%n_harmonics), self%free_motion(self%n_law, self%n_harmonics))
+      call self%linear_amplitudes(self%free_motion, self%is_singular)
+      self%has_supports = any(self%is_singular)
+      h = max(1, findloc(self%is_singular, .false., dim=1))
+      self%support = [(weakness*abs(self%entry(i, i, h)), i=1, self%n_law)]
+      stiffest = maxval(self%support)
+      if (stiffest <= 0.0_wp) stiffest = 1.0_wp
+      where (self%support <= epsilon(1.0_wp)*stiffest) self%support = stiffest
+      call new_block_factors(self%factors, self%pattern, self%n_harmonics)
    end subroutine new_linear_part
+
+   !> As that of the dynamic stiffness; supports stay where they were.
+   subroutine linear_part_move(self, frequencies, drives, error)
+      class(linear_part_t), intent(inout) :: self
+      real(wp), intent(in) :: frequencies(:)
+      real(wp), intent(in) :: drives(:)
+      type(error_t), allocatable, intent(out) :: error
+
+      if (allocated(self%free_motion)) deallocate (self%free_motion)
+      call self%factors%forget()
+      call self%dynamic_stiffness_t%move(frequencies, drives, error)
+   end subroutine linear_part_move
+
+   subroutine linear_part_take_loads(self, part, places)
+      class(linear_part_t), intent(inout) :: self
+      type(dynamic_stiffness_t), intent(in) :: part
+      integer, intent(in) :: places(:)
+      complex(wp) :: c(self%n_law, size(places))
+      logical :: is_singular(size(places))
+
+      call self%dynamic_stiffness_t%take_loads(part, places)
+      call part%linear_amplitudes(c, is_singular)
+      self%free_motion(:, places) = c
+   end subroutine linear_part_take_loads
+
+   !> Factorises S of harmonic h on its supports, unless that was done.
+   subroutine linear_part_factorise(self, h)
+      class(linear_part_t), intent(inout) :: self
+      integer, intent(in) :: h
+      complex(wp), allocatable :: block(:, :)
+      logical :: has_zero_pivot
+      integer :: i
+
+      if (self%factors%are_there(h)) return
+      block = self%condensed(:, :, h)
+      if (self%is_singular(h)) then
+         do i = 1, self%n_law
+            associate (row => self%pattern%shift(i) + i)
+               block(row, i) = block(row, i) + self%support(i)
+            end associate
+         end do
+      end if
+      call self%factors%factorise(h, block, has_zero_pivot)
+   end subroutine linear_part_factorise
 
    !> Entry (i, k) of S of harmonic h [N/m], which must stand within its pattern.
    pure complex(wp) function linear_part_entry(self, i, k, h) result(entry)
@@ -180,39 +217,50 @@ contains
 
    !> Finds the motion without any law; where the structure is free to move, that on its supports.
    subroutine linear_part_find_motion(self, set, u)
-      class(linear_part_t), intent(in) :: self
+      class(linear_part_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: set
       real(wp), intent(out) :: u(:, :)                                !! [m], (n_coefficients, n_law)
-      complex(wp) :: c(size(u, 2), set%n_harmonics)
+      complex(wp) :: c(size(u, 2))
       logical :: is_singular(set%n_harmonics)
       integer :: h, i
 
-      call self%linear_amplitudes(c, is_singular)
+      if (.not. allocated(self%free_motion)) then
+         allocate (self%free_motion(self%n_law, self%n_harmonics))
+         call self%linear_amplitudes(self%free_motion, is_singular)
+      else
+         is_singular = self%is_singular
+      end if
       do h = 1, set%n_harmonics
+         c = self%free_motion(:, h)
          if (is_singular(h)) then
-            c(:, h) = self%load(:, h)
-            call self%factors%solve(h, c(:, h))
+            c = self%load(:, h)
+            call self%factorise(h)
+            call self%factors%solve(h, c)
          end if
          do i = 1, size(u, 2)
-            call set%set_amplitude(u(:, i), h, c(i, h))
+            call set%set_amplitude(u(:, i), h, c(i))
          end do
       end do
    end subroutine linear_part_find_motion
 
-   !> Solves S step = r on the supports, with the factors of the frequencies at which this was made.
+   !> Solves S step = r on the supports.
    subroutine linear_part_solve(self, set, r, step)
-      class(linear_part_t), intent(in) :: self
+      class(linear_part_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in), contiguous :: r(:)                        !! [N], (n_coefficients*n_law)
       real(wp), intent(out), contiguous :: step(:)                    !! [m], as r
+      integer :: h
 
+      do h = 1, self%n_harmonics
+         call self%factorise(h)
+      end do
       call self%factors%solve_harmonics(set, r, step)
    end subroutine linear_part_solve
 
    !> Compliance |w.S^-1 w| [m/N] in harmonic h along the weights w of some coordinates; without h, in the first harmonic in which
    !> the structure is not free to move: the static one, unless the set has no zero tuple or the structure no support.
    function linear_part_compliance(self, coordinates, weights, h) result(compliance)
-      class(linear_part_t), intent(in) :: self
+      class(linear_part_t), intent(inout) :: self
       integer, intent(in) :: coordinates(:)                           !! (n)
       real(wp), intent(in) :: weights(:)                              !! (n)
       integer, intent(in), optional :: h
@@ -225,6 +273,7 @@ contains
       force = (0.0_wp, 0.0_wp)
       force(coordinates) = cmplx(weights, kind=wp)
       response = force
+      call self%factorise(harmonic)
       call self%factors%solve(harmonic, response)
       compliance = abs(dot_product(force, response))
    end function linear_part_compliance

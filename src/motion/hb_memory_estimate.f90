@@ -278,14 +278,14 @@ contains
       interior_bytes = complex_bytes*s%n_dofs*(n_rows + s%n_coordinates + 2) + 88*s%n_entries
    end function interior_bytes
 
-   !> Condensed stiffness, twice (the balance keeps a copy), and its factors; see hb_dynamic_stiffness.
+   !> Condensed stiffness, and factors of the two harmonics that laws ask for; see hb_dynamic_stiffness and hb_linear_part.
    pure real(wp) function linear_bytes(s, n_harmonics)
       type(sizes_t), intent(in) :: s
       real(wp), intent(in) :: n_harmonics
 
       associate (l => s%n_coordinates)
-         linear_bytes = complex_bytes*n_harmonics*(2*((s%n_dofs - l)*(l + 1) + l*(s%n_rows + 1) + 1.5_wp*l) + &
-                                                   l*s%n_factor_rows + 4*l) &
+         linear_bytes = complex_bytes*(n_harmonics*((s%n_dofs - l)*(l + 1) + l*(s%n_rows + 1) + 6.5_wp*l) + &
+                                       2*l*s%n_factor_rows) &
                         + integer_bytes*n_harmonics*(size(s%highest) + 4)
       end associate
    end function linear_bytes

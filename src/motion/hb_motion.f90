@@ -14,7 +14,9 @@ module hb_motion
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
+   use hb_kept_linear_part, only: kept_linear_part_t
    use hb_law_coordinates, only: laws_at
+   use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_judge, only: judge_t, locking_t, may_be_locked, settled_t
    use hb_marched_result, only: guess_from, is_lost, keep_marched
    use hb_motion_result, only: motion_result_t
@@ -34,7 +36,12 @@ module hb_motion
    use hb_watch, only: verdict, watch_t
    implicit none
    private
-   public :: describe_motion, solve_motion, stability_of
+   public :: describe_motion, kept_linear_parts_t, solve_motion, stability_of
+
+   !> Linear parts that the motions of a sweep share, of the solution and of its certificate.
+   type :: kept_linear_parts_t
+      type(kept_linear_part_t) :: narrow, wide
+   end type kept_linear_parts_t
 
    integer, parameter :: steps_from_march = 20                        ! of the balance, from a motion that is known
    real(wp), parameter :: largest_asymmetry = 1.0e-8_wp               ! of forces with memory of an odd motion, relative
@@ -43,7 +50,7 @@ contains
 
    !> Solves the scene. An `error` is trouble that belongs to this point alone, such as a singular interior; a solver that
    !> does not converge is told by the status of the result.
-   subroutine solve_motion(scene, result, error, guess, unknowns, watch, judge)
+   subroutine solve_motion(scene, result, error, guess, unknowns, watch, judge, kept)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
@@ -52,7 +59,9 @@ contains
       real(wp), allocatable, intent(out), optional :: unknowns(:)     !! of a converged solution, as `guess`; none without laws
       class(watch_t), intent(inout), optional, target :: watch        !! may end the point, which then is `interrupted`
       class(judge_t), intent(in), optional :: judge                   !! for first guesses from marching, and for tones that lock
+      type(kept_linear_parts_t), intent(inout), optional, target :: kept  !! of the motion before, for what it can be used
       type(watch_t), target :: own_watch
+      type(kept_linear_parts_t), pointer :: parts
       class(watch_t), pointer :: its_watch
       type(basis_t) :: basis
       real(wp), allocatable :: first_guess(:), found(:)
@@ -60,16 +69,19 @@ contains
 
       its_watch => own_watch
       if (present(watch)) its_watch => watch
+      nullify (parts)
+      if (present(kept) .and. .not. any(scene%tones%is_unknown)) parts => kept   ! no slopes, no drives
       call its_watch%begin(scene%solver%time_limit)
       if (present(guess)) first_guess = guess
       call find_basis(basis, is_odd, scene, error, first_guess)
       if (allocated(error)) return
-      call solve_scene(scene, basis, its_watch, result, error, first_guess, found, judge)
+      call solve_scene(scene, basis, its_watch, result, error, first_guess, found, judge, parts)
       if (is_odd .and. .not. allocated(error)) then
          result%is_odd = is_proven_odd(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])
          if (.not. result%is_odd) then
             if (allocated(found)) call move_alloc(found, first_guess)  ! balances the odd harmonics alone
-            call solve_scene(scene, whole_basis(scene%harmonics, scene%torus), its_watch, result, error, first_guess, found, judge)
+            call solve_scene(scene, whole_basis(scene%harmonics, scene%torus), its_watch, result, error, first_guess, found, &
+                             judge, parts)
          end if
       end if
       if (present(judge) .and. .not. allocated(error)) call rescue_by_march(scene, its_watch, judge, result, found)
@@ -168,7 +180,7 @@ contains
    end subroutine forget_motion
 
    !> Solves the scene in a basis.
-   subroutine solve_scene(scene, basis, watch, result, error, guess, unknowns, judge)
+   subroutine solve_scene(scene, basis, watch, result, error, guess, unknowns, judge, kept)
       type(scene_t), intent(in) :: scene
       type(basis_t), intent(in) :: basis
       class(watch_t), intent(inout), target :: watch
@@ -177,12 +189,14 @@ contains
       real(wp), allocatable, intent(in) :: guess(:)                   !! in the whole set, as that of `solve_motion`
       real(wp), allocatable, intent(out) :: unknowns(:)               !! as `guess`
       class(judge_t), intent(in), optional :: judge
+      type(kept_linear_parts_t), pointer, intent(in), optional :: kept
       type(dynamic_stiffness_t) :: stiffness
+      type(linear_part_t), allocatable :: linear
       type(balance_t), target :: balance
       type(autonomous_start_t) :: start
       type(coordinates_t) :: coordinates
       real(wp), allocatable :: first_guess(:), marched(:)
-      logical :: is_autonomous
+      logical :: is_autonomous, keeps
       real(wp) :: started
 
       started = wall_clock()
@@ -217,24 +231,37 @@ contains
       result%n_harmonics = basis%whole%n_harmonics
       call scene%structure%reduction%reach%check(basis%harmonics%frequencies(start%omega), error)
       if (allocated(error)) return
-      call new_dynamic_stiffness(stiffness, scene%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                                 basis%amplitudes_of(scene%loads), error, &
-                                 wanted_slopes_t(is_on=is_autonomous, of_motion=scene%normal_mode%has_energy, &
-                                                 loads=basis%amplitudes_of(scene%load_slopes)))
+      keeps = .false.
+      if (present(kept)) keeps = associated(kept) .and. coordinates%n > 0
+      if (keeps) then
+         call kept%narrow%take(scene%structure, coordinates, basis%harmonics%frequencies(start%omega), &
+                               basis%amplitudes_of(scene%loads), linear, error)
+      else
+         call new_dynamic_stiffness(stiffness, scene%structure, coordinates, basis%harmonics%frequencies(start%omega), &
+                                    basis%amplitudes_of(scene%loads), error, &
+                                    wanted_slopes_t(is_on=is_autonomous, of_motion=scene%normal_mode%has_energy, &
+                                                    loads=basis%amplitudes_of(scene%load_slopes)))
+      end if
       if (allocated(error)) return
       if (coordinates%n == 0) then
          result%setup_seconds = wall_clock() - started
          call solve_linear_scene(scene, basis, stiffness, result)
          return
       end if
-      call new_balance(balance, basis%harmonics, basis%torus, start%omega, stiffness, laws_at(coordinates, scene%laws), &
+      if (.not. keeps) then
+         allocate (linear)
+         call new_linear_part(linear, stiffness)
+      end if
+      call new_balance(balance, basis%harmonics, basis%torus, start%omega, linear, laws_at(coordinates, scene%laws), &
                        scene%planning, error)
+      if (keeps) balance%kept_wide => kept%wide
       balance%watch => watch
       result%setup_seconds = wall_clock() - started
       if (.not. allocated(error)) call solve_balance(scene, basis, start, balance, result, error, first_guess, unknowns)
       if (present(judge) .and. is_autonomous .and. scene%tones%n_tones > 1 .and. .not. allocated(error) &
           .and. result%status /= outcome%interrupted) &
          call look_for_locking(judge, scene, start, coordinates%dofs, watch, result)
+      if (keeps) call kept%narrow%give_back(balance%stiffness)
       call balance%destroy()
    end subroutine solve_scene
 
@@ -697,6 +724,7 @@ contains
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       type(balance_t) :: shown
+      type(linear_part_t), allocatable :: linear
       type(real_block_t) :: samples
       type(torus_t) :: torus
       type(transform_t) :: transform
@@ -705,7 +733,8 @@ contains
       if (allocated(error)) return
       torus%corrects_kinks = .false.                                  ! forces as they are
       associate (coordinates => balance%stiffness%coordinates)
-         call new_balance(shown, basis%harmonics, torus, balance%omega, balance%stiffness, laws_at(coordinates, scene%laws), &
+         allocate (linear, source=balance%stiffness)
+         call new_balance(shown, basis%harmonics, torus, balance%omega, linear, laws_at(coordinates, scene%laws), &
                           scene%planning, error)
          if (.not. allocated(error)) call new_real_block(samples, torus%n_total, size(coordinates%dofs), error)
          if (.not. allocated(error)) &

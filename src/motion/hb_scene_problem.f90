@@ -123,17 +123,17 @@ contains
          keeps_stiffness = self%group == "law" .and. self%has_stiffness
          if (keeps_stiffness) keeps_stiffness = coordinates%equal(self%balance%stiffness%coordinates)
          if (keeps_stiffness) then
-            stiffness = self%balance%stiffness%dynamic_stiffness_t
+            call self%balance%stiffness%hand_over(stiffness)
          else
             call new_dynamic_stiffness(stiffness, scene%structure, coordinates, &
                scene%harmonics%frequencies(scene%tones%omega), scene%loads, error, &
                wanted_slopes_t(is_on=has_slopes, loads=scene%load_slopes))
             if (allocated(error)) return
          end if
-         self%has_stiffness = .true.
          call new_balance(self%balance, scene%harmonics, scene%torus, scene%tones%omega, stiffness, &
                           laws_at(coordinates, scene%laws), scene%planning, error)
       end associate
+      self%has_stiffness = .not. allocated(error)
       if (allocated(error)) return
       if (self%n_unknowns > 0 .and. self%n_unknowns /= self%balance%n_unknowns) then
          call fail(error, "the number of unknowns must not change along a curve")
@@ -373,7 +373,7 @@ contains
    end subroutine scene_problem_precondition
 
    subroutine scene_problem_solve_linear(self, r, step)
-      class(scene_problem_t), intent(in) :: self
+      class(scene_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: r(:)
       real(wp), intent(out), contiguous :: step(:)
 

@@ -284,7 +284,7 @@ contains
 
    !> The linear part of the base problem, and nothing that couples it to the parameters.
    subroutine bordered_solve_linear(self, r, step)
-      class(bordered_problem_t), intent(in) :: self
+      class(bordered_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: r(:)
       real(wp), intent(out), contiguous :: step(:)
 

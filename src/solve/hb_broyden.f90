@@ -98,7 +98,7 @@ contains
    !> step = H r.
    subroutine apply(inverse, problem, r, step)
       type(inverse_t), intent(in) :: inverse
-      class(problem_t), intent(in) :: problem
+      class(problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: r(:)
       real(wp), intent(out), contiguous :: step(:)
       integer :: k

@@ -79,7 +79,7 @@ module hb_problem
       !> Solves with the linear part of the problem, a cheap approximation of the tangent that needs no x.
       subroutine solve_linear(self, r, step)
          import :: problem_t, wp
-         class(problem_t), intent(in) :: self
+         class(problem_t), intent(inout) :: self
          real(wp), intent(in), contiguous :: r(:)                     !! (n_unknowns)
          real(wp), intent(out), contiguous :: step(:)                 !! (n_unknowns)
       end subroutine solve_linear

@@ -4,35 +4,61 @@ module hb_block_factors
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_lapack, only: zgbtrf, zgbtrs, zgetrf, zgetrs
+   use hb_small_lu, only: factorise_small, largest_small, solve_small
    implicit none
    private
    public :: block_factors_t, new_block_factors
 
+   !> The factors of one block.
+   type :: factors_t
+      complex(wp), allocatable :: matrix(:, :)               ! (rows, n); a band with room for row exchanges
+      integer, allocatable :: pivots(:)                      ! (n)
+   end type factors_t
+
    type :: block_factors_t
       type(block_pattern_t), private :: pattern              ! of the blocks
-      complex(wp), allocatable, private :: matrix(:, :, :)   ! (rows, n, n_blocks); a band with room for row exchanges;
-                                                             ! for n = 1 the inverse
-      integer, allocatable, private :: pivots(:, :)          ! (n, n_blocks)
+      type(factors_t), allocatable, private :: blocks(:)     ! room is made as they come
+      complex(wp), allocatable, private :: inverses(:)       ! in place of them for n = 1
+      logical, allocatable, private :: is_there(:)           ! (n_blocks)
    contains
+      procedure :: are_there => block_factors_are_there
       procedure :: factorise => block_factors_factorise
+      procedure :: forget => block_factors_forget
       procedure :: solve => block_factors_solve
       procedure :: solve_harmonics => block_factors_solve_harmonics
    end type block_factors_t
 
 contains
 
-   !> Makes room for the factors of `n_blocks` blocks.
+   !> Prepares for the factors of `n_blocks` blocks.
    subroutine new_block_factors(self, pattern, n_blocks)
       type(block_factors_t), intent(out) :: self
       type(block_pattern_t), intent(in) :: pattern
       integer, intent(in) :: n_blocks
-      integer :: n_rows
 
       self%pattern = pattern
-      n_rows = max(1, pattern%n_rows)
-      if (pattern%is_banded) n_rows = 3*pattern%reach + 1
-      allocate (self%matrix(n_rows, pattern%n, n_blocks), self%pivots(pattern%n, n_blocks))
+      allocate (self%is_there(n_blocks), source=.false.)
+      if (pattern%n == 1) then
+         allocate (self%inverses(n_blocks))
+      else
+         allocate (self%blocks(n_blocks))
+      end if
    end subroutine new_block_factors
+
+   !> Whether block h was factorised.
+   pure logical function block_factors_are_there(self, h) result(are_there)
+      class(block_factors_t), intent(in) :: self
+      integer, intent(in) :: h
+
+      are_there = self%is_there(h)
+   end function block_factors_are_there
+
+   !> Forgets all factors; their room stays.
+   subroutine block_factors_forget(self)
+      class(block_factors_t), intent(inout) :: self
+
+      self%is_there = .false.
+   end subroutine block_factors_forget
 
    !> Factorises block h; `is_singular` where a pivot is exactly zero.
    subroutine block_factors_factorise(self, h, block, is_singular)
@@ -40,39 +66,54 @@ contains
       integer, intent(in) :: h
       complex(wp), intent(in) :: block(:, :)                 !! (n_rows, n) as the pattern says
       logical, intent(out) :: is_singular
-      integer :: info
+      integer :: info, n_rows
 
-      associate (n => self%pattern%n, reach => self%pattern%reach, n_rows => size(self%matrix, 1))
-         if (n == 1) then
-            info = merge(1, 0, abs(block(1, 1)) <= 0.0_wp)
-            self%matrix(1, 1, h) = (0.0_wp, 0.0_wp)
-            if (info == 0) self%matrix(1, 1, h) = (1.0_wp, 0.0_wp)/block(1, 1)
-         else if (self%pattern%is_banded) then
-            self%matrix(:reach, :, h) = (0.0_wp, 0.0_wp)
-            self%matrix(reach + 1:, :, h) = block
-            call zgbtrf(n, n, reach, reach, self%matrix(:, :, h), n_rows, self%pivots(:, h), info)
+      self%is_there(h) = .true.
+      if (self%pattern%n == 1) then
+         is_singular = abs(block(1, 1)) <= 0.0_wp
+         self%inverses(h) = (0.0_wp, 0.0_wp)
+         if (.not. is_singular) self%inverses(h) = (1.0_wp, 0.0_wp)/block(1, 1)
+         return
+      end if
+      associate (n => self%pattern%n, reach => self%pattern%reach, factors => self%blocks(h))
+         n_rows = merge(3*reach + 1, n, self%pattern%is_banded)
+         if (.not. allocated(factors%matrix)) allocate (factors%matrix(n_rows, n), factors%pivots(n))
+         if (self%pattern%is_banded) then
+            factors%matrix(:reach, :) = (0.0_wp, 0.0_wp)
+            factors%matrix(reach + 1:, :) = block
+            call zgbtrf(n, n, reach, reach, factors%matrix, n_rows, factors%pivots, info)
+            is_singular = info /= 0
+         else if (n <= largest_small) then
+            factors%matrix = block
+            call factorise_small(factors%matrix, factors%pivots, is_singular)
          else
-            self%matrix(:n, :, h) = block
-            call zgetrf(n, n, self%matrix(:, :, h), n_rows, self%pivots(:, h), info)
+            factors%matrix = block
+            call zgetrf(n, n, factors%matrix, n, factors%pivots, info)
+            is_singular = info /= 0
          end if
       end associate
-      is_singular = info /= 0
    end subroutine block_factors_factorise
 
    !> Overwrites b with the solution of block h.
    subroutine block_factors_solve(self, h, b)
       class(block_factors_t), intent(in) :: self
       integer, intent(in) :: h
-      complex(wp), intent(inout), contiguous :: b(:)         !! (n)
+      complex(wp), intent(inout), contiguous, target :: b(:) !! (n)
+      complex(wp), pointer, contiguous :: column(:, :)
       integer :: info
 
-      associate (n => self%pattern%n, reach => self%pattern%reach, n_rows => size(self%matrix, 1))
-         if (n == 1) then
-            b(1) = self%matrix(1, 1, h)*b(1)
-         else if (self%pattern%is_banded) then
-            call zgbtrs("N", n, reach, reach, 1, self%matrix(:, :, h), n_rows, self%pivots(:, h), b, n, info)
+      if (self%pattern%n == 1) then
+         b(1) = self%inverses(h)*b(1)
+         return
+      end if
+      associate (n => self%pattern%n, reach => self%pattern%reach, factors => self%blocks(h))
+         if (self%pattern%is_banded) then
+            call zgbtrs("N", n, reach, reach, 1, factors%matrix, size(factors%matrix, 1), factors%pivots, b, n, info)
+         else if (n <= largest_small) then
+            column(1:n, 1:1) => b
+            call solve_small(factors%matrix, factors%pivots, column)
          else
-            call zgetrs("N", n, 1, self%matrix(:, :, h), n_rows, self%pivots(:, h), b, n, info)
+            call zgetrs("N", n, 1, factors%matrix, n, factors%pivots, b, n, info)
          end if
       end associate
    end subroutine block_factors_solve
@@ -87,7 +128,7 @@ contains
       integer :: h, i
 
       if (self%pattern%n == 1) then
-         call scale_harmonics(set, self%matrix(1, 1, :), r(:, 1), x(:, 1))
+         call scale_harmonics(set, self%inverses, r(:, 1), x(:, 1))
          return
       end if
       do h = 1, set%n_harmonics

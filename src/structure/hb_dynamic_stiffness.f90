@@ -66,6 +66,8 @@ module hb_dynamic_stiffness
       type(parts_t), allocatable, private :: parts           !! kept with slopes
    contains
       procedure :: move => dynamic_stiffness_move
+      procedure :: hand_over => dynamic_stiffness_hand_over
+      procedure :: take_loads => dynamic_stiffness_take_loads
       procedure :: restricted_to => dynamic_stiffness_restricted_to
       procedure :: linear_amplitudes => dynamic_stiffness_linear_amplitudes
       procedure :: recover => dynamic_stiffness_recover
@@ -186,6 +188,41 @@ contains
       call condense(self, parts, frequencies, drives, error)
       call move_alloc(parts, self%parts)
    end subroutine dynamic_stiffness_move
+
+   !> Moves all that is here to another object; nothing is left.
+   subroutine dynamic_stiffness_hand_over(self, to)
+      class(dynamic_stiffness_t), intent(inout) :: self
+      class(dynamic_stiffness_t), intent(inout) :: to
+
+      to%n_dofs = self%n_dofs
+      to%n_law = self%n_law
+      to%n_harmonics = self%n_harmonics
+      to%coordinates = self%coordinates
+      to%pattern = self%pattern
+      call move_alloc(self%condensed, to%condensed)
+      call move_alloc(self%load, to%load)
+      call move_alloc(self%magnitude, to%magnitude)
+      call move_alloc(self%condensed_slope, to%condensed_slope)
+      call move_alloc(self%load_slope, to%load_slope)
+      call move_alloc(self%condensed_drive_slope, to%condensed_drive_slope)
+      call move_alloc(self%load_drive_slope, to%load_drive_slope)
+      call move_alloc(self%interior, to%interior)
+      call move_alloc(self%transfer, to%transfer)
+      call move_alloc(self%held_motion, to%held_motion)
+      call move_alloc(self%motion_slope, to%motion_slope)
+      call move_alloc(self%parts, to%parts)
+   end subroutine dynamic_stiffness_hand_over
+
+   !> Takes the loads of some harmonics from a stiffness of these alone, of the same structure, coordinates and frequencies; both
+   !> without slopes.
+   subroutine dynamic_stiffness_take_loads(self, part, places)
+      class(dynamic_stiffness_t), intent(inout) :: self
+      type(dynamic_stiffness_t), intent(in) :: part
+      integer, intent(in) :: places(:)                                !! numbers of its harmonics here
+
+      self%load(:, places) = part%load
+      self%held_motion(:, places) = part%held_motion
+   end subroutine dynamic_stiffness_take_loads
 
    !> The condensed part of some harmonics alone, without slopes and without what `recover` needs.
    pure function dynamic_stiffness_restricted_to(self, kept) result(part)

@@ -17,6 +17,7 @@ module hb_sparse
       procedure :: at => sparse_at
       procedure :: dense => sparse_dense
       procedure :: diagonal => sparse_diagonal
+      procedure :: equal => sparse_equal
       procedure :: n_entries => sparse_n_entries
       procedure :: n_in_row => sparse_n_in_row
       procedure :: times => sparse_times
@@ -74,6 +75,17 @@ contains
       self%column = columns + 1
       self%value = values
    end subroutine new_sparse
+
+   !> Whether two matrices have the same entries at the same places, in the same order.
+   pure logical function sparse_equal(self, other) result(are_equal)
+      class(sparse_t), intent(in) :: self
+      type(sparse_t), intent(in) :: other
+
+      are_equal = self%n_rows == other%n_rows .and. self%n_columns == other%n_columns .and. self%n_entries() == other%n_entries()
+      if (are_equal) are_equal = all(self%first == other%first)
+      if (are_equal) are_equal = all(self%column == other%column)
+      if (are_equal) are_equal = all(self%value == other%value)
+   end function sparse_equal
 
    !> Square matrix from entries in any order; those of one place add up.
    function sparse_from_entries(n, row, column, value) result(self)

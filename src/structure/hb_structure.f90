@@ -75,6 +75,7 @@ module hb_structure
       procedure :: dof_index => structure_dof_index
       procedure :: find_dof => structure_find_dof
       procedure :: find_dofs => structure_find_dofs
+      procedure :: has_matrices_of => structure_has_matrices_of
       procedure :: refuse_large => structure_refuse_large
       procedure :: unpack => structure_unpack
    end type structure_t
@@ -343,6 +344,22 @@ contains
       if (dof == 0) call self%find_dof(name, dof, error)
       dofs = [dof]
    end subroutine structure_find_dofs
+
+   !> Whether all matrices are those of another structure, number by number.
+   pure logical function structure_has_matrices_of(self, other) result(are_same)
+      class(structure_t), intent(in) :: self
+      type(structure_t), intent(in) :: other
+
+      are_same = self%n_dofs == other%n_dofs .and. (allocated(self%sparse) .eqv. allocated(other%sparse))
+      if (.not. are_same) return
+      if (allocated(self%sparse)) then
+         are_same = self%sparse%mass%equal(other%sparse%mass) .and. self%sparse%damping%equal(other%sparse%damping) .and. &
+                    self%sparse%stiffness%equal(other%sparse%stiffness)
+      else
+         are_same = all(self%mass == other%mass) .and. all(self%damping == other%damping) .and. &
+                    all(self%stiffness == other%stiffness)
+      end if
+   end function structure_has_matrices_of
 
    !> All labels, or the ends of a long list.
    pure function known_labels(labels) result(text)

@@ -2,6 +2,7 @@
 module hb_point_source
    use hb_document, only: document_t
    use hb_kinds, only: wp
+   use hb_motion, only: kept_linear_parts_t
    use hb_results, only: results_layout_t
    use hb_scene, only: scene_t
    use hb_sweep_plan, only: sweep_plan_t
@@ -16,6 +17,7 @@ module hb_point_source
       type(sweep_plan_t) :: plan                                      !! values of all points
       type(results_layout_t) :: layout                                !! of the file
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes
+      type(kept_linear_parts_t) :: kept                               !! of the point solved last
       integer :: rank = 0                                             !! that solves the points
    end type point_source_t
 end module hb_point_source

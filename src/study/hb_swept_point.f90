@@ -57,7 +57,7 @@ contains
                if (allocated(rung%unknowns)) unknowns = rung%unknowns
             else
                if (scene%chain%is_on) call neighbour%predict(value, scene%harmonics%tuples, scene%chain%secant, start)
-               call solve_motion(scene, result, error, start, unknowns, watch, marching_judge_t())
+               call solve_motion(scene, result, error, start, unknowns, watch, marching_judge_t(), source%kept)
                rung%set = scene%harmonics
             end if
          end associate

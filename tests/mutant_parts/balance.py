@@ -183,7 +183,45 @@ MUTANTS = [
         ),
     ),
     *of(
+        "balance/hb_kept_linear_part.f90",
+        (
+            "kept_frequencies",
+            "test_hb_kept_linear_part",
+            "a point at other frequencies gets the stiffness of the point before",
+            "if (is_same) is_same = all(frequencies == self%frequencies)",
+            "",
+        ),
+        (
+            "kept_fastest",
+            "test_hb_kept_linear_part",
+            "loads are condensed with the rounding of another set of harmonics",
+            "is_other(maxloc(abs(frequencies), dim=1)) = .true.",
+            "",
+        ),
+        (
+            "kept_supports",
+            "test_hb_kept_linear_part",
+            "what a homotopy has left of the supports stands in the next point",
+            "linear%support_share = 0.0_wp",
+            "",
+        ),
+    ),
+    *of(
         "balance/hb_linear_part.f90",
+        (
+            "linear_motion_stays",
+            "test_hb_linear_part",
+            "the linear motion after a move is that of before",
+            "if (allocated(self%free_motion)) deallocate (self%free_motion)",
+            "",
+        ),
+        (
+            "linear_factors_stay",
+            "test_hb_linear_part",
+            "factors after a move are those of before",
+            "call self%factors%forget()",
+            "",
+        ),
         (
             "linear_supports_stay",
             "test_hb_linear_part",

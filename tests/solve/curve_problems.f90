@@ -105,7 +105,7 @@ contains
    end subroutine parametric_apply_tangent
 
    subroutine parametric_solve_linear(self, r, step)
-      class(parametric_t), intent(in) :: self
+      class(parametric_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: r(:)
       real(wp), intent(out), contiguous :: step(:)
 

@@ -89,7 +89,7 @@ contains
    end subroutine matrix_problem_precondition
 
    subroutine matrix_problem_solve_linear(self, r, step)
-      class(matrix_problem_t), intent(in) :: self
+      class(matrix_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: r(:)
       real(wp), intent(out), contiguous :: step(:)
 

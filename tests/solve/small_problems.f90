@@ -128,7 +128,7 @@ contains
    end subroutine small_problem_apply_tangent
 
    subroutine small_problem_solve_linear(self, r, step)
-      class(small_problem_t), intent(in) :: self
+      class(small_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: r(:)
       real(wp), intent(out), contiguous :: step(:)
 

@@ -1,0 +1,111 @@
+!> A linear part that is kept from one point of a sweep to the next: it is made anew where the structure, the coordinates or the
+!> frequencies are others, takes new loads where these have changed, and is handed out as it is else, with the same numbers as a new
+!> one in any case.
+module hb_kept_linear_part
+   use hb_coordinates, only: coordinates_t
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_linear_part, only: linear_part_t, new_linear_part
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: kept_linear_part_t
+
+   type :: kept_linear_part_t
+      integer :: n_condensed = 0                                      !! harmonics that were condensed so far
+      type(structure_t), private :: structure                         ! what the linear part is of
+      real(wp), allocatable, private :: frequencies(:)                ! [rad/s], (n_harmonics)
+      complex(wp), allocatable, private :: loads(:, :)                ! [N], (n_dofs, n_harmonics)
+      type(linear_part_t), allocatable, private :: linear             ! while nobody has it
+   contains
+      procedure :: take => kept_linear_part_take
+      procedure :: give_back => kept_linear_part_give_back
+   end type kept_linear_part_t
+
+contains
+
+   !> Hands out the linear part of a structure, without slopes and drives; until it is given back there is none here. Fails as
+   !> `new_dynamic_stiffness` does.
+   subroutine kept_linear_part_take(self, structure, coordinates, frequencies, loads, linear, error)
+      class(kept_linear_part_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
+      complex(wp), intent(in) :: loads(:, :)                          !! [N], (n_dofs, n_harmonics)
+      type(linear_part_t), allocatable, intent(out) :: linear
+      type(error_t), allocatable, intent(out) :: error
+
+      if (has_same_stiffness(self, structure, coordinates, frequencies)) then
+         call take_loads(self, structure, frequencies, loads, error)
+         if (.not. allocated(error)) call move_alloc(self%linear, linear)
+      else
+         if (allocated(self%linear)) deallocate (self%linear)
+         call make_linear(structure, coordinates, frequencies, loads, linear, error)
+         self%n_condensed = self%n_condensed + size(frequencies)
+         self%structure = structure
+         self%frequencies = frequencies
+      end if
+      if (allocated(error)) return
+      self%loads = loads
+      linear%support_share = 0.0_wp
+   end subroutine kept_linear_part_take
+
+   !> Makes a linear part.
+   subroutine make_linear(structure, coordinates, frequencies, loads, linear, error)
+      type(structure_t), intent(in) :: structure
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp), intent(in) :: frequencies(:)
+      complex(wp), intent(in) :: loads(:, :)
+      type(linear_part_t), allocatable, intent(inout) :: linear
+      type(error_t), allocatable, intent(out) :: error
+      type(dynamic_stiffness_t) :: stiffness
+
+      call new_dynamic_stiffness(stiffness, structure, coordinates, frequencies, loads, error)
+      if (allocated(error)) return
+      allocate (linear)
+      call new_linear_part(linear, stiffness)
+   end subroutine make_linear
+
+   !> Condenses the harmonics whose loads have changed, and with them the fastest one: rounding depends on the frequency of that.
+   subroutine take_loads(self, structure, frequencies, loads, error)
+      type(kept_linear_part_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      real(wp), intent(in) :: frequencies(:)
+      complex(wp), intent(in) :: loads(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      type(dynamic_stiffness_t) :: part
+      integer, allocatable :: places(:)
+      integer :: h
+      logical :: is_other(size(frequencies))
+
+      is_other = [(any(loads(:, h) /= self%loads(:, h)), h=1, size(frequencies))]
+      if (.not. any(is_other)) return
+      is_other(maxloc(abs(frequencies), dim=1)) = .true.
+      places = pack([(h, h=1, size(frequencies))], is_other)
+      call new_dynamic_stiffness(part, structure, self%linear%coordinates, frequencies(places), loads(:, places), error)
+      self%n_condensed = self%n_condensed + size(places)
+      if (.not. allocated(error)) call self%linear%take_loads(part, places)
+   end subroutine take_loads
+
+   !> Takes a linear part back from who had it.
+   subroutine kept_linear_part_give_back(self, linear)
+      class(kept_linear_part_t), intent(inout) :: self
+      type(linear_part_t), allocatable, intent(inout) :: linear
+
+      call move_alloc(linear, self%linear)
+   end subroutine kept_linear_part_give_back
+
+   logical function has_same_stiffness(self, structure, coordinates, frequencies) result(is_same)
+      type(kept_linear_part_t), intent(in) :: self
+      type(structure_t), intent(in) :: structure
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp), intent(in) :: frequencies(:)
+
+      is_same = allocated(self%linear)
+      if (is_same) is_same = size(frequencies) == size(self%frequencies)
+      if (is_same) is_same = all(frequencies == self%frequencies)
+      if (is_same) is_same = coordinates%equal(self%linear%coordinates)
+      if (is_same) is_same = structure%has_matrices_of(self%structure)
+   end function has_same_stiffness
+end module hb_kept_linear_part
