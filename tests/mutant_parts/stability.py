@@ -150,3 +150,10 @@ MUTANTS = [
         ),
     ),
 ]
+        (
+            "variation_one_look",
+            "test_hb_monodromy",
+            "slopes of pieces without change are those at their start, where a contact has just opened",
+            "[0.5_wp*(piece%start + piece%finish)]",
+            "[piece%start]",
+        ),
