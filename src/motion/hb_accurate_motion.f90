@@ -32,6 +32,8 @@ module hb_accurate_motion
    real(wp), parameter :: step = 0.03_wp                              ! of the error, from one rung to the next
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
+   integer, parameter :: laps_of_verdict = 25                         ! for exponents, where they are far from zero
+   integer, parameter :: patience = 5                                 ! steps from the rung below that gain nothing
    real(wp), parameter :: clearly = 1.25_wp                           ! larger set
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
 
@@ -326,6 +328,7 @@ contains
          here%certificate%is_on = .false.
          call put_on_rung(here, scene, top, error)
          if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns, watch=watch)
+         if (here%stability%method == stability_method%auto) here%stability%fewest_laps = laps_of_verdict
          if (.not. allocated(error) .and. whole%status == outcome%converged) then
             if (result%status == outcome%converged) result%stability = whole%stability
             if (allocated(whole%displacement_samples)) then
