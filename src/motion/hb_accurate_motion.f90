@@ -302,6 +302,7 @@ contains
       account%evaluations = account%evaluations + result%evaluations
       account%work = account%work + result%work
       account%rescue = max(account%rescue, result%rescue)
+      here%solver%preconditioner_level = result%preconditioner_level
       account%setup_seconds = account%setup_seconds + result%setup_seconds
       account%solver_seconds = account%solver_seconds + result%solver_seconds
       account%certificate_seconds = account%certificate_seconds + result%certificate_seconds
