@@ -24,6 +24,7 @@ module hb_rung
    real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates were up to 1.6 times too small
    real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
    real(wp), parameter :: largest_amplification = 5.0_wp              ! of what is neglected, by what answers it
+   real(wp), parameter :: near = 0.02_wp                              ! estimate with which first-order errors can be taken out
    real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, from one rung to the next
    real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that does not hold the motion
    integer, parameter :: most_tails = 6
@@ -89,6 +90,11 @@ contains
       is_there = .true.
    end subroutine choose_next
 
+      if (result%certificate%truncation < near .and. allocated(result%certificate%first_order) .and. n_failures == 0 .and. &
+          .not. any(scene%tones%is_unknown)) &
+         next%unknowns = carry(result%certificate%around, next%set, [result%certificate%first_order, &
+                                                                    top%unknowns(size(top%unknowns) - top%set%n_tones + 1:)], &
+                               top%set%n_tones)
    !> Chooses the set of the next rung.
    subroutine choose_set(scene, result, top, goal, as_box, set, error)
       type(scene_t), intent(in) :: scene
