@@ -294,6 +294,7 @@ contains
       call put_on_rung(here, scene, rung, error)
       if (allocated(error)) return
       here%solver%rescue = scene%solver%rescue .and. with_rescue
+      here%solver%patience = merge(0, patience, with_rescue)
       here%solver%rescue_work = min(scene%solver%rescue_work, max(0.0_wp, scene%accuracy%max_work - account%work))
       if (account%n_rungs > 0) here%solver%rescue_work = share_of_rescue*here%solver%rescue_work
       call solve_motion(here, result, error, first_guess, found, watch, judge)
@@ -301,8 +302,8 @@ contains
       account%iterations = account%iterations + result%iterations
       account%evaluations = account%evaluations + result%evaluations
       account%work = account%work + result%work
-      account%rescue = max(account%rescue, result%rescue)
       here%solver%preconditioner_level = result%preconditioner_level
+      account%rescue = max(account%rescue, result%rescue)
       account%setup_seconds = account%setup_seconds + result%setup_seconds
       account%solver_seconds = account%solver_seconds + result%solver_seconds
       account%certificate_seconds = account%certificate_seconds + result%certificate_seconds
@@ -327,9 +328,9 @@ contains
       if (scene%stability%method /= stability_method%off .or. size(scene%output%samples) > 0) then
          here = scene
          here%certificate%is_on = .false.
+         if (here%stability%method == stability_method%auto) here%stability%fewest_laps = laps_of_verdict
          call put_on_rung(here, scene, top, error)
          if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns, watch=watch)
-         if (here%stability%method == stability_method%auto) here%stability%fewest_laps = laps_of_verdict
          if (.not. allocated(error) .and. whole%status == outcome%converged) then
             if (result%status == outcome%converged) result%stability = whole%stability
             if (allocated(whole%displacement_samples)) then
