@@ -62,6 +62,8 @@ module hb_certificate
       type(harmonics_t) :: around                                     !! the wider set in which the motion was looked at
       real(wp), allocatable :: neglected(:)                           !! first-order answer of each of its tuples that is not kept,
                                                                       !! relative to the motion; not allocated where not known
+      real(wp), allocatable :: first_order(:, :)                      !! motion with its first-order errors taken out [m],
+                                                                      !! (n_coefficients of `around`, n_dofs of the balance)
       real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_law_dofs);
                                                                       !! not allocated where it was not asked for
       logical, private :: keeps_refined = .false.                     ! of several tones, too
@@ -342,6 +344,7 @@ contains
       if (is_rigid .and. .not. has_multipliers(balance)) &
          change = change*min(1.0_wp, most_given_way*norm2(answer)/max(norm2(change(:size(u))), tiny(1.0_wp)))
       self%truncation = sqrt(norm2(change(:size(u)))**2 + norm2(answer)**2)/size_of_motion
+      call find_first_order()
       if (size(balance%omega) == 1 .or. self%keeps_refined) call keep_refined()
       if (present(phase)) then
          associate (first => size(u) + 1, last => size(u) + size(phase%tones))
@@ -390,15 +393,20 @@ contains
          if (is_there) call solve_tangent(alias)
       end subroutine start_from_finer_grid
 
-      subroutine keep_refined()
-         real(wp) :: kept(size(u)), refined(size(big, 1), size(big, 2))
+      subroutine find_first_order()
+         real(wp) :: kept(size(u))
 
          kept = alias(:size(u)) + change(:size(u))
-         call transfer_coefficients(balance%harmonics, wide%harmonics, reshape(kept, shape(u)), refined)
-         refined = big - answer - refined
+         if (allocated(self%first_order)) deallocate (self%first_order)
+         allocate (self%first_order, mold=big)
+         call transfer_coefficients(balance%harmonics, wide%harmonics, reshape(kept, shape(u)), self%first_order)
+         self%first_order = big - answer - self%first_order
+      end subroutine find_first_order
+
+      subroutine keep_refined()
          if (allocated(self%refined)) deallocate (self%refined)
          allocate (self%refined(wide%stiffness%n_dofs, wide%harmonics%n_harmonics))
-         call wide%all_dofs(refined, self%refined)
+         call wide%all_dofs(self%first_order, self%refined)
       end subroutine keep_refined
 
       subroutine solve_tangent(r)

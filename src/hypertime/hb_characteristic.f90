@@ -6,10 +6,10 @@
 !> and J. Cote, Monthly Weather Review 119 (1991) 2206-2223). Source: docs/user/theory.md, section 5.5.
 module hb_characteristic
    use hb_kinds, only: two_pi, wp
-   use hb_torus, only: torus_t
+   use hb_torus, only: fast_size, torus_t
    implicit none
    private
-   public :: characteristic_t, new_characteristic
+   public :: characteristic_t, new_characteristic, samples_along_time
 
    integer, parameter :: n_nodes = 4                                  ! of a cubic, at -1, 0, 1, 2
    real(wp), parameter :: longest_way = 2.0_wp                        ! of any tone in one step, in its samples
@@ -65,6 +65,44 @@ contains
       end do
       call lay_out_neighbours(self, torus, omega)
    end subroutine new_characteristic
+
+   !> Samples of each tone, at least as many as given, with which steps along time lead from sample to sample, or nearly so: of the
+   !> memory that is carried along nothing is then lost to interpolation, step after step. The smallest such grid; the given one
+   !> where that has many more samples.
+   pure function samples_along_time(least, omega) result(n_samples)
+      integer, intent(in) :: least(:)                                 !! fast numbers, (n_tones)
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0
+      integer :: n_samples(size(least))
+      real(wp), parameter :: off = 0.02_wp                            ! of a way, from a whole number of samples
+      real(wp), parameter :: most_more = 2.0_wp                       ! samples
+      real(wp) :: fewest, ideal
+      integer :: best(size(least)), lead, m, n, steps
+
+      n_samples = least
+      if (size(least) == 1) return
+      fewest = most_more*product(real(least, wp))
+      do lead = 1, size(least)
+         n = least(lead)
+         do while (n <= most_more*least(lead))
+            best = huge(1)
+            best(lead) = n
+            do m = 1, size(least)
+               if (m == lead) cycle
+               do steps = 1, int(longest_way)
+                  ideal = steps*n*omega(lead)/omega(m)
+                  associate (nearest => fast_size(max(least(m), ceiling(ideal*(1.0_wp - off)))))
+                     if (nearest <= ideal*merge(1.0_wp, 1.0_wp + off, steps == int(longest_way))) best(m) = min(best(m), nearest)
+                  end associate
+               end do
+            end do
+            if (product(real(best, wp)) < fewest) then
+               n_samples = best
+               fewest = product(real(best, wp))
+            end if
+            n = fast_size(n + 1)
+         end do
+      end do
+   end function samples_along_time
 
    !> Tensor product of one cubic per other tone.
    subroutine lay_out_neighbours(self, torus, omega)

@@ -53,6 +53,7 @@ module hb_law
       integer :: phase_tone = 0                                       !! tone whose phase the law wants by `set_phase`; 0: none
       real(wp) :: length_scale = 0.0_wp                               !! a length [m] typical of the law, as its gap; 0: none
       integer :: n_switches = 0       !! functions of the motion at whose zeros the force has a kink, as the distance to a stop
+      logical :: is_piecewise_linear = .false.                        !! slopes change at switches and with sliders, not else
       type(kink_t), allocatable :: kinks(:)                           !! where samples may miss them; not allocated: none known
       logical :: has_potential = .false.  !! the force at rest is a gradient; what it has beyond while it moves stores nothing
       logical :: is_odd = .false.     !! f(-z, -v, -p) = -f(z, v, p), with memory for the mirrored past; false: not sure

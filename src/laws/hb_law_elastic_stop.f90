@@ -35,6 +35,7 @@ contains
       self%two_sided = two_sided
       self%has_potential = .true.
       self%is_odd = two_sided
+      self%is_piecewise_linear = .true.
       self%length_scale = abs(gap)
       self%n_switches = merge(2, 1, two_sided)
       self%kinks = [kink_t([1.0_wp], [1.0_wp], [gap], [stiffness])]

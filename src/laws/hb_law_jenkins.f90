@@ -43,6 +43,7 @@ contains
       self%normal_load_varies = .false.
       self%n_states = 1
       self%is_odd = .true.
+      self%is_piecewise_linear = .true.
       if (stiffness > 0.0_wp) self%length_scale = limit/stiffness     ! not so while it is read with a problem
       self%has_bounds = .true.
    end subroutine new_jenkins
@@ -67,6 +68,7 @@ contains
       end if
       call new_jenkins(self, stiffness, limit)
       self%normal_load_varies = .true.
+      self%is_piecewise_linear = .false.
       self%is_odd = .false.                                           ! the load pushes to one side
       self%n_switches = 1
       if (group%given("limit")) then

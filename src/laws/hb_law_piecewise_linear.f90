@@ -42,6 +42,7 @@ contains
       at_zero = force_at(self, interval_of(breakpoints, 0.0_wp), 0.0_wp)
       self%forces = self%forces + (force_at_zero - at_zero)
       self%has_potential = .true.
+      self%is_piecewise_linear = .true.
       self%length_scale = maxval(abs(breakpoints))
       self%n_switches = size(breakpoints)
       self%kinks = [kink_t([1.0_wp], [1.0_wp], breakpoints, slopes(2:) - slopes(:size(breakpoints)))]

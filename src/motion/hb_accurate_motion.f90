@@ -32,6 +32,8 @@ module hb_accurate_motion
    real(wp), parameter :: step = 0.03_wp                              ! of the error, from one rung to the next
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
+   integer, parameter :: laps_of_verdict = 25                         ! for exponents, where they are far from zero
+   integer, parameter :: patience = 5                                 ! steps from the rung below that gain nothing
    real(wp), parameter :: clearly = 1.25_wp                           ! larger set
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
 
@@ -304,6 +306,7 @@ contains
       call put_on_rung(here, scene, rung, error)
       if (allocated(error)) return
       here%solver%rescue = scene%solver%rescue .and. with_rescue
+      here%solver%patience = merge(0, patience, with_rescue)
       here%solver%rescue_work = min(scene%solver%rescue_work, max(0.0_wp, scene%accuracy%max_work - account%work))
       if (account%n_rungs > 0) here%solver%rescue_work = share_of_rescue*here%solver%rescue_work
       call solve_motion(here, result, error, first_guess, found, watch, judge)
@@ -311,6 +314,7 @@ contains
       account%iterations = account%iterations + result%iterations
       account%evaluations = account%evaluations + result%evaluations
       account%work = account%work + result%work
+      here%solver%preconditioner_level = result%preconditioner_level
       account%rescue = max(account%rescue, result%rescue)
       account%setup_seconds = account%setup_seconds + result%setup_seconds
       account%solver_seconds = account%solver_seconds + result%solver_seconds
@@ -339,6 +343,7 @@ contains
          here = scene
          here%certificate%is_on = .false.
          here%stability%work_spent = account%work
+         if (here%stability%method == stability_method%auto) here%stability%fewest_laps = laps_of_verdict
          call put_on_rung(here, scene, top, error)
          if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns, watch=watch)
          if (.not. allocated(error) .and. whole%status == outcome%converged) then

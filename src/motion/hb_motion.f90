@@ -351,6 +351,7 @@ contains
       result%work = report%work
       result%residual = report%residual
       result%n_unknowns = balance%n_unknowns
+      result%preconditioner_level = balance%preconditioner_level
       result%rescue = report%rescue
       if (report%status == outcome%failed .and. allocated(report%error)) then
          call move_alloc(report%error, error)
@@ -548,6 +549,7 @@ contains
       real(wp), pointer, contiguous :: x(:)
 
       x(1:size(u)) => u
+      balance%preconditioner_level = scene%solver%preconditioner_level
       call solve(balance, scene%solver, reshape(linear_solution, [size(u)]), x, report)
    end subroutine solve_unknowns
 

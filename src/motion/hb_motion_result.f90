@@ -41,6 +41,7 @@ module hb_motion_result
       real(wp) :: rung_difference = 0.0_wp              !! of the last two motions on the way there, relative
       type(harmonics_t) :: harmonics                    !! set of the coefficients, where the point has chosen it
       integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); not allocated: that of the scene
+      integer :: preconditioner_level = 0               !! that solutions from products have come to need
       integer :: n_unknowns = 0                         !! of the equations that were solved; 0: none
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
       real(wp), allocatable :: artificial_damping(:)    !! [1/s], (n_tones), of a normal mode

@@ -3,6 +3,7 @@
 !> Source: docs/user/accuracy.md.
 module hb_rung
    use hb_basis, only: transfer_coefficients
+   use hb_characteristic, only: samples_along_time
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_box, new_harmonics
    use hb_kinds, only: wp
@@ -22,6 +23,7 @@ module hb_rung
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
    real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates were up to 1.6 times too small
    real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
+   real(wp), parameter :: near = 0.02_wp                              ! estimate with which first-order errors can be taken out
    real(wp), parameter :: largest_amplification = 5.0_wp              ! of what is neglected, by what answers it
    real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, from one rung to the next
    real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that does not hold the motion
@@ -74,6 +76,8 @@ contains
          end if
          next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
          if (degree_of(scene) > 0) next%n_samples = least
+         if (has_memory(scene) .and. .not. any(scene%tones%is_unknown)) &
+            next%n_samples = samples_along_time(next%n_samples, scene%tones%omega)
          do while (product(real(next%n_samples, wp)) > scene%accuracy%max_samples)
             if (all(next%n_samples <= least)) return
             next%n_samples = max(least, min(next%n_samples - 2, fast_size(floor(0.9_wp*next%n_samples))))
@@ -85,6 +89,11 @@ contains
           result%certificate%truncation > result%certificate%aliasing) return ! other tuples, no more of them
       if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
       next%unknowns = on_other_set(top, next%set)
+      if (result%certificate%truncation < near .and. allocated(result%certificate%first_order) .and. n_failures == 0 .and. &
+          .not. any(scene%tones%is_unknown)) &
+         next%unknowns = carry(result%certificate%around, next%set, [result%certificate%first_order, &
+                                                                    top%unknowns(size(top%unknowns) - top%set%n_tones + 1:)], &
+                               top%set%n_tones)
       is_there = .true.
    end subroutine choose_next
 
@@ -376,6 +385,14 @@ contains
 
       is_rigid = any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])
    end function is_rigid
+
+   !> Whether a law has a memory.
+   pure logical function has_memory(scene)
+      type(scene_t), intent(in) :: scene
+      integer :: i
+
+      has_memory = any([(scene%laws(i)%law%n_states > 0, i=1, size(scene%laws))])
+   end function has_memory
 
    !> Degree of the laws where all are polynomials, else 0.
    pure integer function degree_of(scene) result(degree)

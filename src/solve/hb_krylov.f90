@@ -43,7 +43,7 @@ contains
          call end_at_point(problem, config, report)
          if (report%status /= outcome%pending) return
 
-         if (report%iterations == 0) call new_tangent_krylov(tangent, problem%n_unknowns, config%krylov_vectors, &
+         if (report%iterations == 0) call new_tangent_krylov(tangent, problem, config%krylov_vectors, &
                                                              config%krylov_products)
          call tangent%update(problem, x, is_ready)
          if (is_ready) call tangent%solve(problem, r, max(accuracy, 0.5_wp*config%tolerance/report%residual), step)

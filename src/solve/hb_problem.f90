@@ -32,6 +32,8 @@ module hb_problem
       real(wp) :: residual_work = 0.0_wp                              !! of a residual or a product, see hb_solver_types%report_t
       real(wp) :: tangent_work = 0.0_wp                               !! of a dense tangent and its factors
       real(wp) :: preconditioner_work = 0.0_wp                        !! of a preconditioner of level 0; each further one: 8 times
+      integer :: preconditioner_level = 0                             !! that solutions from products have come to need
+      logical :: has_preconditioner = .false.                         !! of that level, with which the last took few products
       class(watch_t), pointer :: watch => null()                      !! over the point; none: it takes what it takes
       type(error_t), allocatable :: trouble                           !! why a tangent, a product or a derivative by a parameter was
                                                                       !! not found; a solver takes it into its report

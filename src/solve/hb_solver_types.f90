@@ -53,6 +53,7 @@ module hb_solver_types
       logical :: rescue_by_march = .true.                             !! and march where none of them finds a motion
       integer :: krylov_vectors = 150                                 !! of GMRES until it restarts
       integer :: krylov_products = 1000                               !! with the tangent, at most, for one step
+      integer :: preconditioner_level = 0                             !! that solutions from products begin with
       integer :: homotopy_iterations = 500                            !! of all corrections on the way
       real(wp) :: rescue_work = 20.0e9_wp                             !! of all rescues, as `work` of a report
       real(wp) :: work_limit = huge(1.0_wp)                           !! of the attempt that gets these settings

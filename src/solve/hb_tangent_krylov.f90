@@ -8,7 +8,7 @@ module hb_tangent_krylov
    private
    public :: new_tangent_krylov, tangent_krylov_t
 
-   integer, parameter :: least_patience = 100                         ! products until the preconditioner gets stronger,
+   integer, parameter :: least_patience = 40                          ! products until the preconditioner gets stronger,
    integer, parameter :: most_patience = 300                          ! more where that costs more, but not all there are
    real(wp), parameter :: uses = 4.0_wp                               ! of a stronger preconditioner that pay for it
    integer, parameter :: easy = 20                                    ! products up to which it need not be made anew
@@ -31,13 +31,17 @@ module hb_tangent_krylov
 
 contains
 
-   !> Makes room for `n` unknowns; GMRES restarts after `n_vectors` products.
-   subroutine new_tangent_krylov(self, n, n_vectors, most_products)
+   !> Makes room for a problem; GMRES restarts after `n_vectors` products. Begins with the preconditioner that the last solutions of
+   !> the problem have come to need.
+   subroutine new_tangent_krylov(self, problem, n_vectors, most_products)
       type(tangent_krylov_t), intent(out) :: self
-      integer, intent(in) :: n, n_vectors, most_products
+      class(problem_t), intent(in) :: problem
+      integer, intent(in) :: n_vectors, most_products
 
       self%most_products = most_products
-      call new_gmres(self%gmres, n, n_vectors)
+      self%level = problem%preconditioner_level
+      self%is_tired = .not. problem%has_preconditioner
+      call new_gmres(self%gmres, problem%n_unknowns, n_vectors)
    end subroutine new_tangent_krylov
 
    !> Goes over to the tangent at x; `is_ready` is false where there are no products.
@@ -80,6 +84,8 @@ contains
       self%residual = self%gmres%residual
       self%n_products = self%n_products + products
       self%is_tired = self%gmres%n_products > easy
+      problem%preconditioner_level = self%level
+      problem%has_preconditioner = .not. self%is_tired
    end subroutine tangent_krylov_solve
 
    !> Products that a preconditioner may take before the next stronger one: as many as this one costs, shared by those that use it.

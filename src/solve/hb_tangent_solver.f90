@@ -30,12 +30,17 @@ contains
       logical, intent(out) :: is_singular
       real(wp), intent(in), optional :: accuracy                      !! of solutions from products, default 1e-8
       type(solver_config_t) :: config
+      integer :: largest_dense
       logical :: is_ready
 
-      if (present(accuracy)) self%accuracy = accuracy
-      if (problem%has_products .and. problem%n_unknowns > default_largest_dense) then
+      largest_dense = default_largest_dense
+      if (present(accuracy)) then
+         self%accuracy = accuracy
+         if (problem%has_preconditioner) largest_dense = min(largest_dense, problem%largest_dense)
+      end if
+      if (problem%has_products .and. problem%n_unknowns > largest_dense) then
          allocate (self%krylov)
-         call new_tangent_krylov(self%krylov, problem%n_unknowns, config%krylov_vectors, config%krylov_products)
+         call new_tangent_krylov(self%krylov, problem, config%krylov_vectors, config%krylov_products)
          call self%krylov%update(problem, x, is_ready)
          is_singular = .not. is_ready
       else

@@ -18,9 +18,9 @@ module hb_exponents
    private
    public :: exponents_t, find_exponents, work_of_exponents
 
-   integer, parameter :: n_forgotten = 20                             ! laps in which disturbances find their directions
    integer, parameter :: n_laps = 100                                 ! on which averages are taken
-   integer, parameter :: most_doublings = 3                           ! of these, while the spread decides
+   integer, parameter :: most_laps = 800                              ! doubled up to that many, while the spread decides
+   real(wp), parameter :: clear = 3.0_wp, clear_early = 10.0_wp       ! of the spread: from zero, after fewer laps than `n_laps`
 
    real(wp), parameter :: most_of_usual = 100.0_wp                    ! work of a lap
 
@@ -33,7 +33,7 @@ module hb_exponents
 contains
 
    !> Follows disturbances until the largest exponent is further from zero than its spread is wide, or the work is done.
-   subroutine find_exponents(self, variation, shifts, tolerance, work_limit, hill)
+   subroutine find_exponents(self, variation, shifts, tolerance, work_limit, hill, fewest_laps)
       type(exponents_t), intent(out) :: self
       type(variation_t), intent(inout) :: variation
       complex(wp), intent(in) :: shifts(:, :, :)                      !! disturbances by shifts of phases as series in the tones,
@@ -41,11 +41,12 @@ contains
       real(wp), intent(in) :: tolerance                               !! of a lap, relative
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
       type(hill_t), intent(inout), optional :: hill                   !! follows them by Hill's problem
+      integer, intent(in), optional :: fewest_laps                    !! on which averages are taken, default `n_laps`
       type(monodromy_t) :: lap
       type(piece_t), allocatable :: pieces(:)
       real(wp), allocatable :: growth(:, :), longer(:, :), x(:, :)
       real(wp) :: length, time, usual, work
-      integer :: doubling, i, k, n, n_all
+      integer :: forgotten, i, k, n, n_all
 
       length = two_pi/minval(variation%motion%omega)
       usual = work_of_transfer(variation, length)
@@ -58,15 +59,18 @@ contains
          end do
       end do
       if (variation%n_states > 0) then                                ! sliders find their places
-         do i = -n_forgotten, -1
+         do i = -n_forgotten_of(n_laps), -1
             call cut_time(variation, i*length, (i + 1)*length, n_looks_of(variation, length), pieces)
          end do
       end if
       allocate (growth(n, 0))
       work = 0.0_wp
       time = 0.0_wp
-      do doubling = 0, most_doublings
-         n_all = n_laps*2**doubling + n_forgotten
+      self%n_laps = n_laps
+      if (present(fewest_laps)) self%n_laps = fewest_laps
+      do
+         forgotten = n_forgotten_of(self%n_laps)
+         n_all = self%n_laps + forgotten
          allocate (longer(n, n_all))
          longer(:, :size(growth, 2)) = growth
          k = size(growth, 2) + 1
@@ -84,18 +88,28 @@ contains
             call orthogonalise(x, growth(:, i))
             if (.not. all(ieee_is_finite(growth(:, i)))) return
          end do
-         self%n_laps = n_all - n_forgotten
-         call average(growth(:, n_forgotten + 1:), length, self%rate, self%spread)
-         if (abs(self%rate(1)) > 3.0_wp*self%spread(1) .or. 2.0_wp*work > work_limit) exit
+         call average(growth(:, forgotten + 1:), length, self%rate, self%spread)
+         if (abs(self%rate(1)) > merge(clear_early, clear, self%n_laps < n_laps)*self%spread(1)) exit
+         if (2.0_wp*work > work_limit .or. 2*self%n_laps > most_laps) exit
+         self%n_laps = 2*self%n_laps
       end do
    end subroutine find_exponents
 
-   !> About how many nanoseconds they take.
-   pure real(wp) function work_of_exponents(variation) result(work)
+   !> About how many nanoseconds they take, with averages on as many laps as are asked for.
+   pure real(wp) function work_of_exponents(variation, fewest_laps) result(work)
       type(variation_t), intent(in) :: variation
+      integer, intent(in) :: fewest_laps
 
-      work = (n_laps + n_forgotten)*work_of_transfer(variation, two_pi/minval(variation%motion%omega))
+      work = (fewest_laps + n_forgotten_of(fewest_laps))*work_of_transfer(variation, two_pi/minval(variation%motion%omega))
    end function work_of_exponents
+
+   !> Laps in which disturbances find their directions, before so many on which averages are taken.
+   pure integer function n_forgotten_of(n_laps)
+      integer, intent(in) :: n_laps
+      integer, parameter :: most = 20
+
+      n_forgotten_of = min(most, n_laps/5)
+   end function n_forgotten_of
 
    !> Takes out of disturbances what shifts phases of the motion.
    subroutine remove_shifts(variation, shifts, time, x)

@@ -50,7 +50,7 @@ contains
       if (config%method == stability_method%off .or. has_to_be_marched(laws)) return
       call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
-      work = work_of_exponents(variation)
+      work = work_of_exponents(variation, config%fewest_laps)
       if (motion%tones%n_tones == 1) work = work_of_transfer(variation, two_pi/motion%tones%omega(1))
       if (config%method == stability_method%auto .and. work > max(config%patience*work_allowed, config%work_spent)) return
       stability%method = stability_method%march
@@ -101,7 +101,8 @@ contains
       type(exponents_t) :: found
       real(wp) :: margin
 
-      call find_exponents(found, variation, shifts_of(variation, amplitudes, is_unknown), config%tolerance, work_limit, hill)
+      call find_exponents(found, variation, shifts_of(variation, amplitudes, is_unknown), config%tolerance, work_limit, hill, &
+                          config%fewest_laps)
       if (.not. allocated(found%rate)) return
       self%exponents = found%rate(:min(size(found%rate), most_multipliers))
       self%estimate = found%spread(1)

@@ -98,12 +98,12 @@ contains
       if (.not. variation%is_smooth()) work = work + n_looks_of(variation, length)*variation%work_of_node()
    end function work_of_transfer
 
-   !> How often events are looked for.
+   !> How often events are looked for, by the harmonics that carry the motion.
    pure integer function n_looks_of(variation, length)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
 
-      n_looks_of = max(fewest_looks, looks_a_harmonic*first_steps(variation, length))
+      n_looks_of = max(fewest_looks, looks_a_harmonic*(nint(variation%look_frequency*length/two_pi) + 1))
    end function n_looks_of
 
    !> One step for a period of the highest harmonic, and one more.
@@ -116,7 +116,7 @@ contains
       end associate
    end function first_steps
 
-   !> All pieces one after the other, in steps of about one length, each of them in so many parts.
+   !> All pieces one after the other, in steps of about one length, each of them in so many parts; pieces without any change in one.
    subroutine go_round(variation, pieces, step, n_parts, x, n_steps)
       type(variation_t), intent(inout) :: variation
       type(piece_t), intent(inout) :: pieces(:)
@@ -133,6 +133,7 @@ contains
       n_steps = 0
       do i = 1, size(pieces)
          n = n_parts*max(1, ceiling((pieces(i)%finish - pieces(i)%start)/step*(1.0_wp - 1.0e-9_wp)))
+         if (variation%is_piecewise_linear()) n = 1
          call propagate(variation, pieces(i), n, x)
          n_steps = n_steps + n
       end do

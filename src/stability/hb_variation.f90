@@ -49,6 +49,7 @@ module hb_variation
       type(place_t), allocatable :: places(:)
       real(wp), allocatable :: constant(:, :)                         !! A of the structure alone, (size, size)
       real(wp), allocatable :: kick(:, :), shape(:, :)                !! M^-1 S and S, (n_dofs, n_coordinates)
+      real(wp) :: look_frequency = 0.0_wp                             !! highest one that carries the motion, for events [rad/s]
       real(wp), allocatable :: reach(:)                               !! of the motion of each coordinate [m]
       logical, private :: has_turning = .false.
    contains
@@ -56,6 +57,7 @@ module hb_variation
       procedure :: find_slopes => variation_find_slopes
       procedure :: find_bound_slopes => variation_find_bound_slopes
       procedure :: is_smooth => variation_is_smooth
+      procedure :: is_piecewise_linear => variation_is_piecewise_linear
       procedure :: matrices => variation_matrices
       procedure :: work_of_node => variation_work_of_node
       procedure :: work_of_step => variation_work_of_step
@@ -109,11 +111,30 @@ contains
       end do
       call new_motion_series(self%motion, tuples, omega, matmul(transpose(self%shape), amplitudes))
       self%reach = max(sum(abs(self%motion%amplitudes), dim=2), tiny(1.0_wp))
+      self%look_frequency = carrying_frequency(self)
       allocate (self%slip(self%n_states), source=0)
       allocate (self%held(self%n_states), source=0.0_wp)
       allocate (self%has_slipped(self%n_states), source=.false.)
       call divide_by_mass(self, structure, error)
    end subroutine new_variation
+
+   !> The frequency beyond which the motion of each coordinate has next to nothing: events of what is there matter as little.
+   pure real(wp) function carrying_frequency(self) result(frequency)
+      type(variation_t), intent(in) :: self
+      real(wp), parameter :: faint = 1.0e-3_wp                        ! of the reach of a coordinate
+      integer, parameter :: n_parts = 64
+      integer :: c, part
+
+      associate (frequencies => abs(self%motion%frequencies))
+         do part = n_parts, 1, -1
+            frequency = maxval(frequencies)*part/n_parts
+            do c = 1, self%n_coordinates
+               if (sum(abs(self%motion%amplitudes(c, :)), mask=frequencies > maxval(frequencies)*(part - 1)/n_parts) > &
+                   faint*self%reach(c)) return
+            end do
+         end do
+      end associate
+   end function carrying_frequency
 
    subroutine divide_by_mass(self, structure, error)
       type(variation_t), intent(inout) :: self
@@ -178,6 +199,15 @@ contains
 
       is_smooth = self%n_states == 0 .and. all([(self%laws(i)%law%n_switches == 0, i=1, size(self%laws))])
    end function variation_is_smooth
+
+   !> Whether the slopes of all laws stay as they are throughout a piece.
+   pure logical function variation_is_piecewise_linear(self) result(is_linear)
+      class(variation_t), intent(in) :: self
+      integer :: i
+
+      is_linear = all([(self%laws(i)%law%is_piecewise_linear .and. self%laws(i)%law%n_switches + self%laws(i)%law%n_states > 0, &
+                        i=1, size(self%laws))])
+   end function variation_is_piecewise_linear
 
    !> A at a node of a piece.
    pure subroutine variation_matrix_at(self, piece, node, a)

@@ -87,6 +87,10 @@ contains
       known = -1
       if (allocated(piece%by_place)) known = ubound(piece%by_place, 3)
       if (known == 2*n_steps) return
+      if (self%is_piecewise_linear()) then
+         call look_once()
+         return
+      end if
       associate (length => piece%finish - piece%start)
          times = piece%start + length*[(real(i, wp)/(2*n_steps), i=0, 2*n_steps)]
          if (piece%is_after_event) times(0) = piece%start + inside*length
@@ -107,6 +111,23 @@ contains
       call move_alloc(by_place, piece%by_place)
       call move_alloc(by_rate, piece%by_rate)
       call move_alloc(by_state, piece%by_state)
+
+   contains
+
+      !> Slopes in the middle of a piece, which are those at all its nodes.
+      subroutine look_once()
+         associate (n => self%n_coordinates)
+            allocate (piece%by_place(n, n, 0:2*n_steps), piece%by_rate(n, n, 0:2*n_steps))
+            allocate (piece%by_state(n, self%n_states, 0:2*n_steps))
+         end associate
+         call self%find_slopes(piece, self%motion%phases([0.5_wp*(piece%start + piece%finish)]), piece%by_place(:, :, :0), &
+                               piece%by_rate(:, :, :0), piece%by_state(:, :, :0))
+         do i = 1, 2*n_steps
+            piece%by_place(:, :, i) = piece%by_place(:, :, 0)
+            piece%by_rate(:, :, i) = piece%by_rate(:, :, 0)
+            piece%by_state(:, :, i) = piece%by_state(:, :, 0)
+         end do
+      end subroutine look_once
    end subroutine refine
 
    !> Places of sliders that have slipped at the end of a piece: those of their bounds.

@@ -4,6 +4,16 @@ from mutant_parts.mutant import of
 
 MUTANTS = [
     *of(
+        "hypertime/hb_characteristic.f90",
+        (
+            "characteristic_between",
+            "test_hb_characteristic",
+            "steps along time may end in the middle between samples",
+            "off = 0.02_wp",
+            "off = 0.50_wp",
+        ),
+    ),
+    *of(
         "hypertime/hb_basis.f90",
         (
             "basis_transfer",

@@ -260,6 +260,13 @@ MUTANTS = [
             "if (self%is_fresh) self%level = self%level + 0",
         ),
         (
+            "krylov_forgets",
+            "test_hb_gmres",
+            "each solution begins with the weakest preconditioner again",
+            "      self%level = problem%preconditioner_level",
+            "      self%level = 0",
+        ),
+        (
             "krylov_price",
             "test_hb_gmres",
             "what a preconditioner costs does not matter",

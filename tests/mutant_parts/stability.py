@@ -89,6 +89,16 @@ MUTANTS = [
         ),
     ),
     *of(
+        "stability/hb_exponents.f90",
+        (
+            "exponents_hasty",
+            "test_hb_exponents",
+            "a few laps suffice whatever their spread",
+            "clear_early = 10.0_wp",
+            "clear_early = 0.0_wp",
+        ),
+    ),
+    *of(
         "stability/hb_floquet.f90",
         (
             "stability_circle",
@@ -147,6 +157,13 @@ MUTANTS = [
             "a half step of the integrator has a wrong weight",
             "far = -1.0_wp/12.0_wp",
             "far = 1.0_wp/12.0_wp",
+        ),
+        (
+            "variation_one_look",
+            "test_hb_monodromy",
+            "slopes of pieces without change are those at their start, where a contact has just opened",
+            "[0.5_wp*(piece%start + piece%finish)]",
+            "[piece%start]",
         ),
         (
             "variation_sliders",
