@@ -57,11 +57,11 @@ contains
       call choose_point(options, study, error)
       if (allocated(error)) return
       if (study%scene%march%duration <= 0.0_wp) then
-         call fail(error, "&march needs 'duration' [s]")
+         call fail(error, options%input//": &march: missing key 'duration', which needs a real number [s]")
          return
       end if
       if (study%scene%march%starts > 1 .and. any(study%scene%tones%is_unknown)) then
-         call fail(error, "&march starts: motions with an unknown tone differ by its phase, too; give 1")
+         call fail(error, options%input//": &march starts: motions with an unknown tone differ by its phase, too; give 1")
          return
       end if
       call place_result(options, comm, path, error)
@@ -281,6 +281,6 @@ contains
       if (.not. self%is_begun) call new_progress(self%progress, all, self%level, is_first=.true., what="steps")
       self%is_begun = .true.
       self%all = all
-      call self%progress%show(done, 0)
+      if (self%progress%is_due()) call self%progress%show(done, 0)
    end subroutine shown_progress_show
 end module verb_march

@@ -19,6 +19,7 @@ module verb_solve
    use hb_scene, only: scene_t
    use hb_scene_warnings, only: commensurate_text
    use hb_signals, only: signal_caught, signal_name
+   use hb_stability, only: stability_method
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
    use hb_sweep_plan, only: sweep_plan_t
@@ -307,8 +308,12 @@ contains
             " by truncation, ", summary%aliasing, " by aliasing"
          call say(trim(estimates))
       end if
-      if (summary%n_stable + summary%n_unstable > 0) &
+      if (summary%n_stable + summary%n_unstable > 0) then
          call say(stability_text(summary%n_stable, summary%n_unstable, number_solved(summary))//" (see 'is_stable')")
+      else if (allocated(study%plan%curve) .and. study%scene%stability%method == stability_method%auto &
+               .and. .not. study%scene%normal_mode%is_asked) then
+         call say("stability is not known: where it takes longer than the points, &stability method = 'march' asks for it")
+      end if
       if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
          " between neighbours to another branch of motions (see 'branch'), the first to "//study%plan%describe(summary%first_jump))
       if (summary%n_near_commensurate > 0) call say("warning: in "// &

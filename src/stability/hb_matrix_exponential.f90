@@ -8,7 +8,7 @@ module hb_matrix_exponential
    use hb_lapack, only: dgemm, dgetrf, dgetrs
    implicit none
    private
-   public :: count_exponential, exponential_of, exponential_of_two
+   public :: count_exponential, exponential_of, exponential_of_two, product_of
 
    integer, parameter :: degree = 6
    integer, parameter :: largest_plain = 12                           ! rows up to which the compiler's products are faster
@@ -106,6 +106,7 @@ contains
       norm_of = maxval(sum(abs(a), dim=1))
    end function norm_of
 
+   !> a b, (n, any).
    function product_of(a, b) result(c)
       real(wp), intent(in), contiguous :: a(:, :), b(:, :)
       real(wp) :: c(size(a, 1), size(b, 2))

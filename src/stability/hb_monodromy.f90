@@ -62,6 +62,11 @@ contains
       integer :: doubling, k
 
       call cut_time(variation, start, finish, n_looks_of(variation, finish - start), pieces)
+      if (variation%is_piecewise_linear()) then
+         call go_round(variation, pieces, finish - start, 1, self%matrix, self%n_steps)
+         self%estimate = rounding_of(variation, pieces)
+         return
+      end if
       work = 0.0_wp
       do doubling = 0, most_doublings
          call go_round(variation, pieces, (finish - start)/first_steps(variation, finish - start), 2**doubling, last, self%n_steps)
@@ -89,6 +94,11 @@ contains
       integer, parameter :: usual_doublings = 3
       integer :: doubling, n
 
+      if (variation%is_piecewise_linear()) then
+         n = 1 + 2*nint(maxval(variation%motion%omega)*length/two_pi)*variation%n_switches()
+         work = 0.5_wp*n*variation%work_of_step(2.0_wp*length/n) + n_looks_of(variation, length)*variation%work_of_node()
+         return
+      end if
       work = 0.0_wp
       do doubling = 0, usual_doublings
          n = first_steps(variation, length)*2**doubling
@@ -97,6 +107,21 @@ contains
       work = work + 2*n*variation%work_of_node()
       if (.not. variation%is_smooth()) work = work + n_looks_of(variation, length)*variation%work_of_node()
    end function work_of_transfer
+
+   !> What rounding of the matrices of pieces without any change makes of their exponentials, relative.
+   pure real(wp) function rounding_of(variation, pieces) result(estimate)
+      type(variation_t), intent(in) :: variation
+      type(piece_t), intent(in) :: pieces(:)
+      real(wp) :: a(variation%size, variation%size)
+      integer :: i
+
+      estimate = 0.0_wp
+      do i = 1, size(pieces)
+         if (.not. allocated(pieces(i)%by_place)) cycle               ! without any length
+         call variation%matrix_at(pieces(i), 1, a)
+         estimate = estimate + epsilon(1.0_wp)*(pieces(i)%finish - pieces(i)%start)*maxval(sum(abs(a), dim=1))
+      end do
+   end function rounding_of
 
    !> How often events are looked for, by the harmonics that carry the motion.
    pure integer function n_looks_of(variation, length)
@@ -116,7 +141,7 @@ contains
       end associate
    end function first_steps
 
-   !> All pieces one after the other, in steps of about one length, each of them in so many parts; pieces without any change in one.
+   !> All pieces one after the other, in steps of about one length, each of them in so many parts.
    subroutine go_round(variation, pieces, step, n_parts, x, n_steps)
       type(variation_t), intent(inout) :: variation
       type(piece_t), intent(inout) :: pieces(:)
@@ -133,7 +158,6 @@ contains
       n_steps = 0
       do i = 1, size(pieces)
          n = n_parts*max(1, ceiling((pieces(i)%finish - pieces(i)%start)/step*(1.0_wp - 1.0e-9_wp)))
-         if (variation%is_piecewise_linear()) n = 1
          call propagate(variation, pieces(i), n, x)
          n_steps = n_steps + n
       end do

@@ -58,6 +58,7 @@ module hb_variation
       procedure :: find_bound_slopes => variation_find_bound_slopes
       procedure :: is_smooth => variation_is_smooth
       procedure :: is_piecewise_linear => variation_is_piecewise_linear
+      procedure :: n_switches => variation_n_switches
       procedure :: matrices => variation_matrices
       procedure :: work_of_node => variation_work_of_node
       procedure :: work_of_step => variation_work_of_step
@@ -199,6 +200,14 @@ contains
 
       is_smooth = self%n_states == 0 .and. all([(self%laws(i)%law%n_switches == 0, i=1, size(self%laws))])
    end function variation_is_smooth
+
+   !> Switches and sliders of all laws: each makes events as the motion goes to and fro.
+   pure integer function variation_n_switches(self) result(n)
+      class(variation_t), intent(in) :: self
+      integer :: i
+
+      n = sum([(self%laws(i)%law%n_switches + self%laws(i)%law%n_states, i=1, size(self%laws))])
+   end function variation_n_switches
 
    !> Whether the slopes of all laws stay as they are throughout a piece.
    pure logical function variation_is_piecewise_linear(self) result(is_linear)

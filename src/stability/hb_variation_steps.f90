@@ -5,7 +5,7 @@
 module hb_variation_steps
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
-   use hb_matrix_exponential, only: exponential_of, exponential_of_two
+   use hb_matrix_exponential, only: exponential_of, exponential_of_two, product_of
    use hb_variation, only: piece_t, variation_t
    implicit none
    private
@@ -27,7 +27,9 @@ contains
       integer :: i
 
       h = (piece%finish - piece%start)/n_steps
-      if (h > 0.0_wp) then
+      if (h > 0.0_wp .and. self%is_piecewise_linear()) then
+         call propagate_constant(self, piece, x)
+      else if (h > 0.0_wp) then
          call refine(self, piece, n_steps)
          if (self%size == 2) then
             call propagate_two(self, piece, h, x)
@@ -38,14 +40,33 @@ contains
                call self%matrix_at(piece, 2*i - 1, at_middle)
                call self%matrix_at(piece, 2*i, at_end)
                call exponential_of(h*(near*at_start + middle*at_middle + far*at_end), e)
-               x = matmul(e, x)
+               x = product_of(e, x)
                call exponential_of(h*(far*at_start + middle*at_middle + near*at_end), e)
-               x = matmul(e, x)
+               x = product_of(e, x)
             end do
          end if
       end if
       if (self%n_states > 0) call move_sliders(self, piece, x)
    end subroutine propagate
+
+   !> All of a piece in which the laws keep their slopes, those of its middle, in one exponential.
+   subroutine propagate_constant(self, piece, x)
+      type(variation_t), intent(inout) :: self
+      type(piece_t), intent(inout) :: piece
+      real(wp), intent(inout) :: x(:, :)                              !! (size, any)
+      real(wp), dimension(self%size, self%size) :: a, e
+
+      if (.not. allocated(piece%by_place)) then
+         associate (n => self%n_coordinates)
+            allocate (piece%by_place(n, n, 1), piece%by_rate(n, n, 1), piece%by_state(n, self%n_states, 1))
+         end associate
+         call self%find_slopes(piece, self%motion%phases([0.5_wp*(piece%start + piece%finish)]), piece%by_place, piece%by_rate, &
+                               piece%by_state)
+      end if
+      call self%matrix_at(piece, 1, a)
+      call exponential_of((piece%finish - piece%start)*a, e)
+      x = product_of(e, x)
+   end subroutine propagate_constant
 
    !> Steps of a single degree of freedom, without a matrix being made.
    subroutine propagate_two(self, piece, h, x)
@@ -87,10 +108,6 @@ contains
       known = -1
       if (allocated(piece%by_place)) known = ubound(piece%by_place, 3)
       if (known == 2*n_steps) return
-      if (self%is_piecewise_linear()) then
-         call look_once()
-         return
-      end if
       associate (length => piece%finish - piece%start)
          times = piece%start + length*[(real(i, wp)/(2*n_steps), i=0, 2*n_steps)]
          if (piece%is_after_event) times(0) = piece%start + inside*length
@@ -111,23 +128,6 @@ contains
       call move_alloc(by_place, piece%by_place)
       call move_alloc(by_rate, piece%by_rate)
       call move_alloc(by_state, piece%by_state)
-
-   contains
-
-      !> Slopes in the middle of a piece, which are those at all its nodes.
-      subroutine look_once()
-         associate (n => self%n_coordinates)
-            allocate (piece%by_place(n, n, 0:2*n_steps), piece%by_rate(n, n, 0:2*n_steps))
-            allocate (piece%by_state(n, self%n_states, 0:2*n_steps))
-         end associate
-         call self%find_slopes(piece, self%motion%phases([0.5_wp*(piece%start + piece%finish)]), piece%by_place(:, :, :0), &
-                               piece%by_rate(:, :, :0), piece%by_state(:, :, :0))
-         do i = 1, 2*n_steps
-            piece%by_place(:, :, i) = piece%by_place(:, :, 0)
-            piece%by_rate(:, :, i) = piece%by_rate(:, :, 0)
-            piece%by_state(:, :, i) = piece%by_state(:, :, 0)
-         end do
-      end subroutine look_once
    end subroutine refine
 
    !> Places of sliders that have slipped at the end of a piece: those of their bounds.

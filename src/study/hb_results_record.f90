@@ -114,8 +114,15 @@ contains
       type(record_t), intent(inout) :: self
       type(h5_file_t), intent(in) :: file
       type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: without_kind
+      character(:), allocatable :: kind
       integer :: version
 
+      call file%get_attribute("kind", kind, without_kind)
+      if (.not. allocated(without_kind)) then
+         call fail(error, "it is the record of a "//kind//"; nhbm-post info reads it")
+         return
+      end if
       call file%get_attribute("schema_version", version, error)
       if (allocated(error)) return
       if (version /= schema_version) then

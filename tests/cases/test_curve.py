@@ -398,3 +398,19 @@ def test_the_warning_of_tones_names_a_point_of_the_curve(tmp_path):
     (tmp_path / "near.nml").write_text(scene)
     done = run("solve", "near.nml", "-o", "near.h5", cwd=tmp_path)
     assert "nearly vanishes (see 'combination'); first in point 0: " in done.stdout, done.stdout + done.stderr
+
+
+def test_stability_that_was_not_looked_for_is_told(tmp_path):
+    scene = """&structure type = 'beam', length = 0.8, n_elements = 20, bending_stiffness = 43.75, mass_per_length = 0.78
+           left_support = 'clamped', right_support = 'free', damping_mass = 1.5 /
+&tones frequency = 30.0 /
+&harmonics order = 3 /
+&load dof = 'v21', tuple = 1, cos = 0.05 /
+&law type = 'elastic_stop', dof = 'v21', stiffness = 2e3, gap = 2e-3 /
+&curve parameter = 'tones%frequency', from = 30.0, to = 31.0 /
+"""
+    (tmp_path / "beam.nml").write_text(scene)
+    hint = "&stability method = 'march' asks for it"
+    assert hint in run("solve", "beam.nml", cwd=tmp_path).stdout
+    told = run("solve", "beam.nml", "--overwrite", "--set", "stability%method='march'", cwd=tmp_path).stdout
+    assert hint not in told and " stable" in told

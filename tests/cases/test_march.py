@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray
 
+from nhbm_post import march as post_march
 from program import BAD_INPUT, checksum_of_row, read, run, solve
 
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
@@ -109,6 +110,28 @@ def test_continued_record_is_the_whole_one(tmp_path, method):
     np.testing.assert_allclose(read(second, "state_slider"), read(whole, "state_slider"), atol=tolerance)
 
 
+def test_a_record_says_what_it_holds(tmp_path):
+    duffing = MASS.replace("damping=0.1", "damping=0.05").replace("frequency=1.3", "frequency=1.5")
+    duffing += "&load dof='x1', tuple=1, cos=0.3 /\n&law type='cubic_spring', dof='x1', stiffness=1 /\n"
+    record = march(duffing + "&march duration=60, transient=400, starts=8 /", tmp_path)
+    starts = read(record, "start_motion")
+    lines = post_march.info(record).splitlines()
+    assert [line.split()[:5] for line in lines if line.startswith("motion")] == [
+        ["motion", str(k), "from", str(np.sum(starts == k)), "of"] for k in (1, 2)
+    ]
+    largest = np.abs(read(record, "displacement")).max()
+    assert f"largest    {largest:.4g} at x1" in lines
+    told = run("info", record, cwd=tmp_path)
+    assert told.status == BAD_INPUT
+    assert "it is the record of a march" in told.stderr
+
+
+def test_progress_of_a_short_march_is_one_line(tmp_path):
+    (tmp_path / "a.nml").write_text(FORCED + "&march duration=100, step=0.01, method='runge_kutta_4' /")
+    done = run("march", "a.nml", cwd=tmp_path)
+    assert [line.split()[0] for line in done.stderr.splitlines() if "steps" in line] == ["10000/10000"]
+
+
 def test_forced_mass_is_that_of_the_balance(tmp_path):
     record = march(FORCED + "&march duration=400, transient=600, step=0.02, tolerance=1e-14 /", tmp_path)
     result = solve(FORCED.replace("order=3", "order=15"), tmp_path)
@@ -119,7 +142,7 @@ def test_forced_mass_is_that_of_the_balance(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (FORCED, "&march needs 'duration'"),
+        (FORCED, ": &march: missing key 'duration', which needs a real number [s]"),
         (FORCED + "&march duration=1, method='runge_kutta4' /", "did you mean 'runge_kutta_4'"),
         (FORCED + "&march duration=1, continue='none.h5' /", "none.h5"),
         (

@@ -46,6 +46,13 @@ MUTANTS = [
             "if (self%estimate <= good .and.",
             "if (self%estimate < 0.0_wp .and.",
         ),
+        (
+            "monodromy_no_rounding",
+            "test_hb_monodromy",
+            "pieces without change are taken to be exact",
+            "estimate = estimate + epsilon(1.0_wp)*",
+            "estimate = 0.0_wp*",
+        ),
     ),
     *of(
         "stability/hb_motion_series.f90",

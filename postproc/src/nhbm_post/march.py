@@ -10,6 +10,38 @@ import numpy as np
 from .errors import ReaderError
 
 
+def is_record(path) -> bool:
+    """Whether a file is the record of a march; not where it cannot be read."""
+    try:
+        with h5py.File(path, "r") as file:
+            return file.attrs.get("kind") == "march"
+    except OSError:
+        return False
+
+
+def info(path) -> str:
+    """What a record holds, in lines: how it was marched, the largest displacement at each degree of freedom [m or rad] and, of
+    several starts, the motions that were found with the size of their coefficients at the first one."""
+    try:
+        with h5py.File(path, "r") as file:
+            t, dofs = file["time"][()], list(file["dof"].asstr()[()])
+            lines = [
+                f"file       {path}",
+                f"written by nhbm {file.attrs['program_version']}, commit {file.attrs['git_commit']}, {file.attrs['created_utc']}",
+                f"record     of a march by {str(file.attrs['method']).replace('_', ' ')}, {len(t)} samples from {t[0]:g} to {t[-1]:g} s",
+                f"tones      {', '.join(f'{w:.10g}' for w in np.atleast_1d(file['frequency'][()]))} rad/s",
+            ]
+            lines += [f"largest    {np.max(np.abs(x)):.4g} at {dof}" for dof, x in zip(dofs, file["displacement"][()], strict=True)]
+            if "start_motion" in file:
+                starts = file["start_motion"][()]
+                for k, motion in enumerate(file["motion_coefficients"][()], start=1):
+                    size = np.sqrt(np.sum(motion[0] ** 2))
+                    lines.append(f"motion {k}   from {np.sum(starts == k)} of {len(starts)} starts, {size:.4g} at {dofs[0]}")
+    except (OSError, KeyError, ValueError) as error:
+        raise ReaderError(f"{path}: cannot be read as a record of nhbm march ({error})") from None
+    return "\n".join(lines)
+
+
 def read_displacement(path, dof: str) -> tuple[str, np.ndarray, np.ndarray]:
     """Method, times [s] and displacements of one degree of freedom."""
     path = Path(path)

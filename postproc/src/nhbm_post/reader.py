@@ -569,6 +569,8 @@ class Results:
             raise ReaderError(
                 f"{self.path}: schema version {version}; this nhbm-post reads version {SCHEMA_VERSION}"
             )
+        if self._file.attrs.get("kind") == "march":
+            raise ReaderError(f"{self.path}: the record of a march, which nhbm-post info and nhbm-post time --march read")
         missing = [name for name in _REQUIRED if name not in self._file]
         if "tuple" not in self._file and "tuples" not in self._file:
             missing.append("tuple")

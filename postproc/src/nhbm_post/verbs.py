@@ -9,7 +9,7 @@ import numpy as np
 from . import report
 from .bench import Bench, read_reference
 from .errors import UsageError
-from .march import read_displacement
+from . import march
 from .measure import Measure
 from .outcome import CONVERGED, words
 from .reader import QUANTITIES, Results
@@ -19,6 +19,9 @@ from .text import list_text, number_text
 
 
 def info(arguments):
+    if march.is_record(arguments.file):
+        print(march.info(arguments.file))
+        return
     with Results(arguments.file) as results:
         print(report.info(results, arguments.dof, arguments.points))
 
@@ -283,7 +286,7 @@ def time(arguments):
         label, path = arguments.march
         if arguments.quantity == "force":
             raise UsageError("--march compares motions: a record has forces by coordinate of a law, not by dof")
-        method, t, x = read_displacement(path, dof)
+        method, t, x = march.read_displacement(path, dof)
         references.append(Record(label or f"marching, {method}", t, x))
     for label, path in arguments.overlay:
         if path.suffix.lower() in (".h5", ".hdf5", ".nc"):
