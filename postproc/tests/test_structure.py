@@ -105,6 +105,23 @@ def test_what_does_not_fit_is_told(files, capsys):
     assert status == 2 and "tuple 9,9 is not in the set of harmonics" in err
 
 
+def test_files_that_are_no_models_and_places_that_cannot_be_written(files, capsys):
+    folder, _ = files
+    (folder / "text.h5").write_text("no HDF5")
+    write_model(folder / "full.h5", ["n2.z", "q1"], [1, 0], ["z", "y"])
+    for model, more, message in (
+        ("none.h5", (), "none.h5: no such file"),
+        (".", (), "is a folder"),
+        ("text.h5", (), "text.h5: cannot be read as HDF5"),
+        ("run.h5", (), "run.h5: no model with nodes: it has no 'labels'"),
+        ("full.h5", ("--to", "nan"), "nan is not a finite number"),
+        ("full.h5", ("-o", folder / "none" / "x"), "cannot write"),
+        ("full.h5", ("-o", folder / "text.h5" / "x"), "cannot write"),
+    ):
+        status, out, err = run(capsys, "vtk", folder / "run.h5", "--model", folder / model, *more)
+        assert (status, out, err.count("\n")) == (2, "", 1) and message in err and "damaged" not in err
+
+
 @pytest.mark.parametrize("words", [(), ("--tuple", "0,1"), ("--time", "0.5")])
 def test_quick_view(files, capsys, words):
     folder, _ = files
