@@ -105,7 +105,7 @@ def pair(text):
 
 def add_window(sub, what):
     sub.add_argument("--from", dest="t_from", type=finite, default=0.0, metavar="T", help=f"start of the {what} [s] (default 0)")
-    sub.add_argument("--to", dest="t_to", type=finite, metavar="T", help="its end [s] (default: a period of the slowest tone later)")
+    sub.add_argument("--to", dest="t_to", type=finite, metavar="T", help="its end [s] (default: a slowest period later)")
 
 
 def add_decades(sub):
