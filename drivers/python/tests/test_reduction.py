@@ -82,9 +82,17 @@ def test_an_error_that_is_asked_for_is_met(tmp_path, capsys):
         exact = flexibility(plate, names, w)
         assert abs(flexibility(small, names, w) - exact).max() < 1e-7 * abs(exact).max()
     capsys.readouterr()
-    assert main([*words, "--tolerance", "1e-8"]) == 2 and "--tolerance needs --up-to" in capsys.readouterr().err
+    words.append("--overwrite")
+    for more, message in (
+        (["--tolerance", "1e-8"], "--tolerance needs --up-to"),
+        (["--modes", "-3"], "--modes must be 0 or more, not -3"),
+        (["--up-to", "nan"], "--up-to must be above 0, not nan"),
+    ):
+        assert main([*words, *more]) == 2 and message in capsys.readouterr().err
+    assert main(["reduce", out, "--keep", "corner.z", "-o", path, "--overwrite"]) == 2
+    assert "the model is reduced already" in capsys.readouterr().err
     for method in METHODS:
-        assert main([*words, "--tolerance", "1e-15", "--up-to", "4e3", "--overwrite", "--method", method]) == 2
+        assert main([*words, "--tolerance", "1e-15", "--up-to", "4e3", "--method", method]) == 2
         assert "--tolerance 1e-15 is not met" in capsys.readouterr().err
 
 

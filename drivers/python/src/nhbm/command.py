@@ -21,6 +21,8 @@ def main(arguments=None) -> int:
     """Runs the command and returns its exit status: 0, 1 for a model that is not sound, 2 for what cannot be done."""
     options = parser().parse_args(arguments)
     try:
+        if "output" in options:
+            _check_output(options)
         return options.run(options)
     except ModelError as error:
         print(f"nhbm-model: {error}", file=sys.stderr)
@@ -138,12 +140,18 @@ def _output(verb) -> None:
     verb.add_argument("--overwrite", action="store_true", help="replace a file that exists")
 
 
-def _write(model: Model, options) -> None:
+def _check_output(options) -> None:
     path = Path(options.output)
+    if path.is_dir():
+        raise ModelError(f"'{path}' is a folder")
     if path.exists() and not options.overwrite:
         raise ModelError(f"file '{path}' exists; --overwrite replaces it")
     if not path.parent.is_dir():
         raise ModelError(f"file '{path}': there is no folder '{path.parent}'")
+
+
+def _write(model: Model, options) -> None:
+    path = Path(options.output)
     model.write(path)
     print(f"{path}: {model.n_dofs} degrees of freedom, {model.stiffness.nnz} entries of the stiffness")
 
@@ -343,6 +351,11 @@ def run_reduce(options) -> int:
 
 def _reduced(reduce, options) -> Model:
     """What `reduce` makes with a number of modes: a model, and pairs to compare. With more until errors are below the tolerance."""
+    if options.modes < 0:
+        raise ModelError(f"--modes must be 0 or more, not {options.modes}")
+    for name, value in (("--up-to", options.up_to), ("--tolerance", options.tolerance)):
+        if value is not None and not 0 < value < np.inf:
+            raise ModelError(f"{name} must be above 0, not {value}")
     if options.tolerance is not None and (options.up_to is None or options.no_error):
         raise ModelError("--tolerance needs --up-to, the highest frequency at which it holds, and no --no-error")
     n_modes, before = options.modes, 0
@@ -362,7 +375,7 @@ def _reduced(reduce, options) -> Model:
             return model
         if model.n_dofs == before:
             raise ModelError(f"--tolerance {options.tolerance:g} is not met: the error is {error:.1e}, and there are no more modes")
-        n_modes, before = 2 * n_modes, model.n_dofs
+        n_modes, before = max(1, 2 * n_modes), model.n_dofs
 
 
 def _tell_errors(pairs: list[tuple[Model, Model]], up_to: float | None) -> float:

@@ -44,6 +44,8 @@ def reduce(model: Model, keep: list[str], n_modes: int = 20, method: str = METHO
     """
     if method not in METHODS:
         raise ModelError(f"method '{method}' is not known; known: {', '.join(METHODS)}")
+    if model.recovery is not None:
+        raise ModelError("the model is reduced already; reduce the full one")
     symmetry = abs(model.stiffness - model.stiffness.T).max()
     if symmetry > 1.0e-9 * abs(model.stiffness).max():
         raise ModelError("reduction needs a symmetric stiffness")
