@@ -83,6 +83,14 @@ def test_model_as_it_is(files, capsys):
     assert not (folder / "a_motion.pvd").exists()
 
 
+def test_nodes_without_a_cell_are_points(tmp_path):
+    write_model(tmp_path / "full.h5", ["n2.z"], [1], ["z"])
+    with h5py.File(tmp_path / "full.h5", "r+") as file:
+        file["cells/nodes"][...] = [0, 1, 1, 0]
+    mesh = Structure(tmp_path / "full.h5").mesh()
+    assert [block.type for block in mesh.cells] == ["quad", "vertex"] and mesh.cells[1].data.tolist() == [[2], [3]]
+
+
 def test_forces_of_nodes_that_move_along_their_radius(tmp_path):
     write_model(tmp_path / "polar.h5", ["n3.r", "n3.t", "n4.t", "n2.x"], [2, 2, 3, 1], ["r", "t", "t", "x"])
     force = Structure(tmp_path / "polar.h5").force({"n3.r": 2.0, "n4.t": 3.0, "n2.x": 5.0, "q1": 7.0})

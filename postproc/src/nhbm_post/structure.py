@@ -144,7 +144,10 @@ class Structure:
         for kind, cell in zip(self._types, self._cells):
             blocks.setdefault((vtk_to_meshio_type[int(kind)], len(cell)), []).append(cell)
         cells = [(kind, np.array(members)) for (kind, _), members in blocks.items()]
-        return meshio.Mesh(self.points, cells or [("vertex", np.arange(len(self.points))[:, None])], point_data=fields)
+        alone = np.setdiff1d(np.arange(len(self.points)), np.concatenate([np.zeros(0, dtype=int), *self._cells]))
+        if alone.size:  # ParaView shows no points without a cell: those of pairs, halfway
+            cells.append(("vertex", alone[:, None]))
+        return meshio.Mesh(self.points, cells, point_data=fields)
 
 
 def motions(results: Results, structure: Structure, point: int, allow_unconverged: bool = False):
