@@ -83,6 +83,14 @@ def test_model_as_it_is(files, capsys):
     assert not (folder / "a_motion.pvd").exists()
 
 
+def test_nodes_without_a_cell_are_points(tmp_path):
+    write_model(tmp_path / "full.h5", ["n2.z"], [1], ["z"])
+    with h5py.File(tmp_path / "full.h5", "r+") as file:
+        file["cells/nodes"][...] = [0, 1, 1, 0]
+    mesh = Structure(tmp_path / "full.h5").mesh()
+    assert [block.type for block in mesh.cells] == ["quad", "vertex"] and mesh.cells[1].data.tolist() == [[2], [3]]
+
+
 def test_forces_of_nodes_that_move_along_their_radius(tmp_path):
     write_model(tmp_path / "polar.h5", ["n3.r", "n3.t", "n4.t", "n2.x"], [2, 2, 3, 1], ["r", "t", "t", "x"])
     force = Structure(tmp_path / "polar.h5").force({"n3.r": 2.0, "n4.t": 3.0, "n2.x": 5.0, "q1": 7.0})
@@ -103,6 +111,23 @@ def test_what_does_not_fit_is_told(files, capsys):
     write_model(folder / "full.h5", ["n2.z", "q1"], [1, 0], ["z", "y"])
     status, _, err = run(capsys, "vtk", folder / "run.h5", "--model", folder / "full.h5", "--tuple", "9,9")
     assert status == 2 and "tuple 9,9 is not in the set of harmonics" in err
+
+
+def test_files_that_are_no_models_and_places_that_cannot_be_written(files, capsys):
+    folder, _ = files
+    (folder / "text.h5").write_text("no HDF5")
+    write_model(folder / "full.h5", ["n2.z", "q1"], [1, 0], ["z", "y"])
+    for model, more, message in (
+        ("none.h5", (), "none.h5: no such file"),
+        (".", (), "is a folder"),
+        ("text.h5", (), "text.h5: cannot be read as HDF5"),
+        ("run.h5", (), "run.h5: no model with nodes: it has no 'labels'"),
+        ("full.h5", ("--to", "nan"), "nan is not a finite number"),
+        ("full.h5", ("-o", folder / "none" / "x"), "cannot write"),
+        ("full.h5", ("-o", folder / "text.h5" / "x"), "cannot write"),
+    ):
+        status, out, err = run(capsys, "vtk", folder / "run.h5", "--model", folder / model, *more)
+        assert (status, out, err.count("\n")) == (2, "", 1) and message in err and "damaged" not in err
 
 
 @pytest.mark.parametrize("words", [(), ("--tuple", "0,1"), ("--time", "0.5")])

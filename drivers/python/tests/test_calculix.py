@@ -7,7 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from nhbm import importing
+from nhbm import cyclic, importing
 from nhbm.factors import lowest_modes
 
 pytestmark = pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX (calculix-ccx) is not installed")
@@ -53,3 +53,62 @@ def test_frequencies_agree_with_calculix(block, tmp_path):
 
     # and the same block as scikit-fem makes it: the same elements, integrated with another number of points
     np.testing.assert_allclose(np.sqrt(lowest_modes(block.stiffness, block.mass, 6)[0]), printed, rtol=1e-3)
+
+N = 24
+
+
+def write_sector(path, step):
+    """A sector of a ring of bricks, held inside; its sides for CalculiX are without the nodes that are held."""
+    r, t, z = np.linspace(0.1, 0.2, 4), np.linspace(-np.pi / N, np.pi / N, 4), (0.0, 0.02)
+    at = {(i, j, k): 1 + 7 * n for n, (i, j, k) in enumerate(np.ndindex(4, 4, 2))}
+    lines = ["*NODE, NSET=ALL"]
+    lines += [f"{n}, {r[i] * np.cos(t[j]):.12g}, {r[i] * np.sin(t[j]):.12g}, {z[k]}" for (i, j, k), n in at.items()]
+    lines.append("*ELEMENT, TYPE=C3D8, ELSET=BODY")
+    for e, (i, j) in enumerate(np.ndindex(3, 3), start=1):
+        corners = [at[i + a, j + b, k] for k in (0, 1) for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        lines.append(f"{e}, " + ", ".join(map(str, corners)))
+    for name, chosen in (
+        ("HUB", lambda i, j: i == 0),
+        ("LEFT", lambda i, j: j == 0),
+        ("RIGHT", lambda i, j: j == 3),
+        ("LOWER", lambda i, j: j == 0 and i > 0),
+        ("UPPER", lambda i, j: j == 3 and i > 0),
+    ):
+        lines += [f"*NSET, NSET={name}", *(f"{n}," for (i, j, _), n in at.items() if chosen(i, j))]
+    lines.append("*MATERIAL, NAME=STEEL\n*ELASTIC\n2.1E11, 0.3\n*DENSITY\n7850.0")
+    lines.append("*SOLID SECTION, ELSET=BODY, MATERIAL=STEEL")
+    path.write_text("\n".join([*lines, step, ""]))
+
+
+CYCLIC = f"""*SURFACE, NAME=S1, TYPE=NODE
+LOWER
+*SURFACE, NAME=S2, TYPE=NODE
+UPPER
+*TIE, CYCLIC SYMMETRY, NAME=T1, POSITION TOLERANCE=1e-4
+S1, S2
+*CYCLIC SYMMETRY MODEL, N={N}, NGRAPH=1, TIE=T1
+0., 0., 0., 0., 0., 1.
+*BOUNDARY
+HUB, 1, 3
+*STEP
+*FREQUENCY
+4
+*SELECT CYCLIC SYMMETRY MODES, NMIN=0, NMAX=4
+*END STEP"""
+
+
+def test_nodal_diameters_agree_with_calculix(tmp_path):
+    write_sector(tmp_path / "cyclic.inp", CYCLIC)
+    output = run(tmp_path, "cyclic")
+    row = r"^\s+(\d+)\s+\d+\s+\S+E\S+\s+(\S+E\S+)\s+\S+E\S+\s+\S+E\S+\s*$"
+    rows = re.findall(row, (tmp_path / "cyclic.dat").read_text(), re.MULTILINE)
+    assert len(rows) == 20, output
+    write_sector(tmp_path / "matrices.inp", "*BOUNDARY\nHUB, 1, 3\n*STEP\n*FREQUENCY, SOLVER=MATRIXSTORAGE\n6\n*END STEP")
+    run(tmp_path, "matrices")
+    model = importing.from_calculix(tmp_path / "matrices")
+    importing.add_mesh(model, tmp_path / "matrices.inp")
+    sector = cyclic.sector_of(model, N, "left", "right")
+    for diameter in range(5):
+        printed = [float(frequency) for number, frequency in rows if int(number) == diameter]
+        ours = cyclic.frequencies(sector, diameter, 2)
+        np.testing.assert_allclose(np.repeat(ours, 2), printed, rtol=1e-6)  # seven digits are printed

@@ -5,6 +5,7 @@ import pytest
 import scipy.linalg
 
 from nhbm import ModelError, examples
+from nhbm.command import main
 
 pytest.importorskip("skfem")
 
@@ -53,3 +54,17 @@ def test_middle_nodes_stand_in_the_order_of_vtk():
 def test_what_makes_no_sense_is_refused():
     with pytest.raises(ModelError, match="height must be above 0"):
         examples.solid(height=-1.0)
+
+
+@pytest.mark.parametrize("words", ["plate --n-x 0", "beam --n-elements 0", "solid --n-z -1", "sector --n-sectors 2"])
+def test_sizes_without_elements_are_refused(words, tmp_path, capsys):
+    assert main([*words.split(), "-o", str(tmp_path / "x.h5")]) == 2
+    assert capsys.readouterr().err.startswith("nhbm-model: ") and not (tmp_path / "x.h5").exists()
+
+
+def test_a_file_that_stands_in_the_way_is_told_before_the_work(tmp_path, capsys, monkeypatch):
+    path = tmp_path / "x.h5"
+    path.write_text("mine")
+    monkeypatch.setattr("nhbm.command.run_example", lambda options: pytest.fail("work was done"))
+    for where, message in ((path, "exists; --overwrite"), (tmp_path, "is a folder"), (tmp_path / "a" / "b", "there is no folder")):
+        assert main(["beam", "-o", str(where)]) == 2 and message in capsys.readouterr().err

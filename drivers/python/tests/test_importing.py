@@ -226,3 +226,13 @@ def test_loads_and_places_of_the_output_are_looked_at(tmp_path, monkeypatch, cap
     assert capsys.readouterr().err == "nhbm-model: load 'push': the value at x2 is not a finite number\n"
     assert main([*command, "-o", "nowhere/out.h5"]) == 2
     assert capsys.readouterr().err == "nhbm-model: file 'nowhere/out.h5': there is no folder 'nowhere'\n"
+
+
+def test_nodes_that_calculix_adds_are_explained(tmp_path):
+    model = Model(
+        mass=sp.identity(2), stiffness=sp.identity(2), labels=["n1.x", "n9.x"], node_numbers=np.array([1, 9]),
+        coordinates=np.full((2, 3), np.nan), dof_node=np.arange(2), dof_direction=["x", "x"],
+    )  # fmt: skip
+    (tmp_path / "m.inp").write_text("*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n*ELEMENT, TYPE=T3D2\n1, 1, 2\n")
+    with pytest.raises(ModelError, match="node 9 of the matrices .*1 are missing; CalculiX gives elements such as"):
+        importing.add_mesh(model, tmp_path / "m.inp")

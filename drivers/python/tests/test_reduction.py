@@ -4,11 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 from nhbm import Model, ModelError, examples
 from nhbm.command import main
 from nhbm.factors import Factors, lowest_modes
-from nhbm.reduction import METHODS, compare, reduce
+from nhbm.reduction import METHODS, band, compare, reduce
 
 
 def flexibility(model, names, w):
@@ -46,6 +47,53 @@ def test_error_that_is_told_is_the_true_one(block, method):
         true = abs(flexibility(reduced, names, w) - exact).max() / abs(exact).max()
         assert told == pytest.approx(true, rel=0.9, abs=1e-9)
     assert report.errors[0] < 1e-4
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_largest_error_that_is_told_is_that_of_the_band(block, method):
+    """Within a factor of ten of the largest of many frequencies and all resonances of both models."""
+    reduced = reduce(block, ["right.z"], 6, method)
+    up_to = 6.0e4
+    report = compare(block, reduced, band(reduced, up_to))
+    full, small = (np.sqrt(scipy.linalg.eigh(m.stiffness.toarray(), m.mass.toarray(), eigvals_only=True)) for m in (block, reduced))
+    names = [block.labels[dof] for dof in block.dofs_of("right.z")]
+    errors = []
+    for w in np.concatenate([np.linspace(0.0, up_to, 40), full[full < up_to], small[small < up_to]]):
+        exact = flexibility(block, names, w)
+        errors.append(abs(flexibility(reduced, names, w) - exact).max() / abs(exact).max())
+    assert max(errors) / 10 < report.errors.max() < 10 * max(errors)
+    assert report.resonances == (small < up_to).sum() > 2
+    off = np.abs(small[: report.resonances] / full[: report.resonances] - 1).max()
+    assert report.resonance_error == pytest.approx(off, rel=0.01, abs=1e-9)
+
+
+def test_an_error_that_is_asked_for_is_met(tmp_path, capsys):
+    pytest.importorskip("skfem")
+    plate = examples.plate(n_x=8, n_y=6)
+    plate.sets["corner"] = np.array([examples.nearest_node(plate, (0.1, 0.1, 0.0)), examples.nearest_node(plate, (0.3, 0.2, 0.0))])
+    path, out = str(tmp_path / "full.h5"), str(tmp_path / "small.h5")
+    plate.write(path)
+    words = ["reduce", path, "--keep", "corner.z", "--modes", "10", "-o", out]
+    assert main([*words, "--tolerance", "1e-8", "--up-to", "4e3"]) == 0
+    small = Model.read(out)
+    assert small.n_dofs < plate.n_dofs
+    names = [plate.labels[dof] for dof in plate.dofs_of("corner.z")]
+    for w in np.linspace(0.0, 4.0e3, 9):
+        exact = flexibility(plate, names, w)
+        assert abs(flexibility(small, names, w) - exact).max() < 1e-7 * abs(exact).max()
+    capsys.readouterr()
+    words.append("--overwrite")
+    for more, message in (
+        (["--tolerance", "1e-8"], "--tolerance needs --up-to"),
+        (["--modes", "-3"], "--modes must be 0 or more, not -3"),
+        (["--up-to", "nan"], "--up-to must be above 0, not nan"),
+    ):
+        assert main([*words, *more]) == 2 and message in capsys.readouterr().err
+    assert main(["reduce", out, "--keep", "corner.z", "-o", path, "--overwrite"]) == 2
+    assert "the model is reduced already" in capsys.readouterr().err
+    for method in METHODS:
+        assert main([*words, "--tolerance", "1e-15", "--up-to", "4e3", "--method", method]) == 2
+        assert "--tolerance 1e-15 is not met" in capsys.readouterr().err
 
 
 def test_more_modes_are_better(block):

@@ -12,7 +12,7 @@ import numpy as np
 
 from .errors import ReaderError, UsageError
 from .outcome import CONVERGED, SOLVED
-from .reader import SCHEMA_VERSION, _open, _strings, _text
+from .reader import SCHEMA_VERSION, _strings, _text, open_file
 from .text import number_text
 
 KERNELS = ("residual", "tangent", "newton_step", "solution", "point")
@@ -58,7 +58,7 @@ class Bench:
 
     @staticmethod
     def _read(path: Path):
-        with _open(path) as file:
+        with open_file(path) as file:
             if "bench_total_seconds" not in file:
                 raise ReaderError(f"{path}: no file of 'nhbm bench'")
             version = int(np.ravel(file.attrs["schema_version"])[0])
@@ -199,7 +199,7 @@ def read_reference(text: str) -> Motion:
     path = Path(name)
     if path.suffix == ".csv":
         return _read_table(path)
-    with _open(path) as file:
+    with open_file(path) as file:
         values = np.asarray(file["coefficients"][()])
         if values.ndim == 4:
             if not point and len(values) > 1:

@@ -139,10 +139,10 @@ def _parser() -> argparse.ArgumentParser:
     options.add_dof(sub)
     options.add_quantity(sub)
     options.add_point(sub, several=True)
-    sub.add_argument("--from", dest="t_from", type=float, metavar="T", help="start of the window [s]")
-    sub.add_argument("--to", dest="t_to", type=float, metavar="T", help="end of the window [s]")
+    sub.add_argument("--from", dest="t_from", type=options.finite, metavar="T", help="start of the window [s]")
+    sub.add_argument("--to", dest="t_to", type=options.finite, metavar="T", help="end of the window [s]")
     sub.add_argument(
-        "--level", type=float, metavar="X", help="draw a wall at this displacement, in the unit of the file"
+        "--level", type=options.finite, metavar="X", help="draw a wall at this displacement, in the unit of the file"
     )
     sub.add_argument(
         "--overlay",
@@ -312,8 +312,7 @@ def _parser() -> argparse.ArgumentParser:
         help="harmonic to write; may be repeated (default: the largest)",
     )  # fmt: skip
     sub.add_argument("--harmonics", type=options.count(1), default=8, metavar="N", help="harmonics to write at most (default 8)")
-    sub.add_argument("--from", dest="t_from", type=float, default=0.0, metavar="T", help="start of the motion [s] (default 0)")
-    sub.add_argument("--to", dest="t_to", type=float, metavar="T", help="its end [s] (default: a period of the slowest tone later)")
+    options.add_window(sub, "motion")
     sub.add_argument(
         "--frames", type=options.count(0), default=48, metavar="N", help="moments of the motion, 0 for none (default 48)"
     )
@@ -330,7 +329,7 @@ def _parser() -> argparse.ArgumentParser:
     options.add_point(sub)
     choice = sub.add_mutually_exclusive_group()
     choice.add_argument("--tuple", type=options.tuple_of_integers, metavar="J1,J2,...", help="harmonic (default: the largest)")
-    choice.add_argument("--time", type=float, metavar="T", help="moment of the motion [s]")
+    choice.add_argument("--time", type=options.finite, metavar="T", help="moment of the motion [s]")
     options.add_output(sub)
 
     sub = command(
@@ -345,8 +344,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--law", metavar="LABEL", help="label of the law (default: the first that is a contact)")
     sub.add_argument("--view", choices=("patch", "time"), default="patch", help="default: patch")
     options.add_point(sub)
-    sub.add_argument("--from", dest="t_from", type=float, default=0.0, metavar="T", help="start of the time [s] (default 0)")
-    sub.add_argument("--to", dest="t_to", type=float, metavar="T", help="its end [s] (default: a slowest period later)")
+    options.add_window(sub, "time")
     options.add_output(sub)
 
     for name, run, help_text, description in (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 from pathlib import Path
 
@@ -102,6 +103,11 @@ def pair(text):
     return tuple(names)
 
 
+def add_window(sub, what):
+    sub.add_argument("--from", dest="t_from", type=finite, default=0.0, metavar="T", help=f"start of the {what} [s] (default 0)")
+    sub.add_argument("--to", dest="t_to", type=finite, metavar="T", help="its end [s] (default: a slowest period later)")
+
+
 def add_decades(sub):
     sub.add_argument(
         "--decades",
@@ -128,6 +134,16 @@ def count(least):
 
     convert.__name__ = "whole number"
     return convert
+
+
+def finite(text):
+    number = float(text)
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f"{text} is not a finite number")
+    return number
+
+
+finite.__name__ = "number"
 
 
 def positive(text):

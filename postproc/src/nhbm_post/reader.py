@@ -143,7 +143,7 @@ class Results:
 
     def __init__(self, path: str | os.PathLike):
         self.path = Path(path)
-        self._file = _open(self.path)
+        self._file = open_file(self.path)
         try:
             self._check_schema()
             self.dofs = self._labels("dof")
@@ -624,7 +624,8 @@ class Results:
         return _text(self._dataset(name)[()])
 
 
-def _open(path: Path) -> h5py.File:
+def open_file(path: Path) -> h5py.File:
+    """An HDF5 file, open for reading, even while a run writes into it."""
     if not path.is_file():
         raise ReaderError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}")
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import h5py
 import numpy as np
 
 from .errors import ReaderError, UsageError
-from .reader import Results
+from .reader import Results, open_file
 from .series import Series
 
 _AXES = {"x": 0, "y": 1, "z": 2, "r": 0, "t": 1}  # r and t: along and across the node's own radius from the axis z
@@ -20,13 +21,12 @@ class Structure:
 
     def __init__(self, path):
         self.path = Path(path)
-        try:
-            with h5py.File(path, "r") as file:
+        with open_file(self.path) as file:
+            try:
                 self._read(file)
-        except KeyError as error:
-            raise ReaderError(f"{path}: no model with nodes: {' '.join(str(error.args[0]).split())}") from None
-        except OSError as error:
-            raise ReaderError(f"{path}: {' '.join(str(error).split())}") from None
+            except KeyError as error:
+                missing = re.search(r"'([^']*)'", str(error.args[0]))
+                raise ReaderError(f"{path}: no model with nodes: it has no '{missing.group(1) if missing else ''}'") from None
 
     def _read(self, file):
         self.labels = [label.decode() for label in file["labels"][()]]
@@ -144,7 +144,10 @@ class Structure:
         for kind, cell in zip(self._types, self._cells):
             blocks.setdefault((vtk_to_meshio_type[int(kind)], len(cell)), []).append(cell)
         cells = [(kind, np.array(members)) for (kind, _), members in blocks.items()]
-        return meshio.Mesh(self.points, cells or [("vertex", np.arange(len(self.points))[:, None])], point_data=fields)
+        alone = np.setdiff1d(np.arange(len(self.points)), np.concatenate([np.zeros(0, dtype=int), *self._cells]))
+        if alone.size:  # ParaView shows no points without a cell: those of pairs, halfway
+            cells.append(("vertex", alone[:, None]))
+        return meshio.Mesh(self.points, cells, point_data=fields)
 
 
 def motions(results: Results, structure: Structure, point: int, allow_unconverged: bool = False):
@@ -201,8 +204,15 @@ def write_harmonics(
         cosine = structure.displacement(coefficients[:, h].real)
         sine = structure.displacement(-coefficients[:, h].imag)
         fields |= {f"cos {name}": cosine, f"sin {name}": sine, f"amplitude {name}": np.sqrt(cosine**2 + sine**2)}
-    structure.mesh(**fields, **more).write(path)
+    _write(structure.mesh(**fields, **more), path)
     return [tuple(int(k) for k in tuples[h]) for h in chosen]
+
+
+def _write(mesh, path: Path) -> None:
+    try:
+        mesh.write(path)
+    except OSError as error:
+        raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None
 
 
 def write_motion(
@@ -212,7 +222,10 @@ def write_motion(
     """An animation for ParaView: a file .pvd, and beside it one .vtu for each moment with the field `displacement` and, where there
     are laws, `law_force`: what these hold the nodes back with, as the result has it; and more fields of each moment."""
     folder = path.with_suffix("")
-    folder.mkdir(exist_ok=True)
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"cannot write '{folder}': {error.strerror}") from None
     rows = []
     for i, t in enumerate(times):
         motion = (coefficients * np.exp(1j * frequencies * t)).real.sum(axis=1)
@@ -220,7 +233,7 @@ def write_motion(
         fields = {"displacement": structure.displacement(motion)}
         if forces:
             fields["law_force"] = structure.force({dof: float(series.evaluate(t)) for dof, series in forces.items()})
-        structure.mesh(**fields, **more[i]).write(file)
+        _write(structure.mesh(**fields, **more[i]), file)
         rows.append(f'<DataSet timestep="{t:.12g}" file="{folder.name}/{file.name}"/>')
     body = "\n".join(rows)
     path.write_text(f'<VTKFile type="Collection" version="0.1">\n<Collection>\n{body}\n</Collection>\n</VTKFile>\n')

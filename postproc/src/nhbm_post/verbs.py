@@ -237,7 +237,6 @@ def vtk(arguments):
     from .structure import Structure, motions, write_harmonics, write_motion
 
     structure = Structure(arguments.model)
-    stem = arguments.output or arguments.file.with_suffix("")
     with Results(arguments.file) as results:
         point = results.point(arguments.point, dict(arguments.at))
         tuples, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
@@ -249,6 +248,7 @@ def vtk(arguments):
         motion = Motion(results, point, arguments.unconverged) if found else None
         at_nodes = shares(found, motion, results.power_laws(point), structure) if found else {}
         over_time = moments(found, motion, times, structure)
+    stem = arguments.output or arguments.file.with_suffix("")
     path = stem.with_name(f"{stem.name}_harmonics.vtu")
     written = write_harmonics(structure, tuples, coefficients, path, arguments.tuples, arguments.harmonics, at_nodes)
     print(f"{path}: {len(written)} harmonics, {list_text([','.join(str(k) for k in j) for j in written])}")

@@ -21,6 +21,8 @@ def main(arguments=None) -> int:
     """Runs the command and returns its exit status: 0, 1 for a model that is not sound, 2 for what cannot be done."""
     options = parser().parse_args(arguments)
     try:
+        if "output" in options:
+            _check_output(options)
         return options.run(options)
     except ModelError as error:
         print(f"nhbm-model: {error}", file=sys.stderr)
@@ -125,6 +127,7 @@ def _reduction(verb, n_modes: int, more: str = "") -> None:
     )
     verb.add_argument("--up-to", type=float, metavar="RAD/S", help="highest frequency at which the error is told")
     verb.add_argument("--no-error", action="store_true", help="do not compare with the full model")
+    verb.add_argument("--tolerance", type=float, metavar="E", help="doubles the modes until the errors are below this")
 
 
 def _loads(verb) -> None:
@@ -137,12 +140,18 @@ def _output(verb) -> None:
     verb.add_argument("--overwrite", action="store_true", help="replace a file that exists")
 
 
-def _write(model: Model, options) -> None:
+def _check_output(options) -> None:
     path = Path(options.output)
+    if path.is_dir():
+        raise ModelError(f"'{path}' is a folder")
     if path.exists() and not options.overwrite:
         raise ModelError(f"file '{path}' exists; --overwrite replaces it")
     if not path.parent.is_dir():
         raise ModelError(f"file '{path}': there is no folder '{path.parent}'")
+
+
+def _write(model: Model, options) -> None:
+    path = Path(options.output)
     model.write(path)
     print(f"{path}: {model.n_dofs} degrees of freedom, {model.stiffness.nnz} entries of the stiffness")
 
@@ -283,14 +292,14 @@ def run_wheel(options) -> int:
         for name, wave in waves.items():
             if h is not None and (wave.diameter - h) % n and (wave.diameter + h) % n:
                 raise ModelError(f"wave '{name}' of {wave.diameter} nodal diameters: the model has {h} alone (--diameter)")
-        started = time.perf_counter()
-        wanted = cyclic.Reduction(options.keep.split(","), options.modes, options.method, neighbours, waves)
-        model, parts = cyclic.reduced_wheel(sector, wanted, options.diameter)
-        print(f"reduced in {time.perf_counter() - started:.1f} s")
+
+        def reduced_wheel(n_modes):
+            wanted = cyclic.Reduction(options.keep.split(","), n_modes, options.method, neighbours, waves)
+            return cyclic.reduced_wheel(sector, wanted, options.diameter)
+
+        model = _reduced(reduced_wheel, options)
         if model.recovery is None:
             print("the motion of all nodes is not kept: it would take more than 1.6 GB")
-        if not options.no_error:
-            _tell_errors(parts, options.up_to)
         _write(model, options)
         return OK
     if options.diameter is not None:
@@ -330,23 +339,59 @@ def run_assemble(options) -> int:
 
 
 def run_reduce(options) -> int:
-    started = time.perf_counter()
     model = Model.read(options.model)
-    reduced = reduction.reduce(model, options.keep.split(","), options.modes, options.method)
-    print(f"reduced in {time.perf_counter() - started:.1f} s")
-    if not options.no_error:
-        _tell_errors([(model, reduced)], options.up_to)
-    _write(reduced, options)
+
+    def reduced_model(n_modes):
+        reduced = reduction.reduce(model, options.keep.split(","), n_modes, options.method)
+        return reduced, [(model, reduced)]
+
+    _write(_reduced(reduced_model, options), options)
     return OK
 
 
-def _tell_errors(pairs: list[tuple[Model, Model]], up_to: float | None) -> None:
-    """The errors of reduced models, the largest of several at each frequency."""
-    frequencies = (up_to or max(_highest(reduced) for _, reduced in pairs)) * np.array([0.1, 0.35, 0.7, 1.0])
-    reports = [reduction.compare(model, reduced, frequencies) for model, reduced in pairs]
-    for w, errors in zip(frequencies, zip(*(report.errors for report in reports))):
-        print(f"error of the flexibility at {w:.6g} rad/s: {max(errors):.1e}")
+def _reduced(reduce, options) -> Model:
+    """What `reduce` makes with a number of modes: a model, and pairs to compare. With more until errors are below the tolerance."""
+    if options.modes < 0:
+        raise ModelError(f"--modes must be 0 or more, not {options.modes}")
+    for name, value in (("--up-to", options.up_to), ("--tolerance", options.tolerance)):
+        if value is not None and not 0 < value < np.inf:
+            raise ModelError(f"{name} must be above 0, not {value}")
+    if options.tolerance is not None and (options.up_to is None or options.no_error):
+        raise ModelError("--tolerance needs --up-to, the highest frequency at which it holds, and no --no-error")
+    n_modes, before = options.modes, 0
+    while True:
+        started = time.perf_counter()
+        try:
+            model, pairs = reduce(n_modes)
+        except ModelError as error:
+            if before == 0:
+                raise
+            raise ModelError(f"--tolerance {options.tolerance:g} is not met with {n_modes // 2} modes; with more {error}") from None
+        print(f"reduced in {time.perf_counter() - started:.1f} s, {model.n_dofs} degrees of freedom")
+        if options.no_error:
+            return model
+        error = _tell_errors(pairs, options.up_to)
+        if options.tolerance is None or error <= options.tolerance:
+            return model
+        if model.n_dofs == before:
+            raise ModelError(f"--tolerance {options.tolerance:g} is not met: the error is {error:.1e}, and there are no more modes")
+        n_modes, before = max(1, 2 * n_modes), model.n_dofs
+
+
+def _tell_errors(pairs: list[tuple[Model, Model]], up_to: float | None) -> float:
+    """The errors of reduced models, the largest of several at each frequency; returns the largest of all."""
+    highest = up_to or max(_highest(reduced) for _, reduced in pairs)
+    reports = [reduction.compare(model, reduced, reduction.band(reduced, highest)) for model, reduced in pairs]
+    n = len(reduction.BAND)
+    for i, w in enumerate(reports[0].frequencies[:n]):
+        print(f"error of the flexibility at {w:.6g} rad/s: {max(report.errors[i] for report in reports):.1e}")
+    at_resonances = max(report.errors[n:].max(initial=0.0) for report in reports)
+    count = sum(report.resonances for report in reports)
+    if count:
+        off = max(report.resonance_error for report in reports)
+        print(f"error of the flexibility at resonances: {at_resonances:.1e}; of the {count} frequencies up to there: {off:.1e}")
     print(f"compared with the full model in {sum(report.seconds for report in reports):.1f} s")
+    return max(report.errors.max() for report in reports)
 
 
 def _highest(reduced: Model) -> float:

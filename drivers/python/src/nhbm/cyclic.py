@@ -110,8 +110,8 @@ def nodal_diameter(sector: Sector, diameter: int, neighbours: dict[str, tuple[st
     """The wave of so many nodal diameters as a model of the amplitudes c and s of one sector; of c alone for 0 and N/2.
 
     The nodes of s are copies with numbers of their own, sets of them are called `<set>_sin`. For each of `neighbours`, a set and
-    that of the next sector which it faces, the pairs `<name>_1`, `<name>_2` and `<name>_sin_1`, `<name>_sin_2` hold the first and the
-    second, in the phase of the next sector.
+    that of the next sector which it faces, the pairs `<name>_1`, `<name>_2` and `<name>_sin_1`,
+    `<name>_sin_2` hold the first and the second, in the phase of the next sector.
     """
     model, n_own = sector.model, len(sector.own)
     angle = 2 * np.pi * diameter / sector.n_sectors

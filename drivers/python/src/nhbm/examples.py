@@ -24,7 +24,7 @@ def _skfem():
 def beam(length=1.0, n_elements=20, width=0.03, height=0.01, clamped="left", young=2.1e11, density=7850.0) -> Model:
     """Bernoulli beam along x that bends along z: `z` and the slope `zx` at each node."""
     fem = _skfem()
-    _above_zero(length=length, width=width, height=height, young=young, density=density)
+    _above_zero(length=length, n_elements=n_elements, width=width, height=height, young=young, density=density)
     mesh = fem.MeshLine(np.linspace(0.0, length, int(n_elements) + 1))
     basis = fem.Basis(mesh, fem.ElementLineHermite(), intorder=6)
     bending, area = young * width * height**3 / 12, width * height
@@ -44,7 +44,7 @@ def plate(
     """Kirchhoff plate in the plane of x and y that bends along z, by the rectangle of Bogner, Fox and Schmit: `z`, its slopes `zx`
     and `zy` and its twist `zxy` at each node. Edges are `clamped`, `supported`, `cantilever` (clamped at x = 0) or `free`."""
     fem = _skfem()
-    _above_zero(length=length, width=width, thickness=thickness, young=young, density=density)
+    _above_zero(length=length, width=width, thickness=thickness, n_x=n_x, n_y=n_y, young=young, density=density)
     mesh = fem.MeshQuad.init_tensor(np.linspace(0, length, int(n_x) + 1), np.linspace(0, width, int(n_y) + 1))
     basis = fem.Basis(mesh, fem.ElementQuadBFS(), intorder=8)
     bending = young * thickness**3 / (12 * (1 - poisson**2))
@@ -82,7 +82,7 @@ def solid(
 ) -> Model:
     """Block of quadratic tetrahedra with `x`, `y`, `z` at each node."""
     fem = _skfem()
-    _above_zero(length=length, width=width, height=height, young=young, density=density)
+    _above_zero(length=length, width=width, height=height, n_x=n_x, n_y=n_y, n_z=n_z, young=young, density=density)
     mesh = fem.MeshTet.init_tensor(*(np.linspace(0, side, int(n) + 1) for side, n in ((length, n_x), (width, n_y), (height, n_z))))
     stiffness, mass, dofs, points, cells = _elastic(mesh, young, poisson, density)
     sets = {
@@ -104,6 +104,8 @@ def sector(
     """Sector of a bladed disk about the axis z: disk, neck, platform and blade of quadratic tetrahedra, held at the hub."""
     fem = _skfem()
     _above_zero(hub=hub, height=height, young=young, density=density)
+    if n_sectors < 3:
+        raise ModelError(f"a wheel has three sectors or more, not {n_sectors}")
     if not hub < rim < platform < tip:
         raise ModelError(f"hub, rim, platform and tip must rise: {hub}, {rim}, {platform}, {tip}")
     edge = 0.1 * (tip - platform)

@@ -197,7 +197,10 @@ def add_mesh(model: Model, path) -> None:
     place = {int(number): i for i, number in enumerate(numbers)}
     missing = [int(number) for number in model.node_numbers if int(number) not in place]
     if missing:
-        raise ModelError(f"node {missing[0]} of the matrices is not in the mesh '{path}' ({len(missing)} are missing)")
+        hint = ""
+        if len(missing) < len(model.node_numbers) and min(missing) > max(place):
+            hint = "; CalculiX gives elements such as C3D8I, beams and shells nodes of its own, C3D8, C3D10 and C3D20 have none"
+        raise ModelError(f"node {missing[0]} of the matrices is not in the mesh '{path}' ({len(missing)} are missing{hint})")
     old = np.array([place[int(number)] for number in model.node_numbers], dtype=np.int64)
     model.dof_node = np.array([old[node] if node >= 0 else -1 for node in model.dof_node])
     model.node_numbers = np.asarray(numbers, dtype=np.int64)
