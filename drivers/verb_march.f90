@@ -8,7 +8,7 @@ module verb_march
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_place
    use hb_kinds, only: wp
-   use hb_march, only: judge, march_from, march_judgement_t, march_record_t, march_watcher_t
+   use hb_march, only: judge, march_from, march_judgement_t, march_record_t
    use hb_march_config, only: march_method_names, march_start, step_of
    use hb_march_file, only: march_content_t, march_origin_t, read_march_state, write_march_file
    use hb_march_starts, only: motions_of, state_on_sphere
@@ -25,6 +25,7 @@ module verb_march
    use hb_structure, only: max_dofs, most_dense
    use hb_study, only: study_t
    use hb_text, only: to_text
+   use hb_watch, only: watch_t
    use result_place, only: place_result
    use verb_solve, only: load_study
    implicit none
@@ -33,13 +34,13 @@ module verb_march
 
    integer, parameter :: fewest_samples = 32                          ! from which frequencies are read
 
-   type, extends(march_watcher_t) :: shown_progress_t
-      type(progress_t) :: progress
+   type, extends(watch_t) :: shown_progress_t
+      type(progress_t) :: line
       logical :: is_begun = .false.
       integer :: level = log_level%normal
-      integer :: all = 0
+      integer :: n_steps = 0
    contains
-      procedure :: show => shown_progress_show
+      procedure :: note_progress => shown_progress_note_progress
    end type shown_progress_t
 
 contains
@@ -98,7 +99,7 @@ contains
       type(march_system_t), target :: system
       type(march_content_t) :: content
       type(march_origin_t) :: origin
-      type(shown_progress_t) :: watcher
+      type(shown_progress_t) :: progress
       real(wp) :: seconds, share, step
       real(wp), allocatable :: frequencies(:), omega(:)
       character(300) :: line
@@ -117,12 +118,12 @@ contains
          call first_state(scene, system, frequencies, content%state, error)
          if (allocated(error)) return
          step = step_of(scene%march, omega)
-         watcher%level = options%level
+         progress%level = options%level
          seconds = wall_clock()
-         call march_from(system, scene%march, step, scene%output%dofs, content%state, content%record, error, watcher)
+         call march_from(system, scene%march, step, scene%output%dofs, content%state, content%record, error, progress)
          if (allocated(error)) return
          seconds = wall_clock() - seconds
-         if (watcher%is_begun) call watcher%progress%finish(watcher%all, 0)
+         if (progress%is_begun) call progress%line%finish(progress%n_steps, 0)
          call read_frequencies(scene, content%record, omega, share, error)
          if (allocated(error)) return
          frequencies = scene%harmonics%frequencies(omega)
@@ -274,13 +275,13 @@ contains
       end if
    end subroutine first_state
 
-   subroutine shown_progress_show(self, done, all)
+   subroutine shown_progress_note_progress(self, n_done, n_steps)
       class(shown_progress_t), intent(inout) :: self
-      integer, intent(in) :: done, all
+      integer, intent(in) :: n_done, n_steps
 
-      if (.not. self%is_begun) call new_progress(self%progress, all, self%level, is_first=.true., what="steps")
+      if (.not. self%is_begun) call new_progress(self%line, n_steps, self%level, is_first=.true., what="steps")
       self%is_begun = .true.
-      self%all = all
-      if (self%progress%is_due()) call self%progress%show(done, 0)
-   end subroutine shown_progress_show
+      self%n_steps = n_steps
+      if (self%line%is_due()) call self%line%show(n_done, 0)
+   end subroutine shown_progress_note_progress
 end module verb_march

@@ -28,7 +28,8 @@ def enter(*packages: str) -> None:
         return
     python = VENV / "bin" / "python"
     if Path(sys.prefix).resolve() != VENV.resolve():
-        _make()
+        if not _is_ready(python, packages):
+            _make()
         os.execv(python, [str(python), *sys.argv])
     print(
         f"{Path(sys.argv[0]).name}: build/venv has no {', '.join(missing_of(packages))}; tests/run installs what Debian has, "
@@ -36,6 +37,19 @@ def enter(*packages: str) -> None:
         file=sys.stderr,
     )
     sys.exit(2)
+
+
+def _is_ready(python: Path, packages: tuple[str, ...]) -> bool:
+    """Whether build/venv has the packages, and those of this tree, not of one that it was copied from."""
+    look = (
+        "import sys; from importlib.util import find_spec; root, *names = sys.argv[1:];"
+        "places = [find_spec(name) and find_spec(name).origin for name in ('nhbm_post', 'nhbm', *names)];"
+        "sys.exit(not all(places) or not all(place.startswith(root) for place in places[:2]))"
+    )
+    try:
+        return subprocess.run([python, "-c", look, f"{ROOT}/", *packages], stderr=subprocess.DEVNULL).returncode == 0
+    except OSError:
+        return False
 
 
 def _make() -> None:

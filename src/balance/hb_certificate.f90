@@ -31,7 +31,7 @@ module hb_certificate
    private
    public :: certificate_t, certify, choose_wider_set, near_commensurate, wider_orders, wider_samples
 
-   real(wp), parameter :: rest = 1.0e-6_wp                             ! motion relative to what the loads do to the stiffest
+   real(wp), parameter :: smallest_size = 1.0e-6_wp                    ! motion relative to what the loads do to the stiffest
                                                                       ! harmonic, below which nothing moves
    real(wp), parameter :: linear = 0.1_wp                             ! largest error that one linear step tells
    real(wp), parameter :: much_force = 1.0e-2_wp                      ! beyond the balance on the finer grid, relative to its scale
@@ -263,12 +263,13 @@ contains
       call fine%destroy()
    end subroutine solve_on_finer_grid
 
-   !> Norm of the motion that errors are relative to; not less than what the loads do to the stiffest harmonic, times `rest` [m].
+   !> Norm of the motion that errors are relative to; not less than `smallest_size` times what the loads do to the
+   !> stiffest harmonic [m].
    pure real(wp) function reference_size(balance, u)
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: u(:, :)
 
-      reference_size = max(norm2(u), rest*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
+      reference_size = max(norm2(u), smallest_size*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
    end function reference_size
 
    !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: the harmonics

@@ -83,14 +83,14 @@ contains
       pure function wave(j, i, first, last)
          integer, intent(in) :: j(:), i, first, last
          real(wp) :: wave(2), angle
-         integer :: m, rest
+         integer :: m, quotient
 
-         rest = i - 1
+         quotient = i - 1
          angle = 0.0_wp
          do m = first, last
             associate (n => torus%n_samples(m))
-               angle = angle + two_pi*modulo(j(m)*modulo(rest, n), n)/n
-               rest = rest/n
+               angle = angle + two_pi*modulo(j(m)*modulo(quotient, n), n)/n
+               quotient = quotient/n
             end associate
          end do
          wave = [cos(angle), sin(angle)]

@@ -157,25 +157,25 @@ contains
       class(span_t), intent(inout) :: self
       real(wp), intent(in) :: column(:)
       logical, intent(out) :: is_literal                              !! it is a column now
-      real(wp) :: rest(size(column)), share
+      real(wp) :: orthogonal(size(column)), share
       integer :: pass
 
       is_literal = .false.
       if (self%n == size(column)) return
-      rest = self%weight*column
+      orthogonal = self%weight*column
       associate (part => self%orthonormal(:, self%n_before + 1:self%n))
          do pass = 1, 2
-            rest = rest - matmul(part, matmul(rest, part))
+            orthogonal = orthogonal - matmul(part, matmul(orthogonal, part))
          end do
       end associate
       associate (whole => norm2(self%weight*column))
-         if (norm2(rest) <= dependent*whole) return
-         share = norm2(rest)/whole
+         if (norm2(orthogonal) <= dependent*whole) return
+         share = norm2(orthogonal)/whole
       end associate
       self%n = self%n + 1
-      self%orthonormal(:, self%n) = rest/norm2(rest)
+      self%orthonormal(:, self%n) = orthogonal/norm2(orthogonal)
       is_literal = share > nearly_dependent
-      self%shape(:, self%n) = merge(column, rest/(share*self%weight), is_literal)
+      self%shape(:, self%n) = merge(column, orthogonal/(share*self%weight), is_literal)
    end subroutine span_add
 
    !> Weights of a linear form over all degrees of freedom of laws.

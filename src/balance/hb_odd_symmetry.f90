@@ -63,17 +63,17 @@ contains
    pure real(wp) function asymmetry(torus, samples)
       type(torus_t), intent(in) :: torus                              !! whole, with even numbers of samples
       real(wp), intent(in) :: samples(:, :)                           !! (n_total, any)
-      integer :: i, m, opposite, rest, stride
+      integer :: i, m, opposite, quotient, stride
 
       asymmetry = 0.0_wp
       do i = 1, torus%n_total
-         rest = i - 1
+         quotient = i - 1
          opposite = 1
          stride = 1
          do m = 1, size(torus%n_samples)
             associate (n => torus%n_samples(m))
-               opposite = opposite + stride*modulo(modulo(rest, n) + n/2, n)
-               rest = rest/n
+               opposite = opposite + stride*modulo(modulo(quotient, n) + n/2, n)
+               quotient = quotient/n
                stride = stride*n
             end associate
          end do

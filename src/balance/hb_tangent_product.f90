@@ -10,7 +10,7 @@ module hb_tangent_product
    use hb_kinds, only: wp
    use hb_law_jacobian, only: law_jacobian_t
    use hb_law_samples, only: law_samples_t, new_law_samples
-   use hb_packed_fft, only: way
+   use hb_packed_fft, only: direction
    use hb_projected_laws, only: projected_laws_t
    use hb_torus, only: cheap_size, new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
@@ -118,8 +118,8 @@ contains
       if (thin%n_total >= torus%n_total) return
       call new_band(band, harmonics, torus, error)                    ! fails where it has more tuples than a set may have
       if (.not. allocated(error)) call new_transform(self%transform, harmonics, thin, laws%n_dofs, effort, error)
-      if (.not. allocated(error)) call new_transform(self%wide, band, torus, 1, effort, error, way%to_spectrum)
-      if (.not. allocated(error)) call new_transform(self%narrow, band, thin, 1, effort, error, way%to_samples)
+      if (.not. allocated(error)) call new_transform(self%wide, band, torus, 1, effort, error, direction%to_spectrum)
+      if (.not. allocated(error)) call new_transform(self%narrow, band, thin, 1, effort, error, direction%to_samples)
       if (.not. allocated(error)) call new_law_samples(self%along, thin%n_total, laws%n_dofs, laws%needs_velocity, &
                                                        laws%needs_reaction, .false., error)
       if (.not. allocated(error)) call new_real_block(self%column, thin%n_total, 1, error)

@@ -98,21 +98,21 @@ contains
    subroutine remember(history, step_change, motion_change)
       type(history_t), intent(inout) :: history
       real(wp), intent(in) :: step_change(:), motion_change(:)
-      real(wp) :: rest(size(step_change)), column(history%n)
+      real(wp) :: orthogonal(size(step_change)), column(history%n)
       integer :: i
 
-      rest = step_change
+      orthogonal = step_change
       do i = 1, history%n
-         column(i) = dot_product(history%basis(:, i), rest)
-         rest = rest - column(i)*history%basis(:, i)
+         column(i) = dot_product(history%basis(:, i), orthogonal)
+         orthogonal = orthogonal - column(i)*history%basis(:, i)
       end do
-      if (norm2(rest) <= smallest_pivot*norm2(step_change)) return
+      if (norm2(orthogonal) <= smallest_pivot*norm2(step_change)) return
       history%n = history%n + 1
       associate (n => history%n)
          history%move_changes(:, n) = motion_change + step_change
          history%triangle(1:n - 1, n) = column
-         history%triangle(n, n) = norm2(rest)
-         history%basis(:, n) = rest/norm2(rest)
+         history%triangle(n, n) = norm2(orthogonal)
+         history%basis(:, n) = orthogonal/norm2(orthogonal)
       end associate
    end subroutine remember
 

@@ -1,7 +1,8 @@
-!> What long work asks from step to step: whether it shall end before it is done.
+!> What long work asks from step to step, whether it shall end before it is done, and where it tells how far it is.
 !>
 !> A watch knows the processor time that a point may take. Whoever has other reasons to end a point, such as a signal, extends
-!> it and answers `wants_end`. A verdict stays until the next point begins, so that all that is under way ends soon.
+!> it and answers `wants_end`; whoever shows progress has `note_progress`. A verdict stays until the next point begins, so that
+!> all that is under way ends soon.
 module hb_watch
    use hb_kinds, only: wp
    implicit none
@@ -22,6 +23,7 @@ module hb_watch
    contains
       procedure :: begin => watch_begin
       procedure :: is_over => watch_is_over
+      procedure :: note_progress => watch_note_progress
       procedure :: wants_end => watch_wants_end
    end type watch_t
 
@@ -55,6 +57,12 @@ contains
       end if
       watch_is_over = self%verdict /= verdict%go_on
    end function watch_is_over
+
+   !> Hears how far the work is; nobody listens.
+   subroutine watch_note_progress(self, n_done, n_steps)
+      class(watch_t), intent(inout) :: self
+      integer, intent(in) :: n_done, n_steps
+   end subroutine watch_note_progress
 
    !> Whether something else than the point asks for its end; nothing does.
    logical function watch_wants_end(self)

@@ -26,7 +26,7 @@ module hb_characteristic
       integer, allocatable :: neighbour(:, :)                         !! (n_neighbours, n_slice) within the slice before
       real(wp), allocatable :: weight(:)                              !! (n_neighbours), their sum is 1
       real(wp), allocatable, private :: omega(:)                      ! [rad/s], (n_tones)
-      real(wp), allocatable, private :: way(:)                        ! to the start of a step, in samples, (n_tones)
+      real(wp), allocatable, private :: offset(:)                     ! to the start of a step, in samples, (n_tones)
    contains
       procedure :: frequency_slopes => characteristic_frequency_slopes
       procedure :: interpolate => characteristic_interpolate
@@ -109,24 +109,24 @@ contains
       type(characteristic_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)
-      integer :: m, n_neighbours, node, other, p, q, rest, shift(size(omega))
+      integer :: m, n_neighbours, node, other, p, q, quotient, shift(size(omega))
       real(wp) :: by_node(n_nodes, size(omega))
 
       other = size(omega) - 1
       n_neighbours = n_nodes**other
-      allocate (self%neighbour(n_neighbours, self%n_slice), self%weight(n_neighbours), self%way(size(omega)))
+      allocate (self%neighbour(n_neighbours, self%n_slice), self%weight(n_neighbours), self%offset(size(omega)))
       do m = 1, size(omega)
-         associate (way => self%way(m))
-            way = -omega(m)*self%step*torus%n_samples(m)/two_pi
-            if (abs(way - anint(way)) < 8*epsilon(1.0_wp)*max(1.0_wp, abs(way))) way = anint(way)
-            shift(m) = floor(way)
-            by_node(:, m) = cubic_weights(way - shift(m))
+         associate (offset => self%offset(m))
+            offset = -omega(m)*self%step*torus%n_samples(m)/two_pi
+            if (abs(offset - anint(offset)) < 8*epsilon(1.0_wp)*max(1.0_wp, abs(offset))) offset = anint(offset)
+            shift(m) = floor(offset)
+            by_node(:, m) = cubic_weights(offset - shift(m))
          end associate
       end do
       self%weight = product_of(by_node, self%tone)
       do p = 1, self%n_slice
          do q = 1, n_neighbours
-            rest = q - 1
+            quotient = q - 1
             self%neighbour(q, p) = 1
             call visit_tones()
          end do
@@ -141,8 +141,8 @@ contains
          do m = 1, size(omega)
             if (m == self%tone) cycle
             n = torus%n_samples(m)
-            node = modulo(rest, n_nodes)
-            rest = rest/n_nodes
+            node = modulo(quotient, n_nodes)
+            quotient = quotient/n_nodes
             at = modulo((p - 1)/inner, n)
             at = modulo(at + shift(m) + node - 1, n)
             self%neighbour(q, p) = self%neighbour(q, p) + inner*at
@@ -156,27 +156,27 @@ contains
       real(wp), intent(in) :: by_node(:, :)                           !! (n_nodes, n_tones)
       integer, intent(in) :: leading
       real(wp) :: weight(n_nodes**(size(by_node, 2) - 1))
-      integer :: m, q, rest
+      integer :: m, q, quotient
 
       do q = 1, size(weight)
-         rest = q - 1
+         quotient = q - 1
          weight(q) = 1.0_wp
          do m = 1, size(by_node, 2)
             if (m == leading) cycle
-            weight(q) = weight(q)*by_node(1 + modulo(rest, n_nodes), m)
-            rest = rest/n_nodes
+            weight(q) = weight(q)*by_node(1 + modulo(quotient, n_nodes), m)
+            quotient = quotient/n_nodes
          end do
       end do
    end function product_of
 
-   !> Derivatives of step and weights by base frequency m, with the tone that leads and the neighbours held. Where a way ends
+   !> Derivatives of step and weights by base frequency m, with the tone that leads and the neighbours held. Where an offset ends
    !> right on a sample, the neighbours change there too, and this is the derivative for a shorter way.
    pure subroutine characteristic_frequency_slopes(self, m, step_slope, weight_slope)
       class(characteristic_t), intent(in) :: self
       integer, intent(in) :: m                                        !! tone
       real(wp), intent(out) :: step_slope                             !! [s**2]
       real(wp), intent(out) :: weight_slope(:)                        !! [s], (n_neighbours)
-      real(wp) :: by_node(n_nodes, size(self%omega)), way_slope
+      real(wp) :: by_node(n_nodes, size(self%omega)), offset_slope
       integer :: k, other
 
       step_slope = 0.0_wp
@@ -184,12 +184,12 @@ contains
       weight_slope = 0.0_wp
       do k = 1, size(self%omega)
          if (k == self%tone .or. (k /= m .and. m /= self%tone)) cycle
-         way_slope = self%way(k)/self%omega(m)                         ! way_k is as omega_k/omega_leading
-         if (m == self%tone) way_slope = -way_slope
+         offset_slope = self%offset(k)/self%omega(m)                   ! offset_k is as omega_k/omega_leading
+         if (m == self%tone) offset_slope = -offset_slope
          do other = 1, size(self%omega)
-            by_node(:, other) = cubic_weights(self%way(other) - floor(self%way(other)))
+            by_node(:, other) = cubic_weights(self%offset(other) - floor(self%offset(other)))
          end do
-         by_node(:, k) = way_slope*cubic_slopes(self%way(k) - floor(self%way(k)))
+         by_node(:, k) = offset_slope*cubic_slopes(self%offset(k) - floor(self%offset(k)))
          weight_slope = weight_slope + product_of(by_node, self%tone)
       end do
    end subroutine characteristic_frequency_slopes

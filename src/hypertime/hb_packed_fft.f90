@@ -19,15 +19,15 @@ module hb_packed_fft
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: new_packed_fft, packed_fft_t, way
+   public :: direction, new_packed_fft, packed_fft_t
 
-   !> The ways that a transform goes; each needs arrays of its own.
-   type :: way_t
+   !> The directions of a transform; each needs arrays of its own.
+   type :: direction_t
       integer :: both = 0
       integer :: to_samples = 1
       integer :: to_spectrum = 2
-   end type way_t
-   type(way_t), parameter :: way = way_t()
+   end type direction_t
+   type(direction_t), parameter :: direction = direction_t()
 
    !> Transforms along one tone, from a spectrum in which lower tones stand close together and this one at full length, to one
    !> in which the next lower tone has its full length as well.
@@ -66,12 +66,12 @@ module hb_packed_fft
 contains
 
    !> Plans the transforms of one function at a time on a grid, between samples and tuples with |j_m| <= highest(m).
-   subroutine new_packed_fft(self, torus, parity, highest, ways, effort, error)
+   subroutine new_packed_fft(self, torus, parity, highest, directions, effort, error)
       type(packed_fft_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: parity                                   !! 1 or 0: of the sums of tuples; any on the whole grid
       integer, intent(in) :: highest(:)                               !! (n_tones) >= 0; larger than the grid tells apart: all
-      integer, intent(in) :: ways                                     !! one of `way`
+      integer, intent(in) :: directions                               !! one of `direction`
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
       integer :: grid(size(highest)), m, n_tones
@@ -93,13 +93,13 @@ contains
       allocate (self%stages(n_tones))
       do m = 1, n_tones
          if (.not. allocated(error)) call plan_stage(self%stages(m), m)
-         if (ways /= way%to_spectrum .and. .not. allocated(error)) &
+         if (directions /= direction%to_spectrum .and. .not. allocated(error)) &
             call new_complex_block(self%stages(m)%spectrum, product(self%extent(:m - 1))*product(grid(m:)), 1, error)
       end do
       if (torus%is_half) call find_twist()
       if ((self%n_together == 1 .or. (torus%is_half .and. n_tones == 1)) .and. .not. allocated(error)) &
          call new_complex_block(self%loose, product(grid), 1, error)
-      if (ways == way%to_samples) return
+      if (directions == direction%to_samples) return
       if (.not. allocated(error)) call new_complex_block(self%work(1), product(grid), 1, error)
       if (.not. allocated(error) .and. n_tones > 1) &
          call new_complex_block(self%work(2), self%extent(1)*product(grid(2:)), 1, error)
@@ -108,23 +108,23 @@ contains
 
       !> Which columns are twisted: those in which the lower tones leave an odd entry to the last.
       subroutine find_twist()
-         integer :: b, i, k, lower, rest, total
+         integer :: b, i, k, lower, quotient, total
          real(wp) :: step
 
          allocate (self%twisted(0))
          self%n_columns = product(self%extent(:n_tones - 2))
          if (n_tones > 1) self%n_columns = self%n_columns*grid(n_tones - 1)
          do i = 1, self%n_columns
-            rest = i - 1
+            quotient = i - 1
             total = 0
             do k = 1, n_tones - 2
-               total = total + modulo(rest, self%extent(k))           ! an even number of places: negative entries keep their parity
-               rest = rest/self%extent(k)
+               total = total + modulo(quotient, self%extent(k))       ! an even number of places: negative entries keep their parity
+               quotient = quotient/self%extent(k)
             end do
             if (n_tones > 1) then
                lower = self%extent(n_tones - 1)/2                     ! entries from 0 on come first
-               b = rest
-               if (self%extent(n_tones - 1) < grid(n_tones - 1) .and. rest >= lower) b = rest - grid(n_tones - 1)
+               b = quotient
+               if (self%extent(n_tones - 1) < grid(n_tones - 1) .and. quotient >= lower) b = quotient - grid(n_tones - 1)
                if (b < -lower) cycle                                  ! beyond the highest: zero, or of no interest
                total = total + b
             end if

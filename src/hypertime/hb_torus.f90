@@ -87,17 +87,17 @@ contains
    elemental integer function fast_size(n)
       integer, intent(in) :: n
       integer, parameter :: factors(4) = [2, 3, 5, 7]
-      integer :: i, rest
+      integer :: i, cofactor
 
       fast_size = n + modulo(n, 2)
       do
-         rest = fast_size
+         cofactor = fast_size
          do i = 1, size(factors)
-            do while (modulo(rest, factors(i)) == 0)
-               rest = rest/factors(i)
+            do while (modulo(cofactor, factors(i)) == 0)
+               cofactor = cofactor/factors(i)
             end do
          end do
-         if (rest == 1) return
+         if (cofactor == 1) return
          fast_size = fast_size + 2
       end do
    end function fast_size
@@ -121,13 +121,13 @@ contains
    pure function torus_phases(self) result(tau)
       class(torus_t), intent(in) :: self
       real(wp) :: tau(size(self%n_samples), self%n_total)
-      integer :: i, m, rest
+      integer :: i, m, quotient
 
       do i = 1, self%n_total
-         rest = i - 1
+         quotient = i - 1
          do m = 1, size(self%n_samples)
-            tau(m, i) = two_pi*modulo(rest, self%n_samples(m))/self%n_samples(m)
-            rest = rest/self%n_samples(m)
+            tau(m, i) = two_pi*modulo(quotient, self%n_samples(m))/self%n_samples(m)
+            quotient = quotient/self%n_samples(m)
          end do
       end do
    end function torus_phases

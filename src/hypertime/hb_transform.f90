@@ -6,7 +6,7 @@ module hb_transform
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_packed_fft, only: new_packed_fft, packed_fft_t, way
+   use hb_packed_fft, only: direction, new_packed_fft, packed_fft_t
    use hb_torus, only: torus_t
    implicit none
    private
@@ -52,14 +52,14 @@ module hb_transform
 contains
 
    !> Plans the transforms of `n_channels` functions, both ways or one of them.
-   subroutine new_transform(self, harmonics, torus, n_channels, effort, error, ways)
+   subroutine new_transform(self, harmonics, torus, n_channels, effort, error, directions)
       type(transform_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics                      !! on half a torus with sums of one parity
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: n_channels                               !! >= 1
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(in), optional :: ways                           !! one of hb_packed_fft%way, default: both
+      integer, intent(in), optional :: directions                     !! one of hb_packed_fft%direction, default: both
       logical, allocatable :: is_used(:)
       integer :: chosen, first(0:harmonics%highest(1)), h
       complex(wp), dimension(0:harmonics%highest(1)) :: far, near
@@ -69,8 +69,8 @@ contains
       self%torus = torus
       self%n_channels = n_channels
       self%effort = effort
-      chosen = way%both
-      if (present(ways)) chosen = ways
+      chosen = direction%both
+      if (present(directions)) chosen = directions
       call new_packed_fft(self%fft, torus, modulo(sum(harmonics%tuples(:, 1)), 2), harmonics%highest, chosen, effort, error)
       if (allocated(error)) return
       self%at = [(self%fft%place(harmonics%tuples(:, h)), h=1, harmonics%n_harmonics)]
@@ -211,7 +211,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (allocated(table%at)) return
-      call new_packed_fft(self%products, self%torus, 0, 2*self%harmonics%highest, way%to_spectrum, self%effort, error)
+      call new_packed_fft(self%products, self%torus, 0, 2*self%harmonics%highest, direction%to_spectrum, self%effort, error)
       if (.not. allocated(error)) call index_table(self, table, n_parts, error)
    end subroutine transform_prepare_products
 
@@ -248,7 +248,7 @@ contains
       type(error_t), allocatable, intent(inout) :: error
       integer :: extent(self%harmonics%n_tones), stride(self%harmonics%n_tones), j(self%harmonics%n_tones)
       complex(wp), dimension(4*self%harmonics%highest(1) + 1) :: far, near
-      integer :: h, i, m, rest, status
+      integer :: h, i, m, quotient, status
 
       associate (set => self%harmonics)
          extent = 4*set%highest + 1
@@ -267,10 +267,10 @@ contains
             table%offset(h) = dot_product(set%tuples(:, h), stride)
          end do
          do i = 1, size(table%at)
-            rest = i - 1
+            quotient = i - 1
             do m = set%n_tones, 1, -1
-               j(m) = modulo(rest, extent(m)) - 2*set%highest(m)
-               rest = rest/extent(m)
+               j(m) = modulo(quotient, extent(m)) - 2*set%highest(m)
+               quotient = quotient/extent(m)
             end do
             table%at(i) = self%products%place(j)
          end do

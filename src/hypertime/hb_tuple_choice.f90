@@ -10,7 +10,7 @@ module hb_tuple_choice
    use hb_tuple_union, only: tuple_union_t
    implicit none
    private
-   public :: choose_tuples, largest_places, lowest_order, new_lowest_set, new_doubled_set
+   public :: chosen_tuples, largest_places, lowest_order, new_lowest_set, new_doubled_set
 
    real(wp), parameter :: loyalty = 300.0_wp                          ! a kept tuple counts for that many times its amplitude
    integer, parameter :: lowest_orders(4) = [7, 5, 3, 2]              ! of the first box, by number of tones
@@ -51,10 +51,9 @@ contains
       call new_harmonics(self, union%list(), error)
    end subroutine new_lowest_set
 
-   !> Makes the set of the tuples that carry a motion: all that are needed, and the largest of the others until the root of the
+   !> Gives the tuples that carry a motion: all that are needed, and the largest of the others until the root of the
    !> sum of squares of what is left out is at most `tail`, or there is no room. Kept tuples stay in their order, new ones follow.
-   subroutine choose_tuples(self, kept, carried, around, neglected, is_needed, tail, room, error)
-      type(harmonics_t), intent(out) :: self
+   function chosen_tuples(kept, carried, around, neglected, is_needed, tail, room) result(tuples)
       type(harmonics_t), intent(in) :: kept
       real(wp), intent(in) :: carried(:)                              !! amplitudes (kept%n_harmonics)
       type(harmonics_t), intent(in) :: around                         !! a set with others
@@ -62,8 +61,8 @@ contains
       logical, intent(in) :: is_needed(:)                             !! (kept%n_harmonics)
       real(wp), intent(in) :: tail                                    !! in the unit of the amplitudes
       integer, intent(in) :: room                                     !! tuples that the set may have
-      type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: chosen(:), others(:), tuples(:, :)
+      integer, allocatable :: tuples(:, :)                            !! (n_tones, at most `room`)
+      integer, allocatable :: chosen(:), others(:)
       real(wp), allocatable :: amplitudes(:)
       integer :: h
 
@@ -78,8 +77,7 @@ contains
             tuples(:, h) = around%tuples(:, others(chosen(h) - kept%n_harmonics))
          end if
       end do
-      call new_harmonics(self, tuples, error)
-   end subroutine choose_tuples
+   end function chosen_tuples
 
    !> Makes the set that reaches twice as far as another in all directions: all tuples j of which j/2, with each entry rounded
    !> up or down, is in it, and the next ones around each. Both, because a set of odd tuples has (2, 3) but not (3, 3) for (5, 6).

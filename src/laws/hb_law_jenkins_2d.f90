@@ -66,33 +66,33 @@ contains
       real(wp), intent(in), contiguous :: s_old(:, :), path(:, :, :)
       real(wp), intent(out), contiguous :: s_new(:, :)
       real(wp), intent(out), contiguous, optional :: ds_ds_old(:, :, :), ds_dpath(:, :, :, :)
-      real(wp) :: leash(2), by_leash(2, 2), by_way(2, 2), way(2)
+      real(wp) :: leash(2), by_leash(2, 2), by_displacement(2, 2), displacement(2)
       integer :: c, i
 
       if (present(ds_dpath)) ds_dpath = 0.0_wp
       do i = 1, size(s_old, 1)
          leash = path(i, :, path_part%at_start) - s_old(i, :)
-         way = path(i, :, path_part%at_end) - path(i, :, path_part%at_start)
-         call drag(self%limit/self%stiffness, way, leash, by_leash, by_way)
+         displacement = path(i, :, path_part%at_end) - path(i, :, path_part%at_start)
+         call drag(self%limit/self%stiffness, displacement, leash, by_leash, by_displacement)
          s_new(i, :) = path(i, :, path_part%at_end) - leash
          if (.not. (present(ds_ds_old) .and. present(ds_dpath))) cycle
          ds_ds_old(i, :, :) = by_leash
-         ds_dpath(i, :, :, path_part%at_start) = by_way - by_leash
-         ds_dpath(i, :, :, path_part%at_end) = -by_way
+         ds_dpath(i, :, :, path_part%at_start) = by_displacement - by_leash
+         ds_dpath(i, :, :, path_part%at_end) = -by_displacement
          do c = 1, 2
             ds_dpath(i, c, c, path_part%at_end) = ds_dpath(i, c, c, path_part%at_end) + 1.0_wp
          end do
       end do
    end subroutine jenkins_2d_advance
 
-   !> Leash after its end went a straight way, and its derivatives by the leash before and by the way.
+   !> Leash after a straight displacement of its end, and its derivatives by the leash before and by the displacement.
    !>
    !> A leash longer than it may be, as interpolation may give it, is cut first. Until it is taut the slider stays.
-   pure subroutine drag(longest, way, leash, by_leash, by_way)
+   pure subroutine drag(longest, displacement, leash, by_leash, by_displacement)
       real(wp), intent(in) :: longest                                 !! [m], > 0
-      real(wp), intent(in) :: way(2)                                  !! [m]
+      real(wp), intent(in) :: displacement(2)                         !! [m]
       real(wp), intent(inout) :: leash(2)                             !! [m]
-      real(wp), intent(out) :: by_leash(2, 2), by_way(2, 2)           !! last axis: the component differentiated by
+      real(wp), intent(out) :: by_leash(2, 2), by_displacement(2, 2)  !! last axis: the component differentiated by
       real(wp) :: cut(2, 2), length
       integer :: c
 
@@ -104,42 +104,42 @@ contains
          end do
          leash = longest/length*leash
       end if
-      if (norm2(leash + way) <= longest .or. .not. any(abs(way) > 0.0_wp)) then
-         leash = leash + way
+      if (norm2(leash + displacement) <= longest .or. .not. any(abs(displacement) > 0.0_wp)) then
+         leash = leash + displacement
          by_leash = cut
-         by_way = reshape([1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [2, 2])
+         by_displacement = reshape([1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [2, 2])
       else
-         call drag_taut(longest, way, leash, by_leash, by_way)
+         call drag_taut(longest, displacement, leash, by_leash, by_displacement)
          by_leash = matmul(by_leash, cut)
       end if
    end subroutine drag
 
    !> Drags the slider by a leash that becomes taut on the way, and is not too long before; with its derivatives as `drag`.
-   pure subroutine drag_taut(longest, way, leash, by_leash, by_way)
-      real(wp), intent(in) :: longest, way(2)
+   pure subroutine drag_taut(longest, displacement, leash, by_leash, by_displacement)
+      real(wp), intent(in) :: longest, displacement(2)
       real(wp), intent(inout) :: leash(2)
-      real(wp), intent(out) :: by_leash(2, 2), by_way(2, 2)
-      ! Derivatives by leash(1:2) and way(1:2) are carried along: d_x(4) or d_x(2, 4) for each x.
-      real(wp) :: d_leash(2, 4), d_way(2, 4), a, b, c, root, share, d_share(4), length, d_length(4), e(2), d_e(2, 4)
-      real(wp) :: taut(2), d_taut(2, 4), cosine, sine, d_cosine(4), d_sine(4), t, d_t(4), rest, d_rest(4)
+      real(wp), intent(out) :: by_leash(2, 2), by_displacement(2, 2)
+      ! Derivatives by leash(1:2) and displacement(1:2) are carried along: d_x(4) or d_x(2, 4) for each x.
+      real(wp) :: d_leash(2, 4), d_displacement(2, 4), a, b, c, root, share, d_share(4), length, d_length(4), e(2), d_e(2, 4)
+      real(wp) :: taut(2), d_taut(2, 4), cosine, sine, d_cosine(4), d_sine(4), t, d_t(4), slid, d_slid(4)
       integer :: k
 
       d_leash = 0.0_wp
-      d_way = 0.0_wp
+      d_displacement = 0.0_wp
       do k = 1, 2
          d_leash(k, k) = 1.0_wp
-         d_way(k, k + 2) = 1.0_wp
+         d_displacement(k, k + 2) = 1.0_wp
       end do
-      length = norm2(way)
-      e = way/length
-      d_length = matmul(e, d_way)
+      length = norm2(displacement)
+      e = displacement/length
+      d_length = matmul(e, d_displacement)
       do k = 1, 4
-         d_e(:, k) = (d_way(:, k) - e*d_length(k))/length
+         d_e(:, k) = (d_displacement(:, k) - e*d_length(k))/length
       end do
 
       ! |leash + share way| = longest: a share**2 + 2 b share + c = 0
       a = length**2
-      b = dot_product(leash, way)
+      b = dot_product(leash, displacement)
       c = min(dot_product(leash, leash) - longest**2, 0.0_wp)
       root = sqrt(b**2 - a*c)
       if (b > 0.0_wp) then
@@ -148,22 +148,22 @@ contains
          share = (root - b)/a
       end if
       share = min(max(share, 0.0_wp), 1.0_wp)
-      taut = leash + share*way
+      taut = leash + share*displacement
       d_share = 0.0_wp
-      if (root > epsilon(1.0_wp)*length*longest) d_share = -matmul(taut, d_leash + share*d_way)/root
+      if (root > epsilon(1.0_wp)*length*longest) d_share = -matmul(taut, d_leash + share*d_displacement)/root
       do k = 1, 4
-         d_taut(:, k) = d_leash(:, k) + share*d_way(:, k) + way*d_share(k)
+         d_taut(:, k) = d_leash(:, k) + share*d_displacement(:, k) + displacement*d_share(k)
       end do
 
-      ! The tractrix: angle of the leash to the way, from where it is taut
+      ! The tractrix: angle of the leash to the displacement, from where it is taut
       cosine = max(dot_product(taut, e)/longest, 0.0_wp)
       sine = (e(1)*taut(2) - e(2)*taut(1))/longest
       d_cosine = (matmul(taut, d_e) + matmul(e, d_taut))/longest
       d_sine = (e(1)*d_taut(2, :) + d_e(1, :)*taut(2) - e(2)*d_taut(1, :) - d_e(2, :)*taut(1))/longest
-      rest = (1.0_wp - share)*length/longest
-      d_rest = ((1.0_wp - share)*d_length - length*d_share)/longest
-      t = exp(-rest)*sine/(1.0_wp + cosine)                           ! tan(angle/2) at the end
-      d_t = exp(-rest)*(d_sine - sine*d_cosine/(1.0_wp + cosine))/(1.0_wp + cosine) - t*d_rest
+      slid = (1.0_wp - share)*length/longest
+      d_slid = ((1.0_wp - share)*d_length - length*d_share)/longest
+      t = exp(-slid)*sine/(1.0_wp + cosine)                           ! tan(angle/2) at the end
+      d_t = exp(-slid)*(d_sine - sine*d_cosine/(1.0_wp + cosine))/(1.0_wp + cosine) - t*d_slid
       cosine = (1.0_wp - t**2)/(1.0_wp + t**2)
       sine = 2.0_wp*t/(1.0_wp + t**2)
       d_cosine = -2.0_wp*sine/(1.0_wp + t**2)*d_t
@@ -171,8 +171,8 @@ contains
       leash = longest*[cosine*e(1) - sine*e(2), cosine*e(2) + sine*e(1)]
       by_leash(1, :) = longest*(d_cosine(:2)*e(1) + cosine*d_e(1, :2) - d_sine(:2)*e(2) - sine*d_e(2, :2))
       by_leash(2, :) = longest*(d_cosine(:2)*e(2) + cosine*d_e(2, :2) + d_sine(:2)*e(1) + sine*d_e(1, :2))
-      by_way(1, :) = longest*(d_cosine(3:)*e(1) + cosine*d_e(1, 3:) - d_sine(3:)*e(2) - sine*d_e(2, 3:))
-      by_way(2, :) = longest*(d_cosine(3:)*e(2) + cosine*d_e(2, 3:) + d_sine(3:)*e(1) + sine*d_e(1, 3:))
+      by_displacement(1, :) = longest*(d_cosine(3:)*e(1) + cosine*d_e(1, 3:) - d_sine(3:)*e(2) - sine*d_e(2, 3:))
+      by_displacement(2, :) = longest*(d_cosine(3:)*e(2) + cosine*d_e(2, 3:) + d_sine(3:)*e(1) + sine*d_e(1, 3:))
    end subroutine drag_taut
 
    subroutine jenkins_2d_force(self, z, s, f, df_dz, df_ds)

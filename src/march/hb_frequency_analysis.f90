@@ -25,7 +25,7 @@ contains
       real(wp), intent(out) :: frequencies(:)                         !! [rad/s]
       complex(wp), intent(out) :: amplitudes(:)                       !! as frequencies
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: rest(:), time(:), weights(:)
+      real(wp), allocatable :: remainder(:), time(:), weights(:)
       real(wp) :: width
       integer :: i, k, n, n_found, sweep
 
@@ -35,26 +35,26 @@ contains
          return
       end if
       weights = bump_weights(n)
-      rest = x - sum(weights*x)
+      remainder = x - sum(weights*x)
       time = [(start + (i - 1)*step, i=1, n)]
       width = two_pi/(n*step)
       frequencies = ieee_value(1.0_wp, ieee_quiet_nan)
       amplitudes = (0.0_wp, 0.0_wp)
       n_found = 0
       do k = 1, size(frequencies)
-         call largest_line(rest*weights, step, frequencies(k), error)
+         call largest_line(remainder*weights, step, frequencies(k), error)
          if (allocated(error)) return
-         call refine(rest, weights, start, step, 2.0_wp*width, frequencies(k), amplitudes(k))
+         call refine(remainder, weights, start, step, 2.0_wp*width, frequencies(k), amplitudes(k))
          if (abs(amplitudes(k)) <= 64*epsilon(1.0_wp)*maxval(abs(x))) exit
-         call add_line(rest, time, frequencies(k), -amplitudes(k))
+         call add_line(remainder, time, frequencies(k), -amplitudes(k))
          n_found = k
       end do
       do sweep = 1, n_refinements
-         rest = rest - sum(weights*rest)
+         remainder = remainder - sum(weights*remainder)
          do k = 1, n_found
-            call add_line(rest, time, frequencies(k), amplitudes(k))
-            call refine(rest, weights, start, step, 0.5_wp*width, frequencies(k), amplitudes(k))
-            call add_line(rest, time, frequencies(k), -amplitudes(k))
+            call add_line(remainder, time, frequencies(k), amplitudes(k))
+            call refine(remainder, weights, start, step, 0.5_wp*width, frequencies(k), amplitudes(k))
+            call add_line(remainder, time, frequencies(k), -amplitudes(k))
          end do
       end do
    end subroutine find_frequencies

@@ -22,7 +22,7 @@ module hb_march
    use hb_watch, only: watch_t
    implicit none
    private
-   public :: judge, march_from, march_judgement_t, march_record_t, march_watcher_t
+   public :: judge, march_from, march_judgement_t, march_record_t
 
    integer, parameter :: steps_between_looks = 1000
 
@@ -47,24 +47,10 @@ module hb_march
       complex(wp), allocatable :: amplitudes(:, :)                    !! as frequencies
    end type march_judgement_t
 
-   !> Who wants to know how far a march is.
-   type, abstract :: march_watcher_t
-   contains
-      procedure(watch), deferred :: show
-   end type march_watcher_t
-
-   abstract interface
-      subroutine watch(self, done, all)
-         import :: march_watcher_t
-         class(march_watcher_t), intent(inout) :: self
-         integer, intent(in) :: done, all                             !! steps
-      end subroutine watch
-   end interface
-
 contains
 
    !> Marches from a state through the transient and the duration of `config`. `state` returns the last one.
-   subroutine march_from(system, config, step, kept_dofs, state, record, error, watcher, watch)
+   subroutine march_from(system, config, step, kept_dofs, state, record, error, watch)
       type(march_system_t), intent(inout), target :: system
       type(march_config_t), intent(in) :: config
       real(wp), intent(in) :: step                                    !! [s], > 0
@@ -72,8 +58,7 @@ contains
       type(march_state_t), intent(inout) :: state
       type(march_record_t), intent(out) :: record
       type(error_t), allocatable, intent(out) :: error
-      class(march_watcher_t), intent(inout), optional :: watcher
-      class(watch_t), intent(inout), optional :: watch                !! may end the march, with an error
+      class(watch_t), intent(inout), optional :: watch                !! may end the march, with an error; hears how far it is
       class(integrator_t), allocatable :: integrator
       real(wp) :: begun, ended
 
@@ -81,8 +66,8 @@ contains
       call new_integrator(integrator, system, config, step, error)
       if (.not. allocated(error)) call integrator%start(state, error)
       record%is_under_way = .not. allocated(error)
-      if (.not. allocated(error)) call follow(integrator, system, config, step, kept_dofs, state, record, error, watcher, &
-                                             watch)
+      record%step = step
+      if (.not. allocated(error)) call follow(integrator, system, config, kept_dofs, state, record, error, watch)
       call cpu_time(ended)
       record%cpu_seconds = ended - begun
       if (allocated(integrator)) call integrator%destroy()
@@ -123,34 +108,31 @@ contains
    end subroutine new_integrator
 
    !> Advances step by step and writes down.
-   subroutine follow(integrator, system, config, step, kept_dofs, state, record, error, watcher, watch)
+   subroutine follow(integrator, system, config, kept_dofs, state, record, error, watch)
       class(integrator_t), intent(inout) :: integrator
       type(march_system_t), intent(inout), target :: system               !! the integrator points to it
       type(march_config_t), intent(in) :: config
-      real(wp), intent(in) :: step
       integer, intent(in) :: kept_dofs(:)
       type(march_state_t), intent(inout) :: state
-      type(march_record_t), intent(inout) :: record
+      type(march_record_t), intent(inout) :: record                       !! has its step
       type(error_t), allocatable, intent(out) :: error
-      class(march_watcher_t), intent(inout), optional :: watcher
       class(watch_t), intent(inout), optional :: watch
       integer :: done, i, n_kept, n_steps, n_stored, n_transient, stat, stride
 
-      call check_length(config, step, size(kept_dofs), system%laws%n_coordinates, error)
+      call check_length(config, record%step, size(kept_dofs), system%laws%n_coordinates, error)
       if (allocated(error)) return
-      n_transient = nint(config%transient/step)
-      n_steps = max(1, nint(config%duration/step))
+      n_transient = nint(config%transient/record%step)
+      n_steps = max(1, nint(config%duration/record%step))
       do done = 0, n_transient - 1, steps_between_looks
          call advance(integrator, state, min(steps_between_looks, n_transient - done), config%largest, error)
          if (.not. allocated(error)) call look()
          if (allocated(error)) return
-         if (present(watcher)) call watcher%show(done, n_transient + n_steps)
+         if (present(watch)) call watch%note_progress(done, n_transient + n_steps)
       end do
       n_kept = size(kept_dofs)
       stride = config%decimation
       n_stored = n_steps/stride + 1
       record%start = state%time
-      record%step = step
       allocate (record%every_displacement(n_steps + 1, n_kept), stat=stat)
       if (stat /= 0) then
          call fail(error, "out of memory for a record of "//to_text(n_steps)//" steps")
@@ -167,7 +149,7 @@ contains
          call check_finite(state, config%largest, error)
          if (.not. allocated(error)) call look()
          if (allocated(error)) return
-         if (present(watcher)) call watcher%show(n_transient + i, n_transient + n_steps)
+         if (present(watch)) call watch%note_progress(n_transient + i, n_transient + n_steps)
       end do
 
    contains

@@ -264,7 +264,7 @@ contains
    subroutine settle_rigid(self, t)
       class(march_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t
-      real(wp) :: dydt(size(self%cvode%values)), rest
+      real(wp) :: dydt(size(self%cvode%values)), rounding
       integer :: i, pass
       logical :: is_settled
 
@@ -281,8 +281,8 @@ contains
                      if (abs(equations%reaction(i)) <= rigid%limit) cycle
                      equations%mode(i) = merge(1, -1, equations%reaction(i) > 0.0_wp)
                   else
-                     rest = epsilon(1.0_wp)*maxval(equations%scale(self%system%n_dofs + 1:))
-                     if (equations%mode(i)*laws%z_rate(rigid%coordinate) >= -rest) cycle
+                     rounding = epsilon(1.0_wp)*maxval(equations%scale(self%system%n_dofs + 1:))
+                     if (equations%mode(i)*laws%z_rate(rigid%coordinate) >= -rounding) cycle
                      equations%mode(i) = -equations%mode(i)
                   end if
                end associate

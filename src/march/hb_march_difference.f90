@@ -50,7 +50,7 @@ module hb_march_difference
       character(8), allocatable :: units(:)                           !! (n_dofs)
       real(wp), allocatable :: phases(:, :)                           !! of the unknown tones [rad], (n_unknown, n_periods)
       ! Differences at the coordinates of the laws in the last periods
-      real(wp), allocatable :: time(:), rest(:, :)                    !! [s], (n_samples); [m], (n_samples, n_coordinates)
+      real(wp), allocatable :: time(:), remainder(:, :)               !! [s], (n_samples); [m], (n_samples, n_coordinates)
    contains
       procedure :: add => difference_add
       procedure :: drift => difference_drift
@@ -85,7 +85,7 @@ contains
       self%units = units
       self%period = two_pi/minval(series%omega)
       allocate (self%largest(self%n_items, 0), self%apart(0), self%phases(size(self%tones), 0), self%time(0))
-      allocate (self%rest(0, size(shape, 2)))
+      allocate (self%remainder(0, size(shape, 2)))
    end subroutine new_march_difference
 
    !> Adds the periods of two records from the same time on, the second one of a march close to the first.
@@ -94,7 +94,7 @@ contains
       type(march_record_t), intent(in) :: record, other               !! of all degrees of freedom, in their order
       integer, intent(in) :: n_new                                    !! periods in the records
       complex(wp), allocatable :: waves(:, :)
-      real(wp), allocatable :: apart(:), largest(:, :), phase(:), phases(:, :), rest(:, :), t(:), x(:, :)
+      real(wp), allocatable :: apart(:), largest(:, :), phase(:), phases(:, :), remainder(:, :), t(:), x(:, :)
       integer, allocatable :: rows(:)
       integer :: first, h, i, k, last, n, n_samples, stride
 
@@ -124,10 +124,10 @@ contains
          if (k > 2) phase = 2.0_wp*phases(:, k - 1) - phases(:, k - 2)
          call fit(self, waves, x, phase)
          phases(:, k) = phase
-         rest = x - moved(waves, turned(self, phase))
-         largest(:, k) = maxval(abs(rest), dim=1)/self%scale
+         remainder = x - moved(waves, turned(self, phase))
+         largest(:, k) = maxval(abs(remainder), dim=1)/self%scale
          apart(k) = distance(self, waves, phase, with_coordinates(self, other%displacement(rows, :)) - x)
-         call keep(self, k, t(:size(t) - 1), rest(:size(t) - 1, self%n_dofs + 1:))
+         call keep(self, k, t(:size(t) - 1), remainder(:size(t) - 1, self%n_dofs + 1:))
          deallocate (waves, phase)
       end do
       call move_alloc(largest, self%largest)
@@ -137,22 +137,22 @@ contains
    end subroutine difference_add
 
    !> Keeps the differences of the last periods at the coordinates of the laws.
-   subroutine keep(self, period, t, rest)
+   subroutine keep(self, period, t, remainder)
       class(march_difference_t), intent(inout) :: self
       integer, intent(in) :: period                                   !! its number
-      real(wp), intent(in) :: t(:), rest(:, :)
+      real(wp), intent(in) :: t(:), remainder(:, :)
       real(wp), allocatable :: joined(:, :)
       integer :: first, n
 
-      if (size(rest, 2) == 0 .or. self%n_kept == 0) return
+      if (size(remainder, 2) == 0 .or. self%n_kept == 0) return
       n = size(self%time)
       first = 1
       if (period > self%n_kept) first = size(t) + 1                   ! all periods have equally many samples
-      allocate (joined(n - first + 1 + size(t), size(rest, 2)))
-      joined(:n - first + 1, :) = self%rest(first:, :)
-      joined(n - first + 2:, :) = rest
+      allocate (joined(n - first + 1 + size(t), size(remainder, 2)))
+      joined(:n - first + 1, :) = self%remainder(first:, :)
+      joined(n - first + 2:, :) = remainder
       self%time = [self%time(first:), t]
-      call move_alloc(joined, self%rest)
+      call move_alloc(joined, self%remainder)
    end subroutine keep
 
    !> Differences of the first harmonic of each tone at the coordinates of the laws in the periods kept, relative to their own
@@ -169,8 +169,8 @@ contains
       allocate (shares(size(self%shape, 2), size(self%omega)), source=1.0_wp)
       if (size(self%time) < 3) return
       do c = 1, size(self%shape, 2)
-         call coefficients_at(self%rest(:, c), self%time(1), (self%time(size(self%time)) - self%time(1))/(size(self%time) - 1), &
-                              self%omega, found)
+         call coefficients_at(self%remainder(:, c), self%time(1), &
+                              (self%time(size(self%time)) - self%time(1))/(size(self%time) - 1), self%omega, found)
          do m = 1, size(self%omega)
             do h = 1, size(self%frequencies)
                if (sum(abs(self%tuples(:, h))) /= 1 .or. self%tuples(m, h) == 0) cycle

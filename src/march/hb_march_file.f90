@@ -258,16 +258,16 @@ contains
    !> The first unit where all are the same.
    pure function common_unit(units)
       character(*), intent(in) :: units                               !! separated by blanks
-      character(:), allocatable :: common_unit, rest
+      character(:), allocatable :: common_unit, remaining
 
       common_unit = units(:index(units//" ", " ") - 1)
-      rest = adjustl(units)
-      do while (len_trim(rest) > 0)
-         if (rest(:index(rest//" ", " ") - 1) /= common_unit) then
+      remaining = adjustl(units)
+      do while (len_trim(remaining) > 0)
+         if (remaining(:index(remaining//" ", " ") - 1) /= common_unit) then
             common_unit = "see dof_units"
             return
          end if
-         rest = trim(adjustl(rest(index(rest//" ", " "):)))
+         remaining = trim(adjustl(remaining(index(remaining//" ", " "):)))
       end do
    end function common_unit
 

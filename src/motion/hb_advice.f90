@@ -181,7 +181,7 @@ contains
       text = ""
       do i = 1, size_of_attempts(report)
          if (i == 1) text = text//"; least residuals: direct "
-         if (i > 1) text = text//", "//trim(rescue_names(report%attempts(i)%way))//" "
+         if (i > 1) text = text//", "//trim(rescue_names(report%attempts(i)%kind))//" "
          text = text//rounded(report%attempts(i)%best)
          if (i == 1 .or. report%attempts(i)%status /= report%attempts(1)%status) &
             text = text//" "//outcome_name(report%attempts(i)%status)

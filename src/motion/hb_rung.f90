@@ -12,7 +12,7 @@ module hb_rung
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_scene, only: scene_t
    use hb_torus, only: fast_size, new_torus, samples_for
-   use hb_tuple_choice, only: choose_tuples, largest_places
+   use hb_tuple_choice, only: chosen_tuples, largest_places
    use hb_tuple_union, only: tuple_union_t
    implicit none
    private
@@ -134,7 +134,7 @@ contains
       tail = share_of_tail*goal/amplification
       room = min(scene%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
       do i = 1, most_tails                                            ! what is neglected may look small and matter
-         call choose_tuples(set, top%set, carried, around, neglected, is_needed, tail, room, error)
+         call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, room), error)
          if (allocated(error)) return
          if (result%certificate%truncation <= goal .or. set%n_harmonics > least_growth*top%set%n_harmonics) return
          tail = smaller_tail*tail

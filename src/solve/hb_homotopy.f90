@@ -28,7 +28,7 @@ contains
       integer, intent(in) :: kind                                     !! one of hb_problem%deformation
       real(wp), intent(inout), contiguous :: x(:)                     !! (n_unknowns)
       type(report_t), intent(out) :: report
-      type(bordered_problem_t) :: way
+      type(bordered_problem_t) :: path
       type(curve_t) :: curve
       type(solver_config_t) :: corrector
       type(report_t) :: last
@@ -50,8 +50,8 @@ contains
       allocate (forward(n + 1, 1), source=0.0_wp)
       forward(n + 1, 1) = 1.0_wp
       call problem%set_parameters([-kind], [0.0_wp], is_possible)
-      call new_bordered_problem(way, problem, [-kind], forward, [0.0_wp])
-      call new_curve(curve, way, [x, 0.0_wp], forward(:, 1), way%x_scale, steps, corrector)
+      call new_bordered_problem(path, problem, [-kind], forward, [0.0_wp])
+      call new_curve(curve, path, [x, 0.0_wp], forward(:, 1), path%x_scale, steps, corrector)
       n_steps = 0                                                     ! many may need no correction
       trial = x
       do while (curve%status == outcome%pending)

@@ -15,7 +15,7 @@ module hb_solver
 
    real(wp), parameter :: shares(8) = [0.5_wp, 0.2_wp, 0.1_wp, 0.05_wp, 0.02_wp, -0.5_wp, 1.5_wp, -0.1_wp] ! of the linear solution
 
-   integer, parameter :: ways(8) = [rescue%other_guess, rescue%fewer_harmonics, rescue%none, rescue%nonlinearity, &
+   integer, parameter :: kinds(8) = [rescue%other_guess, rescue%fewer_harmonics, rescue%none, rescue%nonlinearity, &
                                     rescue%other_method, rescue%both_other, rescue%load, rescue%several_guesses] ! in this order
    integer, parameter :: n_ways_without_matrix = 2
    integer, parameter :: patience = 10                                ! with an attempt, where other ways are left
@@ -45,7 +45,7 @@ contains
       type(solver_config_t) :: limited
       real(wp), allocatable :: first_guess(:), other_guess(:), trial(:)
       real(wp) :: all_work
-      integer :: chosen, i, other_method, way
+      integer :: chosen, i, other_method, kind
       logical :: has_climbed
 
       if (.not. problem%has_sound_scales()) then
@@ -81,13 +81,13 @@ contains
          report%attempts = [report%attempts, attempt%as_attempt(rescue%fewer_harmonics)]
       if (has_ended(report) .or. .not. config%rescue) return
       all_work = report%work + max(config%rescue_work, work_of_rescues*report%work)
-      do i = 1, merge(size(ways), n_ways_without_matrix, problem%n_unknowns <= largest_affordable)
-         way = ways(i)
+      do i = 1, merge(size(kinds), n_ways_without_matrix, problem%n_unknowns <= largest_affordable)
+         kind = kinds(i)
          limited%work_limit = 0.5_wp*(all_work - report%work)
          if (limited%work_limit < problem%residual_work) exit
          limited%patience = 0
-         if (any(way == [rescue%other_guess, rescue%several_guesses])) limited%patience = patience
-         select case (way)
+         if (any(kind == [rescue%other_guess, rescue%several_guesses])) limited%patience = patience
+         select case (kind)
          case (rescue%fewer_harmonics)
             if (has_climbed .or. .not. config%climbs) cycle
             trial = first_guess
@@ -115,14 +115,14 @@ contains
             call solve_from_shares(problem, limited, chosen, linear_solution, trial, attempt)
          end select
          call report%add(attempt)
-         report%attempts = [report%attempts, attempt%as_attempt(way)]
+         report%attempts = [report%attempts, attempt%as_attempt(kind)]
          if (.not. has_ended(attempt)) cycle
          report%status = attempt%status
          if (attempt%status /= outcome%converged) return
          x = trial
          report%residual = attempt%residual
          report%rungs = attempt%rungs
-         report%rescue = way
+         report%rescue = kind
          return
       end do
    end subroutine solve

@@ -62,7 +62,7 @@ module hb_solver_types
 
    !> One of the ways that were tried, and what came of it.
    type :: attempt_t
-      integer :: way = rescue%none                                    !! one of `rescue`; none: the direct attempt
+      integer :: kind = rescue%none                                   !! one of `rescue`; none: the direct attempt
       integer :: status = outcome%pending                             !! one of hb_outcome%outcome
       integer :: iterations = 0
       real(wp) :: best = huge(1.0_wp)                                 !! least norm of the residual, relative
@@ -131,15 +131,15 @@ contains
    end function report_gains_nothing
 
    !> What is kept of an attempt by the way given.
-   pure type(attempt_t) function report_as_attempt(self, way) result(attempt)
+   pure type(attempt_t) function report_as_attempt(self, kind) result(attempt)
       class(report_t), intent(in) :: self
-      integer, intent(in) :: way                                      !! one of `rescue`
+      integer, intent(in) :: kind                                     !! one of `rescue`
 
       real(wp) :: last
 
       last = huge(last)
       if (.not. ieee_is_nan(self%residual)) last = self%residual
-      attempt = attempt_t(way, self%status, self%iterations, min(self%best, last), self%is_out_of_work, &
+      attempt = attempt_t(kind, self%status, self%iterations, min(self%best, last), self%is_out_of_work, &
                           last <= self%best .and. last < 0.1_wp*self%first)
    end function report_as_attempt
 end module hb_solver_types

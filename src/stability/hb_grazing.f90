@@ -52,17 +52,17 @@ contains
    pure subroutine make_grid(tuples, phases)
       integer, intent(in) :: tuples(:, :)
       real(wp), allocatable, intent(out) :: phases(:, :)
-      integer :: each(size(tuples, 1)), i, m, rest
+      integer :: each(size(tuples, 1)), i, m, quotient
 
       each = max(16, 4*maxval(abs(tuples), dim=2))
       if (size(each) > 1) each = max(12, 2*maxval(abs(tuples), dim=2) + 2)
       if (product(real(each, wp)) > real(most_looks, wp)) each = 0
       allocate (phases(size(each), product(each)))
       do i = 1, size(phases, 2)
-         rest = i - 1
+         quotient = i - 1
          do m = 1, size(each)
-            phases(m, i) = two_pi*modulo(rest, each(m))/each(m)
-            rest = rest/each(m)
+            phases(m, i) = two_pi*modulo(quotient, each(m))/each(m)
+            quotient = quotient/each(m)
          end do
       end do
    end subroutine make_grid

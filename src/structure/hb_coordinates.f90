@@ -100,20 +100,20 @@ contains
    pure subroutine find_pivots(shape, weight, column_at)
       real(wp), intent(in) :: shape(:, :), weight(:)                  !! (m, n), (m)
       integer, intent(out) :: column_at(:)                            !! (m), 0: no pivot
-      real(wp) :: rest(size(shape, 1), size(shape, 2)), row(size(shape, 2))
+      real(wp) :: remainder(size(shape, 1), size(shape, 2)), row(size(shape, 2))
       integer :: at(2), j, k
 
-      rest = spread(weight, 2, size(shape, 2))*shape
+      remainder = spread(weight, 2, size(shape, 2))*shape
       column_at = 0
       do k = 1, size(shape, 2)
-         at = maxloc(abs(rest))
-         row = rest(at(1), :)/rest(at(1), at(2))
+         at = maxloc(abs(remainder))
+         row = remainder(at(1), :)/remainder(at(1), at(2))
          column_at(at(1)) = at(2)
          do j = 1, size(shape, 2)
-            if (j /= at(2) .and. abs(row(j)) > 0.0_wp) rest(:, j) = rest(:, j) - row(j)*rest(:, at(2))
+            if (j /= at(2) .and. abs(row(j)) > 0.0_wp) remainder(:, j) = remainder(:, j) - row(j)*remainder(:, at(2))
          end do
-         rest(:, at(2)) = 0.0_wp
-         rest(at(1), :) = 0.0_wp
+         remainder(:, at(2)) = 0.0_wp
+         remainder(at(1), :) = 0.0_wp
       end do
    end subroutine find_pivots
 

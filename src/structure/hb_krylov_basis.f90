@@ -29,20 +29,20 @@ module hb_krylov_basis
    contains
       procedure :: add => products_add
       procedure :: fit => products_fit
-      procedure :: rest => products_rest
+      procedure :: remainder => products_remainder
    end type products_t
 
    type :: krylov_basis_t
       integer :: n = 0                                                !! shapes
       integer :: n_before = 0                                         !! shapes before the last block
       real(wp) :: shift = 0.0_wp                                      !! s**2 [rad**2/s**2]
-      real(wp) :: alpha = 0.0_wp, beta = 0.0_wp                       !! D = alpha M + beta K + rest [1/s], [s]
+      real(wp) :: alpha = 0.0_wp, beta = 0.0_wp                       !! D = alpha M + beta K + remainder [1/s], [s]
       real(wp), allocatable :: v(:, :)                                !! (n_dofs, n or more)
       real(wp), allocatable :: mass(:, :)                             !! V^T M V [1], (n or more, n or more)
-      real(wp), allocatable :: damping(:, :), stiffness(:, :)         !! V^T (rest of D) V, V^T (K - K^T)/2 V, as mass, or not
+      real(wp), allocatable :: damping(:, :), stiffness(:, :)         !! V^T (remainder of D) V, V^T (K - K^T)/2 V, as mass, or not
                                                                       !! allocated where there is none
       real(wp), allocatable :: inputs(:, :)                           !! B, (n_dofs, n_inputs)
-      type(sparse_t) :: rest_of_damping, rest_of_stiffness            !! without entries where there is none
+      type(sparse_t) :: remainder_of_damping, remainder_of_stiffness            !! without entries where there is none
       type(sparse_t), private :: m, k
       type(cholesky_t), private :: factors
       real(wp), allocatable, private :: next(:, :)                    ! M, and the rests, times the last block
@@ -74,7 +74,7 @@ contains
       self%m = mass
       turned = sparse_transpose(stiffness)
       self%k = sparse_sum(shift, mass, 1.0_wp, sparse_sum(0.5_wp, stiffness, 0.5_wp, turned))
-      self%rest_of_stiffness = without_rounding(sparse_sum(0.5_wp, stiffness, -0.5_wp, turned), stiffness)
+      self%remainder_of_stiffness = without_rounding(sparse_sum(0.5_wp, stiffness, -0.5_wp, turned), stiffness)
       call split_damping(self, mass, damping, sparse_sum(0.5_wp, stiffness, 0.5_wp, turned))
       call lower_triangle(self%k, first, row, value)
       call self%factors%factorise(first, row, value, most_bytes, error)
@@ -82,7 +82,7 @@ contains
       if (self%factors%is_indefinite) call fail(error, "the stiffness is indefinite, or something moves without stiffness or mass")
    end subroutine new_krylov_basis
 
-   !> D = alpha M + beta K + rest, with the factors of most rows, and no rest where that is rounding alone.
+   !> D = alpha M + beta K + remainder, with the factors of most rows, and no remainder where that is rounding alone.
    subroutine split_damping(self, mass, damping, stiffness)
       type(krylov_basis_t), intent(inout) :: self
       type(sparse_t), intent(in) :: mass, damping, stiffness
@@ -103,19 +103,19 @@ contains
          self%alpha = median(pack(alpha, is_sound))
          self%beta = median(pack(beta, is_sound))
       end if
-      is_sound = [(row(i)%rest(self%alpha, self%beta) <= agreement**2*row(i)%dd, i=1, mass%n_rows)]
+      is_sound = [(row(i)%remainder(self%alpha, self%beta) <= agreement**2*row(i)%dd, i=1, mass%n_rows)]
       do pass = 1, 2                                                  ! what most rows have in common leaves nothing in them
-         self%rest_of_damping = sparse_sum(1.0_wp, damping, -1.0_wp, sparse_sum(self%alpha, mass, self%beta, stiffness))
+         self%remainder_of_damping = sparse_sum(1.0_wp, damping, -1.0_wp, sparse_sum(self%alpha, mass, self%beta, stiffness))
          all = products_t()
          do i = 1, mass%n_rows
             if (.not. (is_sound(i) .and. row(i)%kk > 0.0_wp)) cycle
-            call all%add(products_of_row(i, mass, self%rest_of_damping, stiffness), 1.0_wp/row(i)%kk)
+            call all%add(products_of_row(i, mass, self%remainder_of_damping, stiffness), 1.0_wp/row(i)%kk)
          end do
          call all%fit(more_alpha, more_beta, is_fit)
          self%alpha = self%alpha + more_alpha
          self%beta = self%beta + more_beta
       end do
-      self%rest_of_damping = without_rounding(sparse_sum(1.0_wp, damping, -1.0_wp, &
+      self%remainder_of_damping = without_rounding(sparse_sum(1.0_wp, damping, -1.0_wp, &
                                                          sparse_sum(self%alpha, mass, self%beta, stiffness)), damping)
    end subroutine split_damping
 
@@ -177,12 +177,12 @@ contains
    end subroutine products_fit
 
    !> Square sum of D - alpha M - beta K.
-   pure real(wp) function products_rest(self, alpha, beta) result(rest)
+   pure real(wp) function products_remainder(self, alpha, beta) result(remainder)
       class(products_t), intent(in) :: self
       real(wp), intent(in) :: alpha, beta
 
-      rest = self%dd + alpha**2*self%mm + beta**2*self%kk + 2.0_wp*(alpha*beta*self%mk - alpha*self%dm - beta*self%dk)
-   end function products_rest
+      remainder = self%dd + alpha**2*self%mm + beta**2*self%kk + 2.0_wp*(alpha*beta*self%mk - alpha*self%dm - beta*self%dk)
+   end function products_remainder
 
    !> The middle one of some numbers: one that more than half of them share, if there is such a one.
    pure real(wp) function median(values)
@@ -207,28 +207,28 @@ contains
    end function median
 
    !> Leaves out entries that are rounding beside the largest one of their row in a matrix that they come from.
-   pure function without_rounding(matrix, origin) result(rest)
+   pure function without_rounding(matrix, origin) result(remainder)
       type(sparse_t), intent(in) :: matrix, origin
-      type(sparse_t) :: rest
+      type(sparse_t) :: remainder
       real(wp), parameter :: rounding = 1.0e-12_wp
       real(wp) :: largest
       integer :: e, i, n
 
-      rest = matrix
+      remainder = matrix
       n = 0
       do i = 1, matrix%n_rows
-         rest%first(i) = n + 1
+         remainder%first(i) = n + 1
          largest = maxval([0.0_wp, abs(origin%value(origin%first(i):origin%first(i + 1) - 1))])
          do e = matrix%first(i), matrix%first(i + 1) - 1
             if (abs(matrix%value(e)) <= rounding*largest) cycle
             n = n + 1
-            rest%column(n) = matrix%column(e)
-            rest%value(n) = matrix%value(e)
+            remainder%column(n) = matrix%column(e)
+            remainder%value(n) = matrix%value(e)
          end do
       end do
-      rest%first(matrix%n_rows + 1) = n + 1
-      rest%column = rest%column(:n)
-      rest%value = rest%value(:n)
+      remainder%first(matrix%n_rows + 1) = n + 1
+      remainder%column = remainder%column(:n)
+      remainder%value = remainder%value(:n)
    end function without_rounding
 
    !> Columns of the lower triangle of a symmetric matrix, that is rows of the upper one, ascending.
@@ -293,37 +293,37 @@ contains
       call project(self, x, self%mass(:last, first:last))
       self%mass(first:last, :first - 1) = transpose(self%mass(:first - 1, first:last))
       call move_alloc(x, self%next)
-      call project_rest(self, w, self%rest_of_damping, .false., self%damping)
-      call project_rest(self, w, self%rest_of_stiffness, .true., self%stiffness)
+      call project_remainder(self, w, self%remainder_of_damping, .false., self%damping)
+      call project_remainder(self, w, self%remainder_of_stiffness, .true., self%stiffness)
    end subroutine krylov_basis_extend
 
-   !> Goes on with the projection of a rest.
-   subroutine project_rest(self, w, rest, is_skew, projected)
+   !> Goes on with the projection of a remainder.
+   subroutine project_remainder(self, w, remainder, is_skew, projected)
       class(krylov_basis_t), intent(in) :: self
       real(wp), intent(in), contiguous :: w(:, :)                     !! the last block
-      type(sparse_t), intent(in) :: rest
+      type(sparse_t), intent(in) :: remainder
       logical, intent(in) :: is_skew
       real(wp), allocatable, intent(inout) :: projected(:, :)
       real(wp) :: rows(self%n, size(w, 2))
       real(wp), allocatable :: x(:, :)
       type(sparse_t) :: turned
 
-      if (rest%n_entries() == 0) return
+      if (remainder%n_entries() == 0) return
       if (.not. allocated(projected)) allocate (projected(size(self%mass, 1), size(self%mass, 2)), source=0.0_wp)
       allocate (x, mold=w)
       associate (first => self%n_before + 1, last => self%n)
-         call rest%times(w, x)
+         call remainder%times(w, x)
          call project(self, x, projected(:last, first:last))
          if (is_skew) then
             projected(first:last, :first - 1) = -transpose(projected(:first - 1, first:last))
          else
-            turned = sparse_transpose(rest)
+            turned = sparse_transpose(remainder)
             call turned%times(w, x)
             call project(self, x, rows)
             projected(first:last, :first - 1) = transpose(rows(:first - 1, :))
          end if
       end associate
-   end subroutine project_rest
+   end subroutine project_remainder
 
    !> Goes on with what the basis leaves of the forces at some frequencies, R = B - S(w) V (V^T S V)^-1 V^T B, in place of inertia:
    !> where damping or stiffness of another kind than that of the space acts all over the structure.
@@ -348,12 +348,12 @@ contains
          call self%m%times(x, of_m)
          of_k = of_k - self%shift*of_m
          of_d = self%alpha*of_m + self%beta*of_k
-         if (self%rest_of_damping%n_entries() > 0) then
-            call self%rest_of_damping%times(x, force)
+         if (self%remainder_of_damping%n_entries() > 0) then
+            call self%remainder_of_damping%times(x, force)
             of_d = of_d + force
          end if
-         if (self%rest_of_stiffness%n_entries() > 0) then
-            call self%rest_of_stiffness%times(x, force)
+         if (self%remainder_of_stiffness%n_entries() > 0) then
+            call self%remainder_of_stiffness%times(x, force)
             of_k = of_k + force
          end if
          associate (residual => self%next(:, 2*b*(i - 1) + 1:2*b*i), w => frequencies(i))
@@ -533,7 +533,7 @@ contains
       complex(wp), allocatable, intent(out) :: flexibility(:, :, :)   !! (n_inputs or n, n_inputs, size(frequencies))
       logical, intent(in), optional :: is_motion
       complex(wp), allocatable :: s(:, :), x(:, :)
-      real(wp), allocatable :: b(:, :), rest_of_damping(:, :), rest_of_stiffness(:, :), theta(:), u(:, :)
+      real(wp), allocatable :: b(:, :), remainder_of_damping(:, :), remainder_of_stiffness(:, :), theta(:), u(:, :)
       complex(wp) :: of_k, of_m
       logical :: all_shapes
       integer :: i, info, k, pivots(n)
@@ -553,17 +553,17 @@ contains
          call find_modes(self, n, theta, u)
          b = matmul(transpose(u), b)
          x = cmplx(b, kind=wp)
-         allocate (rest_of_damping(0, 0), rest_of_stiffness(0, 0))
-         if (allocated(self%damping)) rest_of_damping = matmul(transpose(u), matmul(self%damping(:n, :n), u))
-         if (allocated(self%stiffness)) rest_of_stiffness = matmul(transpose(u), matmul(self%stiffness(:n, :n), u))
+         allocate (remainder_of_damping(0, 0), remainder_of_stiffness(0, 0))
+         if (allocated(self%damping)) remainder_of_damping = matmul(transpose(u), matmul(self%damping(:n, :n), u))
+         if (allocated(self%stiffness)) remainder_of_stiffness = matmul(transpose(u), matmul(self%stiffness(:n, :n), u))
          do i = 1, size(frequencies)
             associate (w => frequencies(i))
                of_k = cmplx(1.0_wp, w*self%beta, wp)
                of_m = cmplx(-w**2, w*self%alpha, wp)
                if (allocated(self%damping) .or. allocated(self%stiffness)) then
                   allocate (s(n, n), source=(0.0_wp, 0.0_wp))
-                  if (allocated(self%damping)) s = s + cmplx(0.0_wp, w, wp)*rest_of_damping
-                  if (allocated(self%stiffness)) s = s + rest_of_stiffness
+                  if (allocated(self%damping)) s = s + cmplx(0.0_wp, w, wp)*remainder_of_damping
+                  if (allocated(self%stiffness)) s = s + remainder_of_stiffness
                   do k = 1, n
                      s(k, k) = s(k, k) + of_k*(1.0_wp - self%shift*theta(k)) + of_m*theta(k)
                   end do

@@ -105,8 +105,8 @@ contains
       integer :: i
 
       is_touched = .false.
-      call touch(basis%rest_of_damping)
-      call touch(basis%rest_of_stiffness)
+      call touch(basis%remainder_of_damping)
+      call touch(basis%remainder_of_stiffness)
       are_kept = count(is_touched) <= most_places
       if (.not. are_kept) return
       is_touched(places) = .false.
@@ -179,7 +179,7 @@ contains
 
       n_even = 48
       n_poles = 48
-      if (basis%rest_of_damping%n_entries() + basis%rest_of_stiffness%n_entries() > 0) then
+      if (basis%remainder_of_damping%n_entries() + basis%remainder_of_stiffness%n_entries() > 0) then
          n_even = 12                                                  ! each takes a dense factorisation
          n_poles = 12
       end if
@@ -216,10 +216,10 @@ contains
             return
          end if
       end do
-      associate (rest => n - p)
+      associate (n_inner => n - p)
          mass = matmul(transpose(q(:, p + 1:)), matmul(basis%mass(:n, :n), q(:, p + 1:)))
-         allocate (theta(rest))
-         call dsyev("V", "U", rest, mass, max(1, rest), theta, work, size(work), info)
+         allocate (theta(n_inner))
+         call dsyev("V", "U", n_inner, mass, max(1, n_inner), theta, work, size(work), info)
          q(:, p + 1:) = matmul(q(:, p + 1:), mass)
          if (p > 0) call dtrsm("R", "U", "T", "N", n, p, 1.0_wp, r, p, q, n)
       end associate
@@ -252,8 +252,8 @@ contains
       stiffness = energy - basis%shift*mass
       damping = basis%alpha*mass + basis%beta*stiffness
       if (rests_are_kept) then
-         call add_at_places(basis%rest_of_damping, damping)
-         call add_at_places(basis%rest_of_stiffness, stiffness)
+         call add_at_places(basis%remainder_of_damping, damping)
+         call add_at_places(basis%remainder_of_stiffness, stiffness)
       else
          if (allocated(basis%damping)) damping = damping + matmul(transpose(t), matmul(basis%damping(:n, :n), t))
          if (allocated(basis%stiffness)) stiffness = stiffness + matmul(transpose(t), matmul(basis%stiffness(:n, :n), t))
@@ -285,16 +285,16 @@ contains
          end do
       end subroutine clear_coupling
 
-      subroutine add_at_places(rest, matrix)
-         type(sparse_t), intent(in) :: rest
+      subroutine add_at_places(remainder, matrix)
+         type(sparse_t), intent(in) :: remainder
          real(wp), intent(inout) :: matrix(:, :)
          integer :: e, k
 
-         if (rest%n_entries() == 0) return
+         if (remainder%n_entries() == 0) return
          do k = 1, p
-            do e = rest%first(places(k)), rest%first(places(k) + 1) - 1
-               associate (column => findloc(places, rest%column(e), dim=1))
-                  matrix(k, column) = matrix(k, column) + rest%value(e)
+            do e = remainder%first(places(k)), remainder%first(places(k) + 1) - 1
+               associate (column => findloc(places, remainder%column(e), dim=1))
+                  matrix(k, column) = matrix(k, column) + remainder%value(e)
                end associate
             end do
          end do

@@ -162,19 +162,19 @@ contains
       real(wp), intent(in) :: allowed                                 !! largest spread of a steady motion
       logical, intent(in) :: has_forgotten                            !! how it began, as far as damping tells
       logical, intent(in) :: is_last                                  !! there is no longer window
-      real(wp), allocatable :: rest(:, :)
+      real(wp), allocatable :: remainder(:, :)
       real(wp) :: left_out, repeats(most_parts), scale(size(z, 2)), turns(scene%tones%n_tones)
       character(:), allocatable :: marched_for
       integer :: k, part
 
       marched_for = "marched for "//to_text(settled%n_periods)//" periods of the slowest tone"
-      rest = rest_of(z, c, record, scene%harmonics%frequencies(scene%tones%omega))
+      remainder = remainder_of(z, c, record, scene%harmonics%frequencies(scene%tones%omega))
       scale = [(norm2(z(:, k) - sum(z(:, k))/size(z, 1))/sqrt(real(size(z, 1), wp)), k=1, size(z, 2))]
       where (scale <= 0.0_wp) scale = max(1.0_wp, tiny(1.0_wp))
-      left_out = maxval([(norm2(rest(:, k))/(scale(k)*sqrt(real(size(z, 1), wp))), k=1, size(z, 2))])
+      left_out = maxval([(norm2(remainder(:, k))/(scale(k)*sqrt(real(size(z, 1), wp))), k=1, size(z, 2))])
       turns = scene%tones%omega*record%step/two_pi
       settled%status = outcome%pending
-      repeats = [(abs(defect_of(rest, scale, turns, part)), part=1, most_parts)]   ! 1 where that cannot be told
+      repeats = [(abs(defect_of(remainder, scale, turns, part)), part=1, most_parts)] ! 1 where that cannot be told
       part = findloc(repeats <= max(allowed, 2.0_wp*minval(repeats(2:))), .true., dim=1)
       if (left_out > allowed .and. part > 1 .and. minval(repeats(2:)) <= clearly*min(repeats(1), left_out)) then
          if (has_forgotten) settled%status = outcome%subharmonic
@@ -229,12 +229,12 @@ contains
    end function distance_of
 
    !> What a series leaves of its record.
-   function rest_of(x, c, record, frequencies) result(rest)
+   function remainder_of(x, c, record, frequencies) result(remainder)
       real(wp), intent(in) :: x(:, :)                                 !! (n_samples, any)
       complex(wp), intent(in) :: c(:, :)                              !! (n_harmonics, any)
       type(march_record_t), intent(in) :: record
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s]
-      real(wp) :: rest(size(x, 1), size(x, 2))
+      real(wp) :: remainder(size(x, 1), size(x, 2))
       integer, parameter :: steps_between_cosines = 256
       complex(wp) :: phasor(size(frequencies)), rotation(size(frequencies))
       integer :: i, k
@@ -247,8 +247,8 @@ contains
             phasor = phasor*rotation
          end if
          do k = 1, size(x, 2)
-            rest(i, k) = x(i, k) - sum(real(c(:, k)*phasor, wp))
+            remainder(i, k) = x(i, k) - sum(real(c(:, k)*phasor, wp))
          end do
       end do
-   end function rest_of
+   end function remainder_of
 end module hb_marched_motion

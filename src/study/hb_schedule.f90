@@ -85,14 +85,14 @@ contains
 
    pure integer function common_divisor(a, b)
       integer, intent(in) :: a, b
-      integer :: rest, other
+      integer :: remainder, other
 
       common_divisor = a
-      rest = b
-      do while (rest > 0)
-         other = modulo(common_divisor, rest)
-         common_divisor = rest
-         rest = other
+      remainder = b
+      do while (remainder > 0)
+         other = modulo(common_divisor, remainder)
+         common_divisor = remainder
+         remainder = other
       end do
    end function common_divisor
 
@@ -175,12 +175,12 @@ contains
    pure integer function schedule_ask(self, cursor) result(n)
       class(schedule_t), intent(in) :: self
       type(cursor_t), intent(in) :: cursor
-      integer :: rest
+      integer :: n_left
 
       n = 1
       if (cursor%seen < 0 .or. cursor%seconds < 0.0_wp) return
-      rest = share_start(self, cursor%counter + 1) - share_start(self, cursor%counter) - cursor%seen
-      n = min(self%largest, rest/(divisor*ranks_of(self, cursor%counter)))
+      n_left = share_start(self, cursor%counter + 1) - share_start(self, cursor%counter) - cursor%seen
+      n = min(self%largest, n_left/(divisor*ranks_of(self, cursor%counter)))
       if (n*cursor%seconds > self%block_seconds) n = int(self%block_seconds/cursor%seconds)
       n = max(1, n)
    end function schedule_ask

@@ -331,13 +331,13 @@ contains
       class(sweep_plan_t), intent(in) :: self
       integer, intent(in) :: i                                        !! parameter
       integer, intent(in) :: point                                    !! 1 to n_points
-      integer :: axis, rest
+      integer :: axis, quotient
 
-      rest = point - 1
+      quotient = point - 1
       do axis = size(self%length), self%parameters(i)%axis + 1, -1
-         rest = rest/self%length(axis)
+         quotient = quotient/self%length(axis)
       end do
-      sweep_plan_index_on = 1 + modulo(rest, self%length(self%parameters(i)%axis))
+      sweep_plan_index_on = 1 + modulo(quotient, self%length(self%parameters(i)%axis))
    end function sweep_plan_index_on
 
    !> Number of points along the axis that runs fastest: consecutive points of the sweep.
@@ -440,15 +440,15 @@ contains
       class(sweep_plan_t), intent(in) :: self
       logical, intent(in) :: axes(:)                                  !! (number of axes)
       integer, intent(in) :: combination                              !! 1 to n_combinations
-      integer :: axis, rest, stride
+      integer :: axis, quotient, stride
 
       point = 1
-      rest = combination - 1
+      quotient = combination - 1
       stride = 1
       do axis = size(self%length), 1, -1
          if (axes(axis)) then
-            point = point + modulo(rest, self%length(axis))*stride
-            rest = rest/self%length(axis)
+            point = point + modulo(quotient, self%length(axis))*stride
+            quotient = quotient/self%length(axis)
          end if
          stride = stride*self%length(axis)
       end do

@@ -32,7 +32,7 @@ SECTIONS_BY_PROCEDURE = {
     "read_hardness": [("law", "blade_contact"), ("law", "contact_table")],
 }
 
-CALL = re.compile(r"\bcall\s+\w+%(?:get|require)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)
+CALL = re.compile(r"\bcall\s+(?!file%)\w+%(?:get|require)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)
 PROCEDURE = re.compile(r"^\s*(?:(?:pure|impure|elemental|recursive|module)\s+)*subroutine\s+(\w+)", re.IGNORECASE)
 GROUP_HEADING = re.compile(r"^### `&(\w+)`\s*$")
 KIND_HEADING = re.compile(r"^#### `type = '(\w+)'`\s*$")

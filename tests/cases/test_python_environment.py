@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import subprocess
 import sys
@@ -27,6 +28,22 @@ def test_script_finds_an_environment(name):
     done = without_packages(TESTS / name, "--help")
     assert done.returncode == 0, done.stderr
     assert f"tests/{name}" in done.stdout
+
+
+def test_environment_that_is_there_is_not_made_again(monkeypatch):
+    monkeypatch.syspath_prepend(TESTS)
+    environment = importlib.import_module("python_environment")
+    made, entered = [], []
+    monkeypatch.setattr(environment, "_make", lambda: made.append(True))
+    monkeypatch.setattr(environment, "missing_of", lambda packages: list(packages))
+    monkeypatch.setattr(os, "execv", lambda python, words: entered.append(python))
+    monkeypatch.setattr(sys, "prefix", "/elsewhere")
+    for packages, makes in ((("h5py",), 0), (("h5py", "no_such_package"), 1)):
+        made.clear()
+        with pytest.raises(SystemExit):  # where nothing takes the place of this process
+            environment.enter(*packages)
+        assert len(made) == makes
+    assert entered == [environment.VENV / "bin" / "python"] * 2
 
 
 def test_what_is_missing_there_too_is_named(tmp_path):

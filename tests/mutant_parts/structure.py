@@ -115,8 +115,8 @@ MUTANTS = [
             "reduction_rests",
             "test_hb_reduction",
             "dashpots act against the motion by half",
-            "matrix(k, column) = matrix(k, column) + rest%value(e)",
-            "matrix(k, column) = matrix(k, column) + 0.5_wp*rest%value(e)",
+            "matrix(k, column) = matrix(k, column) + remainder%value(e)",
+            "matrix(k, column) = matrix(k, column) + 0.5_wp*remainder%value(e)",
         ),
         (
             "reduction_complement",
