@@ -38,8 +38,10 @@ def test_input_gives_what_it_promises(source, tmp_path):
     assert expectations, f"{source} has no '! expect:' line"
     done = run("solve", with_its_law(source, tmp_path / "law"), cwd=tmp_path)
     result = tmp_path / f"{source.stem}.h5"
-    wanted = ALL_CONVERGED if expects_only_converged(expectations) else NOT_ALL_CONVERGED
-    assert done.status == wanted, done.stderr + messages_of(result)
+    wanted = [ALL_CONVERGED if expects_only_converged(expectations) else NOT_ALL_CONVERGED]
+    if "switch = .true." in source.read_text():  # the motions that leave have files, and ends, of their own
+        wanted.append(NOT_ALL_CONVERGED)
+    assert done.status in wanted, done.stderr + messages_of(result)
     with Results(result) as results:
         problems = failures(expectations, results)
     assert not problems, "\n".join(problems)
