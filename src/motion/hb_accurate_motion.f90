@@ -33,7 +33,7 @@ module hb_accurate_motion
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
    integer, parameter :: laps_of_verdict = 25                         ! for exponents, where they are far from zero
-   integer, parameter :: patience = 5                                 ! steps from the rung below that gain nothing
+   integer, parameter :: patience = 3                                 ! steps from the rung below that gain nothing
    real(wp), parameter :: clearly = 1.25_wp                           ! larger set
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
 

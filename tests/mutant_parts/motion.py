@@ -56,6 +56,16 @@ MUTANTS = [
         ),
     ),
     *of(
+        "motion/hb_rung.f90",
+        (
+            "rung_first_order",
+            "test_hb_accurate_motion",
+            "a rung starts from the motion below it as it was",
+            "result%certificate%truncation < near",
+            "result%certificate%truncation < 0.0_wp",
+        ),
+    ),
+    *of(
         "motion/hb_curve_origin.f90",
         (
             "origin_tuples",
