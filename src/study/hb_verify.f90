@@ -238,7 +238,6 @@ contains
          call place_state(system, amplitudes, frequencies, -periods_of_sliders*length%period, step, state)
          if (any(stored%status(point) == [outcome%marched, outcome%several])) then
             scene%march%tolerance = config%tolerance
-            scene%march%steps_per_period = 2*scene%march%steps_per_period   ! of methods of fixed step, an error of their own
             call verify_marched(scene, system, transpose(amplitudes), state, stored%truncation(point), result, error)
             return
          end if
