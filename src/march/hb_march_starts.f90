@@ -61,8 +61,8 @@ contains
    end subroutine state_on_sphere
 
    !> Number of the motion in which each start ends, from 1 in the order of the starts, 0 where it ends in none. Two starts end
-   !> in the same motion if they are of the same kind and, where its averages mean something, their coefficients differ by no more than
-   !> their spreads allow.
+   !> in the same motion if they are of the same kind and, where its averages mean something, their coefficients differ by no
+   !> more than their spreads allow.
    pure function motions_of(c, kind, spread) result(motion)
       complex(wp), intent(in) :: c(:, :, :)                           !! averages, (n_harmonics, n_coordinates, n_starts)
       integer, intent(in) :: kind(:)                                  !! (n_starts); 0: none

@@ -12,6 +12,7 @@ module hb_motion
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: annotate, error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
+   use hb_first_way, only: first_way
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_kept_linear_part, only: kept_linear_part_t
@@ -36,7 +37,7 @@ module hb_motion
    use hb_watch, only: verdict, watch_t
    implicit none
    private
-   public :: describe_motion, kept_linear_parts_t, solve_motion, stability_of
+   public :: describe_motion, kept_linear_parts_t, march_first, solve_motion, stability_of
 
    !> Linear parts that the motions of a sweep share, of the solution and of its certificate.
    type :: kept_linear_parts_t
@@ -65,13 +66,17 @@ contains
       class(watch_t), pointer :: its_watch
       type(basis_t) :: basis
       real(wp), allocatable :: first_guess(:), found(:)
-      logical :: is_odd
+      logical :: is_done, is_odd
 
       its_watch => own_watch
       if (present(watch)) its_watch => watch
       nullify (parts)
       if (present(kept) .and. .not. any(scene%tones%is_unknown)) parts => kept   ! no slopes, no drives
       call its_watch%begin(scene%solver%time_limit)
+      if (scene%first_way == first_way%march .and. present(judge) .and. .not. present(guess)) then
+         call march_first(scene, its_watch, judge, result, is_done)
+         if (is_done) return
+      end if
       if (present(guess)) first_guess = guess
       call find_basis(basis, is_odd, scene, error, first_guess)
       if (allocated(error)) return
@@ -91,6 +96,35 @@ contains
          call move_alloc(found, unknowns)
       end if
    end subroutine solve_motion
+
+   !> Marches before any balance is tried. Not done where it leads to nothing that is known, or cannot be: the balance follows.
+   subroutine march_first(scene, watch, judge, result, is_done, left_out)
+      type(scene_t), intent(in) :: scene
+      class(watch_t), intent(inout), target :: watch
+      class(judge_t), intent(in) :: judge
+      type(motion_result_t), intent(out) :: result
+      logical, intent(out) :: is_done
+      real(wp), intent(out), optional :: left_out                     !! of the motion by the harmonics of the scene, relative
+      type(coordinates_t) :: coordinates
+      type(error_t), allocatable :: error
+      type(settled_t) :: settled
+
+      is_done = .false.
+      if (any(scene%tones%is_unknown) .or. scene%normal_mode%is_asked) return
+      coordinates = coordinates_of(scene)
+      if (coordinates%n == 0) return
+      call judge%settle(scene, coordinates%dofs, watch, settled, error)
+      is_done = watch%verdict /= verdict%go_on .or. settled%status /= outcome%pending .and. .not. allocated(error)
+      if (.not. is_done) return
+      result%is_marched_first = .true.
+      result%work = settled%work
+      result%n_motions = settled%n_motions
+      result%status = settled%status
+      if (watch%verdict /= verdict%go_on) result%status = status_of(watch)
+      if (allocated(settled%message)) result%message = settled%message
+      if (is_solved(result%status)) call keep_marched(scene, coordinates, settled, result)
+      if (present(left_out)) left_out = settled%left_out
+   end subroutine march_first
 
    !> The last way: where the balance has found no motion the scene is marched, and what that ends in is the answer: the balance
    !> solved from there, the motion marched, or what there is instead.

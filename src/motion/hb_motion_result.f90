@@ -28,6 +28,7 @@ module hb_motion_result
       integer :: evaluations = 0                        !! of the residual
       real(wp) :: work = 0.0_wp                         !! of the solver, in about a nanosecond of the processor, from counts
       integer :: rescue = 0                             !! what the solver needed, hb_solver_types
+      logical :: is_marched_first = .false.             !! marching was tried before the balance, hb_first_way
       integer :: n_motions = 0                          !! in which several starts of marching end; 0: none were tried
       real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
       real(wp) :: solve_seconds = 0.0_wp                !! wall time of the whole point

@@ -4,6 +4,7 @@
 !> hb_scene_reader fills scenes from an input.
 module hb_scene
    use hb_fftw, only: planning
+   use hb_first_way, only: first_way
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
@@ -105,5 +106,6 @@ module hb_scene
       type(output_config_t) :: output
       real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may take
       type(march_config_t) :: march
+      integer :: first_way = first_way%auto                           !! to its motion, one of hb_first_way
    end type scene_t
 end module hb_scene

@@ -3,6 +3,7 @@ module hb_scene_settings
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_fftw, only: planning, planning_names
+   use hb_first_way, only: first_way_names
    use hb_kinds, only: wp
    use hb_memory_estimate, only: gib
    use hb_properties, only: limits_t, properties_t
@@ -28,7 +29,7 @@ contains
    subroutine read_solver(self, group)
       type(scene_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
-      character(:), allocatable :: first_guess, first_jacobian, name
+      character(:), allocatable :: first_guess, first_jacobian, name, way
       real(wp) :: limit
 
       associate (solver => self%solver)
@@ -41,6 +42,9 @@ contains
          call group%get("line_search", solver%line_search)
          call group%get("rescue", solver%rescue)
          call group%get("rescue_by_march", solver%rescue_by_march)
+         way = trim(first_way_names(self%first_way))
+         call group%get("first_way", way, choices=first_way_names)
+         self%first_way = max(1, findloc(first_way_names == way, .true., dim=1))
          call group%get("homotopy_iterations", solver%homotopy_iterations, limits=limits_t(minimum=0))
          call group%get("memory", solver%memory, limits=limits_t(minimum=1, maximum=10000))
          call group%get("first_jacobian", first_jacobian, choices=start_names)

@@ -16,7 +16,7 @@ module hb_marched_motion
    use hb_judge, only: settled_t
    use hb_kinds, only: int64, two_pi, wp
    use hb_march, only: march_from, march_record_t
-   use hb_march_config, only: march_config_t, step_of
+   use hb_march_config, only: march_config_t, march_method, step_of
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
    use hb_modes, only: slowest_decay
@@ -33,6 +33,7 @@ module hb_marched_motion
 
    integer, parameter :: first_window = 50                            ! periods of the slowest tone
    integer, parameter :: other_window = 70                            ! likewise, from a given state: averages of its own
+   integer, parameter :: more_steps = 5                               ! of an implicit method, than there are samples
    integer, parameter :: most_windows = 7
    integer, parameter :: least_windows = 4                            ! before the spread counts as one that does not fall
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one in its period, at least
@@ -52,8 +53,38 @@ module hb_marched_motion
 contains
 
    !> Marches from the state given, else from the `&start` amplitudes, else from rest, a little beside both: no symmetry then
-   !> holds a motion that nobody would see.
+   !> holds a motion that nobody would see. Where `cvode` spends all of the work on the fastest motions of the structure, which hard
+   !> stops keep going, an implicit method that damps them has as much again.
    subroutine settle(scene, law_dofs, watch, settled, error, start)
+      type(scene_t), intent(in) :: scene                              !! all of its tones given
+      integer, intent(in) :: law_dofs(:)
+      class(watch_t), intent(inout) :: watch                          !! may end the march, with an error
+      type(settled_t), intent(out) :: settled
+      type(error_t), allocatable, intent(out) :: error
+      type(march_state_t), intent(in), optional :: start
+      type(error_t), allocatable :: trouble
+      type(scene_t) :: damped
+      type(settled_t) :: again
+      integer :: i
+
+      call follow(scene, law_dofs, watch, settled, error, start)
+      if (.not. settled%is_out_of_work .or. settled%status /= outcome%pending .or. scene%march%method /= march_method%cvode) return
+      if (any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])) return
+      damped = scene
+      damped%march%method = march_method%generalized_alpha
+      damped%march%spectral_radius = 0.0_wp
+      damped%march%step = scene%march%step/more_steps
+      damped%march%steps_per_period = scene%march%steps_per_period*more_steps
+      call follow(damped, law_dofs, watch, again, trouble, start)
+      again%work = again%work + settled%work
+      settled%work = again%work
+      if (allocated(trouble) .or. again%status == outcome%pending) return
+      if (allocated(error)) deallocate (error)
+      settled = again
+      settled%message = settled%message//"; implicit steps"
+   end subroutine settle
+
+   subroutine follow(scene, law_dofs, watch, settled, error, start)
       type(scene_t), intent(in) :: scene                              !! all of its tones given
       integer, intent(in) :: law_dofs(:)
       class(watch_t), intent(inout) :: watch                          !! may end the march, with an error
@@ -103,6 +134,7 @@ contains
             if (config%duration/step*system%n_dofs > largest_record) exit
             if (config%duration/step*coordinates%n*size(frequencies) > most_terms) exit
             call march_from(system, config, step, dofs, state, next, error, watch=watch)
+            settled%is_out_of_work = next%is_out_of_work
             if (next%is_out_of_work .and. allocated(settled%message)) then
                deallocate (error)                                     ! what there is may be enough
                exit
@@ -135,7 +167,7 @@ contains
          if (settled%status == outcome%marched) &
             settled%amplitudes = transpose(averages_of(record%every_displacement, record, frequencies))
       end associate
-   end subroutine settle
+   end subroutine follow
 
    subroutine begin(scene, frequencies, system, state)
       type(scene_t), intent(in) :: scene
@@ -172,6 +204,7 @@ contains
       scale = [(norm2(z(:, k) - sum(z(:, k))/size(z, 1))/sqrt(real(size(z, 1), wp)), k=1, size(z, 2))]
       where (scale <= 0.0_wp) scale = max(1.0_wp, tiny(1.0_wp))
       left_out = maxval([(norm2(remainder(:, k))/(scale(k)*sqrt(real(size(z, 1), wp))), k=1, size(z, 2))])
+      settled%left_out = left_out
       turns = scene%tones%omega*record%step/two_pi
       settled%status = outcome%pending
       repeats = [(abs(defect_of(remainder, scale, turns, part)), part=1, most_parts)] ! 1 where that cannot be told

@@ -219,6 +219,7 @@ contains
       call put(self, "is_odd", [merge(1, 0, point%is_odd)], error)
       call put(self, "n_full_stick", [point%n_full_stick], error)
       call put(self, "n_motions", [point%n_motions], error)
+      call put(self, "is_marched_first", [merge(1, 0, point%is_marched_first)], error)
       if (allocated(point%frequency)) call put(self, "frequency", point%frequency, error)
       if (allocated(point%artificial_damping)) call put(self, "artificial_damping", point%artificial_damping, error)
       if (index_of(self, "n_rungs") > 0) then

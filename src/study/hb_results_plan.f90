@@ -132,6 +132,7 @@ contains
          call add("n_full_stick", is_integer, [point_axis], "1", &
             "friction laws that slip nowhere: the solution from rest, one of many")
          call add("n_motions", is_integer, [point_axis], "1", "motions in which marching from several starts ends; 0: not tried")
+         call add("is_marched_first", is_integer, [point_axis], "1", "1 where marching was tried before the balance")
          call add("frequency", is_real, [tone_axis, point_axis], "rad/s", "base frequencies")
          call add("artificial_damping", is_real, [tone_axis, point_axis], "1/s", &
             "xi of a normal mode: the forces -xi M dx/dt that keep up its amplitude")

@@ -146,8 +146,8 @@ def failures(expectations: list[Expectation], results: Results) -> list[str]:
 
 
 def expects_only_converged(expectations: list[Expectation]) -> bool:
-    """Whether no line tells of a point that does not converge."""
-    return all(e.status in (None, "converged") and e.more_solved_than is None for e in expectations)
+    """Whether no line tells of a point without an answer."""
+    return all(e.status in (None, "converged", "marched", "several") and e.more_solved_than is None for e in expectations)
 
 
 def _wrong_values(expectation: Expectation, results: Results, points: list[int]) -> list[str]:

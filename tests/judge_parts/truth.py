@@ -82,7 +82,8 @@ def error_of(library: ctypes.CDLL, scene: Scene, motion: Motion) -> float:
         return np.inf
     shapes = np.array([law.shape for law in scene.laws]).T
     there = motion.at(times) @ shapes
-    return float(np.linalg.norm(marched @ shapes - there) / np.linalg.norm(there))
+    own = np.linalg.norm(there) or np.linalg.norm(motion.at(times))  # a slider that never slips keeps its coordinate at rest
+    return float(np.linalg.norm(marched @ shapes - there) / own)
 
 
 def _march(library, scene: Scene, motion: Motion, q, v, bound, rigid_step=RIGID_STEP):

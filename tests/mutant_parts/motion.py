@@ -66,6 +66,23 @@ MUTANTS = [
         ),
     ),
     *of(
+        "motion/hb_first_way.f90",
+        (
+            "first_way_decay",
+            "test_hb_first_way",
+            "a march over a long transient counts as a short one",
+            "periods = max(fewest_periods, decays*",
+            "periods = min(fewest_periods, decays*",
+        ),
+        (
+            "first_way_clearly",
+            "test_hb_first_way",
+            "marching comes first where it is as dear as the balance",
+            "real(wp), parameter :: clearly = 10.0_wp",
+            "real(wp), parameter :: clearly = 1.0_wp",
+        ),
+    ),
+    *of(
         "motion/hb_curve_origin.f90",
         (
             "origin_tuples",

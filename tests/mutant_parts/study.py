@@ -44,6 +44,13 @@ MUTANTS = [
             "settled%status = outcome%subharmonic",
         ),
         (
+            "marched_implicit",
+            "test_hb_marched_motion",
+            "no implicit method goes on where cvode has had its work",
+            "if (.not. settled%is_out_of_work .or.",
+            "if (settled%is_out_of_work .or.",
+        ),
+        (
             "marched_budget",
             "test_hb_marched_motion",
             "a march has no budget of work",
