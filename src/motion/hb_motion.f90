@@ -6,7 +6,7 @@ module hb_motion
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, transfer_coefficients, whole_basis
    use hb_bordered, only: bordered_problem_t
-   use hb_certificate, only: certificate_t, certify, choose_wider_set
+   use hb_certificate, only: certificate_t, certify, certify_linear, choose_wider_set
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
@@ -294,6 +294,9 @@ contains
       allocate (result%corrected_coefficients(2, basis%whole%n_harmonics, 0))
       result%status = outcome%converged
       if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
+      if (scene%certificate%is_on .and. result%status == outcome%converged) &
+         call certify_linear(result%certificate, scene%structure, scene%tones, basis%harmonics%frequencies(scene%tones%omega), &
+                             basis%amplitudes_of(scene%loads), c)
    end subroutine solve_linear_scene
 
    !> Solves the balance, and describes the motion found.
