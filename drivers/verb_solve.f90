@@ -356,7 +356,7 @@ contains
       call share_error(comm, error)
       if (allocated(error)) return
       call broadcast_text(comm, text, 0)
-      call new_study(study, options%input, text, options%overrides, error, memory_share(comm))
+      call make_study(study, options%input, text, options%overrides, comm, error)
    end subroutine load_study
 
    !> Makes the study of the input that stands in a result file.
@@ -384,8 +384,29 @@ contains
       call broadcast_text(comm, lines, 0)
       allocate (overrides(0))
       if (len(lines) > 0) call split(lines, new_line("a"), overrides)
-      call new_study(study, name, text, overrides, error, memory_share(comm))
+      call make_study(study, name, text, overrides, comm, error)
    end subroutine load_stored_study
+
+   !> Makes a study on all ranks, after each other: the first may have to reduce a model, the others then read what it has kept.
+   subroutine make_study(study, name, text, overrides, comm, error)
+      type(study_t), intent(out) :: study
+      character(*), intent(in) :: name, text
+      type(string_t), intent(in) :: overrides(:)
+      type(comm_t), intent(in) :: comm
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: memory
+
+      memory = memory_share(comm)
+      if (rank_of(comm) == 0) call new_study(study, name, text, overrides, error, memory)
+      call share_error(comm, error)
+      if (allocated(error)) return
+      if (rank_of(comm) > 0) call new_study(study, name, text, overrides, error, memory)
+      call share_error(comm, error)
+      if (allocated(error) .or. rank_of(comm) > 0) return
+      associate (reduction => study%scene%structure%reduction)
+         if (allocated(reduction%remade)) call say("warning: the reduction kept in "//reduction%remade//"; it was made anew")
+      end associate
+   end subroutine make_study
 
    !> Memory [bytes] that each process may take: the smallest share of all ranks; collective.
    real(wp) function memory_share(comm)

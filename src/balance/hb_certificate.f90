@@ -29,7 +29,7 @@ module hb_certificate
    use hb_two_level, only: clear_kept, improve, residual_of
    implicit none
    private
-   public :: certificate_t, certify, choose_wider_set, near_commensurate, wider_orders, wider_samples
+   public :: certificate_t, certify, certify_linear, choose_wider_set, near_commensurate, wider_orders, wider_samples
 
    real(wp), parameter :: smallest_size = 1.0e-6_wp                    ! motion relative to what the loads do to the stiffest
                                                                       ! harmonic, below which nothing moves
@@ -90,6 +90,7 @@ contains
       logical, intent(in), optional :: looks_near                     !! in a set that reaches twice as far as that of the motion,
                                                                       !! not in the box around it; default false
       logical, intent(in), optional :: keeps_refined                  !! `refined` is asked for of several tones, too
+      complex(wp), allocatable :: c(:, :)
       type(balance_t) :: wide
       type(harmonics_t) :: set
       type(tones_t) :: tones
@@ -113,7 +114,9 @@ contains
       end if
       if (.not. allocated(error)) then
          call check_contact(self, structure, balance, wide, u)
-         call find_structure_powers(self, structure, balance, loads, u)
+         allocate (c(structure%n_dofs, balance%harmonics%n_harmonics))
+         call balance%all_dofs(u, c)
+         call find_structure_powers(self, structure, balance%frequencies, loads, c)
       end if
       if (associated(balance%kept_wide)) call balance%kept_wide%give_back(wide%stiffness)
       call wide%destroy()
@@ -145,6 +148,21 @@ contains
          wide%watch => balance%watch
       end subroutine make_wide_balance
    end subroutine certify
+
+   !> Certificate of a motion without laws: nothing is left out, powers and energies are all there is to it.
+   subroutine certify_linear(self, structure, tones, frequencies, loads, c)
+      type(certificate_t), intent(out) :: self
+      type(structure_t), intent(in) :: structure
+      type(tones_t), intent(in) :: tones
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
+      complex(wp), intent(in) :: c(:, :)                              !! a - i b [m], as loads
+
+      allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
+      allocate (self%power_laws(0))
+      call near_commensurate(tones, self%combination, self%combination_frequency)
+      call find_structure_powers(self, structure, frequencies, loads, c)
+   end subroutine certify_linear
 
    !> A box of about twice the order around the set.
    subroutine choose_wider_set(narrow, set, error)
@@ -551,24 +569,20 @@ contains
 
    !> Mean power of the loads and loss in the structure, over all its degrees of freedom: with c = a - i b and rate i w c,
    !> Re(P* i w c)/2 and w**2 Re(c* D c)/2. Gyroscopic parts of D do no work.
-   subroutine find_structure_powers(self, structure, balance, loads, u)
+   subroutine find_structure_powers(self, structure, frequencies, loads, c)
       type(certificate_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
-      type(balance_t), intent(in) :: balance
-      complex(wp), intent(in) :: loads(:, :)
-      real(wp), intent(in) :: u(:, :)
-      complex(wp), allocatable :: c(:, :)
+      real(wp), intent(in) :: frequencies(:)
+      complex(wp), intent(in) :: loads(:, :), c(:, :)
       integer :: h
 
-      allocate (c(structure%n_dofs, balance%harmonics%n_harmonics))
-      call balance%all_dofs(u, c)
-      do h = 1, balance%harmonics%n_harmonics
-         associate (w => balance%frequencies(h))
+      do h = 1, size(frequencies)
+         associate (w => frequencies(h))
             self%power_in = self%power_in - 0.5_wp*w*aimag(dot_product(loads(:, h), c(:, h)))
             self%power_damping = self%power_damping + 0.5_wp*w**2*real(dot_product(c(:, h), structure%damping_times(c(:, h))))
          end associate
       end do
-      call new_mean_energy(self%energy, structure, c, balance%frequencies)
+      call new_mean_energy(self%energy, structure, c, frequencies)
    end subroutine find_structure_powers
 
    !> The combination k of low order that comes closest to k.omega = 0. Where it is tiny, the motion on the torus is slow

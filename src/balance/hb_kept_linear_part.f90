@@ -16,7 +16,8 @@ module hb_kept_linear_part
       integer :: n_condensed = 0                                      !! harmonics that were condensed so far
       type(structure_t), private :: structure                         ! what the linear part is of
       real(wp), allocatable, private :: frequencies(:)                ! [rad/s], (n_harmonics)
-      complex(wp), allocatable, private :: loads(:, :)                ! [N], (n_dofs, n_harmonics)
+      integer, allocatable, private :: driven(:)                      ! harmonics with loads
+      complex(wp), allocatable, private :: loads(:, :)                ! [N], (n_dofs, size(driven))
       type(linear_part_t), allocatable, private :: linear             ! while nobody has it
    contains
       procedure :: take => kept_linear_part_take
@@ -47,7 +48,7 @@ contains
          self%frequencies = frequencies
       end if
       if (allocated(error)) return
-      self%loads = loads
+      call remember_loads(self, loads)
       linear%support_share = 0.0_wp
    end subroutine kept_linear_part_take
 
@@ -79,7 +80,8 @@ contains
       integer :: h
       logical :: is_other(size(frequencies))
 
-      is_other = [(any(loads(:, h) /= self%loads(:, h)), h=1, size(frequencies))]
+      is_other = [(any(loads(:, h) /= (0.0_wp, 0.0_wp)), h=1, size(frequencies))]
+      is_other(self%driven) = [(any(loads(:, self%driven(h)) /= self%loads(:, h)), h=1, size(self%driven))]
       if (.not. any(is_other)) return
       is_other(maxloc(abs(frequencies), dim=1)) = .true.
       places = pack([(h, h=1, size(frequencies))], is_other)
@@ -87,6 +89,15 @@ contains
       self%n_condensed = self%n_condensed + size(places)
       if (.not. allocated(error)) call self%linear%take_loads(part, places)
    end subroutine take_loads
+
+   subroutine remember_loads(self, loads)
+      type(kept_linear_part_t), intent(inout) :: self
+      complex(wp), intent(in) :: loads(:, :)
+      integer :: h
+
+      self%driven = pack([(h, h=1, size(loads, 2))], [(any(loads(:, h) /= (0.0_wp, 0.0_wp)), h=1, size(loads, 2))])
+      self%loads = loads(:, self%driven)
+   end subroutine remember_loads
 
    !> Takes a linear part back from who had it.
    subroutine kept_linear_part_give_back(self, linear)

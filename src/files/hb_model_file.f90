@@ -68,12 +68,13 @@ contains
       end associate
    end subroutine remember
 
-   subroutine model_file_recall(self, mark, structure, is_found, model)
+   subroutine model_file_recall(self, mark, structure, is_found, model, trouble)
       class(model_file_t), intent(in) :: self
       integer, intent(in) :: mark(:)
       type(structure_t), intent(inout) :: structure
       logical, intent(out) :: is_found
       character(*), intent(in) :: model
+      character(:), allocatable, intent(out) :: trouble
       integer :: i
 
       is_found = .false.
@@ -85,7 +86,7 @@ contains
          return
       end do
       if (len(model) == 0) return
-      call read_reduction(model, mark, structure, is_found)
+      call read_reduction(model, mark, structure, is_found, trouble)
       if (is_found) call remember(mark, structure)
    end subroutine model_file_recall
 

@@ -105,11 +105,12 @@ contains
    end subroutine write_parts
 
    !> Reads the reduced structure of a model and a mark, if there is a sound file of it.
-   subroutine read_reduction(model, mark, structure, is_found)
+   subroutine read_reduction(model, mark, structure, is_found, trouble)
       character(*), intent(in) :: model
       integer, intent(in) :: mark(:)
       type(structure_t), intent(inout) :: structure                   !! stays where nothing is found
       logical, intent(out) :: is_found
+      character(:), allocatable, intent(out) :: trouble               !! which file is there and of no use, and why
       type(h5_file_t) :: file
       type(error_t), allocatable :: error, ignored
       type(structure_t) :: found
@@ -117,12 +118,16 @@ contains
       inquire (file=reduction_path(model, mark), exist=is_found)
       if (.not. is_found) return
       call open_file(file, reduction_path(model, mark), error)
+      if (.not. allocated(error)) then
+         call read_parts(file, mark, found, error)
+         call file%close(ignored)
+      end if
       is_found = .not. allocated(error)
-      if (.not. is_found) return
-      call read_parts(file, mark, found, error)
-      call file%close(ignored)
-      is_found = .not. allocated(error)
-      if (is_found) structure = found
+      if (is_found) then
+         structure = found
+      else
+         trouble = reduction_path(model, mark)//": "//error%message
+      end if
    end subroutine read_reduction
 
    subroutine read_parts(file, mark, structure, error)

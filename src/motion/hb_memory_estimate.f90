@@ -25,6 +25,7 @@ module hb_memory_estimate
 
    !> Bytes, by part.
    type :: memory_estimate_t
+      real(wp) :: model = 0                                           !! before the point, while a model is read and reduced
       real(wp) :: structure = 0                                       !! matrices and interior factors
       real(wp) :: linear = 0                                          !! loads, condensed stiffness, transfer to the interior
       real(wp) :: samples = 0                                         !! on the torus: motions, forces, spectra, derivatives
@@ -47,6 +48,7 @@ contains
       integer, allocatable :: orders(:), samples(:)
 
       n = unknowns(s, s%n_harmonics)
+      bytes%model = s%reading
       bytes%structure = copies_kept*real_bytes*merge(3*s%n_entries, s%n_dofs**2, s%is_sparse) + interior_bytes(s)
       bytes%linear = linear_bytes(s, s%n_harmonics) + 2*complex_bytes*s%n_dofs*s%n_harmonics
       bytes%samples = sample_bytes(s, s%n_harmonics, s%samples, .true., .true.)
@@ -86,15 +88,16 @@ contains
    pure real(wp) function memory_estimate_usual(self)
       class(memory_estimate_t), intent(in) :: self
 
-      memory_estimate_usual = of_program + self%structure + self%linear + self%samples + self%results + &
-                              max(self%tangent, self%certificate)
+      memory_estimate_usual = of_program + max(self%model, self%structure + self%linear + self%samples + self%results + &
+                                               max(self%tangent, self%certificate))
    end function memory_estimate_usual
 
    !> Bytes of a point that needs all that its settings allow.
    pure real(wp) function memory_estimate_worst(self)
       class(memory_estimate_t), intent(in) :: self
 
-      memory_estimate_worst = self%usual() + max(0.0_wp, self%rescue - max(self%tangent, self%certificate))
+      memory_estimate_worst = max(self%usual(), of_program + self%structure + self%linear + self%samples + self%results + &
+                                  self%rescue)
    end function memory_estimate_worst
 
    !> Fails for sizes that need more than `limit` bytes or cannot be counted; the message names the main parts and what
@@ -132,12 +135,13 @@ contains
    pure function memory_text(bytes) result(text)
       type(memory_estimate_t), intent(in) :: bytes
       character(:), allocatable :: text
-      character(11), parameter :: names(7) = [character(11) :: &
-         "structure", "linear part", "samples", "tangent", "rescue", "certificate", "results"]
-      real(wp) :: parts(7)
+      character(11), parameter :: names(8) = [character(11) :: &
+         "model", "structure", "linear part", "samples", "tangent", "rescue", "certificate", "results"]
+      real(wp) :: parts(8)
       integer :: i, k
 
-      parts = [bytes%structure, bytes%linear, bytes%samples, bytes%tangent, bytes%rescue, bytes%certificate, bytes%results]
+      parts = [bytes%model, bytes%structure, bytes%linear, bytes%samples, bytes%tangent, bytes%rescue, bytes%certificate, &
+               bytes%results]
       text = ""
       do k = 1, size(parts)
          i = maxloc(parts, dim=1)

@@ -6,7 +6,7 @@ module hb_motion
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, transfer_coefficients, whole_basis
    use hb_bordered, only: bordered_problem_t
-   use hb_certificate, only: certificate_t, certify, choose_wider_set
+   use hb_certificate, only: certificate_t, certify, certify_linear, choose_wider_set
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
@@ -80,13 +80,13 @@ contains
       if (present(guess)) first_guess = guess
       call find_basis(basis, is_odd, scene, error, first_guess)
       if (allocated(error)) return
-      call solve_scene(scene, basis, its_watch, result, error, first_guess, found, judge, parts)
+      if (allocated(first_guess)) found = first_guess
+      call solve_scene(scene, basis, its_watch, result, error, found, judge, parts)
       if (is_odd .and. .not. allocated(error)) then
          result%is_odd = is_proven_odd(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])
          if (.not. result%is_odd) then
-            if (allocated(found)) call move_alloc(found, first_guess)  ! balances the odd harmonics alone
-            call solve_scene(scene, whole_basis(scene%harmonics, scene%torus), its_watch, result, error, first_guess, found, &
-                             judge, parts)
+            if (.not. allocated(found) .and. allocated(first_guess)) found = first_guess   ! found ones balance odd harmonics
+            call solve_scene(scene, whole_basis(scene%harmonics, scene%torus), its_watch, result, error, found, judge, parts)
          end if
       end if
       if (present(judge) .and. .not. allocated(error)) call rescue_by_march(scene, its_watch, judge, result, found)
@@ -173,13 +173,13 @@ contains
       type(error_t), allocatable :: error
       type(motion_result_t) :: found
       type(scene_t) :: near
-      real(wp), allocatable :: first_guess(:), solution(:)
+      real(wp), allocatable :: solution(:)
 
       near = scene
       near%solver%rescue = .false.
       near%solver%max_iterations = min(scene%solver%max_iterations, steps_from_march)
-      first_guess = guess
-      call solve_scene(near, whole_basis(scene%harmonics, scene%torus), watch, found, error, first_guess, solution)
+      solution = guess
+      call solve_scene(near, whole_basis(scene%harmonics, scene%torus), watch, found, error, solution)
       if (allocated(error)) return
       found%iterations = found%iterations + result%iterations
       found%evaluations = found%evaluations + result%evaluations
@@ -214,14 +214,14 @@ contains
    end subroutine forget_motion
 
    !> Solves the scene in a basis.
-   subroutine solve_scene(scene, basis, watch, result, error, guess, unknowns, judge, kept)
+   subroutine solve_scene(scene, basis, watch, result, error, unknowns, judge, kept)
       type(scene_t), intent(in) :: scene
       type(basis_t), intent(in) :: basis
       class(watch_t), intent(inout), target :: watch
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(in) :: guess(:)                   !! in the whole set, as that of `solve_motion`
-      real(wp), allocatable, intent(out) :: unknowns(:)               !! as `guess`
+      real(wp), allocatable, intent(inout) :: unknowns(:)             !! a first guess in the whole set, as that of `solve_motion`,
+                                                                      !! then the solution; not allocated: there is none
       class(judge_t), intent(in), optional :: judge
       type(kept_linear_parts_t), pointer, intent(in), optional :: kept
       type(dynamic_stiffness_t) :: stiffness
@@ -229,11 +229,12 @@ contains
       type(balance_t), target :: balance
       type(autonomous_start_t) :: start
       type(coordinates_t) :: coordinates
-      real(wp), allocatable :: first_guess(:), marched(:)
+      real(wp), allocatable :: first_guess(:), guess(:), marched(:)
       logical :: is_autonomous, keeps
       real(wp) :: started
 
       started = wall_clock()
+      call move_alloc(unknowns, guess)
       coordinates = coordinates_of(scene)
       is_autonomous = any(scene%tones%is_unknown)
       start%omega = scene%tones%omega
@@ -329,6 +330,9 @@ contains
       allocate (result%corrected_coefficients(2, basis%whole%n_harmonics, 0))
       result%status = outcome%converged
       if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
+      if (scene%certificate%is_on .and. result%status == outcome%converged) &
+         call certify_linear(result%certificate, scene%structure, scene%tones, basis%harmonics%frequencies(scene%tones%omega), &
+                             basis%amplitudes_of(scene%loads), c)
    end subroutine solve_linear_scene
 
    !> Solves the balance, and describes the motion found.

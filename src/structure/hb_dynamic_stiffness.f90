@@ -124,8 +124,11 @@ contains
       allocate (parts)
       parts%reach = structure%reduction%reach
       parts%loads = coordinates%forces_in(loads)
-      parts%load_slopes = (0.0_wp, 0.0_wp)*loads
-      if (allocated(wanted%loads)) parts%load_slopes = coordinates%forces_in(wanted%loads)
+      if (wanted%is_on .and. allocated(wanted%loads)) then
+         parts%load_slopes = coordinates%forces_in(wanted%loads)
+      else if (wanted%is_on) then
+         parts%load_slopes = (0.0_wp, 0.0_wp)*loads
+      end if
       call find_blocks(parts, structure, coordinates, self%interior)
       call new_block_pattern(self%pattern, n_law, reach_of(parts%ll, parts%lr, parts%rl, parts%rr, n_interior))
       allocate (self%condensed(self%pattern%n_rows, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))

@@ -60,12 +60,13 @@ contains
    end subroutine model_source_keep
 
    !> Gives what was kept under a mark.
-   subroutine model_source_recall(self, mark, structure, is_found, model)
+   subroutine model_source_recall(self, mark, structure, is_found, model, trouble)
       class(model_source_t), intent(in) :: self
       integer, intent(in) :: mark(:)
       type(structure_t), intent(inout) :: structure                   !! stays where nothing is found
       logical, intent(out) :: is_found
       character(*), intent(in) :: model                               !! as for `keep`
+      character(:), allocatable, intent(out) :: trouble               !! which file of it is there and of no use, and why
 
       is_found = .false.
    end subroutine model_source_recall

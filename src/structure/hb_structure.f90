@@ -56,6 +56,8 @@ module hb_structure
                                                                       !! left out, relative
       real(wp) :: seconds = 0.0_wp                                    !! that it took
       real(wp) :: bytes = 0.0_wp                                      !! that its factors took
+      real(wp) :: memory = 0.0_wp                                     !! bytes that reading the model, and reducing it, took
+      character(:), allocatable :: remade                             !! which file of it was of no use, and why
    end type reduction_t
 
    type :: structure_t

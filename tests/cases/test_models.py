@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses
 import os
 import subprocess
@@ -413,6 +414,11 @@ def test_a_second_run_reads_the_reduction(net):
         np.testing.assert_array_equal(second[key], off[key])
     with h5py.File(file, "r+") as damaged:
         damaged["stiffness"][0, 0] *= 1.001
+    told = run("check", "kept.nml", cwd=net).stdout
+    assert told.count(f"warning: the reduction kept in ./{file.name}: is damaged; it was made anew") == 1
+    assert "warning" not in run("check", "kept.nml", cwd=net).stdout
+    with h5py.File(file, "r+") as damaged:
+        damaged["stiffness"][0, 0] *= 1.001
     np.testing.assert_array_equal(solve(net, NET, name="kept")["coefficients"], off["coefficients"])
     file.write_bytes(file.read_bytes()[:3000])
     np.testing.assert_array_equal(solve(net, NET, name="kept")["coefficients"], off["coefficients"])
@@ -423,6 +429,21 @@ def test_a_second_run_reads_the_reduction(net):
         model["stiffness/data"][0] -= 0.5
     assert len(kept()) == 2 and (other["coefficients"] != off["coefficients"]).any()
     assert list(net.glob("*.part")) == []
+
+
+def test_one_rank_reduces_for_all(net):
+    """The file is made under a name of each process: once."""
+    for file in net.glob("net.h5.*.reduced"):
+        file.unlink()
+    (net / "ranks.nml").write_text(NET)
+    libc = ctypes.CDLL(None)
+    watch, is_made = libc.inotify_init(), 0x100
+    assert watch >= 0 and libc.inotify_add_watch(watch, os.fsencode(net), is_made) >= 0
+    made = run("solve", "ranks.nml", "-o", "ranks.h5", "--overwrite", cwd=net, ranks=3)
+    events = os.read(watch, 1 << 16)
+    os.close(watch)
+    assert made.status == ALL_CONVERGED, made.stderr
+    assert events.count(b".reduced.") == 1 and len(list(net.glob("net.h5.*.reduced"))) == 1
 
 
 def test_a_reduction_belongs_to_its_sets(net):

@@ -23,6 +23,13 @@ MUTANTS = [
     *of(
         "balance/hb_certificate.f90",
         (
+            "certificate_linear",
+            "test_hb_certificate",
+            "motions without laws have no energies",
+            "call find_structure_powers(self, structure, frequencies, loads, c)\n   end subroutine certify_linear",
+            "end subroutine certify_linear",
+        ),
+        (
             "certificate_reach",
             "test_hb_certificate",
             "commensurability is looked for a third as far",

@@ -12,5 +12,12 @@ MUTANTS = [
             "else if (any(of_file /= mark)) then",
             "else if (all(of_file /= mark) .and. size(mark) < 0) then",
         ),
+        (
+            "reduction_trouble",
+            "test_hb_reduction_file",
+            "nobody is told of a reduction that is of no use",
+            'trouble = reduction_path(model, mark)//": "//error%message',
+            "",
+        ),
     ),
 ]
