@@ -28,7 +28,7 @@ def info(path) -> str:
             lines = [
                 f"file       {path}",
                 f"written by nhbm {file.attrs['program_version']}, commit {file.attrs['git_commit']}, {file.attrs['created_utc']}",
-                f"record     of a march by {str(file.attrs['method']).replace('_', ' ')}, {len(t)} samples from {t[0]:g} to {t[-1]:g} s",
+                f"record     by {str(file.attrs['method']).replace('_', ' ')}, {len(t)} samples from {t[0]:g} to {t[-1]:g} s",
                 f"tones      {', '.join(f'{w:.10g}' for w in np.atleast_1d(file['frequency'][()]))} rad/s",
             ]
             lines += [f"largest    {np.max(np.abs(x)):.4g} at {dof}" for dof, x in zip(dofs, file["displacement"][()], strict=True)]
