@@ -147,13 +147,12 @@ module hb_motion_curve
 
       !> Takes the place of `begin`: next to a motion and tangent of another curve, in the plane across this a bit before it, so
       !> that what is there lies ahead. `is_found` is false where there is no motion.
-      module subroutine motion_curve_begin_next_to(self, scene, document, request, place, sense, is_found, error, watch)
+      module subroutine motion_curve_begin_next_to(self, scene, document, request, place, is_found, error, watch)
          class(motion_curve_t), intent(inout), target :: self
          type(scene_t), intent(in) :: scene
          type(document_t), intent(in) :: document                     !! from which it was read
          type(curve_request_t), intent(in) :: request
-         type(curve_place_t), intent(in) :: place                     !! a fold or peak of the other curve
-         real(wp), intent(in) :: sense                                !! 1 along its tangent, -1 against it
+         type(curve_place_t), intent(in) :: place                     !! a fold or peak of the other curve, and the way there
          logical, intent(out) :: is_found
          type(error_t), allocatable, intent(out) :: error
          class(watch_t), intent(inout), target :: watch

@@ -191,13 +191,12 @@ contains
       end do
    end subroutine motion_curve_find_on_plane
 
-   module subroutine motion_curve_begin_next_to(self, scene, document, request, place, sense, is_found, error, watch)
+   module subroutine motion_curve_begin_next_to(self, scene, document, request, place, is_found, error, watch)
       class(motion_curve_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
       type(curve_place_t), intent(in) :: place
-      real(wp), intent(in) :: sense
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
       class(watch_t), intent(inout), target :: watch
@@ -210,7 +209,7 @@ contains
       associate (n => size(place%state)/2)
          call prepare(self, scene, document, place%state(n - self%n_further(scene) + 1:n), rung_of(scene, place), error)
          if (allocated(error)) return
-         associate (x => place%state(:n), direction => sense*place%state(n + 1:))
+         associate (x => place%state(:n), direction => place%state(n + 1:))
             self%x_first = x - run_up*request%longest_step*direction/norm2(direction/units_at(self, x))
             self%first_direction = direction
          end associate
@@ -397,7 +396,7 @@ contains
          associate (origin => self%origins((self%way - 1)/2))
             self%x_start = origin%x
             is_turning = .not. origin%is_apart
-            direction = [0.0_wp*direction(:size(direction) - 1), self%first_sense*self%sense()]
+            direction = [0.0_wp*origin%x(:size(origin%x) - 1), self%first_sense*self%sense()]
             if (is_turning) direction = origin%direction
          end associate
       end if

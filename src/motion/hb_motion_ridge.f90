@@ -227,7 +227,8 @@ contains
       integer, intent(out) :: n_steps                                 !! of the curve
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
-      integer :: sense
+      type(curve_place_t) :: place
+      integer :: attempt, n
       logical :: is_new
 
       is_found = .false.
@@ -235,13 +236,15 @@ contains
       call set_values(self, value, self%last%state(size(self%last%state)/2))
       call update_scene(self%scene, self%document, is_new, error, self%request%available_memory)
       if (allocated(error)) return
-      do sense = 1, -1, -2
+      place = self%last
+      n = size(place%state)/2
+      do attempt = 1, 2                                               ! along the curve, then the other way round
          call self%curve%destroy()
-         call self%curve%begin_next_to(self%scene, self%document, self%inner, self%last, real(sense, wp), is_found, error, &
-                                       self%watch)
+         call self%curve%begin_next_to(self%scene, self%document, self%inner, place, is_found, error, self%watch)
          if (allocated(error) .or. .not. is_found) return
          call self%curve%look_for(self%request%over%kind, most_steps, result, n_steps, is_found, error)
          if (allocated(error) .or. is_found) exit
+         place%state(n + 1:) = -place%state(n + 1:)
       end do
       if (allocated(error) .or. .not. is_found) return
       is_found = distance(motion_at(self, result%curve), motion_at(self, self%last), .false.) <= largest_change

@@ -21,7 +21,7 @@ contains
       type(variation_t), intent(inout) :: self
       type(piece_t), intent(inout) :: piece
       integer, intent(in) :: n_steps
-      real(wp), intent(inout) :: x(:, :)                              !! (size, any)
+      real(wp), intent(inout), contiguous :: x(:, :)                  !! (size, any)
       real(wp), dimension(self%size, self%size) :: at_end, at_middle, at_start, e
       real(wp) :: h
       integer :: i
@@ -53,7 +53,7 @@ contains
    subroutine propagate_constant(self, piece, x)
       type(variation_t), intent(inout) :: self
       type(piece_t), intent(inout) :: piece
-      real(wp), intent(inout) :: x(:, :)                              !! (size, any)
+      real(wp), intent(inout), contiguous :: x(:, :)                  !! (size, any)
       real(wp), dimension(self%size, self%size) :: a, e
 
       if (.not. allocated(piece%by_place)) then

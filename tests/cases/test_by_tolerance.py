@@ -81,7 +81,6 @@ def test_one_percent_without_a_word(tmp_path):
         ("&accuracy max_harmonics = 60 /", "must be 61 or more"),
         ("&accuracy of = 'x1' /\n&curve parameter = 'law(1)%gap', from = 0.5, to = 0.9 /", "leave it out with &curve"),
         ("&certificate improvement_steps = 3 /", "improvement_steps"),
-        ("&curve parameter = 'law(1)%gap', from = 0.5, to = 0.9, switch = .true. /", "&harmonics order"),
     ],
 )
 def test_what_cannot_be_is_refused(group, words, tmp_path):
