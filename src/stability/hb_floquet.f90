@@ -21,7 +21,7 @@ module hb_floquet
    real(wp), parameter :: smallest_margin = 1.0e-9_wp                 ! of a multiplier from 1 that is sure
    real(wp), parameter :: safety = 10.0_wp                            ! on the estimate of the error
    real(wp), parameter :: safety_of_spread = 3.0_wp                   ! on the difference of both halves of a record
-   real(wp), parameter :: share_of_explicit = 0.2_wp                  ! samples of laws without memory are counted five times too dear
+   real(wp), parameter :: share_of_explicit = 0.2_wp                  ! samples without memory are counted five times too dear
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
 
    type, extends(stability_finder_t) :: floquet_t
