@@ -37,6 +37,7 @@ module hb_accurate_motion
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
    integer, parameter :: laps_of_verdict = 25                         ! for exponents, where they are far from zero
+   integer, parameter :: patience_with_products = 40                  ! until the preconditioner gets stronger: rungs are many
    integer, parameter :: patience = 3                                 ! steps from the rung below that gain nothing
    real(wp), parameter :: clearly = 1.25_wp                           ! larger set
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
@@ -398,6 +399,7 @@ contains
       if (allocated(error)) return
       here%solver%rescue = scene%solver%rescue .and. with_rescue
       here%solver%patience = merge(0, patience, with_rescue)
+      here%solver%krylov_patience = patience_with_products
       here%solver%rescue_work = min(scene%solver%rescue_work, max(0.0_wp, scene%accuracy%max_work - account%work))
       if (account%n_rungs > 0) here%solver%rescue_work = share_of_rescue*here%solver%rescue_work
       call solve_motion(here, result, error, first_guess, found, watch, judge)

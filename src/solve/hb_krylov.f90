@@ -43,8 +43,10 @@ contains
          call end_at_point(problem, config, report)
          if (report%status /= outcome%pending) return
 
-         if (report%iterations == 0) call new_tangent_krylov(tangent, problem, config%krylov_vectors, &
-                                                             config%krylov_products)
+         if (report%iterations == 0) then
+            call new_tangent_krylov(tangent, problem, config%krylov_vectors, config%krylov_products)
+            tangent%patience = config%krylov_patience
+         end if
          call tangent%update(problem, x, is_ready)
          if (is_ready) call tangent%solve(problem, r, max(accuracy, 0.5_wp*config%tolerance/report%residual), step)
          report%factorizations = tangent%n_preconditioners

@@ -52,6 +52,7 @@ module hb_solver_types
       logical :: rescue = .true.                                      !! try other ways when the direct attempt fails
       logical :: rescue_by_march = .true.                             !! and march where none of them finds a motion
       integer :: krylov_vectors = 150                                 !! of GMRES until it restarts
+      integer :: krylov_patience = 100                                !! products until the preconditioner gets stronger, at least
       integer :: krylov_products = 1000                               !! with the tangent, at most, for one step
       integer :: preconditioner_level = 0                             !! that solutions from products begin with
       integer :: homotopy_iterations = 500                            !! of all corrections on the way

@@ -8,8 +8,7 @@ module hb_tangent_krylov
    private
    public :: new_tangent_krylov, tangent_krylov_t
 
-   integer, parameter :: least_patience = 40                          ! products until the preconditioner gets stronger,
-   integer, parameter :: most_patience = 300                          ! more where that costs more, but not all there are
+   integer, parameter :: most_patience = 300                          ! products, where a stronger preconditioner costs more
    real(wp), parameter :: uses = 4.0_wp                               ! of a stronger preconditioner that pay for it
    integer, parameter :: easy = 20                                    ! products up to which it need not be made anew
 
@@ -19,6 +18,7 @@ module hb_tangent_krylov
       integer :: n_preconditioners = 0                                !! made so far
       real(wp) :: residual = 1.0_wp                                   !! what the last solution left, relative; 1: there is none
       type(gmres_t), private :: gmres
+      integer :: patience = 100                                       !! products until the preconditioner gets stronger, at least
       integer, private :: level = 0                                   ! of the preconditioner
       logical, private :: is_fresh = .false.                          ! made for this very tangent
       logical, private :: is_tired = .true.                           ! the last solution took many products
@@ -72,7 +72,7 @@ contains
          if (self%is_strongest) then
             call self%gmres%solve(problem, b, accuracy, self%most_products - products, s)
          else
-            patience = patience_at(self%level, problem)
+            patience = patience_at(self%patience, self%level, problem)
             call self%gmres%solve(problem, b, accuracy, min(patience, self%most_products - products), s, fewer_than=patience)
          end if
          products = products + self%gmres%n_products
@@ -90,14 +90,15 @@ contains
 
    !> Products that a preconditioner may take before the next stronger one: as many as this one costs, shared by those that use it.
    !> The factors between all harmonics of ten contacts under two tones cost thousands of products, where 60 lead to the solution.
-   pure integer function patience_at(level, problem)
+   pure integer function patience_at(least, level, problem)
+      integer, intent(in) :: least                                    !! in any case
       integer, intent(in) :: level
       class(problem_t), intent(in) :: problem
 
-      patience_at = least_patience
+      patience_at = least
       if (problem%residual_work <= 0.0_wp) return
       patience_at = nint(min(real(most_patience, wp), &
-                             max(real(least_patience, wp), &
+                             max(real(least, wp), &
                                  problem%preconditioner_work*8.0_wp**(level + 1)/(uses*problem%residual_work))))
    end function patience_at
 

@@ -53,7 +53,7 @@ static void steal(int how)
    switch (how) {
    case 1: unlink("case.h5"); break;
    case 2: rename("case.h5", "elsewhere.h5"); break;
-   case 3: unlink("case.h5"); close(open("case.h5", O_CREAT | O_WRONLY, 0666)); break;
+   case 3: close(open("other.h5", O_CREAT | O_WRONLY, 0666)); rename("other.h5", "case.h5"); break;
    case 4: truncate("case.h5", file.st_size / 2); break;
    case 5: truncate("case.h5", 0); break;
    case 6: overwrite(file.st_size); break;
