@@ -10,7 +10,7 @@ module hb_kept_linear_part
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: kept_linear_part_t
+   public :: kept_linear_part_t, kept_linear_parts_t
 
    type :: kept_linear_part_t
       integer :: n_condensed = 0                                      !! harmonics that were condensed so far
@@ -23,6 +23,11 @@ module hb_kept_linear_part
       procedure :: take => kept_linear_part_take
       procedure :: give_back => kept_linear_part_give_back
    end type kept_linear_part_t
+
+   !> Linear parts that the motions of a sweep share, of the solution and of its certificate.
+   type :: kept_linear_parts_t
+      type(kept_linear_part_t) :: narrow, wide
+   end type kept_linear_parts_t
 
 contains
 

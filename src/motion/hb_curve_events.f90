@@ -4,7 +4,7 @@ module hb_curve_events
    use hb_curve, only: curve_t, event_t
    use hb_grazing, only: extremes_of_switches
    use hb_kinds, only: wp
-   use hb_motion, only: stability_of
+   use hb_motion_description, only: stability_of
    use hb_response, only: response_t
    use hb_scene_problem, only: scene_problem_t
    use hb_stability, only: stability_t

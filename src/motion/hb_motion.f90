@@ -4,24 +4,21 @@ module hb_motion
    use hb_advice, only: advice_on, circumstances_t, find_circumstances
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
-   use hb_basis, only: basis_t, transfer_coefficients, whole_basis
-   use hb_bordered, only: bordered_problem_t
-   use hb_certificate, only: certificate_t, certify, certify_linear, choose_wider_set
+   use hb_basis, only: basis_t, whole_basis
+   use hb_certificate, only: certificate_t, certify_linear
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: annotate, error_t, fail
-   use hb_fftw, only: new_real_block, real_block_t
    use hb_first_way, only: first_way
-   use hb_harmonics, only: harmonics_t
+   use hb_kept_linear_part, only: kept_linear_parts_t
    use hb_kinds, only: wp
-   use hb_kept_linear_part, only: kept_linear_part_t
    use hb_law_coordinates, only: laws_at
    use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_judge, only: judge_t, locking_t, may_be_locked, settled_t
    use hb_marched_result, only: guess_from, is_lost, keep_marched
+   use hb_motion_description, only: describe_motion, keep_motion
    use hb_motion_result, only: motion_result_t
-   use hb_odd_symmetry, only: asymmetry
    use hb_outcome, only: is_solved, outcome
    use hb_scene, only: scene_t
    use hb_scene_basis, only: find_basis
@@ -29,20 +26,10 @@ module hb_motion
    use hb_limit_cycle_search, only: search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, rescue
-   use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, stability_method, stability_t, &
-      stability_verdict => verdict
-   use hb_tones, only: tones_t
-   use hb_torus, only: new_torus, torus_t
-   use hb_transform, only: new_transform, transform_t
    use hb_watch, only: verdict, watch_t
    implicit none
    private
-   public :: describe_motion, kept_linear_parts_t, march_first, solve_motion, stability_of
-
-   !> Linear parts that the motions of a sweep share, of the solution and of its certificate.
-   type :: kept_linear_parts_t
-      type(kept_linear_part_t) :: narrow, wide
-   end type kept_linear_parts_t
+   public :: march_first, solve_motion
 
    integer, parameter :: steps_from_march = 20                        ! of the balance, from a motion that is known
    real(wp), parameter :: largest_asymmetry = 1.0e-8_wp               ! of forces with memory of an odd motion, relative
@@ -415,114 +402,6 @@ contains
       end if
    end subroutine solve_balance
 
-   !> Adds to a result what follows from a solution: motion, forces, certificate, surfaces. A status that says `converged` is
-   !> settled by the certificate.
-   subroutine describe_motion(scene, basis, balance, u, result, error, search, curve)
-      type(scene_t), intent(in) :: scene
-      type(basis_t), intent(in) :: basis                              !! of the balance
-      type(balance_t), intent(inout), target :: balance
-      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
-      type(motion_result_t), intent(inout) :: result                  !! with its status
-      type(error_t), allocatable, intent(out) :: error
-      type(search_t), intent(inout), optional :: search               !! of a scene with unknown tones
-      class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
-      complex(wp), allocatable :: c(:, :)
-      real(wp) :: begun, cpu_begun, cpu_ended
-
-      allocate (c(scene%structure%n_dofs, basis%harmonics%n_harmonics))
-      call balance%all_dofs(u, c)
-      call keep_motion(scene, basis, c, result)
-      call keep_forces(basis, balance, u, result, error)
-      if (allocated(error)) return
-      if (scene%certificate%is_on .and. result%status == outcome%converged) then
-         begun = wall_clock()
-         call cpu_time(cpu_begun)
-         call keep_certificate(scene, basis, balance, u, result, error, search, curve)
-         result%certificate_seconds = wall_clock() - begun
-         call cpu_time(cpu_ended)
-         result%certificate_cpu_seconds = cpu_ended - cpu_begun
-         if (allocated(error)) return
-         call keep_outputs(scene, basis, c, result)
-      end if
-      if (is_solved(result%status)) then
-         call stability_of(scene, balance, c, scene%stability%tolerance, result%stability)
-         call compare_with_refined(scene, balance, result)
-      end if
-      if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
-      if (size(scene%output%samples) > 0) call keep_surfaces(scene, basis, balance, u, result, error)
-   end subroutine describe_motion
-
-   !> Stability of a motion of the scene, as its settings ask for it but for the tolerance; not that of normal modes.
-   subroutine stability_of(scene, balance, c, tolerance, stability, is_marched)
-      type(scene_t), intent(in) :: scene
-      type(balance_t), intent(in) :: balance
-      complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
-      real(wp), intent(in) :: tolerance
-      type(stability_t), intent(out) :: stability
-      logical, intent(in), optional :: is_marched                     !! of the motion that repeats when it is marched, in any case
-      type(stability_config_t) :: config
-
-      config = scene%stability
-      config%tolerance = tolerance
-      if (present(is_marched)) config%is_marched = is_marched
-      call ask_for_stability(scene, config, harmonic_motion_t(balance%harmonics%tuples, tones_of(scene, balance), c), &
-                             usual_work(balance), stability)
-   end subroutine stability_of
-
-   !> A verdict holds only where the motion with its first-order errors taken out has it, too: multipliers feel errors of the motion
-   !> that are small beside it, such as those in when a hard stop is left.
-   subroutine compare_with_refined(scene, balance, result)
-      type(scene_t), intent(in) :: scene
-      type(balance_t), intent(in) :: balance
-      type(motion_result_t), intent(inout) :: result
-      real(wp), parameter :: exact = 1.0e-6_wp                        ! error of a motion, relative, that multipliers do not feel
-      type(stability_config_t) :: config
-      type(stability_t) :: refined
-
-      associate (found => result%certificate, stability => result%stability)
-         if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
-         if (max(found%truncation, found%aliasing) <= exact .or. stability%is_marched) return
-         config = scene%stability
-         config%patience = 1.0_wp
-         call ask_for_stability(scene, config, &
-                                harmonic_motion_t(found%around%tuples, tones_of(scene, balance), found%refined), &
-                                huge(1.0_wp), refined)
-         call stability%hold_against(refined)
-      end associate
-   end subroutine compare_with_refined
-
-   !> Asks the finder of the scene; without one nothing is known.
-   subroutine ask_for_stability(scene, config, motion, work_allowed, stability)
-      type(scene_t), intent(in) :: scene
-      type(stability_config_t), intent(in) :: config
-      type(harmonic_motion_t), intent(in) :: motion
-      real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
-      type(stability_t), intent(out) :: stability
-
-      if (scene%normal_mode%is_asked .or. config%method == stability_method%off .or. .not. allocated(scene%services%finder)) return
-      call scene%services%finder%find(stability, config, motion, scene%structure, scene%laws, &
-                             excitation_t(scene%loads, scene%harmonics%frequencies(motion%tones%omega), scene%march%restitution), &
-                             work_allowed)
-   end subroutine ask_for_stability
-
-   !> The tones of a scene at the frequencies of a solution.
-   type(tones_t) function tones_of(scene, balance) result(tones)
-      type(scene_t), intent(in) :: scene
-      type(balance_t), intent(in) :: balance
-
-      tones = scene%tones
-      tones%omega = balance%omega
-   end function tones_of
-
-   !> About how many nanoseconds a point takes that needs nothing unusual, from counts alone: the same for all points of a sweep.
-   pure real(wp) function usual_work(balance) result(work)
-      type(balance_t), intent(in) :: balance
-      real(wp), parameter :: residuals = 10.0_wp, tangents = 5.0_wp, residuals_for_tangent = 60.0_wp, set_up = 2.0e4_wp
-
-      work = set_up + residuals*balance%residual_work &
-             + tangents*min(balance%tangent_work, residuals_for_tangent*balance%residual_work)
-   end function usual_work
-
    !> Where the search for a torus was lost, or its motion is no better than a guess and its tones are nearly commensurate, the
    !> tones may have locked: there is no torus then.
    subroutine look_for_locking(judge, scene, start, law_dofs, watch, result)
@@ -608,203 +487,4 @@ contains
          end do
       end associate
    end subroutine add_start
-
-   subroutine keep_motion(scene, basis, c, result)
-      type(scene_t), intent(in) :: scene
-      type(basis_t), intent(in) :: basis
-      complex(wp), intent(in) :: c(:, :)                              !! a - i b, (n_dofs, n_harmonics)
-      type(motion_result_t), intent(inout) :: result
-      integer :: i
-
-      allocate (result%coefficients(2, basis%whole%n_harmonics, size(scene%output%dofs)), source=0.0_wp)
-      do i = 1, size(scene%output%dofs)
-         result%coefficients(1, basis%places, i) = real(c(scene%output%dofs(i), :))
-         result%coefficients(2, basis%places, i) = -aimag(c(scene%output%dofs(i), :))
-      end do
-   end subroutine keep_motion
-
-   !> Forces of the laws and the motion corrected to walls, on the grid of the solution.
-   subroutine keep_forces(basis, balance, u, result, error)
-      type(basis_t), intent(in) :: basis
-      type(balance_t), intent(inout) :: balance
-      real(wp), intent(in) :: u(:, :)
-      type(motion_result_t), intent(inout) :: result
-      type(error_t), allocatable, intent(out) :: error
-      type(real_block_t) :: correction
-      real(wp), allocatable :: coefficients(:, :), moved(:, :)
-      real(wp) :: column(basis%harmonics%n_coefficients)
-      integer :: i
-      character(:), allocatable :: trouble
-
-      allocate (coefficients, mold=u)
-      call balance%sample(u)
-      call balance%law_set%evaluate()
-      trouble = balance%law_set%memory_trouble()
-      if (len(trouble) > 0) then
-         call fail(error, trouble)
-         return
-      end if
-      associate (torus => basis%torus)
-         if (balance%law_set%has_memory .and. .not. torus%is_half .and. all(modulo(sum(basis%harmonics%tuples, dim=1), 2) == 1) &
-             .and. all(modulo(torus%n_samples, 2) == 0)) result%asymmetry = asymmetry(torus, balance%law_set%samples%f%values)
-      end associate
-      result%n_full_stick = count([(balance%law_set%full_stick(i), i=1, size(balance%law_set%laws))])
-      call balance%project(balance%law_set%samples%f%values, coefficients)
-      result%force_coefficients = &
-         as_pairs(basis%whole, basis%expand(balance%stiffness%coordinates%spread_forces(coefficients)))
-      moved = balance%at_law_dofs(u)
-      if (balance%law_set%needs_reaction) then
-         call new_real_block(correction, size(balance%law_set%samples%q%values, 1), size(moved, 2), error)
-         if (allocated(error)) return
-         correction%values = 0.0_wp
-         call balance%law_set%correct(balance%stiffness%coordinates, correction%values)
-         do i = 1, size(moved, 2)
-            call balance%project_one(correction%values(:, i:i), column)
-            moved(:, i) = moved(:, i) + column
-         end do
-         call correction%destroy()
-      end if
-      result%corrected_coefficients = as_pairs(basis%whole, basis%expand(moved))
-   end subroutine keep_forces
-
-   !> The outputs whose accuracy is asked for. They are off by what the motion without its first-order errors changes in them.
-   subroutine keep_outputs(scene, basis, c, result)
-      type(scene_t), intent(in) :: scene
-      type(basis_t), intent(in) :: basis
-      complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
-      type(motion_result_t), intent(inout) :: result
-      integer :: i
-
-      if (.not. allocated(scene%accuracy%outputs)) return
-      associate (outputs => scene%accuracy%outputs, found => result%certificate)
-         if (size(outputs) == 0) return
-         allocate (result%outputs(basis%whole%n_harmonics, size(outputs)), source=(0.0_wp, 0.0_wp))
-         allocate (result%output_estimate(size(outputs)), source=1.0_wp)
-         do i = 1, size(outputs)
-            result%outputs(basis%places, i) = c(outputs(i)%dof, :)
-            if (allocated(found%refined)) result%output_estimate(i) = min(1.0_wp, &
-               outputs(i)%distance(basis%harmonics, c(outputs(i)%dof, :), found%around, found%refined(outputs(i)%dof, :)))
-         end do
-      end associate
-   end subroutine keep_outputs
-
-   !> Makes the certificate of a solved point; one that misses a threshold gets the status that says so.
-   subroutine keep_certificate(scene, basis, balance, u, result, error, search, curve)
-      type(scene_t), intent(in) :: scene
-      type(basis_t), intent(in) :: basis
-      type(balance_t), intent(inout), target :: balance               !! the search points to it
-      real(wp), intent(in) :: u(:, :)
-      type(motion_result_t), intent(inout) :: result
-      type(error_t), allocatable, intent(out) :: error
-      type(search_t), intent(inout), optional :: search               !! of a scene with unknown tones
-      class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
-      logical :: keeps_refined
-
-      keeps_refined = .false.
-      if (allocated(scene%accuracy%outputs)) keeps_refined = size(scene%accuracy%outputs) > 0
-      if (any(scene%tones%is_unknown) .and. present(search)) then
-         call certify(result%certificate, scene%structure, basis%amplitudes_of(scene%loads), basis%torus, balance, u, &
-                      scene%planning, 0, error, search%phase, looks_near=scene%certificate%looks_near, &
-                      keeps_refined=keeps_refined)
-      else
-         call certify(result%certificate, scene%structure, basis%amplitudes_of(scene%loads), basis%torus, balance, u, &
-                      scene%planning, scene%certificate%improvement_steps, error, curve=curve, &
-                      looks_near=scene%certificate%looks_near, keeps_refined=keeps_refined)
-      end if
-      if (allocated(error)) return
-      if (allocated(result%certificate%improved)) call keep_improved(basis, result, error)
-      if (allocated(error)) return
-      associate (found => result%certificate, limit => scene%certificate)
-         if (found%defects%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
-         if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
-         if (any(is_missed(found%frequency_error/balance%omega, limit%truncation))) result%status = outcome%truncated
-         if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
-         if (found%impact > limit%impact .and. .not. scene%normal_mode%is_asked) &   ! what moves freely for ever loses nothing
-            result%status = outcome%impact                            ! no larger set cures that
-         if (.not. all(ieee_is_finite([found%power_in, found%power_damping, found%power_laws]))) &
-            result%status = outcome%not_finite
-         result%is_near_commensurate = scene%tones%n_tones > 1 .and. &
-            found%combination_frequency < limit%commensurability*maxval(balance%omega)
-      end associate
-   end subroutine keep_certificate
-
-   !> The improved motion with all tuples of the wider set.
-   subroutine keep_improved(basis, result, error)
-      type(basis_t), intent(in) :: basis
-      type(motion_result_t), intent(inout) :: result
-      type(error_t), allocatable, intent(out) :: error
-      type(harmonics_t) :: wider
-      real(wp), allocatable :: improved(:, :)
-
-      call choose_wider_set(basis%whole, wider, error)
-      if (allocated(error)) return
-      associate (found => result%certificate)
-         allocate (improved(wider%n_coefficients, size(found%improved, 2)))
-         call transfer_coefficients(found%wider, wider, found%improved, improved)
-         result%improved_coefficients = as_pairs(wider, improved)
-         call move_alloc(improved, found%improved)
-         found%wider = wider
-      end associate
-   end subroutine keep_improved
-
-   !> Whether an estimate is above its limit; one that is not a number, out of the range of a law, is.
-   elemental logical function is_missed(estimate, limit)
-      real(wp), intent(in) :: estimate, limit
-
-      is_missed = .true.
-      if (ieee_is_finite(estimate)) is_missed = estimate > limit
-   end function is_missed
-
-   !> Hypertime surfaces on the grid that the user asked for.
-   subroutine keep_surfaces(scene, basis, balance, u, result, error)
-      type(scene_t), intent(in) :: scene
-      type(basis_t), intent(in) :: basis
-      type(balance_t), intent(in) :: balance
-      real(wp), intent(in) :: u(:, :)
-      type(motion_result_t), intent(inout) :: result
-      type(error_t), allocatable, intent(out) :: error
-      type(balance_t) :: shown
-      type(linear_part_t), allocatable :: linear
-      type(real_block_t) :: samples
-      type(torus_t) :: torus
-      type(transform_t) :: transform
-
-      call new_torus(torus, scene%output%samples, basis%harmonics, error)
-      if (allocated(error)) return
-      torus%corrects_kinks = .false.                                  ! forces as they are
-      associate (coordinates => balance%stiffness%coordinates)
-         allocate (linear, source=balance%stiffness)
-         call new_balance(shown, basis%harmonics, torus, balance%omega, linear, laws_at(coordinates, scene%laws), &
-                          scene%planning, error)
-         if (.not. allocated(error)) call new_real_block(samples, torus%n_total, size(coordinates%dofs), error)
-         if (.not. allocated(error)) &
-            call new_transform(transform, basis%harmonics, torus, size(coordinates%dofs), scene%planning, error)
-         if (.not. allocated(error)) then
-            call shown%sample(u)
-            call shown%law_set%evaluate()
-            call transform%to_samples(balance%at_law_dofs(u), samples%values)
-            result%displacement_samples = samples%values
-            result%force_samples = coordinates%spread_forces(shown%law_set%samples%f%values)
-            result%corrected_samples = result%displacement_samples
-            call shown%law_set%correct(coordinates, result%corrected_samples)
-         end if
-      end associate
-      call transform%destroy()
-      call samples%destroy()
-      call shown%destroy()
-   end subroutine keep_surfaces
-
-   !> Coefficients as (cos and sin, harmonic, degree of freedom), the sine of the zero tuple being zero.
-   pure function as_pairs(set, coefficients) result(pairs)
-      type(harmonics_t), intent(in) :: set
-      real(wp), intent(in) :: coefficients(:, :)                      !! (n_coefficients, any)
-      real(wp) :: pairs(2, set%n_harmonics, size(coefficients, 2))
-      integer :: h
-
-      pairs = 0.0_wp
-      do h = 1, set%n_harmonics
-         pairs(1, h, :) = coefficients(set%cos_at(h), :)
-         if (set%sin_at(h) > 0) pairs(2, h, :) = coefficients(set%sin_at(h), :)
-      end do
-   end function as_pairs
 end module hb_motion

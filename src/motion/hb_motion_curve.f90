@@ -18,7 +18,7 @@ module hb_motion_curve
    use hb_error, only: error_t
    use hb_judge, only: judge_t
    use hb_kinds, only: wp
-   use hb_motion, only: describe_motion
+   use hb_motion_description, only: describe_motion
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_outcome, only: outcome
    use hb_rung, only: estimate_of, rung_t, with_caution

@@ -1,8 +1,8 @@
 !> What the points of one rank are made from.
 module hb_point_source
    use hb_document, only: document_t
+   use hb_kept_linear_part, only: kept_linear_parts_t
    use hb_kinds, only: wp
-   use hb_motion, only: kept_linear_parts_t
    use hb_results, only: results_layout_t
    use hb_scene, only: scene_t
    use hb_sweep_plan, only: sweep_plan_t
