@@ -1,31 +1,24 @@
 """Every example input runs as it is and gives the numbers that it promises in its `! expect:` lines.
 
-Those with a line `! label: long` take many seconds and run with the long tests alone; of the random problems every tenth
-is solved in the short run as well.
+Of the random problems every tenth is solved in the short run as well.
 """
 
 import re
-from pathlib import Path
 
 import pytest
 from nhbm_post.reader import SOLVED, Results
 
 from expectations import expects_only_converged, failures, read_expectations
+from input_cases import INPUTS, input_case
 from program import ALL_CONVERGED, NOT_ALL_CONVERGED, messages_of, run, solve
 from user_law import with_its_law
 
-INPUTS = Path(__file__).resolve().parents[2] / "inputs"
 # Those of user_law need libraries that are built first: test_user_law.py runs them. Those of ladder are for another
 # verb: test_bench.py runs them. Those of models need the file that the script beside them makes: test_models.py runs them.
 FILES = sorted(file for file in INPUTS.rglob("*.nml") if file.parent.name not in ("user_law", "ladder", "models"))
 
 
-def case(file: Path):
-    marks = [pytest.mark.long] if "\n! label: long\n" in file.read_text() else []
-    return pytest.param(file, id=str(file.relative_to(INPUTS)), marks=marks)
-
-
-CASES = [case(file) for file in FILES]
+CASES = [input_case(file) for file in FILES]
 
 
 def test_there_are_inputs():

@@ -6,9 +6,9 @@ import h5py
 import numpy as np
 import pytest
 
+from input_cases import INPUTS, input_case
 from program import read, run
 
-INPUTS = Path(__file__).resolve().parents[2] / "inputs"
 FILES = sorted([*INPUTS.glob("paper/*.nml"), *INPUTS.glob("gallery/*.nml")])
 
 # Of the largest coefficient of a point; both solvers stop at a residual of 1e-12.
@@ -33,7 +33,7 @@ def solved(source: Path, method: str, folder: Path) -> tuple[np.ndarray, ...]:
     return coefficients, status, np.where(np.isin(kinds, LOCATED) | is_behind, SAME_EVENT, SAME_POINT)
 
 
-@pytest.mark.parametrize("source", FILES, ids=lambda file: str(file.relative_to(INPUTS)))
+@pytest.mark.parametrize("source", [input_case(file) for file in FILES])
 def test_krylov_agrees_with_dense_newton(source, tmp_path):
     newton, newton_status, same = solved(source, "newton", tmp_path)
     krylov, krylov_status, _ = solved(source, "krylov", tmp_path)
@@ -89,7 +89,7 @@ def test_chain_of_stops_is_solved_as_a_band(tmp_path):
 AUTONOMOUS = sorted(INPUTS.glob("autonomous/*.nml"))
 
 
-@pytest.mark.parametrize("source", AUTONOMOUS, ids=lambda file: str(file.relative_to(INPUTS)))
+@pytest.mark.parametrize("source", [input_case(file) for file in AUTONOMOUS])
 def test_unknown_tones_agree_with_dense_newton(source, tmp_path):
     """The search takes the same way, whether the bordered tangent is factorised or multiplied by."""
     found = {}

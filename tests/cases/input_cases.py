@@ -1,0 +1,12 @@
+"""Parameters of tests that run input files: those with a line `! label: long` take many seconds and stand among the long tests."""
+
+from pathlib import Path
+
+import pytest
+
+INPUTS = Path(__file__).resolve().parents[2] / "inputs"
+
+
+def input_case(file: Path):
+    marks = [pytest.mark.long] if "\n! label: long\n" in file.read_text() else []
+    return pytest.param(file, id=str(file.relative_to(INPUTS)), marks=marks)
