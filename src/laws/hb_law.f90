@@ -253,7 +253,9 @@ contains
       if (group%given("dof") .and. group%given("dofs")) then
          call group%problem("dofs", "give either 'dof' or 'dofs', not both")
       end if
-      if (group%given("dofs")) then
+      if (group%given("set") .and. .not. (group%given("dof") .or. group%given("dofs"))) then
+         call group%problem("set", "is no key of laws; a set of nodes is a name for 'dof', such as dof = 'contact.z'")
+      else if (group%given("dofs")) then
          call group%get("dofs", names)
          if (.not. allocated(names)) return
          call group%get("weights", weights, required=.true., unit="1", n=size(names))
