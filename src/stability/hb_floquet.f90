@@ -13,7 +13,7 @@ module hb_floquet
    use hb_stability, only: excitation_t, harmonic_motion_t, most_multipliers, stability_config_t, stability_finder_t, &
       stability_method, stability_t, verdict
    use hb_structure, only: structure_t
-   use hb_variation, only: new_variation, variation_t
+   use hb_variation, only: least_work, new_variation, variation_t
    implicit none
    private
    public :: floquet_t, has_to_be_marched, judge_matrix, work_on_demand
@@ -49,6 +49,8 @@ contains
       associate (unused => self, not_needed => excitation)
       end associate
       if (config%method == stability_method%off .or. has_to_be_marched(laws)) return
+      if (config%method == stability_method%auto .and. &              ! too dear however the motion is: the mass is not divided by
+          least_work(structure%n_dofs) > max(config%patience*work_allowed, config%work_spent)) return
       call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
       work = work_of_exponents(variation, config%fewest_laps)

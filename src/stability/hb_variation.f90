@@ -14,7 +14,7 @@ module hb_variation
    use hb_structure, only: most_dense, structure_t
    implicit none
    private
-   public :: new_variation, piece_t, place_t, variation_t
+   public :: least_work, new_variation, piece_t, place_t, variation_t
 
    real(wp), parameter :: nearness = 1.0e-6_wp                        ! of arguments whose difference makes a derivative
    real(wp), parameter :: singular = 1.0e-13_wp                       ! pivot of the mass
@@ -366,6 +366,14 @@ contains
          if (self%size > 2) work = work + 2.0_wp*m**3 + c**2*n**2 + 4.0_wp*m**2
       end associate
    end function variation_work_of_step
+
+   !> What any transfer of so many degrees of freedom takes at least, in the units of `work_of_step`: half a step.
+   pure real(wp) function least_work(n_dofs) result(work)
+      integer, intent(in) :: n_dofs
+
+      work = (2.0_wp*n_dofs)**3
+      if (n_dofs == 1) work = 0.0_wp
+   end function least_work
 
    !> About how many nanoseconds a node of a step or a look for events takes, from counts alone.
    pure real(wp) function variation_work_of_node(self) result(work)

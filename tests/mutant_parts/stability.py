@@ -149,6 +149,13 @@ MUTANTS = [
             "if (self%laws(i)%law%n_switches < 0) then",
         ),
         (
+            "variation_least_work",
+            "test_hb_monodromy",
+            "what any transfer takes at least is above what some take",
+            "work = (2.0_wp*n_dofs)**3",
+            "work = 1.0e3_wp*(2.0_wp*n_dofs)**3",
+        ),
+        (
             "variation_settle",
             "test_hb_monodromy",
             "sliders are not followed round the period before it counts",
