@@ -223,7 +223,7 @@ contains
       integer, intent(in) :: row, n_rows, n_values
       integer(hid_t), intent(out) :: in_file, in_memory
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(in), optional :: n_used           !! of the second axis; default: all
+      integer, intent(in), optional :: n_used           !! of the second axis of a row, or of its only one; default: all
       integer(hsize_t) :: start(size(self%extents)), block(size(self%extents))
       integer :: last, n, status
 
@@ -271,22 +271,25 @@ contains
 
    !> Reads whole rows (all indices but the slowest) that follow each other, as many as there is room for; independent
    !> of other ranks.
-   subroutine dataset_read_real_rows(self, first, values, error)
+   subroutine dataset_read_real_rows(self, first, values, error, n_used)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: first                  !! row, from 1
       real(wp), intent(out), contiguous, target :: values(:, :)
       type(error_t), allocatable, intent(out) :: error
-      call transfer_values(self, .true., memory_t(H5T_NATIVE_DOUBLE, c_loc(values), size(values)), error, first, size(values, 2))
+      integer, intent(in), optional :: n_used       !! of the second axis of a row, or of its only one; default: all
+      call transfer_values(self, .true., memory_t(H5T_NATIVE_DOUBLE, c_loc(values), size(values)), error, first, size(values, 2), &
+                           n_used)
    end subroutine dataset_read_real_rows
 
    !> Reads integers of rows that follow each other, which the last axis of the values counts.
-   subroutine dataset_read_integer_rows(self, first, values, error)
+   subroutine dataset_read_integer_rows(self, first, values, error, n_used)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: first                  !! row, from 1
       integer, intent(inout), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: n_used       !! of the second axis of a row, or of its only one; default: all
       call transfer_values(self, .true., memory_t(H5T_NATIVE_INTEGER, c_loc(values), size(values)), error, first, &
-                           size(values, rank(values)))
+                           size(values, rank(values)), n_used)
    end subroutine dataset_read_integer_rows
 
    !> Reads a row of bytes as text without the zeros behind it.

@@ -12,7 +12,7 @@ module hb_results
    use hb_error, only: annotate, error_t, fail
    use hb_guard, only: lower_guard, raise_guard
    use hb_harmonics, only: harmonics_t, new_box
-   use hb_hdf5, only: h5_file_t, open_file_parallel
+   use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file_parallel
    use hb_row_buffer, only: row_buffer_t, hold_seconds, new_row_buffer, room_for
    use hb_kinds, only: wp
    use hb_motion_result, only: curve_place_t, motion_result_t
@@ -134,7 +134,8 @@ contains
          call lower_guard()
          return
       end if
-      do i = 1, size(self%plan%variables)
+      if (self%is_resumed) call fit_places(self, error)
+      do i = 1, merge(0, size(self%plan%variables), allocated(error))
          associate (variable => self%plan%variables(i))
             call self%file%open_dataset(variable%name, variable%dataset, error)
             if (allocated(error)) exit
@@ -158,6 +159,27 @@ contains
       end if
       call lower_guard()
    end subroutine open_datasets
+
+   !> Takes as many places for harmonics as the file has where it was complete and has fewer than the input allows.
+   subroutine fit_places(self, error)
+      type(results_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: dataset
+      integer, allocatable :: extents(:)
+      integer :: i, k
+
+      do i = 1, size(self%plan%variables)
+         if (.not. self%plan%variables(i)%is_part_used) cycle
+         call self%file%open_dataset(self%plan%variables(i)%name, dataset, error)
+         if (allocated(error)) return
+         extents = dataset%get_extents()
+         k = min(2, size(extents) - 1)
+         if (k < 1 .or. size(extents) /= size(self%plan%variables(i)%axes)) cycle
+         associate (axis => self%plan%axes(self%plan%variables(i)%axes(k)))
+            axis%length = min(axis%length, extents(k))
+         end associate
+      end do
+   end subroutine fit_places
 
    pure logical function same_numbers(a, b)
       integer, intent(in) :: a(:), b(:)

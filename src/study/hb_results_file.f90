@@ -7,6 +7,7 @@ module hb_results_file
    use hb_kinds, only: int64, two_pi
    use hb_march_verdict, only: verdict_names
    use hb_outcome, only: outcome_names
+   use hb_results_copy, only: copy_rows
    use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_results_plan, only: axis_t, component_axis, curve_entries, dof_axis, harmonic_axis, identifier, is_characters, &
       is_checked, is_integer, is_real, law_axis, law_dof_axis, message_axis, multiplier_axis, n_bytes_of, output_axis, &
@@ -30,12 +31,13 @@ contains
    !>
    !> The other name is the same for all runs. It is locked while the file is made, and a lock ends with its process: what
    !> a killed run has left is taken over, what another run is making is not.
-   subroutine make_file(path, layout, plan, overwrite, error)
+   subroutine make_file(path, layout, plan, overwrite, error, source)
       character(*), intent(in) :: path
       type(results_layout_t), intent(in) :: layout
       type(plan_t), intent(inout) :: plan
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
+      type(h5_file_t), intent(in), optional :: source   !! of the rows, with at least as many places for harmonics; else none yet
       character(:), allocatable :: temporary
       integer(int64) :: n_bytes
       integer :: descriptor
@@ -49,7 +51,7 @@ contains
       call note_unfinished(temporary)
       n_bytes = n_bytes_of(plan, layout)
       if (has_space(descriptor, n_bytes)) then
-         call fill_file(temporary, descriptor, layout, plan, error)
+         call fill_file(temporary, descriptor, layout, plan, error, source)
       else
          call fail(error, "no space left on device, or more than a quota or limit allows")
       end if
@@ -70,12 +72,13 @@ contains
 
    !> On a full disk HDF5 cannot write what it still holds when the file is closed, and crashes when the program ends. So
    !> the space was asked for before; and a file that is given up nevertheless gives its space back first.
-   subroutine fill_file(path, descriptor, layout, plan, error)
+   subroutine fill_file(path, descriptor, layout, plan, error, source)
       character(*), intent(in) :: path
       integer, intent(in) :: descriptor                 !! of the same file
       type(results_layout_t), intent(in) :: layout
       type(plan_t), intent(inout) :: plan
       type(error_t), allocatable, intent(out) :: error
+      type(h5_file_t), intent(in), optional :: source
       type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
 
@@ -85,6 +88,7 @@ contains
       if (.not. allocated(error)) call add_inputs(file, layout, plan, error)
       if (.not. allocated(error)) call add_variables(file, plan, plan%variables, error)
       if (.not. allocated(error)) call add_variables(file, plan, plan%times, error)
+      if (present(source) .and. .not. allocated(error)) call copy_rows(source, plan, error)
       if (allocated(error)) call empty_file(descriptor)
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)

@@ -206,13 +206,14 @@ contains
    end function has_improved
 
    !> Says what is known of the result file before the first point is solved.
-   subroutine describe_layout(self, n_ranks, layout)
+   subroutine describe_layout(self, n_ranks, layout, n_places)
       type(study_t), intent(in) :: self
       integer, intent(in) :: n_ranks
       type(results_layout_t), intent(out) :: layout
+      integer, intent(in), optional :: n_places                       !! for harmonics; default: all
       integer :: i, k
 
-      call describe_rows(self, n_ranks, layout)
+      call describe_rows(self, n_ranks, layout, n_places)
       associate (plan => self%plan)
          do i = 1, size(plan%parameters)
             if (plan%parameters(i)%is_text) then
@@ -231,10 +232,11 @@ contains
    end subroutine describe_layout
 
    !> As `describe_layout`, without the values that swept parameters have at each point.
-   subroutine describe_rows(self, n_ranks, layout)
+   subroutine describe_rows(self, n_ranks, layout, n_places)
       type(study_t), intent(in) :: self
       integer, intent(in) :: n_ranks
       type(results_layout_t), intent(out) :: layout
+      integer, intent(in), optional :: n_places
       type(coordinates_t) :: coordinates
       integer, allocatable :: law_dofs(:)
       integer :: i
@@ -243,6 +245,7 @@ contains
          law_dofs = law_dofs_of(scene%laws)
          layout%n_points = plan%n_points
          layout%tuples = self%tuples
+         if (present(n_places)) layout%tuples = self%tuples(:, :n_places)
          layout%dof_labels = structure%labels(scene%output%dofs)
          layout%dof_units = [character(16) :: structure%units(scene%output%dofs)]
          layout%law_dof_labels = structure%labels(law_dofs)
@@ -270,7 +273,7 @@ contains
             layout%curve_parameter = plan%curve%path
             layout%curve_units = plan%curve%units
             coordinates = coordinates_of(scene)
-            layout%n_curve_state = state_size(2*size(self%tuples, 2)*coordinates%n, scene) + merge(1, 0, layout%has_own_tuples)
+            layout%n_curve_state = state_size(2*size(layout%tuples, 2)*coordinates%n, scene) + merge(1, 0, layout%has_own_tuples)
          end if
          allocate (layout%parameters(size(plan%parameters)))
          do i = 1, size(plan%parameters)
@@ -297,14 +300,15 @@ contains
    end function libraries_of
 
    !> What one point takes in the result file, and to how many datasets it is written.
-   subroutine row_of_study(self, n_bytes, n_datasets)
+   subroutine row_of_study(self, n_bytes, n_datasets, n_places)
       type(study_t), intent(in) :: self
       real(wp), intent(out) :: n_bytes
       integer, intent(out) :: n_datasets
+      integer, intent(in), optional :: n_places                       !! for harmonics; default: all
       type(results_layout_t) :: layout
       type(plan_t) :: plan
 
-      call describe_rows(self, 1, layout)
+      call describe_rows(self, 1, layout, n_places)
       call new_plan(plan, layout)
       call measure_row(plan, size(layout%parameters), n_bytes, n_datasets)
    end subroutine row_of_study

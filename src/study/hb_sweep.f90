@@ -30,6 +30,7 @@ module hb_sweep
    use hb_scene, only: scene_t
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
    use hb_signals, only: wait_for_points
+   use hb_spare_places, only: take_out_spare_places
    use hb_study, only: describe_layout, study_t
    use hb_swept_curve, only: new_swept_curve, swept_curve_t
    use hb_swept_point, only: run_point
@@ -127,6 +128,7 @@ contains
          call check_written(options%path, summary%n_left, error)
       if (rank_of(comm) == 0 .and. run%before%is_there .and. allocated(self%plan%curve) .and. .not. allocated(error)) &
          call recount(options%path, summary, error)
+      if (rank_of(comm) == 0 .and. summary%n_left == 0 .and. .not. allocated(error)) call take_out_spare_places(self, options%path)
       call share_error(comm, error)
       call run%ending%destroy()
       summary%seconds = wall_clock() - started

@@ -52,6 +52,20 @@ def test_ranks_and_resume_change_no_bit(tmp_path):
     assert run("info", "--check", one, cwd=tmp_path).status == 0
 
 
+def test_a_complete_file_has_places_for_what_its_points_use(tmp_path):
+    wide = 2000  # max_harmonics
+    done, path = _solve(SCENE + SWEEP.replace("n = 8", "n = 16"), tmp_path, "--time-limit", "1e-9")
+    with h5py.File(path) as file:
+        assert file["coefficients"].shape == (16, 1, wide, 2)
+    assert run("resume", path, cwd=tmp_path).status == 0
+    with h5py.File(path) as file:
+        assert file["coefficients"].shape == (16, 1, file["n_harmonics"][()].max(), 2)
+    made = path.read_bytes()
+    assert run("resume", path, cwd=tmp_path).status == 0  # nothing is left
+    assert path.read_bytes() == made
+    assert run("info", "--check", path, cwd=tmp_path).status == 0
+
+
 def test_sets_differ_and_are_read(tmp_path):
     done, path = _solve(SCENE + SWEEP, tmp_path)
     assert done.status == 0, done.stderr

@@ -21,6 +21,16 @@ MUTANTS = [
         ),
     ),
     *of(
+        "study/hb_results_copy.f90",
+        (
+            "copy_checksums",
+            "test_hb_results_file",
+            "rows of fewer places keep the checksums of more",
+            "rows(1, :) = merge(sums, 0, rows(1, :) /= 0)",
+            "continue",
+        ),
+    ),
+    *of(
         "study/hb_marched_motion.f90",
         (
             "marched_repeats",
