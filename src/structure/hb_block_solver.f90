@@ -1,14 +1,14 @@
 !> Linear equations with a square block of the dynamic stiffness at one frequency after the other.
 !>
-!> Blocks that are diagonal but for a border are factored as such (hb_arrow_factors), narrow ones as band matrices, large ones
-!> with few
-!> entries as sparse ones (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the first with row exchanges. Rows
-!> and columns are scaled once with the sizes on the diagonal, so that the verdict
-!> "singular" does not depend on units.
+!> Blocks that are diagonal but for a border are factored as such (hb_arrow_factors), narrow ones as band matrices (hb_narrow_band,
+!> or LAPACK), large ones with few entries as sparse ones (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the
+!> first with row exchanges. Rows and columns are scaled once with the sizes on the diagonal, so that the verdict "singular" does
+!> not depend on units.
 module hb_block_solver
    use hb_arrow_factors, only: arrow_factors_t, new_arrow_factors
    use hb_kinds, only: wp
    use hb_lapack, only: zgbtrf, zgbtrs, zgetrf, zgetrs
+   use hb_narrow_band, only: factorise_narrow, solve_narrow, widest_narrow
    use hb_small_lu, only: factorise_small, largest_small, solve_small
    use hb_structure_block, only: structure_block_t
    use hb_umfpack, only: umfpack_t
@@ -25,6 +25,7 @@ module hb_block_solver
    type :: block_solver_t
       integer :: n = 0                                       !! order of the block
       logical :: is_banded = .false., is_sparse = .false.
+      logical, private :: is_narrow = .false.                !! a band of few diagonals
       logical, private :: is_arrow = .false.                 !! at the present frequency
       type(arrow_factors_t), private :: arrow
       complex(wp), allocatable :: rhs(:, :)                  !! (n, n_rhs + 1), right-hand sides, solutions
@@ -84,6 +85,7 @@ contains
       self%is_sparse = n >= least_sparse .and. real(min(n_rows, n), wp)*n > emptiness*block%n_entries
       if (self%arrow%is_arrow) self%is_sparse = .false.
       self%is_banded = 2*n_rows <= n .and. .not. (self%is_sparse .or. self%arrow%is_arrow)
+      self%is_narrow = self%is_banded .and. self%n_lower + self%n_upper <= widest_narrow
       if (.not. self%is_banded) n_rows = max(1, n)
       if (self%is_sparse) then
          n_rows = 0
@@ -170,6 +172,8 @@ contains
          is_singular = .false.
       else if (self%is_sparse) then
          is_singular = .not. self%factors%factorise(self%s(self%by_column))
+      else if (self%is_narrow) then
+         call factorise_narrow(self%matrix, self%n_lower, self%n_upper, self%pivots, is_singular)
       else if (self%is_banded) then
          call zgbtrf(self%n, self%n, self%n_lower, self%n_upper, self%matrix, size(self%matrix, 1), &
                      self%pivots, info)
@@ -232,6 +236,8 @@ contains
          do i = 1, size(b, 2)
             call self%factors%solve(b(:, i), form == "C")
          end do
+      else if (self%is_narrow .and. form == "N") then
+         call solve_narrow(self%matrix, self%n_lower, self%n_upper, self%pivots, b)
       else if (self%is_banded) then
          call zgbtrs(form, self%n, self%n_lower, self%n_upper, size(b, 2), self%matrix, &
                      size(self%matrix, 1), self%pivots, b, self%n, info)

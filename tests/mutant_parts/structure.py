@@ -4,6 +4,23 @@ from mutant_parts.mutant import of
 
 MUTANTS = [
     *of(
+        "structure/hb_narrow_band.f90",
+        (
+            "narrow_band_exchange",
+            "test_hb_narrow_band",
+            "rows that were exchanged are taken to reach no further",
+            "last = max(last, min(n, k + n_upper + p))",
+            "last = max(last, min(n, k + n_upper))",
+        ),
+        (
+            "narrow_band_sides",
+            "test_hb_narrow_band",
+            "right-hand sides are not exchanged",
+            "b(pivots(k), j) = b(k, j)",
+            "continue",
+        ),
+    ),
+    *of(
         "structure/hb_arrow_factors.f90",
         (
             "arrow_adjoint",
