@@ -206,6 +206,13 @@ MUTANTS = [
             "",
         ),
         (
+            "kept_interior",
+            "test_hb_kept_linear_part",
+            "the motion of all degrees of freedom is asked of a linear part that does not have it",
+            "if (is_same) is_same = self%linear%has_interior() .or. .not. of_interior",
+            "",
+        ),
+        (
             "kept_supports",
             "test_hb_kept_linear_part",
             "what a homotopy has left of the supports stands in the next point",
