@@ -278,8 +278,8 @@ MUTANTS = [
             "odd_load",
             "test_hb_odd_symmetry",
             "loads of even tuples pass",
-            "if (any(abs(loads(:, h)) > 0.0_wp)) reason",
-            "if (any(abs(loads(:, h)) < 0.0_wp)) reason",
+            "if (.not. loads%is_zero_at(h)) reason",
+            "if (loads%n_dofs < 0) reason",
         ),
     ),
     *of(

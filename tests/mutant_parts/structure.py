@@ -13,6 +13,13 @@ MUTANTS = [
             "k = size(self%harmonics) + 1",
         ),
         (
+            "amplitudes_at",
+            "test_hb_amplitudes",
+            "loads of the first tuples stand for those of the unknown ones",
+            "numbers(places) = [(i, i=1, size(places))]",
+            "numbers(:size(places)) = [(i, i=1, size(places))]",
+        ),
+        (
             "amplitudes_replaced",
             "test_hb_amplitudes",
             "loads that went are kept",
