@@ -473,11 +473,13 @@ contains
       class(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(in) :: law_coefficients(:, :)               !! [m], (n_law, n_harmonics)
       complex(wp), intent(out) :: coefficients(:, :)                  !! [m], (n_dofs, n_harmonics)
+      complex(wp) :: held(size(self%interior))
       integer :: h
 
       do h = 1, self%n_harmonics
          coefficients(self%coordinates%places, h) = law_coefficients(:, h)
-         coefficients(self%interior, h) = self%held_motion%of(h) - matmul(self%transfer(:, :, h), law_coefficients(:, h))
+         held = self%held_motion%of(h)
+         coefficients(self%interior, h) = held - matmul(self%transfer(:, :, h), law_coefficients(:, h))
       end do
       call self%coordinates%motion_from(coefficients)
    end subroutine dynamic_stiffness_recover
