@@ -167,6 +167,7 @@ contains
       associate (reduction => structure%reduction)
          if (reduction%n_full == 0) then
             call say("structure   "//to_text(structure%n_dofs)//" degrees of freedom")
+            if (allocated(reduction%left_out)) call say("            not reduced: "//reduction%left_out)
             return
          end if
          call say("structure   "//to_text(reduction%n_full)//" degrees of freedom, reduced to "//to_text(structure%n_dofs))

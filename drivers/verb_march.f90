@@ -114,7 +114,7 @@ contains
          call scene%structure%refuse_large("marching", max_dofs, error)
          if (allocated(error)) return
          frequencies = scene%harmonics%frequencies(omega)
-         call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, omega)
+         call new_march_system(system, scene%structure, scene%laws, scene%loads%whole(), frequencies, omega)
          call first_state(scene, system, frequencies, content%state, error)
          if (allocated(error)) return
          step = step_of(scene%march, omega)
@@ -175,7 +175,7 @@ contains
       each(1) = content%judgement
       kind = 1
       do i = 1, size(each)
-         call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, scene%tones%omega)
+         call new_march_system(system, scene%structure, scene%laws, scene%loads%whole(), frequencies, scene%tones%omega)
          if (i == 1) then
             size_of_motion = maxval(abs(matmul(content%record%every_displacement, system%laws%shape(scene%output%dofs, :))))
             if (size_of_motion <= 0.0_wp) size_of_motion = max(system%length, tiny(1.0_wp))
@@ -270,8 +270,8 @@ contains
       if (len(scene%march%record) > 0) then
          call read_march_state(scene%march%record, state, error)
       else if (scene%march%start == march_start%given) then
-         state%q = sum(real(scene%start, wp), 2)
-         state%v = matmul(-aimag(scene%start), frequencies)
+         state%q = sum(real(scene%start%values), 2)
+         state%v = matmul(-aimag(scene%start%values), frequencies(scene%start%harmonics))
       end if
    end subroutine first_state
 

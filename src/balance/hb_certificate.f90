@@ -5,6 +5,7 @@
 !> one step towards balancing them estimates its error. Source: docs/user/theory.md, section 7.
 module hb_certificate
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_amplitudes, only: amplitudes_t
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: transfer_coefficients
    use hb_bordered, only: bordered_problem_t
@@ -77,7 +78,7 @@ contains
    subroutine certify(self, structure, loads, torus, balance, u, effort, n_steps, error, phase, curve, looks_near, keeps_refined)
       type(certificate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
-      complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
+      type(amplitudes_t), intent(in) :: loads                         !! [N]
       type(torus_t), intent(in) :: torus                              !! grid of the solution
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: u(:, :)                                 !! [m]
@@ -126,19 +127,16 @@ contains
       subroutine make_wide_balance()
          type(dynamic_stiffness_t) :: stiffness
          type(linear_part_t), allocatable :: linear
-         complex(wp), allocatable :: wide_loads(:, :)
-         integer :: h
+         type(amplitudes_t) :: wide_loads
 
-         allocate (wide_loads(structure%n_dofs, set%n_harmonics), source=(0.0_wp, 0.0_wp))
-         do h = 1, balance%harmonics%n_harmonics
-            wide_loads(:, set%index_of(balance%harmonics%tuples(:, h))) = loads(:, h)
-         end do
+         wide_loads = loads%in_set(balance%harmonics, set)
          if (associated(balance%kept_wide)) then
             call balance%kept_wide%take(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
-                                        linear, error)
+                                        linear, error, of_interior=n_steps > 0 .or. keeps_all(self, balance))
          else
             call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &
-                                       wide_loads, error, wanted_slopes_t(drives=set%frequencies(balance%xi*balance%omega)))
+                                       wide_loads, error, wanted_slopes_t(of_interior=n_steps > 0 .or. keeps_all(self, balance), &
+                                       drives=set%frequencies(balance%xi*balance%omega)))
             if (allocated(error)) return
             allocate (linear)
             call new_linear_part(linear, stiffness)
@@ -155,7 +153,7 @@ contains
       type(structure_t), intent(in) :: structure
       type(tones_t), intent(in) :: tones
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
-      complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
+      type(amplitudes_t), intent(in) :: loads                         !! [N]
       complex(wp), intent(in) :: c(:, :)                              !! a - i b [m], as loads
 
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
@@ -364,7 +362,7 @@ contains
          change = change*min(1.0_wp, most_given_way*norm2(answer)/max(norm2(change(:size(u))), tiny(1.0_wp)))
       self%truncation = sqrt(norm2(change(:size(u)))**2 + norm2(answer)**2)/size_of_motion
       call find_first_order()
-      if (size(balance%omega) == 1 .or. self%keeps_refined) call keep_refined()
+      if (keeps_all(self, balance)) call keep_refined()
       if (present(phase)) then
          associate (first => size(u) + 1, last => size(u) + size(phase%tones))
             self%frequency_error(phase%tones) = hypot(change(first:last), alias(first:last))
@@ -440,6 +438,14 @@ contains
          end if
       end subroutine solve_tangent
    end subroutine estimate_errors
+
+   !> Whether the motion of all degrees of freedom is found in the wider set, too.
+   pure logical function keeps_all(self, balance)
+      type(certificate_t), intent(in) :: self
+      type(balance_t), intent(in) :: balance
+
+      keeps_all = size(balance%omega) == 1 .or. self%keeps_refined
+   end function keeps_all
 
    !> Norm of the coefficients of each harmonic over all coordinates.
    pure function amplitudes(set, u) result(sizes)
@@ -573,12 +579,13 @@ contains
       type(certificate_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
       real(wp), intent(in) :: frequencies(:)
-      complex(wp), intent(in) :: loads(:, :), c(:, :)
+      type(amplitudes_t), intent(in) :: loads
+      complex(wp), intent(in) :: c(:, :)
       integer :: h
 
       do h = 1, size(frequencies)
          associate (w => frequencies(h))
-            self%power_in = self%power_in - 0.5_wp*w*aimag(dot_product(loads(:, h), c(:, h)))
+            self%power_in = self%power_in - 0.5_wp*w*aimag(dot_product(loads%of(h), c(:, h)))
             self%power_damping = self%power_damping + 0.5_wp*w**2*real(dot_product(c(:, h), structure%damping_times(c(:, h))))
          end associate
       end do

@@ -4,6 +4,7 @@
 !> Laws with f(-q, -v) = -f(q, v) and loads of odd tuples alone allow motions u(tau + pi) = -u(tau), all phases shifted, whose
 !> tuples have odd sums. Others may exist beside these. Source: docs/user/theory.md, section 2.
 module hb_odd_symmetry
+   use hb_amplitudes, only: amplitudes_t
    use hb_harmonics, only: harmonics_t, tuple_text
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
@@ -19,7 +20,7 @@ contains
       type(law_box_t), intent(in) :: laws(:)
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus                              !! of the laws
-      complex(wp), intent(in), optional :: loads(:, :)                !! [N], (any, n_harmonics)
+      type(amplitudes_t), intent(in), optional :: loads               !! [N]
       character(:), allocatable :: reason
       integer :: h, i
 
@@ -30,7 +31,7 @@ contains
       do h = 1, harmonics%n_harmonics
          if (.not. present(loads)) exit
          if (.not. is_even(harmonics, h)) cycle
-         if (any(abs(loads(:, h)) > 0.0_wp)) reason = "there is a load of the even tuple "//tuple_text(harmonics%tuples(:, h))
+         if (.not. loads%is_zero_at(h)) reason = "there is a load of the even tuple "//tuple_text(harmonics%tuples(:, h))
       end do
       if (any(modulo(torus%n_samples, 2) /= 0)) reason = "the number of samples of a tone is odd"
       if (all([(is_even(harmonics, h), h=1, harmonics%n_harmonics)])) reason = "the set of harmonics has no odd tuple"

@@ -6,10 +6,12 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/time.h>
 #include <unistd.h>
 
 #define MAX_TEXT 512
 #define MAX_LAST_WORDS 1024
+#define MAX_ENTRY 128
 #define STACK_SIZE 65536 /* for the handler alone, where the stack of the process has come to its end */
 
 typedef struct {
@@ -39,7 +41,11 @@ static pid_t watched_process;
 static int is_guarded = 0;
 static char last_words[MAX_LAST_WORDS];
 static size_t n_last_words = 0;
+static char last_entry[MAX_ENTRY];
+static size_t n_last_entry = 0;
 static int last_status = 1;
+static int has_limit = 0;
+static struct sigaction before_limit;
 
 static int is_caught = 0;
 static struct sigaction before[sizeof crashes / sizeof crashes[0]];
@@ -105,15 +111,38 @@ static int note_crash(const char *cause)
    return write(STDERR_FILENO, line, length) < 0 ? -1 : 1;
 }
 
+static void speak_last_words(const char *more)
+{
+   char line[MAX_LAST_WORDS + MAX_ENTRY + MAX_TEXT];
+   memcpy(line, last_words, n_last_words);
+   size_t length = n_last_words;
+   if (n_last_entry > 0) {
+      memcpy(line + length, ", at '", 6);
+      memcpy(line + length + 6, last_entry, n_last_entry);
+      line[length + 6 + n_last_entry] = '\'';
+      length += 7 + n_last_entry;
+   }
+   while (*more != '\0') line[length++] = *more++;
+   line[length++] = '\n';
+   const ssize_t n_written = write(STDERR_FILENO, line, length);
+   (void)n_written;
+}
+
+static void on_limit(int number)
+{
+   (void)number;
+   if (!is_guarded) return;
+   speak_last_words("; it found no end");
+   (void)note_crash("SIGVTALRM (no end in sight)");
+   _exit(last_status);
+}
+
 static void on_crash(int number, siginfo_t *information, void *context)
 {
    (void)context;
    size_t i = 0;
    while (i < n_crashes && crashes[i].number != number) i++;
-   if (is_guarded) {
-      const ssize_t n_written = write(STDERR_FILENO, last_words, n_last_words);
-      (void)n_written;
-   }
+   if (is_guarded) speak_last_words("");
    if (i < n_crashes) (void)note_crash(crashes[i].cause);
    if (is_guarded) _exit(last_status);
    if (i < n_crashes) sigaction(number, &before[i], NULL);
@@ -167,18 +196,50 @@ static void let_go(void)
       put_back(n_crashes);
 }
 
-int hb_raise_guard(const char *text, int exit_status)
+/* Lets a signal come after some seconds of work. */
+static int set_limit(double seconds)
 {
+   const time_t whole = (time_t)seconds;
+   const struct itimerval timer = {.it_value = {.tv_sec = whole, .tv_usec = (suseconds_t)(1.0e6 * (seconds - (double)whole))}};
+   struct sigaction action;
+   memset(&action, 0, sizeof action);
+   action.sa_handler = on_limit;
+   action.sa_flags = has_stack ? SA_ONSTACK : 0;
+   sigfillset(&action.sa_mask);
+   if (sigaction(SIGVTALRM, &action, has_limit ? NULL : &before_limit) != 0) return -1;
+   has_limit = 1;
+   return setitimer(ITIMER_VIRTUAL, &timer, NULL);
+}
+
+int hb_raise_guard(const char *text, int exit_status, double seconds)
+{
+   n_last_entry = 0;
    n_last_words = strnlen(text, MAX_LAST_WORDS);
    memcpy(last_words, text, n_last_words);
    last_status = exit_status;
    is_guarded = catch_crashes() == 0;
+   if (is_guarded && seconds > 0.0) (void)set_limit(seconds);
    return is_guarded ? 0 : -1;
+}
+
+void hb_guard_entry(const char *entry, size_t n_bytes)
+{
+   if (!is_guarded) return;
+   n_last_entry = 0;
+   const size_t n_entry = n_bytes < MAX_ENTRY ? n_bytes : MAX_ENTRY;
+   memcpy(last_entry, entry, n_entry);
+   n_last_entry = n_entry;
 }
 
 void hb_lower_guard(void)
 {
    is_guarded = 0;
+   if (has_limit) {
+      const struct itimerval none = {.it_value = {.tv_sec = 0}};
+      (void)setitimer(ITIMER_VIRTUAL, &none, NULL);
+      (void)sigaction(SIGVTALRM, &before_limit, NULL);
+      has_limit = 0;
+   }
    let_go();
 }
 

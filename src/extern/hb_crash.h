@@ -8,6 +8,8 @@
 #ifndef HB_CRASH_H
 #define HB_CRASH_H
 
+#include <stddef.h>
+
 /* What is noted, and where: bytes of the file, of the first row each. */
 typedef struct {
    long long status_offset;  /* of rows of four bytes, least significant first */
@@ -32,8 +34,12 @@ void hb_end_point(void);
 void hb_end_watch(void);
 
 /* From here on, should this process receive one of these signals, it writes `text`, cut to 1024 bytes, to standard error and ends
-   at once with `exit_status`; a point under way is noted as crashed. Returns 0, or -1 where a handler cannot be set. */
-int hb_raise_guard(const char *text, int exit_status);
+   at once with `exit_status`; a point under way is noted as crashed. The same when it has worked for `seconds` of its own time,
+   unless that is 0. Returns 0, or -1 where a handler cannot be set. */
+int hb_raise_guard(const char *text, int exit_status, double seconds);
+
+/* Says what a guarded library is at, for the text: `entry`, of n_bytes, is written behind it. */
+void hb_guard_entry(const char *entry, size_t n_bytes);
 
 /* Ends what hb_raise_guard has begun; handlers that were set in between are undone. */
 void hb_lower_guard(void);

@@ -1,20 +1,30 @@
-!> A guard around calls of libraries that die of damaged files, such as HDF5 and the loader of shared libraries: the process
-!> still ends, for its memory may be spoilt, but with a message and the exit status of bad input.
+!> A guard around calls of libraries that die of damaged files, or find no end, such as HDF5 and the loader of shared libraries: the
+!> process still ends, for its memory may be spoilt, but with a message and the exit status of bad input.
 module hb_guard
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
+   use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int, c_null_char, c_size_t
+   use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: lower_guard, raise_guard
+   public :: guard_file, lower_guard, name_guarded, raise_guard
 
    integer(c_int), parameter :: bad_input = 2                         ! exit status, docs/user/running.md
    integer, parameter :: longest = 1000
+   real(wp), parameter :: seconds_at_least = 2.0_wp                   ! that any file may take; most take 0.01 s
+   real(wp), parameter :: bytes_per_second = 1.0e6_wp                 ! a hundredth of what computers read
 
    interface
-      integer(c_int) function hb_raise_guard(text, exit_status) bind(c, name="hb_raise_guard")
-         import :: c_char, c_int
+      integer(c_int) function hb_raise_guard(text, exit_status, seconds) bind(c, name="hb_raise_guard")
+         import :: c_char, c_double, c_int
          character(c_char), intent(in) :: text(*)
          integer(c_int), value :: exit_status
+         real(c_double), value :: seconds
       end function hb_raise_guard
+
+      subroutine hb_guard_entry(entry, n_bytes) bind(c, name="hb_guard_entry")
+         import :: c_char, c_size_t
+         character(c_char), intent(in) :: entry(*)
+         integer(c_size_t), value :: n_bytes
+      end subroutine hb_guard_entry
 
       subroutine hb_lower_guard() bind(c, name="hb_lower_guard")
       end subroutine hb_lower_guard
@@ -24,12 +34,33 @@ contains
 
    !> From here on a signal such as SIGSEGV or SIGBUS makes the process write `text`, cut to 1000 bytes, and end. Where the
    !> system does not allow this, the signal does what it would have done.
-   subroutine raise_guard(text)
+   subroutine raise_guard(text, seconds)
       character(*), intent(in) :: text                                !! what the user should know; `nhbm: ` comes before it
+      real(wp), intent(in), optional :: seconds                       !! of processor time after which the same happens; else never
       integer(c_int) :: ignored
+      real(c_double) :: limit
 
-      ignored = hb_raise_guard("nhbm: "//text(:min(len(text), longest))//new_line("a")//c_null_char, bad_input)
+      limit = 0.0_c_double
+      if (present(seconds)) limit = seconds
+      ignored = hb_raise_guard("nhbm: "//text(:min(len(text), longest))//c_null_char, bad_input, limit)
    end subroutine raise_guard
+
+   !> Raises a guard for an HDF5 file that this process reads by itself, with a limit of time by its size.
+   subroutine guard_file(path)
+      character(*), intent(in) :: path
+      integer(int64) :: n_bytes
+
+      inquire (file=path, size=n_bytes)
+      call raise_guard("'"//path//"': HDF5 died of this file; it is damaged", &
+                       seconds_at_least + real(max(n_bytes, 0_int64), wp)/bytes_per_second)
+   end subroutine guard_file
+
+   !> Says which entry of a guarded file is read, for the message.
+   subroutine name_guarded(entry)
+      character(*), intent(in) :: entry
+
+      call hb_guard_entry(entry, len(entry, c_size_t))
+   end subroutine name_guarded
 
    !> Ends what `raise_guard` began.
    subroutine lower_guard()

@@ -13,6 +13,7 @@ module hb_hdf5
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_c_binding, only: c_char, c_loc, c_null_char, c_null_ptr, c_ptr
    use hb_error, only: annotate, error_t, fail
+   use hb_guard, only: name_guarded
    use hb_hdf5_attributes, only: h5_object_t
    use hb_hdf5_datasets, only: h5_dataset_t
    use hb_hdf5_library, only: check, new_byte_type, new_space, new_text_type, no_id, start_library, switch_locking_off
@@ -345,6 +346,7 @@ contains
       integer :: class, n_dimensions, status
 
       dataset%place = self%place//": dataset '"//name//"'"
+      call name_guarded(name)
       call h5dopen_f(self%id, name, dataset%id, status)
       call check(status, "open", error, dataset%place)
       if (allocated(error)) then

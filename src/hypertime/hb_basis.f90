@@ -21,7 +21,6 @@ module hb_basis
       procedure :: is_whole => basis_is_whole
       procedure :: restrict => basis_restrict
       procedure :: expand => basis_expand
-      procedure :: amplitudes_of => basis_amplitudes_of
       procedure :: transfer => basis_transfer
       procedure :: bytes => basis_bytes
    end type basis_t
@@ -88,15 +87,6 @@ contains
          call transfer_coefficients(self%harmonics, self%whole, u, coefficients)
       end if
    end function basis_expand
-
-   !> Amplitudes of the unknown tuples, of loads for example.
-   pure function basis_amplitudes_of(self, amplitudes) result(kept)
-      class(basis_t), intent(in) :: self
-      complex(wp), intent(in) :: amplitudes(:, :)                     !! (any, whole%n_harmonics)
-      complex(wp) :: kept(size(amplitudes, 1), size(self%places))
-
-      kept = amplitudes(:, self%places)
-   end function basis_amplitudes_of
 
    !> Unknowns of another basis as those of this one: what both have; the others are zero.
    pure function basis_transfer(self, other, u) result(own)

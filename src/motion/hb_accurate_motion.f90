@@ -484,6 +484,6 @@ contains
       integer :: h
 
       tuples = scene%harmonics%tuples(:, pack([(h, h=1, scene%harmonics%n_harmonics)], &
-         [(any(abs(scene%loads(:, h)) > 0.0_wp) .or. any(abs(scene%start(:, h)) > 0.0_wp), h=1, scene%harmonics%n_harmonics)]))
+         [(.not. (scene%loads%is_zero_at(h) .and. scene%start%is_zero_at(h)), h=1, scene%harmonics%n_harmonics)]))
    end function loaded_tuples
 end module hb_accurate_motion

@@ -49,7 +49,7 @@ contains
       associate (tones => scene%tones)
          self%tones = pack([(m, m=1, tones%n_tones)], tones%is_unknown)
          self%has_motion = any([(any(basis%harmonics%tuples(self%tones, h) /= 0) .and. &
-                                 any(abs(scene%start(:, basis%places(h))) > 0.0_wp), h=1, basis%harmonics%n_harmonics)])
+                                 .not. scene%start%is_zero_at(basis%places(h)), h=1, basis%harmonics%n_harmonics)])
          self%omega = tones%omega
          where (self%omega <= 0.0_wp) self%omega = 1.0_wp             ! any: the base motion does not know these tones
          call new_base_balance(balance, scene, basis, coordinates, self%omega, error)
@@ -86,7 +86,6 @@ contains
       type(dynamic_stiffness_t) :: stiffness
       type(harmonics_t) :: set
       type(torus_t) :: grid
-      complex(wp), allocatable :: all_loads(:, :), loads(:, :)
       integer, allocatable :: tuples(:, :), kept(:)
       integer :: h, samples(size(omega))
 
@@ -104,10 +103,8 @@ contains
       call new_torus(grid, samples, set, error)
       if (allocated(error)) return
       grid%corrects_kinks = basis%torus%corrects_kinks
-      all_loads = basis%amplitudes_of(scene%loads)
-      allocate (loads(scene%structure%n_dofs, set%n_harmonics), source=(0.0_wp, 0.0_wp))
-      loads(:, set%n_harmonics - size(kept) + 1:) = all_loads(:, kept)
-      call new_dynamic_stiffness(stiffness, scene%structure, coordinates, set%frequencies(omega), loads, error)
+      call new_dynamic_stiffness(stiffness, scene%structure, coordinates, set%frequencies(omega), &
+                                 scene%loads%in_set(scene%harmonics, set), error)
       if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, laws_at(coordinates, scene%laws), &
                                                   scene%planning, error)
    end subroutine new_base_balance
@@ -257,6 +254,6 @@ contains
 
       load = 0.0_wp
       h = scene%harmonics%index_of(spread(0, 1, scene%tones%n_tones))
-      if (h > 0) load = real(scene%loads(:, h))
+      if (h > 0) load = real(scene%loads%of(h))
    end function constant_load
 end module hb_autonomous

@@ -50,14 +50,14 @@ contains
       type(coordinates_t), intent(in) :: coordinates
       type(settled_t), intent(in) :: settled
       type(motion_result_t), intent(inout) :: result
-      complex(wp), dimension(size(scene%loads, 1), scene%harmonics%n_harmonics) :: c, forces
+      complex(wp), dimension(scene%loads%n_dofs, scene%harmonics%n_harmonics) :: c, forces
       real(wp) :: w(scene%harmonics%n_harmonics)
       integer :: h
 
       c = settled%amplitudes
       w = scene%harmonics%frequencies(scene%tones%omega)
       do h = 1, size(w)
-         forces(:, h) = scene%loads(:, h) - forces_of(scene, c(:, h), w(h))
+         forces(:, h) = scene%loads%of(h) - forces_of(scene, c(:, h), w(h))
       end do
       result%frequency = scene%tones%omega
       result%n_harmonics = scene%harmonics%n_harmonics
@@ -82,7 +82,7 @@ contains
          found%power_in = 0.0_wp
          found%power_damping = 0.0_wp
          do h = 1, size(w)
-            found%power_in = found%power_in - 0.5_wp*w(h)*aimag(dot_product(scene%loads(:, h), c(:, h)))
+            found%power_in = found%power_in - 0.5_wp*w(h)*aimag(dot_product(scene%loads%of(h), c(:, h)))
             found%power_damping = found%power_damping + &
                                   0.5_wp*w(h)**2*real(dot_product(c(:, h), scene%structure%damping_times(c(:, h))))
          end do

@@ -50,10 +50,10 @@ contains
       n = unknowns(s, s%n_harmonics)
       bytes%model = s%reading
       bytes%structure = copies_kept*real_bytes*merge(3*s%n_entries, s%n_dofs**2, s%is_sparse) + interior_bytes(s)
-      bytes%linear = linear_bytes(s, s%n_harmonics) + 2*complex_bytes*s%n_dofs*s%n_harmonics
+      bytes%linear = linear_bytes(s, s%n_harmonics, .true.)
       bytes%samples = sample_bytes(s, s%n_harmonics, s%samples, .true., .true.)
       bytes%results = complex_bytes*s%n_harmonics*(2*s%n_stored_dofs + 3*s%n_law_dofs + s%n_dofs)
-      if (size(s%stored_samples) > 0) bytes%results = bytes%results + linear_bytes(s, s%n_harmonics) &
+      if (size(s%stored_samples) > 0) bytes%results = bytes%results + linear_bytes(s, s%n_harmonics, .true.) &
          + sample_bytes(s, s%n_harmonics, s%stored_samples, .false., .false.) &
          + 4*real_bytes*s%n_law_dofs*volume(s%stored_samples)
       if (s%n_coordinates <= 0) bytes%samples = 0
@@ -80,8 +80,9 @@ contains
       orders = wider_orders(s%highest)
       samples = wider_samples(s%samples, orders)
       n_wide = 0.5_wp*(volume(2*orders + 1) + 1)
-      bytes%certificate = certificate + real_bytes*4*unknowns(s, n_wide) + linear_bytes(s, n_wide) &
-                          + complex_bytes*s%n_dofs*n_wide + sample_bytes(s, n_wide, samples, .true., .false.)
+      bytes%certificate = certificate + real_bytes*4*unknowns(s, n_wide) + linear_bytes(s, n_wide, size(orders) == 1) &
+                          + complex_bytes*s%n_dofs*merge(n_wide, s%n_harmonics, size(orders) == 1) &
+                          + sample_bytes(s, n_wide, samples, .true., .false.)
    end function estimate_memory
 
    !> Bytes of a point whose direct attempt succeeds.
@@ -283,12 +284,13 @@ contains
    end function interior_bytes
 
    !> Condensed stiffness, and factors of the two harmonics that laws ask for; see hb_dynamic_stiffness and hb_linear_part.
-   pure real(wp) function linear_bytes(s, n_harmonics)
+   pure real(wp) function linear_bytes(s, n_harmonics, of_interior)
       type(sizes_t), intent(in) :: s
       real(wp), intent(in) :: n_harmonics
+      logical, intent(in) :: of_interior                              !! what the motion of all degrees of freedom needs is kept
 
       associate (l => s%n_coordinates)
-         linear_bytes = complex_bytes*(n_harmonics*((s%n_dofs - l)*(l + 1) + l*(s%n_rows + 1) + 6.5_wp*l) + &
+         linear_bytes = complex_bytes*(n_harmonics*(merge((s%n_dofs - l)*l, 0.0_wp, of_interior) + l*(s%n_rows + 1) + 6.5_wp*l) + &
                                        2*l*s%n_factor_rows) &
                         + integer_bytes*n_harmonics*(size(s%highest) + 4)
       end associate

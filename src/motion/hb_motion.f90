@@ -2,6 +2,7 @@
 module hb_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_advice, only: advice_on, circumstances_t, find_circumstances
+   use hb_amplitudes, only: amplitudes_t
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, whole_basis
@@ -257,12 +258,12 @@ contains
       if (present(kept)) keeps = associated(kept) .and. coordinates%n > 0
       if (keeps) then
          call kept%narrow%take(scene%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                               basis%amplitudes_of(scene%loads), linear, error)
+                               scene%loads%at(basis%places), linear, error)
       else
          call new_dynamic_stiffness(stiffness, scene%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                                    basis%amplitudes_of(scene%loads), error, &
+                                    scene%loads%at(basis%places), error, &
                                     wanted_slopes_t(is_on=is_autonomous, of_motion=scene%normal_mode%has_energy, &
-                                                    loads=basis%amplitudes_of(scene%load_slopes)))
+                                                    loads=scene%load_slopes%at(basis%places)))
       end if
       if (allocated(error)) return
       if (coordinates%n == 0) then
@@ -319,7 +320,7 @@ contains
       if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
       if (scene%certificate%is_on .and. result%status == outcome%converged) &
          call certify_linear(result%certificate, scene%structure, scene%tones, basis%harmonics%frequencies(scene%tones%omega), &
-                             basis%amplitudes_of(scene%loads), c)
+                             scene%loads%at(basis%places), c)
    end subroutine solve_linear_scene
 
    !> Solves the balance, and describes the motion found.
@@ -360,7 +361,7 @@ contains
          end if
          call add_start(scene, basis, balance%stiffness%coordinates, u)
          if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
-         if (allocated(guess) .or. any(abs(scene%start) > 0.0_wp)) balance%climbs_first = .false.   ! what is known comes first
+         if (allocated(guess) .or. .not. scene%start%is_zero()) balance%climbs_first = .false.   ! what is known comes first
          begun = wall_clock()
          call solve_unknowns(scene, balance, linear_solution, u, report)
       end if
@@ -476,14 +477,18 @@ contains
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(inout) :: u(:, :)
-      complex(wp) :: z(coordinates%n, basis%harmonics%n_harmonics)
-      integer :: h
+      complex(wp), allocatable :: z(:, :)
+      type(amplitudes_t) :: start
+      integer :: k
 
-      z = coordinates%amplitudes_of(basis%amplitudes_of(scene%start))
+      start = scene%start%at(basis%places)
       associate (set => basis%harmonics)
-         do h = 1, set%n_harmonics
-            u(set%cos_at(h), :) = u(set%cos_at(h), :) + real(z(:, h))
-            if (set%sin_at(h) > 0) u(set%sin_at(h), :) = u(set%sin_at(h), :) - aimag(z(:, h))
+         z = coordinates%amplitudes_of(start%values)
+         do k = 1, size(start%harmonics)
+            associate (cosine => set%cos_at(start%harmonics(k)), sine => set%sin_at(start%harmonics(k)))
+               u(cosine, :) = u(cosine, :) + real(z(:, k))
+               if (sine > 0) u(sine, :) = u(sine, :) - aimag(z(:, k))
+            end associate
          end do
       end associate
    end subroutine add_start

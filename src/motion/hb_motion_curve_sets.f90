@@ -5,6 +5,7 @@
 !> Neighbours share sets: one that grows is made for a part of the tolerance, and shrinks below a smaller part. The tuples of the
 !> lowest set always stay, as a motion may lose its symmetry on the way. Source: docs/user/accuracy.md.
 submodule (hb_motion_curve) hb_motion_curve_sets
+   use hb_amplitudes, only: as_amplitudes
    use hb_harmonics, only: harmonics_t, new_box
    use hb_rung, only: carry, choose_next, choose_smaller, join, margin
    implicit none
@@ -30,7 +31,7 @@ contains
       logical :: is_accurate, is_found
 
       scene = self%scene
-      scene%loads = (1.0_wp, 0.0_wp)
+      call need_all_tuples(scene)
       if (self%estimate <= ample*scene%accuracy%tolerance) call shrink(self, scene, error)
       if (allocated(error)) return
       first = standing_at(self)
@@ -158,7 +159,7 @@ contains
       logical :: is_found
 
       scene = self%scene
-      scene%loads = (1.0_wp, 0.0_wp)
+      call need_all_tuples(scene)
       n_idle = 0
       best = huge(1.0_wp)
       self%n_rungs = 1
@@ -321,4 +322,11 @@ contains
       self%x_start = carry(self%outset%rung%set, self%rung%set, self%outset%x, size(self%which))
       self%direction_start = carry(self%outset%rung%set, self%rung%set, self%outset%direction, size(self%which))
    end subroutine motion_curve_carry_start
+
+   !> Loads every tuple, so that none of the set is left out as one that nothing needs.
+   pure subroutine need_all_tuples(scene)
+      type(scene_t), intent(inout) :: scene
+
+      scene%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, scene%loads%n_dofs), 2, scene%loads%n_harmonics))
+   end subroutine need_all_tuples
 end submodule hb_motion_curve_sets

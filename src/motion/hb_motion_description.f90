@@ -114,8 +114,8 @@ contains
 
       if (scene%normal_mode%is_asked .or. config%method == stability_method%off .or. .not. allocated(scene%services%finder)) return
       call scene%services%finder%find(stability, config, motion, scene%structure, scene%laws, &
-                             excitation_t(scene%loads, scene%harmonics%frequencies(motion%tones%omega), scene%march%restitution), &
-                             work_allowed)
+                                      excitation_t(scene%loads, scene%harmonics%frequencies(motion%tones%omega), &
+                                                   scene%march%restitution), work_allowed)
    end subroutine ask_for_stability
 
    !> The tones of a scene at the frequencies of a solution.
@@ -231,11 +231,11 @@ contains
       keeps_refined = .false.
       if (allocated(scene%accuracy%outputs)) keeps_refined = size(scene%accuracy%outputs) > 0
       if (any(scene%tones%is_unknown) .and. present(search)) then
-         call certify(result%certificate, scene%structure, basis%amplitudes_of(scene%loads), basis%torus, balance, u, &
+         call certify(result%certificate, scene%structure, scene%loads%at(basis%places), basis%torus, balance, u, &
                       scene%planning, 0, error, search%phase, looks_near=scene%certificate%looks_near, &
                       keeps_refined=keeps_refined)
       else
-         call certify(result%certificate, scene%structure, basis%amplitudes_of(scene%loads), basis%torus, balance, u, &
+         call certify(result%certificate, scene%structure, scene%loads%at(basis%places), basis%torus, balance, u, &
                       scene%planning, scene%certificate%improvement_steps, error, curve=curve, &
                       looks_near=scene%certificate%looks_near, keeps_refined=keeps_refined)
       end if

@@ -250,7 +250,7 @@ contains
          end do
       end if
       h = scene%harmonics%index_of(tuple)
-      if (h > 0 .and. .not. is_needed) is_needed = any(abs(scene%loads(:, h)) > 0.0_wp)
+      if (h > 0 .and. .not. is_needed) is_needed = .not. scene%loads%is_zero_at(h)
    end function is_needed_at
 
    !> Puts the scene on the set and the grid of a rung.
@@ -266,25 +266,11 @@ contains
       call new_torus(here%torus, rung%n_samples, rung%set, error)
       if (allocated(error)) return
       here%torus%corrects_kinks = corrects_kinks
-      here%loads = on_set(scene%harmonics, rung%set, scene%loads)
-      here%load_slopes = on_set(scene%harmonics, rung%set, scene%load_slopes)
-      here%start = on_set(scene%harmonics, rung%set, scene%start)
+      here%loads = scene%loads%in_set(scene%harmonics, rung%set)
+      here%load_slopes = scene%load_slopes%in_set(scene%harmonics, rung%set)
+      here%start = scene%start%in_set(scene%harmonics, rung%set)
       call check_memory(sizes_of(here), scene%memory_limit, error)
    end subroutine put_on_rung
-
-   !> Amplitudes of one set as those of another; those that only this has are zero.
-   pure function on_set(from_set, to_set, amplitudes) result(moved)
-      type(harmonics_t), intent(in) :: from_set, to_set
-      complex(wp), intent(in) :: amplitudes(:, :)                     !! (any, from_set%n_harmonics)
-      complex(wp) :: moved(size(amplitudes, 1), to_set%n_harmonics)
-      integer :: h, k
-
-      moved = (0.0_wp, 0.0_wp)
-      do h = 1, from_set%n_harmonics
-         k = to_set%index_of(from_set%tuples(:, h))
-         if (k > 0) moved(:, k) = amplitudes(:, h)
-      end do
-   end function on_set
 
    !> Norm of the coefficients of each tuple over all coordinates.
    pure function amplitudes_of(rung) result(amplitudes)

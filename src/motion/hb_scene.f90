@@ -3,6 +3,7 @@
 !> The component initialisers of the types here and below are the defaults of the input; docs/user/input.md lists the keys.
 !> hb_scene_reader fills scenes from an input.
 module hb_scene
+   use hb_amplitudes, only: amplitudes_t
    use hb_fftw, only: planning
    use hb_first_way, only: first_way
    use hb_harmonics, only: harmonics_t
@@ -90,10 +91,10 @@ module hb_scene
       type(torus_t) :: torus
       type(law_box_t), allocatable :: laws(:)
       integer, allocatable :: law_groups(:)                           !! number of the group that each law comes from
-      complex(wp), allocatable :: loads(:, :)                         !! cos - i sin [N], (n_dofs, n_harmonics)
-      complex(wp), allocatable :: load_slopes(:, :)                   !! their derivatives by j.omega [N s], as loads
+      type(amplitudes_t) :: loads                                     !! [N], of `harmonics`
+      type(amplitudes_t) :: load_slopes                               !! their derivatives by j.omega [N s]
       logical :: has_inertia_loads = .false.                          !! some grow with the frequency
-      complex(wp), allocatable :: start(:, :)                         !! added to the first guess [m], as loads
+      type(amplitudes_t) :: start                                     !! added to the first guess [m]
       type(solver_config_t) :: solver
       logical :: start_from_linear = .true.                           !! first guess: the motion without laws, else zero
       logical :: start_from_march = .false.                           !! or where marching ends

@@ -1,9 +1,9 @@
 !> Amplitudes of a scene by harmonic: loads (`&load`) and what is added to the first guess (`&start`).
 module hb_scene_loads
+   use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_loads, only: add_harmonic
    use hb_properties, only: limits_t, properties_t
    use hb_scene, only: scene_t
    implicit none
@@ -18,8 +18,8 @@ contains
       type(document_t), intent(inout), target :: document
       integer :: i
 
-      self%loads = (0.0_wp, 0.0_wp)
-      self%load_slopes = (0.0_wp, 0.0_wp)
+      call new_amplitudes(self%loads, self%structure%n_dofs, self%harmonics%n_harmonics)
+      self%load_slopes = self%loads
       do i = 1, document%count("load")
          call read_load(self, document%group("load", i))
       end do
@@ -31,7 +31,7 @@ contains
       type(document_t), intent(inout), target :: document
       integer :: i
 
-      self%start = (0.0_wp, 0.0_wp)
+      call new_amplitudes(self%start, self%structure%n_dofs, self%harmonics%n_harmonics)
       do i = 1, document%count("start")
          call read_amplitude(self, document%group("start", i), "m", self%start)
       end do
@@ -41,7 +41,7 @@ contains
    subroutine read_load(self, group)
       type(scene_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
-      complex(wp), allocatable :: amplitudes(:, :)
+      type(amplitudes_t) :: amplitudes
       real(wp), allocatable :: w(:)
       character(4), parameter :: units(0:4) = [character(4) :: "N", "N s", "N s2", "N s3", "N s4"]
       integer :: h, power
@@ -53,18 +53,18 @@ contains
          return
       end if
       self%has_inertia_loads = .true.
-      allocate (amplitudes(size(self%loads, 1), size(self%loads, 2)), source=(0.0_wp, 0.0_wp))
+      call new_amplitudes(amplitudes, self%structure%n_dofs, self%harmonics%n_harmonics)
       call read_amplitude(self, group, trim(units(max(0, min(power, 4)))), amplitudes)
       w = self%harmonics%frequencies(merge(0.0_wp, self%tones%omega, self%tones%is_unknown))
       do h = 1, size(w)
-         if (.not. any(abs(amplitudes(:, h)) > 0.0_wp)) cycle
+         if (amplitudes%is_zero_at(h)) cycle
          if (any(self%tones%is_unknown .and. self%harmonics%tuples(:, h) /= 0)) then
             call group%problem("frequency_power", "a load cannot grow with a frequency that is unknown")
             return
          end if
-         self%loads(:, h) = self%loads(:, h) + abs(w(h))**power*amplitudes(:, h)
-         self%load_slopes(:, h) = self%load_slopes(:, h) + power*abs(w(h))**(power - 1)*sign(1.0_wp, w(h))*amplitudes(:, h)
       end do
+      call self%loads%add_scaled(amplitudes, abs(w)**power)
+      call self%load_slopes%add_scaled(amplitudes, power*abs(w)**(power - 1)*sign(1.0_wp, w))
    end subroutine read_load
 
    !> Reads `&load` and `&start`: `dof` or `vector`, `tuple`, `cos`, `sin`, added to the amplitudes.
@@ -72,13 +72,12 @@ contains
       type(scene_t), intent(in) :: self
       type(properties_t), intent(inout) :: group
       character(*), intent(in) :: unit                                !! of the amplitudes
-      complex(wp), intent(inout) :: amplitudes(:, :)
+      type(amplitudes_t), intent(inout) :: amplitudes
       character(:), allocatable :: name, vector
       integer, allocatable :: dofs(:), tuple(:)
       real(wp), allocatable :: weights(:)
       type(error_t), allocatable :: error
       real(wp) :: cosine, sine
-      integer :: i
 
       cosine = 0.0_wp
       sine = 0.0_wp
@@ -104,12 +103,8 @@ contains
          if (.not. allocated(error)) weights = spread(1.0_wp, 1, size(dofs))
       end if
       if (allocated(error)) return
-      do i = 1, size(dofs)
-         call add_harmonic(amplitudes, self%harmonics, dofs(i), tuple, weights(i)*cosine, weights(i)*sine, error)
-         if (.not. allocated(error)) cycle
-         call group%problem("tuple", error%message)
-         return
-      end do
+      call amplitudes%add_tuple(self%harmonics, tuple, dofs, weights*cosine, weights*sine, error)
+      if (allocated(error)) call group%problem("tuple", error%message)
    end subroutine read_amplitude
 
    !> Tuples of all loads and first guesses, (n_tones, any); those of a wrong size are told when these are read.

@@ -139,8 +139,6 @@ contains
          call annotate(error, document%file_name)
          return
       end if
-      allocate (self%loads(self%structure%n_dofs, self%harmonics%n_harmonics), source=(0.0_wp, 0.0_wp))
-      allocate (self%load_slopes, self%start, source=self%loads)
       call read_loads(self, document)
       call read_starts(self, document)
       call check_symmetry(self, document%optional_group("harmonics"))

@@ -42,13 +42,11 @@ contains
       self%structure%reduction%widening = widening_by_curve(self, document)
       up_to = highest_for(self, self%tones%omega)
       if (.not. up_to > 0.0_wp) then
-         if (self%structure%reduction%flexibility == flexibility%krylov) &
-            call fail(error, "flexibility_up_to: is needed where no tone has a frequency to begin with")
+         call fail(error, "flexibility_up_to: is needed where no tone has a frequency to begin with")
       else if (size(kept) > most_kept) then
-         if (self%structure%reduction%flexibility == flexibility%krylov) &
-            call fail(error, "flexibility: 'krylov' is for at most "//to_text(most_kept)//" degrees of freedom that laws, "// &
-                      "loads and &output name, here are "//to_text(size(kept))//"; without 'dofs' in &output the motion is "// &
-                      "stored by shapes")
+         call fail(error, "flexibility: 'krylov' is for at most "//to_text(most_kept)//" degrees of freedom that laws, "// &
+                   "loads and &output name, here are "//to_text(size(kept))//"; without 'dofs' in &output the motion is "// &
+                   "stored by shapes")
       else
          mark = mark_of(self%structure, kept, loads, up_to)
          is_found = .false.
@@ -67,11 +65,11 @@ contains
             return
          end if
       end if
-      if (.not. allocated(error)) return
       if (self%structure%reduction%flexibility == flexibility%krylov .or. small%reduction%bytes > self%memory_limit) then
          call annotate(error, place_of(document))
       else
-         deallocate (error)                                           ! exact, then
+         self%structure%reduction%left_out = error%message            ! exact, then
+         deallocate (error)
       end if
    end subroutine reduce_scene
 

@@ -28,14 +28,14 @@ contains
          if (self%start_from_march) return
          ! a rigid law may take its augmentation from tuples that would go
          if (any(is_even) .and. any([(self%laws(i)%law%is_multiplier, i=1, size(self%laws))])) return
-         if (allocated(self%start)) then
+         if (self%start%n_dofs > 0) then
             do i = 1, size(is_even)
                if (.not. is_even(i)) cycle
-               if (any(abs(self%start(:, i)) > 0.0_wp)) return
+               if (.not. self%start%is_zero_at(i)) return
             end do
          end if
       end if
-      if (allocated(self%loads)) then
+      if (self%loads%n_dofs > 0) then
          is_solved_odd = len(why_not_odd(self%laws, self%harmonics, self%torus, self%loads)) == 0
       else
          is_solved_odd = len(why_not_odd(self%laws, self%harmonics, self%torus)) == 0

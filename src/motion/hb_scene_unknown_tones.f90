@@ -118,7 +118,7 @@ contains
             "' has no potential, so that there is no energy to prescribe; give 'amplitude' and 'dof'")
       end do
       do h = 1, self%harmonics%n_harmonics
-         if (any(self%harmonics%tuples(:, h) /= 0) .and. any(abs(self%loads(:, h)) > 0.0_wp)) &
+         if (any(self%harmonics%tuples(:, h) /= 0) .and. .not. self%loads%is_zero_at(h)) &
             call group%problem("energy", "the energy of a motion under a &load that varies is not constant; give 'amplitude' "// &
                                "and 'dof'")
       end do

@@ -37,7 +37,7 @@ contains
       if (.not. (config%is_marched .or. has_to_be_marched(laws))) then
          call self%floquet_t%find(stability, config, motion, structure, laws, excitation, work_allowed)
       else if (config%method /= stability_method%off .and. motion%tones%n_tones == 1) then
-         call new_march_system(system, structure, laws, excitation%loads, excitation%frequencies, motion%tones%omega)
+         call new_march_system(system, structure, laws, excitation%loads%whole(), excitation%frequencies, motion%tones%omega)
          stability%is_marched = .true.
          call find_marched_stability(stability, config, system, motion, excitation%restitution, work_allowed)
       end if

@@ -4,6 +4,7 @@
 !> smaller than 1 in magnitude. Several tones: Lyapunov exponents, stable where all are negative. What shifts a phase of the
 !> motion's own has the multiplier 1 or the exponent 0 and is left out. Source: docs/user/theory.md, section 8.
 module hb_stability
+   use hb_amplitudes, only: amplitudes_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_structure, only: structure_t
@@ -64,7 +65,7 @@ module hb_stability
 
    !> What keeps a motion up, and what walls leave of a blow.
    type :: excitation_t
-      complex(wp), allocatable :: loads(:, :)                         !! cos - i sin [N], (n_dofs, any)
+      type(amplitudes_t) :: loads                                     !! [N]
       real(wp), allocatable :: frequencies(:)                         !! of the loads [rad/s]
       real(wp) :: restitution = 0.0_wp                                !! of rigid walls
    end type excitation_t

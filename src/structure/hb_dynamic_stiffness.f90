@@ -11,6 +11,7 @@
 !> docs/user/theory.md, eq. (17). The drive is zero but for the artificial damping of docs/user/theory.md, section 6.5.
 module hb_dynamic_stiffness
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_amplitudes, only: amplitudes_t, as_amplitudes, new_amplitudes
    use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_block_solver, only: block_solver_t, new_block_solver
    use hb_coordinates, only: coordinates_t, dofs_as_coordinates
@@ -33,16 +34,17 @@ module hb_dynamic_stiffness
       logical :: is_on = .false.                             !! slopes by frequency and drive, and room for `move`
       logical :: of_motion = .false.                         !! with slopes, also room for `recover_slope`
       real(wp), allocatable :: drives(:)                     !! [rad**2/s**2], (n_harmonics), else zero
-      complex(wp), allocatable :: loads(:, :)                !! dP/dw [N s] of loads that grow with the frequency, (n_dofs,
-                                                             !! n_harmonics), else zero; `move` leaves the loads as they are
+      logical :: of_interior = .true.                        !! room for `recover` and `hand_to_laws`
+      type(amplitudes_t) :: loads                            !! dP/dw [N s] of loads that grow with the frequency, else zero;
+                                                             !! `move` leaves the loads as they are
    end type wanted_slopes_t
 
    !> What does not change with the frequencies.
    type :: parts_t
       type(structure_block_t) :: ll, lr, rl, rr
       type(block_solver_t) :: solver                         ! of rr
-      complex(wp), allocatable :: loads(:, :)                ! [N], (n_dofs, n_harmonics)
-      complex(wp), allocatable :: load_slopes(:, :)          ! dP/dw [N s], as loads
+      type(amplitudes_t) :: loads                            ! [N]
+      type(amplitudes_t) :: load_slopes                      ! dP/dw [N s]
       type(reach_t) :: reach                                 ! of the frequencies
    end type parts_t
 
@@ -59,8 +61,8 @@ module hb_dynamic_stiffness
       complex(wp), allocatable :: condensed_drive_slope(:, :, :) !! dS_c/ddrive [kg], or not allocated
       complex(wp), allocatable :: load_drive_slope(:, :)     !! dP_c/ddrive [N s**2], or not allocated
       integer, allocatable, private :: interior(:)           ! degrees of freedom beside the coordinates' places
-      complex(wp), allocatable, private :: transfer(:, :, :) !! T, (n_interior, n_law, n_harmonics)
-      complex(wp), allocatable, private :: held_motion(:, :) !! y, motion with the coordinates held still
+      complex(wp), allocatable, private :: transfer(:, :, :) ! T, (n_interior, n_law, n_harmonics), or not allocated
+      type(amplitudes_t), private :: held_motion             ! y, motion of the interior with the coordinates held still
       complex(wp), allocatable, private :: motion_slope(:, :, :, :)   ! dT, dy by frequency and by drive,
                                                              ! (n_interior, n_law + 1, 2, n_harmonics), or not allocated
       type(parts_t), allocatable, private :: parts           !! kept with slopes
@@ -73,6 +75,7 @@ module hb_dynamic_stiffness
       procedure :: recover => dynamic_stiffness_recover
       procedure :: recover_slope => dynamic_stiffness_recover_slope
       procedure :: hand_to_laws => dynamic_stiffness_hand_to_laws
+      procedure :: has_interior => dynamic_stiffness_has_interior
    end type dynamic_stiffness_t
 
    interface new_dynamic_stiffness
@@ -91,7 +94,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(wanted_slopes_t), intent(in), optional :: slopes
 
-      call condensed_to_coordinates(self, structure, dofs_as_coordinates(law_dofs), frequencies, loads, error, slopes)
+      call condensed_to_coordinates(self, structure, dofs_as_coordinates(law_dofs), frequencies, as_amplitudes(loads), error, &
+                                    slopes)
    end subroutine condensed_to_dofs
 
    !> Condenses `structure` to coordinates at each frequency.
@@ -104,7 +108,7 @@ contains
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), of any sign
-      complex(wp), intent(in) :: loads(:, :)                          !! [N], (n_dofs, n_harmonics)
+      type(amplitudes_t), intent(in) :: loads                         !! [N]
       type(error_t), allocatable, intent(out) :: error
       type(wanted_slopes_t), intent(in), optional :: slopes
       type(wanted_slopes_t) :: wanted
@@ -123,17 +127,21 @@ contains
       self%interior = all_but(coordinates%places, structure%n_dofs)
       allocate (parts)
       parts%reach = structure%reduction%reach
-      parts%loads = coordinates%forces_in(loads)
-      if (wanted%is_on .and. allocated(wanted%loads)) then
-         parts%load_slopes = coordinates%forces_in(wanted%loads)
-      else if (wanted%is_on) then
-         parts%load_slopes = (0.0_wp, 0.0_wp)*loads
+      parts%loads = loads
+      parts%loads%values = coordinates%forces_in(loads%values)
+      call new_amplitudes(parts%load_slopes, structure%n_dofs, self%n_harmonics)
+      if (wanted%loads%n_dofs > 0) then
+         parts%load_slopes = wanted%loads
+         parts%load_slopes%values = coordinates%forces_in(wanted%loads%values)
       end if
       call find_blocks(parts, structure, coordinates, self%interior)
       call new_block_pattern(self%pattern, n_law, reach_of(parts%ll, parts%lr, parts%rl, parts%rr, n_interior))
       allocate (self%condensed(self%pattern%n_rows, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
-      allocate (self%transfer(n_interior, n_law, self%n_harmonics), self%magnitude(n_law, self%n_harmonics))
-      allocate (self%held_motion(n_interior, self%n_harmonics))
+      allocate (self%magnitude(n_law, self%n_harmonics))
+      if (wanted%of_interior) allocate (self%transfer(n_interior, n_law, self%n_harmonics))
+      self%held_motion = loads
+      self%held_motion%n_dofs = n_interior
+      self%held_motion%values = loads%values(:n_interior, :)
       call new_block_solver(parts%solver, parts%rr, n_interior, n_law + 1, maxval([0.0_wp, abs(frequencies)]))
       if (wanted%is_on) then
          allocate (self%condensed_slope, self%condensed_drive_slope, mold=self%condensed)
@@ -211,7 +219,7 @@ contains
       call move_alloc(self%load_drive_slope, to%load_drive_slope)
       call move_alloc(self%interior, to%interior)
       call move_alloc(self%transfer, to%transfer)
-      call move_alloc(self%held_motion, to%held_motion)
+      to%held_motion = self%held_motion
       call move_alloc(self%motion_slope, to%motion_slope)
       call move_alloc(self%parts, to%parts)
    end subroutine dynamic_stiffness_hand_over
@@ -224,7 +232,7 @@ contains
       integer, intent(in) :: places(:)                                !! numbers of its harmonics here
 
       self%load(:, places) = part%load
-      self%held_motion(:, places) = part%held_motion
+      call self%held_motion%replace(places, part%held_motion)
    end subroutine dynamic_stiffness_take_loads
 
    !> The condensed part of some harmonics alone, without slopes and without what `recover` needs.
@@ -263,10 +271,10 @@ contains
       type(error_t), allocatable, intent(out) :: error
       complex(wp), parameter :: one = (1.0_wp, 0.0_wp)
       real(wp), parameter :: mostly = 0.5_wp                          ! of the places of a matrix that hold an entry
-      complex(wp), allocatable :: of_lr(:, :), s_ll(:), s_lr(:), s_rl(:)
+      complex(wp), allocatable :: held_motion(:), of_lr(:, :), s_ll(:), s_lr(:), s_rl(:), transfer(:, :)
       real(wp), allocatable :: magnitude(:)
       real(wp) :: reciprocal_condition
-      integer :: e, h, n_interior, n_law
+      integer :: e, h, k, n_interior, n_law
       logical :: is_full
 
       n_law = self%n_law
@@ -281,18 +289,20 @@ contains
             do e = 1, rl%n_entries
                solver%rhs(rl%row(e), rl%column(e)) = s_rl(e)
             end do
-            solver%rhs(:, n_law + 1) = parts%loads(self%interior, h)
+            k = findloc(parts%loads%harmonics, h, dim=1)
+            solver%rhs(:, n_law + 1) = (0.0_wp, 0.0_wp)
+            if (k > 0) solver%rhs(:, n_law + 1) = parts%loads%values(self%interior, k)
             call solver%solve(frequencies(h), drives(h), reciprocal_condition)
             if (reciprocal_condition < max(lowest_condition, real(n_interior, wp)*epsilon(1.0_wp))) then
                call fail(error, singular_text(h, frequencies(h), n_law > 0))
                return
             end if
 
-            associate (transfer => self%transfer(:, :, h), held_motion => self%held_motion(:, h), &
-                       condensed => self%condensed(:, :, h), load => self%load(:, h))
-               transfer = solver%rhs(:, :n_law)
-               held_motion = solver%rhs(:, n_law + 1)
-
+            transfer = solver%rhs(:, :n_law)
+            held_motion = solver%rhs(:, n_law + 1)
+            if (allocated(self%transfer)) self%transfer(:, :, h) = transfer
+            if (k > 0) self%held_motion%values(:, k) = held_motion
+            associate (condensed => self%condensed(:, :, h), load => self%load(:, h))
                call ll%evaluate(frequencies(h), drives(h), s_ll)
                call ll%magnitude(frequencies(h), magnitude)
                condensed = (0.0_wp, 0.0_wp)
@@ -301,7 +311,8 @@ contains
                   condensed(self%pattern%shift(ll%column(e)) + ll%row(e), ll%column(e)) = s_ll(e)
                   if (ll%row(e) == ll%column(e)) self%magnitude(ll%row(e), h) = magnitude(e)
                end do
-               load = parts%loads(self%coordinates%places, h)
+               load = (0.0_wp, 0.0_wp)
+               if (k > 0) load = parts%loads%values(self%coordinates%places, k)
                call lr%evaluate(frequencies(h), drives(h), s_lr)
                if (is_full) then
                   do e = 1, lr%n_entries
@@ -336,15 +347,16 @@ contains
       type(parts_t), intent(inout) :: parts                           !! after `solve` of harmonic h
       logical, intent(in) :: by_drive
       complex(wp), intent(out) :: condensed(:, :), load(:)
-      complex(wp) :: s_lr(parts%lr%n_entries)
+      complex(wp) :: load_slope(self%n_dofs), s_lr(parts%lr%n_entries)
       integer :: e, n
 
       n = self%n_law
-      associate (transfer => self%transfer(:, :, h), held_motion => self%held_motion(:, h), lr => parts%lr, &
-                 solver => parts%solver)
+      load_slope = (0.0_wp, 0.0_wp)
+      if (.not. by_drive) load_slope = parts%load_slopes%of(h)
+      associate (transfer => self%transfer(:, :, h), held_motion => self%held_motion%of(h), lr => parts%lr, solver => parts%solver)
          ! dT = S_rr^-1 (dS_rl - dS_rr T), dy = S_rr^-1 (dP_r - dS_rr y)
          solver%rhs = (0.0_wp, 0.0_wp)
-         if (.not. by_drive) solver%rhs(:, n + 1) = parts%load_slopes(self%interior, h)
+         solver%rhs(:, n + 1) = load_slope(self%interior)
          associate (rl => parts%rl, slope => slope_of(parts%rl))
             do e = 1, rl%n_entries
                solver%rhs(rl%row(e), rl%column(e)) = slope(e)
@@ -360,8 +372,7 @@ contains
 
          ! dS_c = dS_ll - dS_lr T - S_lr dT, dP_c = dP_l - dS_lr y - S_lr dy
          condensed = (0.0_wp, 0.0_wp)
-         load = (0.0_wp, 0.0_wp)
-         if (.not. by_drive) load = parts%load_slopes(self%coordinates%places, h)
+         load = load_slope(self%coordinates%places)
          associate (ll => parts%ll, slope => slope_of(parts%ll))
             do e = 1, ll%n_entries
                condensed(self%pattern%shift(ll%column(e)) + ll%row(e), ll%column(e)) = slope(e)
@@ -462,15 +473,23 @@ contains
       class(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(in) :: law_coefficients(:, :)               !! [m], (n_law, n_harmonics)
       complex(wp), intent(out) :: coefficients(:, :)                  !! [m], (n_dofs, n_harmonics)
+      complex(wp) :: held(size(self%interior))
       integer :: h
 
       do h = 1, self%n_harmonics
          coefficients(self%coordinates%places, h) = law_coefficients(:, h)
-         coefficients(self%interior, h) = self%held_motion(:, h) &
-                                          - matmul(self%transfer(:, :, h), law_coefficients(:, h))
+         held = self%held_motion%of(h)
+         coefficients(self%interior, h) = held - matmul(self%transfer(:, :, h), law_coefficients(:, h))
       end do
       call self%coordinates%motion_from(coefficients)
    end subroutine dynamic_stiffness_recover
+
+   !> Whether there is what `recover` and `hand_to_laws` need.
+   pure logical function dynamic_stiffness_has_interior(self) result(has_interior)
+      class(dynamic_stiffness_t), intent(in) :: self
+
+      has_interior = allocated(self%transfer)
+   end function dynamic_stiffness_has_interior
 
    !> How the motion of all degrees of freedom changes with the frequency of each harmonic, and with its drive, while that of the
    !> laws stays, dy - dT x_l; only for a stiffness with motion slopes.
@@ -590,7 +609,7 @@ contains
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: law_dofs(:)
       real(wp), intent(in) :: frequencies(:)
-      complex(wp), intent(in) :: loads(:, :)
+      type(amplitudes_t), intent(in) :: loads
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
@@ -607,12 +626,12 @@ contains
       end do
       if (.not. all(ieee_is_finite(frequencies))) then
          call fail(error, "dynamic stiffness: a frequency is not a finite number")
-      else if (size(loads, 1) /= structure%n_dofs .or. size(loads, 2) /= size(frequencies)) then
-         call fail(error, "dynamic stiffness: loads are "//to_text(size(loads, 1))//" x "// &
-                   to_text(size(loads, 2))// &
+      else if (loads%n_dofs /= structure%n_dofs .or. loads%n_harmonics /= size(frequencies)) then
+         call fail(error, "dynamic stiffness: loads are "//to_text(loads%n_dofs)//" x "// &
+                   to_text(loads%n_harmonics)// &
                    ", degrees of freedom x frequencies are "// &
                    to_text(structure%n_dofs)//" x "//to_text(size(frequencies)))
-      else if (.not. all(ieee_is_finite(real(loads)) .and. ieee_is_finite(aimag(loads)))) then
+      else if (.not. all(ieee_is_finite(real(loads%values)) .and. ieee_is_finite(aimag(loads%values)))) then
          call fail(error, "dynamic stiffness: a load is not a finite number")
       end if
    end subroutine check_input

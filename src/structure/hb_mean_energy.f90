@@ -23,12 +23,28 @@ module hb_mean_energy
 
 contains
 
-   !> Finds the energies of a motion.
+   !> Finds the energies of a motion; that of a large structure harmonic by harmonic, with little memory.
    subroutine new_mean_energy(self, structure, c, frequencies)
       type(mean_energy_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       complex(wp), intent(in) :: c(:, :)                              !! a - i b [m], (structure%n_dofs, n_harmonics)
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), 0 of what is constant
+      integer :: first, last, n_together
+
+      n_together = size(c, 2)
+      if (allocated(structure%sparse)) n_together = 1
+      do first = 1, size(c, 2), n_together
+         last = first + n_together - 1
+         call add_energies(self, structure, c(:, first:last), frequencies(first:last))
+      end do
+   end subroutine new_mean_energy
+
+   !> Adds the energies of some harmonics.
+   subroutine add_energies(self, structure, c, frequencies)
+      type(mean_energy_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      complex(wp), intent(in) :: c(:, :)
+      real(wp), intent(in) :: frequencies(:)
       real(wp), dimension(size(c, 1), 2*size(c, 2)) :: x, y
       real(wp) :: strain
       integer :: h, n
@@ -71,7 +87,7 @@ contains
 
          form_of = dot_product(x(:, i), y(:, i)) + dot_product(x(:, n + i), y(:, n + i))
       end function form_of
-   end subroutine new_mean_energy
+   end subroutine add_energies
 
    !> Loss factor that a mean loss of power means; 0 of a structure that is not strained.
    pure real(wp) function mean_energy_loss_factor(self, loss) result(factor)

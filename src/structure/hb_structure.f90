@@ -58,6 +58,7 @@ module hb_structure
       real(wp) :: bytes = 0.0_wp                                      !! that its factors took
       real(wp) :: memory = 0.0_wp                                     !! bytes that reading the model, and reducing it, took
       character(:), allocatable :: remade                             !! which file of it was of no use, and why
+      character(:), allocatable :: left_out                           !! why a structure that might have been reduced was not
    end type reduction_t
 
    type :: structure_t

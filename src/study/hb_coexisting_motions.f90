@@ -38,7 +38,7 @@ contains
       if (allocated(error)) return
       each(1) = settled
       associate (omega => scene%tones%omega, frequencies => scene%harmonics%frequencies(scene%tones%omega))
-         call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, omega)
+         call new_march_system(system, scene%structure, scene%laws, scene%loads%whole(), frequencies, omega)
          size_of_motion = maxval(sum(abs(settled%averages), 1))
          if (size_of_motion <= 0.0_wp) size_of_motion = max(system%length, tiny(1.0_wp))
          do i = 2, size(each)

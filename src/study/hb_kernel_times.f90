@@ -192,7 +192,7 @@ contains
       if (allocated(error)) return
       coordinates = coordinates_of(scene)
       call new_dynamic_stiffness(stiffness, scene%structure, coordinates, basis%harmonics%frequencies(scene%tones%omega), &
-         basis%amplitudes_of(scene%loads), error)
+         scene%loads%at(basis%places), error)
       if (.not. allocated(error)) call new_balance(balance, basis%harmonics, basis%torus, scene%tones%omega, stiffness, &
          laws_at(coordinates, scene%laws), scene%planning, error)
    end subroutine make_balance

@@ -107,7 +107,7 @@ contains
          coordinates = coordinates_of(scene)
          call scene%structure%refuse_large("marching", most_dense, error)
          if (allocated(error)) return
-         call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, omega)
+         call new_march_system(system, scene%structure, scene%laws, scene%loads%whole(), frequencies, omega)
          if (present(start)) then
             state = start
          else
@@ -177,9 +177,9 @@ contains
       integer :: i
 
       call new_march_state(state, system%n_dofs, system%laws%n_states)
-      if (any(abs(scene%start) > 0.0_wp)) then
-         state%q = sum(real(scene%start, wp), 2)
-         state%v = matmul(-aimag(scene%start), frequencies)
+      if (.not. scene%start%is_zero()) then
+         state%q = sum(real(scene%start%values), 2)
+         state%v = matmul(-aimag(scene%start%values), frequencies(scene%start%harmonics))
       end if
       state%q = state%q + kick*system%length*[(2.0_wp*modulo(i*0.6180339887498949_wp, 1.0_wp) - 1.0_wp, i=1, system%n_dofs)]
    end subroutine begin

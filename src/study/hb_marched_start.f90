@@ -45,7 +45,7 @@ contains
       integer :: i, n_failed, n_tries
       logical :: has_start
 
-      has_start = any(abs(scene%start) > 0.0_wp)
+      has_start = .not. scene%start%is_zero()
       n_tries = merge(size(kicks), 1, any(scene%tones%is_unknown) .and. .not. has_start)
       best = huge(1.0_wp)
       n_failed = 0
@@ -91,11 +91,11 @@ contains
       frequencies = scene%harmonics%frequencies(omega)
       call scene%structure%refuse_large("marching", max_dofs, error)
       if (allocated(error)) return
-      call new_march_system(system, scene%structure, scene%laws, scene%loads, frequencies, omega)
+      call new_march_system(system, scene%structure, scene%laws, scene%loads%whole(), frequencies, omega)
       call new_march_state(state, system%n_dofs, system%laws%n_states)
-      if (any(abs(scene%start) > 0.0_wp)) then
-         state%q = sum(real(scene%start, wp), 2)
-         state%v = matmul(-aimag(scene%start), frequencies)
+      if (.not. scene%start%is_zero()) then
+         state%q = sum(real(scene%start%values), 2)
+         state%v = matmul(-aimag(scene%start%values), frequencies(scene%start%harmonics))
       else if (any(scene%tones%is_unknown)) then
          ! Multiples of the golden ratio spread evenly, so that no shape is left out
          state%q = kick*length_of(scene)*[(scattered(2*i), i=1, system%n_dofs)]
@@ -141,7 +141,7 @@ contains
       real(wp) :: begun
 
       begun = kick
-      if (has_start) begun = maxval(abs(scene%start))
+      if (has_start) begun = maxval(abs(scene%start%values))
       associate (x => record%every_displacement)
          is_dead = maxval(maxval(x, dim=1) - minval(x, dim=1)) < dead*begun
       end associate

@@ -196,7 +196,7 @@ contains
       integer :: i, n_datasets
 
       call measure_row(self%plan, n_parameters, n_bytes, n_datasets)
-      self%room = room_for(n_bytes)
+      self%room = room_for(n_bytes, self%n_points)
       self%hold = hold_seconds(n_ranks, n_datasets)
       self%flushed = wall_clock()
       self%is_checked = is_checked(self%plan%variables)

@@ -3,7 +3,7 @@
 module hb_results_record
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_source
-   use hb_guard, only: lower_guard, raise_guard
+   use hb_guard, only: guard_file, lower_guard
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, is_status, outcome
@@ -55,7 +55,7 @@ contains
       type(h5_file_t) :: file
 
       message = ""
-      call raise_guard("'"//path//"': HDF5 died of this file; it is damaged")
+      call guard_file(path)
       call open_file(file, path, error)
       if (.not. allocated(error)) call file%open_dataset("message", dataset, error)
       if (.not. allocated(error)) call dataset%read_text_row(point, message, error)
@@ -73,7 +73,7 @@ contains
 
       call check_source(path, error)
       if (allocated(error)) return
-      call raise_guard("'"//path//"': HDF5 died of this file; it is damaged")
+      call guard_file(path)
       call open_file(file, path, error)
       if (.not. allocated(error)) call read_attributes(self, file, error)
       if (.not. allocated(error)) call read_datasets(self, file, error)
@@ -94,7 +94,7 @@ contains
       integer :: i
       logical :: is_open
 
-      call raise_guard("'"//path//"': HDF5 died of this file; it is damaged")
+      call guard_file(path)
       call open_file(file, path, error)
       is_open = .not. allocated(error)
       do i = 1, size(plan%parameters)

@@ -17,7 +17,7 @@ module hb_row_buffer
 
    real(wp), parameter :: writes_per_second = 5.0e4_wp                ! of all ranks, half of what a large file system takes
    real(wp), parameter :: shortest = 0.01_wp                          ! [s], for points that take less than that
-   real(wp), parameter :: most_bytes = 6.4e7_wp                       ! [B] held by a rank
+   real(wp), parameter :: most_bytes = 1.6e7_wp                       ! [B] held by a rank
    integer, parameter :: most_rows = 32                               ! as points in the largest block of hb_schedule
 
    !> Rows of one dataset, for consecutive points.
@@ -55,11 +55,12 @@ contains
       hold_seconds = max(shortest, real(n_ranks, wp)*n_datasets/writes_per_second)
    end function hold_seconds
 
-   !> Number of points that a rank holds at most, one or more.
-   pure integer function room_for(bytes_per_point)
+   !> Number of points that a rank holds at most, one or more, of those that there are.
+   pure integer function room_for(bytes_per_point, n_points)
       real(wp), intent(in) :: bytes_per_point
+      integer, intent(in) :: n_points
 
-      room_for = max(1, int(min(real(most_rows, wp), most_bytes/max(bytes_per_point, 1.0_wp))))
+      room_for = max(1, int(min(real(min(most_rows, n_points), wp), most_bytes/max(bytes_per_point, 1.0_wp))))
    end function room_for
 
    !> Makes room for `room` rows of a dataset.

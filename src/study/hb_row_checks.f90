@@ -2,7 +2,7 @@
 module hb_row_checks
    use hb_checksum, only: checksum_rows
    use hb_error, only: annotate, error_t, fail
-   use hb_guard, only: lower_guard, raise_guard
+   use hb_guard, only: guard_file, lower_guard, raise_guard
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: int64
    use hb_outcome, only: outcome
@@ -26,7 +26,7 @@ contains
       integer :: expected(size(status)), found(size(status))
 
       allocate (is_damaged(size(status)), source=.false.)
-      call raise_guard("'"//path//"': HDF5 died of this file; it is damaged")
+      call guard_file(path)
       call open_file(file, path, error)
       if (.not. allocated(error)) call file%open_dataset("checksum", dataset, error)
       if (.not. allocated(error)) call dataset%read(expected, error)

@@ -17,7 +17,7 @@ contains
    pure logical function has_no_load(scene)
       type(scene_t), intent(in) :: scene
 
-      has_no_load = .not. any(scene%tones%is_unknown) .and. all(abs(scene%loads) <= 0.0_wp)
+      has_no_load = .not. any(scene%tones%is_unknown) .and. scene%loads%is_zero()
    end function has_no_load
 
    !> Which combination of given tones has a frequency below `limit` times the largest, and the scene with fewer tones that is

@@ -219,7 +219,7 @@ contains
          frequencies = matmul(omega, real(tuples, wp))
          call scene%structure%refuse_large("marching", max_dofs, error)
          if (allocated(error)) return
-         call new_march_system(system, scene%structure, scene%laws, scene%loads, scene%harmonics%frequencies(omega), omega)
+         call new_march_system(system, scene%structure, scene%laws, scene%loads%whole(), scene%harmonics%frequencies(omega), omega)
          call choose_length(length, scene, omega, n_periods)
          step = length%period/length%n_samples
          all_dofs = [(i, i=1, system%n_dofs)]

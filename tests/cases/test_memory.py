@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 
+import pytest
 from program import BAD_INPUT, command, environment, run
 
 # Two tones, order 28, three degrees of freedom: the tangent takes nearly all.
@@ -36,21 +37,35 @@ def test_products_take_little(tmp_path):
     assert estimated / 2 < measured < 2 * estimated
 
 
-LONG_CHAIN = """&structure type = 'chain', n_masses = 10000, mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.01 /
-&tones frequency = 0.02 /
-&harmonics order = 5 /
-&load dof = 'x1', tuple = 1, cos = 0.1 /
-&law type = 'elastic_stop', dof = 'x9000', stiffness = 0.1, gap = 1e-3 /
+LONG_CHAIN = """&structure type = 'chain', n_masses = 10000, ends = 'fixed', mass = 1.0, coupling_stiffness = 4.0,
+   ground_stiffness = 1.0, damping_mass = 0.2 /
+&tones frequency = 1.1 /
+&harmonics order = 15 /
+&load dof = 'x5000', tuple = 1, cos = 5.0 /
+&law type = 'elastic_stop', dof = 'x5000', stiffness = 5.0, gap = 0.3 /
 """
+TWO_TONES = {
+    "frequency = 1.1": "frequency = 1.1, 1.618",
+    "order = 15": "order = 5",
+    "tuple = 1": "tuple = 1, 0",
+    "&law": "&load dof = 'x5000', tuple = 0, 1, cos = 3.0 /\n&law",
+}
 
 
-def test_memory_of_a_chain_grows_with_its_length(tmp_path):
-    """10,000 masses; as dense matrices they would take 2.4 GB."""
+@pytest.mark.parametrize("n_tones", [1, 2])
+def test_memory_of_a_chain_grows_with_its_length(n_tones, tmp_path):
+    """10,000 masses take less than 100 MB, with their certificate; as dense matrices they would take 2.4 GB. Twice as many take
+    less than twice as much."""
+    text = LONG_CHAIN
+    for old, new in TWO_TONES.items() if n_tones == 2 else ():
+        text = text.replace(old, new)
     source = tmp_path / "chain.nml"
-    source.write_text(LONG_CHAIN)
+    source.write_text(text)
     estimated, measured = estimate_and_measurement(source, tmp_path)
-    assert measured < 100e6
+    assert measured < 100 * 2**20
     assert estimated / 2 < measured < 2 * estimated
+    source.write_text(text.replace("10000", "20000"))
+    assert estimate_and_measurement(source, tmp_path)[1] < 2 * measured
 
 
 def estimate_and_measurement(source, tmp_path):

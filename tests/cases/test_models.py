@@ -223,6 +223,18 @@ def test_files_that_are_no_models(chain, tmp_path):
     assert "chain.h5' does not exist" in refused(tmp_path)
 
 
+@pytest.mark.parametrize("n_bytes", [2**62, 2**64 - 16])
+def test_texts_of_which_hdf5_dies_or_finds_no_end(chain, tmp_path, n_bytes):
+    """The second length makes it go round for ever: heads of texts are 16 bytes, so that the next one begins where this did."""
+    data = bytearray((tmp_path / "chain.h5").read_bytes())
+    at = data.find(b"GCOL")  # signature, version and size of 16 bytes; of each text index, count and size of 16 bytes
+    data[at + 24 : at + 32] = n_bytes.to_bytes(8, "little")
+    (tmp_path / "chain.h5").write_bytes(data)
+    (tmp_path / "run.nml").write_text(MODEL)
+    done = run("check", "run.nml", cwd=tmp_path)
+    assert done.status == BAD_INPUT and "chain.h5" in done.stderr and "damaged, at 'format'" in done.stderr, done.stderr
+
+
 def test_matrix_that_is_not_symmetric(chain, tmp_path):
     mass = chain.mass.tolil()
     mass[0, 3] = 0.25
@@ -511,4 +523,5 @@ def test_what_cannot_be_reduced_is_refused_or_exact(net):
     assert done.status == BAD_INPUT
     assert "the stiffness is indefinite" in done.stderr and "soft.nml:1" in done.stderr
     (net / "soft.nml").write_text(soft)
-    assert "1200 degrees of freedom\n" in run("check", "soft.nml", cwd=net).stdout
+    told = run("check", "soft.nml", cwd=net).stdout
+    assert "1200 degrees of freedom\n            not reduced: " in told and "the stiffness is indefinite" in told

@@ -206,6 +206,13 @@ MUTANTS = [
             "",
         ),
         (
+            "kept_interior",
+            "test_hb_kept_linear_part",
+            "the motion of all degrees of freedom is asked of a linear part that does not have it",
+            "if (is_same) is_same = self%linear%has_interior() .or. .not. of_interior",
+            "",
+        ),
+        (
             "kept_supports",
             "test_hb_kept_linear_part",
             "what a homotopy has left of the supports stands in the next point",
@@ -271,8 +278,8 @@ MUTANTS = [
             "odd_load",
             "test_hb_odd_symmetry",
             "loads of even tuples pass",
-            "if (any(abs(loads(:, h)) > 0.0_wp)) reason",
-            "if (any(abs(loads(:, h)) < 0.0_wp)) reason",
+            "if (.not. loads%is_zero_at(h)) reason",
+            "if (loads%n_dofs < 0) reason",
         ),
     ),
     *of(

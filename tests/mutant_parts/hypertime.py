@@ -22,13 +22,6 @@ MUTANTS = [
             "k = from_set%index_of(to_set%tuples(:, h))",
             "k = merge(h, 0, h <= from_set%n_harmonics)",
         ),
-        (
-            "basis_amplitudes",
-            "test_hb_basis test_hb_scene_basis",
-            "loads of the first tuples stand for those of the unknown ones",
-            "kept = amplitudes(:, self%places)",
-            "kept = amplitudes(:, :size(self%places))",
-        ),
     ),
     *of(
         "hypertime/hb_harmonics.f90",

@@ -187,7 +187,7 @@ MUTANTS = [
             "motion_curve_loses_even",
             "test_hb_motion_curve",
             "tuples of the lowest set are dropped where they carry nothing",
-            "scene%loads = (1.0_wp, 0.0_wp)",
+            "scene%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, scene%loads%n_dofs), 2, scene%loads%n_harmonics))",
             "scene%loads = scene%loads",
         ),
     ),

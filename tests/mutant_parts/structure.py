@@ -4,6 +4,30 @@ from mutant_parts.mutant import of
 
 MUTANTS = [
     *of(
+        "structure/hb_amplitudes.f90",
+        (
+            "amplitudes_order",
+            "test_hb_amplitudes",
+            "a harmonic that comes later stands behind those that it is before",
+            "k = count(self%harmonics < h) + 1",
+            "k = size(self%harmonics) + 1",
+        ),
+        (
+            "amplitudes_at",
+            "test_hb_amplitudes",
+            "loads of the first tuples stand for those of the unknown ones",
+            "numbers(places) = [(i, i=1, size(places))]",
+            "numbers(:size(places)) = [(i, i=1, size(places))]",
+        ),
+        (
+            "amplitudes_replaced",
+            "test_hb_amplitudes",
+            "loads that went are kept",
+            "numbers(places) = 0",
+            "",
+        ),
+    ),
+    *of(
         "structure/hb_narrow_band.f90",
         (
             "narrow_band_exchange",

@@ -1,0 +1,206 @@
+!> Complex amplitudes c = cos - i sin of all degrees of freedom, of loads or of a motion, for the harmonics that have any: others
+!> take no memory.
+module hb_amplitudes
+   use hb_error, only: error_t, fail
+   use hb_harmonics, only: canonical_sign, harmonics_t, tuple_text
+   use hb_kinds, only: wp
+   implicit none
+   private
+   public :: amplitudes_t, as_amplitudes, new_amplitudes
+
+   type :: amplitudes_t
+      integer :: n_dofs = 0, n_harmonics = 0
+      integer, allocatable :: harmonics(:)                            !! numbers of those that have any, ascending
+      complex(wp), allocatable :: values(:, :)                        !! [N] or [m], (n_dofs, size(harmonics))
+   contains
+      procedure :: add => amplitudes_add
+      procedure :: add_scaled => amplitudes_add_scaled
+      procedure :: add_tuple => amplitudes_add_tuple
+      procedure :: at => amplitudes_at
+      procedure :: in_set => amplitudes_in_set
+      procedure :: is_zero => amplitudes_is_zero
+      procedure :: is_zero_at => amplitudes_is_zero_at
+      procedure :: of => amplitudes_of
+      procedure :: replace => amplitudes_replace
+      procedure :: whole => amplitudes_whole
+   end type amplitudes_t
+
+contains
+
+   !> No amplitudes at all.
+   pure subroutine new_amplitudes(self, n_dofs, n_harmonics)
+      type(amplitudes_t), intent(out) :: self
+      integer, intent(in) :: n_dofs, n_harmonics
+
+      self%n_dofs = n_dofs
+      self%n_harmonics = n_harmonics
+      allocate (self%harmonics(0), self%values(n_dofs, 0))
+   end subroutine new_amplitudes
+
+   !> Those of an array with a column for each harmonic.
+   pure function as_amplitudes(values) result(self)
+      complex(wp), intent(in) :: values(:, :)                         !! (n_dofs, n_harmonics)
+      type(amplitudes_t) :: self
+      integer :: h
+
+      self%n_dofs = size(values, 1)
+      self%n_harmonics = size(values, 2)
+      self%harmonics = pack([(h, h=1, size(values, 2))], [(any(values(:, h) /= (0.0_wp, 0.0_wp)), h=1, size(values, 2))])
+      self%values = values(:, self%harmonics)
+   end function as_amplitudes
+
+   !> Adds to the amplitudes of harmonic `h`.
+   pure subroutine amplitudes_add(self, h, values)
+      class(amplitudes_t), intent(inout) :: self
+      integer, intent(in) :: h
+      complex(wp), intent(in) :: values(:)                            !! (n_dofs)
+      complex(wp), allocatable :: wider(:, :)
+      integer :: k
+
+      k = findloc(self%harmonics, h, dim=1)
+      if (k == 0) then
+         k = count(self%harmonics < h) + 1
+         allocate (wider(self%n_dofs, size(self%harmonics) + 1))
+         wider(:, :k - 1) = self%values(:, :k - 1)
+         wider(:, k) = (0.0_wp, 0.0_wp)
+         wider(:, k + 1:) = self%values(:, k:)
+         call move_alloc(wider, self%values)
+         self%harmonics = [self%harmonics(:k - 1), h, self%harmonics(k:)]
+      end if
+      self%values(:, k) = self%values(:, k) + values
+   end subroutine amplitudes_add
+
+   !> Adds other amplitudes of the same sizes, those of each harmonic times a factor.
+   pure subroutine amplitudes_add_scaled(self, other, factors)
+      class(amplitudes_t), intent(inout) :: self
+      type(amplitudes_t), intent(in) :: other
+      real(wp), intent(in) :: factors(:)                              !! (n_harmonics)
+      integer :: k
+
+      do k = 1, size(other%harmonics)
+         call self%add(other%harmonics(k), factors(other%harmonics(k))*other%values(:, k))
+      end do
+   end subroutine amplitudes_add_scaled
+
+   !> Adds cos cos(j.tau) + sin sin(j.tau) at some degrees of freedom. For a tuple whose negative is the one that the set keeps the
+   !> sine changes its sign. Fails for a tuple outside the set.
+   pure subroutine amplitudes_add_tuple(self, harmonics, tuple, dofs, cosine, sine, error)
+      class(amplitudes_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      integer, intent(in) :: tuple(:)                                 !! (n_tones)
+      integer, intent(in) :: dofs(:)                                  !! each 1 to n_dofs
+      real(wp), intent(in) :: cosine(:), sine(:)                      !! of loads [N], of a motion [m], (size(dofs))
+      type(error_t), allocatable, intent(out) :: error
+      complex(wp) :: values(self%n_dofs)
+      real(wp) :: turned
+      integer :: h, i
+
+      h = harmonics%index_of(tuple)
+      if (h == 0) then
+         call fail(error, "tuple "//tuple_text(tuple)//" is not in the set of harmonics; give one entry per tone, "// &
+            "and raise the order in &harmonics if it is too low")
+         return
+      end if
+      turned = real(canonical_sign(tuple), wp)
+      if (all(tuple == 0)) turned = 0.0_wp
+      values = (0.0_wp, 0.0_wp)
+      do i = 1, size(dofs)
+         values(dofs(i)) = values(dofs(i)) + cmplx(cosine(i), -turned*sine(i), wp)
+      end do
+      call self%add(h, values)
+   end subroutine amplitudes_add_tuple
+
+   !> Those of one set in another, what both have.
+   pure function amplitudes_in_set(self, from_set, to_set) result(moved)
+      class(amplitudes_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: from_set, to_set
+      type(amplitudes_t) :: moved
+      integer :: h, numbers(self%n_harmonics)
+
+      numbers = [(to_set%index_of(from_set%tuples(:, h)), h=1, self%n_harmonics)]
+      moved = renumbered(self, numbers, to_set%n_harmonics)
+   end function amplitudes_in_set
+
+   !> Number `numbers(h)` of another set is harmonic `h` here, which is left out where that is zero.
+   pure function renumbered(self, numbers, n_harmonics) result(other)
+      type(amplitudes_t), intent(in) :: self
+      integer, intent(in) :: numbers(:)                               !! (self%n_harmonics)
+      integer, intent(in) :: n_harmonics                              !! of the other set
+      type(amplitudes_t) :: other
+      integer :: k
+
+      call new_amplitudes(other, self%n_dofs, n_harmonics)
+      do k = 1, size(self%harmonics)
+         if (numbers(self%harmonics(k)) > 0) call other%add(numbers(self%harmonics(k)), self%values(:, k))
+      end do
+   end function renumbered
+
+   !> Those of some harmonics alone.
+   pure function amplitudes_at(self, places) result(part)
+      class(amplitudes_t), intent(in) :: self
+      integer, intent(in) :: places(:)                                !! their numbers
+      type(amplitudes_t) :: part
+      integer :: i, numbers(self%n_harmonics)
+
+      numbers = 0
+      numbers(places) = [(i, i=1, size(places))]
+      part = renumbered(self, numbers, size(places))
+   end function amplitudes_at
+
+   !> Takes those of some harmonics from an object of these alone.
+   pure subroutine amplitudes_replace(self, places, part)
+      class(amplitudes_t), intent(inout) :: self
+      integer, intent(in) :: places(:)                                !! their numbers, ascending
+      type(amplitudes_t), intent(in) :: part
+      type(amplitudes_t) :: kept
+      integer :: k, numbers(self%n_harmonics)
+
+      numbers = [(k, k=1, self%n_harmonics)]
+      numbers(places) = 0
+      kept = renumbered(self, numbers, self%n_harmonics)
+      call move_alloc(kept%harmonics, self%harmonics)
+      call move_alloc(kept%values, self%values)
+      do k = 1, size(part%harmonics)
+         call self%add(places(part%harmonics(k)), part%values(:, k))
+      end do
+   end subroutine amplitudes_replace
+
+   !> Those of harmonic `h`, zero where it has none.
+   pure function amplitudes_of(self, h) result(values)
+      class(amplitudes_t), intent(in) :: self
+      integer, intent(in) :: h
+      complex(wp) :: values(self%n_dofs)
+      integer :: k
+
+      values = (0.0_wp, 0.0_wp)
+      k = findloc(self%harmonics, h, dim=1)
+      if (k > 0) values = self%values(:, k)
+   end function amplitudes_of
+
+   !> Whether there are none, or all are zero.
+   pure logical function amplitudes_is_zero(self) result(is_zero)
+      class(amplitudes_t), intent(in) :: self
+
+      is_zero = all(abs(self%values) <= 0.0_wp)
+   end function amplitudes_is_zero
+
+   !> The same of harmonic `h`.
+   pure logical function amplitudes_is_zero_at(self, h) result(is_zero)
+      class(amplitudes_t), intent(in) :: self
+      integer, intent(in) :: h
+      integer :: k
+
+      k = findloc(self%harmonics, h, dim=1)
+      is_zero = k == 0
+      if (.not. is_zero) is_zero = all(abs(self%values(:, k)) <= 0.0_wp)
+   end function amplitudes_is_zero_at
+
+   !> An array with a column for each harmonic, (n_dofs, n_harmonics).
+   pure function amplitudes_whole(self) result(values)
+      class(amplitudes_t), intent(in) :: self
+      complex(wp) :: values(self%n_dofs, self%n_harmonics)
+
+      values = (0.0_wp, 0.0_wp)
+      values(:, self%harmonics) = self%values
+   end function amplitudes_whole
+end module hb_amplitudes
