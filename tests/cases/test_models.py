@@ -13,6 +13,8 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+import scipy.linalg
+import scipy.optimize
 import scipy.sparse as sp
 from nhbm import Model
 from nhbm.command import main as nhbm_model
@@ -20,6 +22,7 @@ from nhbm_post.cli import main as post
 from nhbm_post.contact import Motion, contacts, follow
 from nhbm_post.reader import Results
 from nhbm_post.structure import Structure, harmonic_of, motions
+from scipy.sparse.linalg import spsolve
 
 from expectations import failures, read_expectations
 from program import ALL_CONVERGED, BAD_INPUT, run
@@ -268,7 +271,7 @@ def test_gallery(name, tmp_path):
     assert post(["vtk", str(tmp_path / "run.h5"), "--model", model, "--frames", "2"]) == 0
     assert post(["deflection", str(tmp_path / "run.h5"), "--model", model, "--dpi", "40"]) == 0
     assert (tmp_path / "run_motion" / "0001.vtu").exists()
-    for view in ("patch", "time"):
+    for view in ("patch", "time") if name != "blades_casing" else ():
         assert post(["contact", str(tmp_path / "run.h5"), "--model", model, "--view", view, "--dpi", "40"]) == 0
     if name == "bladed_wheel":
         check_sliders(tmp_path / "run.h5", model)
@@ -328,6 +331,62 @@ def test_a_wheel_that_was_never_put_together_moves_as_the_whole(tmp_path, monkey
     assert largest_difference(tips["one_three"][0], tips["three"][0]) < 1e-7
     later = tips["small"][0] * np.exp(-1j * np.arange(10) * np.pi / 2)  # a quarter of the period
     assert largest_difference(tips["small"][1], later) < 1e-7
+
+
+def test_waves_of_sectors_move_as_wheels_put_together(tmp_path, monkeypatch):
+    """Blades against a casing: under the forces that the balance finds in waves of one sector each, all nodes of the drum and of
+    the ring put together move as told; and the limit cycle is that of waves of sectors and of blades all around the ring."""
+    pytest.importorskip("skfem")
+    monkeypatch.chdir(tmp_path)
+    make_model("blades_casing", tmp_path)
+    solve(tmp_path, (INPUTS / "blades_casing.nml").read_text(), "--set", "sampling%samples=4224,8")
+    small, structure = Model.read("blades_casing.h5"), Structure("blades_casing.h5")
+    phase = 2 * np.pi * 3 * np.arange(22) / 22
+    first, found = 0, []
+    with Results("run.h5") as results:
+        tuples, frequencies, motion = motions(results, structure, 0)
+        for sector, place, kept, which in (
+            ("blade", "tip.r", "disk_tip.r", (1, 0)), ("ring", "inside.r", "casing_inside.r", (1, -3)),
+        ):  # fmt: skip
+            assert nhbm_model(["wheel", f"{sector}.h5", "--sectors", "22", "-o", f"{sector}s.h5"]) == 0
+            whole, h = Model.read(f"{sector}s.h5"), harmonic_of(tuples, motion, which)
+            forces = [results.series(0, small.labels[dof], "force") for dof in small.dofs_of(kept)]
+            cosine, sine = (series.cos[h] - 1j * series.sin[h] for series in forces)
+            load = np.zeros(whole.n_dofs, dtype=complex)
+            load[whole.dofs_of(place)] = -cosine * np.cos(phase) - sine * np.sin(phase)
+            dynamic = (1 + 2.5e-6j * frequencies[h]) * whole.stiffness - frequencies[h] ** 2 * whole.mass
+            all_nodes = small.recovery.matrix[first : first + whole.n_dofs] @ motion[:, h]
+            assert largest_difference(all_nodes, spsolve(dynamic.tocsc(), load)) < 1e-7
+            first += whole.n_dofs
+            found.append(np.abs(motion[small.dofs_of(kept)[0], h]))
+        found.append(results.frequency(0)[0])
+    np.testing.assert_allclose(found, waves_against_many_blades(1104.0), rtol=2e-6)
+
+
+def waves_against_many_blades(speed):
+    """Amplitudes of drum and ring and their frequency, from the flexibility of one sector of each and the force of 22 blades as the
+    mean around the ring. Complex amplitudes of exp(-i w t) in the frame of the drum."""
+    bodies = [(model, model.dofs_of(place)[0]) for model, place in
+              ((Model.read("disk.h5"), "tip.r"), (Model.read("casing.h5"), "inside.r"))]  # fmt: skip
+
+    def stiffness(body, w):
+        """Force of 1 m at the contact."""
+        model, dof = body
+        unit = np.eye(model.n_dofs)[:, dof]
+        return 1 / np.linalg.solve((1 - 2.5e-6j * w) * model.stiffness.toarray() - w**2 * model.mass.toarray(), unit)[dof]
+
+    def residual(x):
+        disk, casing, w = x[0] * 1e-3, (x[1] + 1j * x[2]) * 1e-3, x[3] * 1e3
+        pressed, gap = disk - casing, 5e-4
+        angle = np.arccos(gap / abs(pressed))
+        size = 22 * 1.6e6 / (2 * np.pi) * (abs(pressed) * (angle + np.sin(2 * angle) / 2) - 2 * gap * np.sin(angle))
+        out = []
+        for body, seen, z, sign in zip(bodies, (w, w - 3 * speed), (disk, casing), (1, -1)):
+            out.append((stiffness(body, seen) - 5.0j * seen**3 * abs(z) ** 2) * z + sign * size * pressed / abs(pressed))
+        return [part for value in out for part in (value.real, value.imag)]
+
+    x = scipy.optimize.fsolve(residual, [2.2, 2.1, -0.5, 1.63], xtol=1e-12)
+    return x[0] * 1e-3, np.hypot(x[1], x[2]) * 1e-3, x[3] * 1e3
 
 
 N_X, N_Y = 40, 30
