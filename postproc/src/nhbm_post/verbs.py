@@ -212,12 +212,13 @@ def contact(arguments):
         point = results.point(arguments.point, dict(arguments.at))
         found = chosen(contacts(results, structure, point), arguments.law, results)
         motion = Motion(results, point, arguments.unconverged)
-        places, about = structure.points[found.nodes], _origin(results, point, "motion")
+        places, about = structure.points[found.nodes] if found.table is None else None, _origin(results, point, "motion")
         if arguments.view == "patch":
             values = summary(found, motion, results.power_laws(point))
-            spans = {name: f"{number_text(value.min())} to {number_text(value.max())}" for name, value in values.items()}
+            ends = {name: [number_text(value.min()), number_text(value.max())] for name, value in values.items()}
+            spans = {name: " to ".join(dict.fromkeys(both)) for name, both in ends.items()}
             told = [f"{name} {span} {UNITS[name]}".removesuffix(" 1") for name, span in spans.items()]
-            print(f"{found.label}, {len(found.nodes)} nodes: {', '.join(told)}")
+            print(f"{found.label}, {found.counted}: {', '.join(told)}")
             fig = draw.draw_patch(found, values, places, about)
         else:
             end = arguments.t_from + motion.period if arguments.t_to is None else arguments.t_to
@@ -248,6 +249,8 @@ def vtk(arguments):
         motion = Motion(results, point, arguments.unconverged) if found else None
         at_nodes = shares(found, motion, results.power_laws(point), structure) if found else {}
         over_time = moments(found, motion, times, structure)
+    for table in (contact for contact in found if contact.table is not None):
+        print(f"'{table.label}': the contacts of {table.kind} stand at no node, and in no file; nhbm-post contact draws them")
     stem = arguments.output or arguments.file.with_suffix("")
     path = stem.with_name(f"{stem.name}_harmonics.vtu")
     written = write_harmonics(structure, tuples, coefficients, path, arguments.tuples, arguments.harmonics, at_nodes)
