@@ -188,17 +188,20 @@ def deflection(arguments):
     with Results(arguments.file) as results:
         point = results.point(arguments.point, dict(arguments.at))
         tuples, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
+        about = _origin(results, point, "motion")
     if arguments.time is not None:
         motion = (coefficients * np.exp(1j * frequencies * arguments.time)).real.sum(axis=1)
         field = structure.displacement(motion)
-        fig = draw.draw_deflection(structure, field, np.linalg.norm(field, axis=1), f"t = {arguments.time:g} s")
+        sizes = ("displacement", np.linalg.norm(field, axis=1))
+        fig = draw.draw_deflection(structure, field, sizes, f"Motion at {arguments.time:g} s", about)
     else:
         h = harmonic_of(tuples, coefficients, arguments.tuple)
         shape = structure.displacement(coefficients[:, h].real) + 1j * structure.displacement(coefficients[:, h].imag)
         largest = shape.ravel()[np.argmax(np.abs(shape))]
         moment = (shape * np.exp(-1j * np.angle(largest))).real
-        words = f"harmonic ({','.join(str(k) for k in tuples[h])}), {abs(frequencies[h]):.6g} rad/s"
-        fig = draw.draw_deflection(structure, moment, np.linalg.norm(np.abs(shape), axis=1), words)
+        words = f"Harmonic ({','.join(str(k) for k in tuples[h])}), {abs(frequencies[h]):.6g} rad/s"
+        sizes = ("amplitude", np.linalg.norm(np.abs(shape), axis=1))
+        fig = draw.draw_deflection(structure, moment, sizes, words, about)
     _save(fig, arguments)
 
 
