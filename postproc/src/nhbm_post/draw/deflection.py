@@ -50,7 +50,6 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: 
             getattr(axes, f"{label}axis").set_major_locator(MaxNLocator(4))
         across = flat_across(structure.points, displacement)
         axes.set_box_aspect((1, 1, 1), zoom=1.0 if across is None else 1.4)
-        across = flat_across(structure.points, displacement)
         if across is not None:
             axes.view_init(*_ABOVE[across])
             axes.set_proj_type("ortho")
