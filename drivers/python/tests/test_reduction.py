@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse as sp
 
 from nhbm import Model, ModelError, examples
 from nhbm.command import main
@@ -26,6 +27,26 @@ def test_all_modes_leave_nothing_out(chain, method):
         exact = flexibility(chain, ["n5.z", "n2.z", "n9.z"], w)
         assert reduced.labels[:3] == ["n5.z", "n2.z", "n9.z"]
         np.testing.assert_allclose(flexibility(reduced, reduced.labels[:3], w), exact, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("left_out", [0, 5, 20])
+def test_nearly_all_modes_of_a_free_interface_keep_their_digits(block, left_out):
+    """What they leave of the flexibility is rounding in some directions, and small in others. At rest and at a resonance."""
+    names = [block.labels[dof] for dof in block.dofs_of("right.z")]
+    reduced = reduce(dataclasses.replace(block, loads={}), ["right.z"], block.n_dofs - len(names) - left_out)
+    assert reduced.n_dofs <= block.n_dofs
+    lowest = np.sqrt(scipy.linalg.eigh(block.stiffness.toarray(), block.mass.toarray(), eigvals_only=True)[0])
+    for w, least in ((0.0, 1e-10), (lowest, 1e-6)):
+        exact = flexibility(block, names, w)
+        assert abs(flexibility(reduced, names, w) - exact).max() < least * abs(exact).max()
+
+
+def test_kept_degrees_of_freedom_that_move_as_one_are_told(chain):
+    link = np.zeros((12, 12))
+    link[np.ix_([3, 4], [3, 4])] = [[1e20, -1e20], [-1e20, 1e20]]
+    rigid = dataclasses.replace(chain, stiffness=chain.stiffness + sp.csr_matrix(link))
+    with pytest.raises(ModelError, match="do not move independently|is not positive definite"):
+        reduce(rigid, ["n4.z", "n5.z"], 3)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -22,6 +22,7 @@ from nhbm.model import Model, Recovery
 METHODS = ("free-interface", "craig-bampton")
 LARGEST_REDUCED = 2000
 BAND = np.array([0.1, 0.35, 0.7, 1.0])
+LEAST_LEFT = 1.0e-11  # by the modes, of the static flexibility at a combination of kept degrees of freedom
 RIGID = 1.0e-3  # frequencies below this share of the band are those of rigid bodies
 
 
@@ -156,20 +157,26 @@ def _free_interface(model, kept, n_modes) -> np.ndarray:
             shift = 0.1 * float(values[is_elastic].min())
         break
     factors = Factors(sp.csr_matrix(k + shift * m), "the shifted stiffness")
-    _, modes = lowest_modes(k, m, n_modes, shift, factors)
+    values, modes = lowest_modes(k, m, n_modes, shift, factors)
     unit = np.zeros((model.n_dofs, len(kept)))
     unit[kept, np.arange(len(kept))] = 1.0
     attachment = factors.solve(np.hstack([unit, load_matrix(model)]))
-    whole = np.abs(attachment).max(axis=0)
-    # what modes leave of the attachment, made well conditioned
+    whole, flexible = np.abs(attachment).max(axis=0), attachment[kept, : len(kept)]
+    # what modes leave of the attachment, as shapes of unit energy like those of the modes; none where they leave nothing
     attachment -= modes @ (modes.T @ (m @ attachment))
     static, loads = attachment[:, : len(kept)], attachment[:, len(kept) :]
-    held = static[kept]
-    scale = np.sqrt(np.abs(np.diag(held)))
-    if not (scale > 0).all() or np.linalg.cond(held / np.outer(scale, scale)) > 1.0e13:
-        raise ModelError("the modes leave nothing of the flexibility at the kept degrees of freedom: take fewer modes")
-    boundary = np.linalg.solve(held.T, static.T).T  # one at its own degree of freedom, zero at the others
-    inner = modes - boundary @ modes[kept]
+    scale = np.sqrt(np.diag(flexible))
+    try:
+        left, forces = scipy.linalg.eigh(*((a + a.T) / 2 / np.outer(scale, scale) for a in (static[kept], flexible)))
+    except np.linalg.LinAlgError:
+        raise ModelError("the kept degrees of freedom do not move independently: keep fewer") from None
+    some = left > LEAST_LEFT
+    static = static @ (forces[:, some] / scale[:, None] / np.sqrt(left[some]))
+    shapes = np.hstack([modes / np.sqrt(values + shift), static])
+    # all of them, in static shapes with one at each kept degree of freedom and in what is zero at these
+    turn, triangle = np.linalg.qr(shapes[kept].T, mode="complete")
+    boundary = scipy.linalg.solve_triangular(triangle[: len(kept)], (shapes @ turn[:, : len(kept)]).T).T
+    inner = shapes @ turn[:, len(kept) :]
     more = loads - boundary @ loads[kept]
     known, _ = np.linalg.qr(inner)
     more -= known @ (known.T @ more)  # nothing but rounding of loads on kept degrees of freedom
