@@ -239,9 +239,14 @@ def band(reduced: Model, up_to: float, most: int = 6) -> np.ndarray:
 
 
 def resonances(reduced: Model, up_to: float) -> np.ndarray:
-    """Frequencies of a small model without those of rigid bodies [rad/s]."""
-    values = scipy.linalg.eigh(reduced.stiffness.toarray(), reduced.mass.toarray(), eigvals_only=True)
-    found = np.sqrt(np.maximum(values, 0.0))
+    """Frequencies of a small model without those of rigid bodies [rad/s]; with gyroscopic terms those of its whirls."""
+    k, m = reduced.stiffness.toarray(), reduced.mass.toarray()
+    if reduced.gyroscopic is None:
+        found = np.sqrt(np.maximum(scipy.linalg.eigh(k, m, eigvals_only=True), 0.0))
+    else:
+        none, one = np.zeros_like(k), np.eye(len(k))
+        states = np.block([[none, one], [-k, -reduced.gyroscopic.toarray()]])
+        found = np.sort(scipy.linalg.eigvals(states, scipy.linalg.block_diag(one, m)).imag)
     return found[(found > RIGID * up_to) & (found <= up_to)]
 
 
@@ -273,7 +278,7 @@ def compare(model: Model, reduced: Model, frequencies, loss: float = 1.0e-3) -> 
             exact[:, i] = _solve(a, unit, recovery @ small[:, c], factors)[full]
         difference = np.abs(small[kept][:, list(columns)] - exact).max()
         errors.append(difference / np.abs(exact).max())
-    ours = resonances(reduced, frequencies.max())
+    ours = resonances(replace(reduced, gyroscopic=None), frequencies.max())
     n_rigid = 6
     values, _ = lowest_modes(model.stiffness, model.mass, min(len(ours) + n_rigid, model.n_dofs - 2), shift, factors)
     exact = np.sqrt(np.maximum(values, 0.0))
