@@ -37,10 +37,8 @@ def files(folder, law, amplitudes, direction="z", **more):
     names = list(amplitudes)
     c = np.zeros((1, len(names), 2, 2))
     c[0, :, 1, 0] = list(amplitudes.values())
-    write_results(
-        folder / "run.h5", [[0], [1]], [[2.0]], c, dofs=names, law_dofs=names, input_groups=law,
-        laws=[f"stop n{n}.{direction}" for n in (4, 2, 3)], power=[3.0, 1.0, 2.0], **more,
-    )  # fmt: skip
+    more = {"laws": [f"stop n{n}.{direction}" for n in (4, 2, 3)], "power": [3.0, 1.0, 2.0], **more}
+    write_results(folder / "run.h5", [[0], [1]], [[2.0]], c, dofs=names, law_dofs=names, input_groups=law, **more)
     write_model(folder / "model.h5", "xz" if direction == "x" else "z")
     return Results(folder / "run.h5"), Structure(folder / "model.h5")
 
@@ -90,7 +88,7 @@ def test_a_slider_sticks_until_the_motion_has_come_back_by_twice_its_reach(tmp_p
     stick = [np.arccos(1 - 2 * STICKING / amplitude) / np.pi for amplitude in (1.0, 2.0)]
     np.testing.assert_allclose(found["slip share"], [1 - stick[0], 0.0, 1 - stick[1]], atol=2 / 256)
     np.testing.assert_allclose(found["largest friction"], [2.0, 1.5, 2.0], rtol=1e-3)
-    assert found["loss"].tolist() == [3.0, 1.0, 2.0] and not found["open share"].any()
+    assert found["loss"].tolist() == [3.0, 1.0, 2.0] and "open share" not in found
 
 
 def test_a_slider_remembers_what_was_before_its_record(tmp_path):
@@ -143,6 +141,89 @@ def test_rigid_laws_are_closed_where_their_force_is(tmp_path):
     assert found["largest normal force"][0] == pytest.approx(3.5, rel=0.01)
 
 
+def test_elements_side_by_side_slip_one_after_the_other(tmp_path):
+    """As many laws of one element each: their forces add up, and one of them slips at least while it does."""
+    one = STOP.replace("elastic_stop", "jenkins").replace("   gap = 0.5\n", "   limit = 20.0\n")
+    iwan = one.replace("jenkins", "iwan").replace("100.0", "100.0, 30.0").replace("20.0", "20.0, 45.0")
+    results, structure = files(tmp_path, iwan, PATCH)
+    (contact,) = contacts(results, structure, 0)
+    motion = Motion(results, 0)
+    times = motion.period * np.linspace(0.0, 1.0, 257)
+    found, z = history(contact, motion, times), motion.coordinate(contact, 0, times)
+    sliders = []
+    for k, limit in ((100.0, 20.0), (30.0, 45.0)):
+        longer = motion.coordinate(contact, 0, np.concatenate([times[:-1] - motion.period, times]))
+        places, moved = follow(longer[None], np.full(longer.shape, limit / k), np.zeros((1, 3)))
+        sliders.append((k * (z - places[0, 256:]), moved[256:]))
+    np.testing.assert_allclose(found.friction, np.abs(sliders[0][0] + sliders[1][0]), atol=1e-9)
+    assert ((found.status == SLIP) == (sliders[0][1] | sliders[1][1])).all()
+    assert 0.0 < (found.status[:, 0] == STICK).mean() < 1.0
+    left = summary(contact, motion, np.array([3.0, 1.0, 2.0]))
+    assert "open share" not in left and left["loss"].tolist() == [3.0, 1.0, 2.0]
+
+
+BLADES = """&law
+   type = 'blade_contact'
+   label = 'blades'
+   dofs = 'n1.z', 'n2.z', 'n3.z', 'n4.z'
+   n_diameters = 3
+   n_blades = 5
+   gaps = 0.2, 0.3, 0.4, 0.5, 0.6
+   contact = 'elastic'
+   stiffness = 100.0
+   friction_coefficient = 0.25
+   shares = 1.0
+   frame = 'FRAME'
+   tone = 1
+/
+"""
+
+
+@pytest.mark.parametrize("frame", ["rotating", "stationary", "own"])
+def test_blades_pass_along_a_casing(tmp_path, frame):
+    """Gaps from the angles at which blades and casing are; a table of the same numbers gives the same."""
+    amplitudes = {"n1.z": 0.3, "n2.z": -0.5, "n3.z": 0.4, "n4.z": -0.2}
+    results, structure = files(tmp_path, BLADES.replace("FRAME", frame), amplitudes, laws=["blades"], power=[1.0])
+    (contact,) = contacts(results, structure, 0)
+    motion = Motion(results, 0)
+    times = np.linspace(0.0, motion.period, 41)
+    found = history(contact, motion, times)
+    phi, tau = 2 * np.pi * np.arange(1, 6) / 5, 2.0 * times[:, None]
+    q = np.outer(np.cos(2.0 * times), list(amplitudes.values())).T[:, :, None]
+    disk, casing = phi + tau * (frame == "stationary"), phi + tau * (frame != "rotating")
+    gap = np.linspace(0.2, 0.6, 5) + q[2] * np.cos(3 * casing) + q[3] * np.sin(3 * casing)
+    gap = gap - q[0] * np.cos(3 * disk) - q[1] * np.sin(3 * disk)
+    np.testing.assert_allclose(found.gap, gap, atol=1e-12)
+    np.testing.assert_allclose(found.friction, 25.0 * np.maximum(-gap, 0.0), atol=1e-10)
+    assert ((found.status == SLIP) == (gap < 0)).all() and 0 < (gap < 0).sum() < gap.size
+    results.close()
+    cosine, sine = np.cos(3 * phi), np.sin(3 * phi)
+    shapes = ", ".join(map(repr, np.column_stack([-cosine, -sine, cosine, sine]).ravel().tolist()))
+    table = BLADES.replace("blade_contact", "contact_table").replace("n_blades", "n_contacts")
+    table = table.replace("frame = 'FRAME'", f"shapes = {shapes}")
+    if frame == "rotating":
+        table = table.replace("tone = 1", "tone = 0")
+    else:
+        table = table.replace("tone = 1", f"tone = 1\n   turns = {3 * (frame == 'stationary')}, 3")
+    results, structure = files(tmp_path, table, amplitudes, laws=["blades"], power=[1.0])
+    (contact,) = contacts(results, structure, 0)
+    np.testing.assert_allclose(history(contact, Motion(results, 0), times).gap, gap, atol=1e-12)
+
+
+def test_contacts_without_nodes_have_pictures_and_no_fields(tmp_path, capsys):
+    pytest.importorskip("meshio")
+    amplitudes = {"n1.z": 0.3, "n2.z": -0.5, "n3.z": 0.4, "n4.z": -0.2}
+    files(tmp_path, BLADES.replace("FRAME", "own"), amplitudes, laws=["blades"], power=[1.0])[0].close()
+    words = (tmp_path / "run.h5", "--model", tmp_path / "model.h5")
+    assert "blades, 5 contacts: open share" in run(capsys, "contact", *words, "--dpi", 40)[1]
+    assert run(capsys, "contact", *words, "--dpi", 40, "--view", "time")[0] == 0
+    status, out, _ = run(capsys, "vtk", *words, "--frames", 2)
+    assert status == 0 and "'blades': the contacts of blade_contact stand at no node, and in no file" in out
+    rigid = BLADES.replace("FRAME", "own").replace("elastic", "rigid")
+    files(tmp_path, rigid, amplitudes, laws=["blades"], power=[1.0])[0].close()
+    assert "blade_contact, contact_table that are not rigid" in run(capsys, "contact", *words)[2]
+
+
 def test_files_and_pictures(tmp_path, capsys):
     meshio = pytest.importorskip("meshio")
     results, _ = files(tmp_path, STOP, PATCH)
@@ -172,7 +253,7 @@ def test_what_cannot_be_drawn_is_told(tmp_path, capsys):
         file["law"][...] = [b"a", b"b", b"c"]
     assert "law 'stop' of its input is not that of" in run(capsys, *words)[2]
     files(tmp_path, STOP.replace("elastic_stop", "cubic_spring"), PATCH)[0].close()
-    assert "no law of the result is a contact at a node" in run(capsys, *words)[2]
+    assert "no law of the result is a contact that can be drawn" in run(capsys, *words)[2]
     files(tmp_path, STOP.replace("patch", "other"), PATCH)[0].close()
     assert "no degree of freedom and no set 'other.z'" in run(capsys, *words)[2]
 

@@ -138,6 +138,16 @@ def test_quick_view(files, capsys, words):
     assert status == 0 and (folder / "run_deflection.png").stat().st_size > 2000
 
 
+def test_plane_bodies_that_move_in_their_plane_are_seen_from_above():
+    from nhbm_post.draw.deflection import flat_across
+
+    plate = np.array([[0.0, 0, 0], [1, 0, 0.01], [0, 1, 0]])
+    in_plane, across = np.array([[0.1, 0, 0.001]] * 3), np.array([[0.0, 0, 0.1]] * 3)
+    assert flat_across(plate, in_plane) == 2 and flat_across(plate[:, [2, 0, 1]], in_plane[:, [2, 0, 1]]) == 0
+    assert flat_across(plate, across) is None and flat_across(plate * [1, 1, 100], in_plane) is None
+    assert flat_across(plate * [1, 0, 0], in_plane) is None  # a line
+
+
 def test_surface_is_what_one_cell_has_alone():
     from nhbm_post.draw.deflection import surface
 

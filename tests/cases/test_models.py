@@ -13,13 +13,16 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+import scipy.linalg
+import scipy.optimize
 import scipy.sparse as sp
 from nhbm import Model
 from nhbm.command import main as nhbm_model
 from nhbm_post.cli import main as post
-from nhbm_post.contact import Motion, contacts, follow
+from nhbm_post.contact import Motion, contacts, follow, history
 from nhbm_post.reader import Results
 from nhbm_post.structure import Structure, harmonic_of, motions
+from scipy.sparse.linalg import spsolve
 
 from expectations import failures, read_expectations
 from program import ALL_CONVERGED, BAD_INPUT, run
@@ -284,6 +287,8 @@ def test_gallery(name, tmp_path):
         assert post(["contact", str(tmp_path / "run.h5"), "--model", model, "--view", view, "--dpi", "40"]) == 0
     if name == "bladed_wheel":
         check_sliders(tmp_path / "run.h5", model)
+    if name == "blades_casing":
+        check_blades(tmp_path / "run.h5", model)
 
 
 def check_sliders(path, model):
@@ -297,6 +302,27 @@ def check_sliders(path, model):
         start = len(times) // 9
         power = work[start:].sum(axis=0) / (times[-1] - times[start])
         np.testing.assert_allclose(power, results.power_laws(0), rtol=2e-3)
+
+
+def check_blades(path, model):
+    """Normal forces of the blades, beside damping, push drum and ring as the result says, in the mean of their waves."""
+    with Results(path) as results:
+        contact, motion = contacts(results, Structure(model), 0)[0], Motion(results, 0)
+        times = np.linspace(0.0, motion.period, 400)
+        normal = history(contact, motion, times).normal_force
+        wave, speed = results.frequency(0)
+        for labels, sign, turn in ((("n239.r", "n6799.r"), 1, 0.0), (("n6822.r", "n7790.r"), -1, 3 * speed)):
+            phase = 3 * 2 * np.pi * np.arange(1, 23) / 22 + turn * times[:, None]
+            rate, told = (
+                sum(
+                    unit * (np.exp(1j * np.outer(times, s.frequencies)) @ ((1j * s.frequencies) ** n * (s.cos - 1j * s.sin))).real
+                    for unit, s in zip((1, 1j), (results.series(0, label, what) for label in labels))
+                )
+                for what, n in (("motion", 1), ("force", 0))
+            )
+            push = sign * (normal * np.exp(1j * phase)).sum(axis=1) + 5.0 * np.abs(rate) ** 2 * rate
+            backwards = np.exp(1j * (wave - turn) * times)
+            assert abs((push * backwards).mean() / (told * backwards).mean() - 1) < 1e-3
 
 
 WHEEL = """&structure type = 'model', file = 'FILE.h5', damping_stiffness = 1e-6 /
@@ -340,6 +366,62 @@ def test_a_wheel_that_was_never_put_together_moves_as_the_whole(tmp_path, monkey
     assert largest_difference(tips["one_three"][0], tips["three"][0]) < 1e-7
     later = tips["small"][0] * np.exp(-1j * np.arange(10) * np.pi / 2)  # a quarter of the period
     assert largest_difference(tips["small"][1], later) < 1e-7
+
+
+def test_waves_of_sectors_move_as_wheels_put_together(tmp_path, monkeypatch):
+    """Blades against a casing: under the forces that the balance finds in waves of one sector each, all nodes of the drum and of
+    the ring put together move as told; and the limit cycle is that of waves of sectors and of blades all around the ring."""
+    pytest.importorskip("skfem")
+    monkeypatch.chdir(tmp_path)
+    make_model("blades_casing", tmp_path)
+    solve(tmp_path, (INPUTS / "blades_casing.nml").read_text(), "--set", "sampling%samples=4224,8")
+    small, structure = Model.read("blades_casing.h5"), Structure("blades_casing.h5")
+    phase = 2 * np.pi * 3 * np.arange(22) / 22
+    first, found = 0, []
+    with Results("run.h5") as results:
+        tuples, frequencies, motion = motions(results, structure, 0)
+        for sector, place, kept, which in (
+            ("blade", "tip.r", "disk_tip.r", (1, 0)), ("ring", "inside.r", "casing_inside.r", (1, -3)),
+        ):  # fmt: skip
+            assert nhbm_model(["wheel", f"{sector}.h5", "--sectors", "22", "-o", f"{sector}s.h5"]) == 0
+            whole, h = Model.read(f"{sector}s.h5"), harmonic_of(tuples, motion, which)
+            forces = [results.series(0, small.labels[dof], "force") for dof in small.dofs_of(kept)]
+            cosine, sine = (series.cos[h] - 1j * series.sin[h] for series in forces)
+            load = np.zeros(whole.n_dofs, dtype=complex)
+            load[whole.dofs_of(place)] = -cosine * np.cos(phase) - sine * np.sin(phase)
+            dynamic = (1 + 2.5e-6j * frequencies[h]) * whole.stiffness - frequencies[h] ** 2 * whole.mass
+            all_nodes = small.recovery.matrix[first : first + whole.n_dofs] @ motion[:, h]
+            assert largest_difference(all_nodes, spsolve(dynamic.tocsc(), load)) < 1e-7
+            first += whole.n_dofs
+            found.append(np.abs(motion[small.dofs_of(kept)[0], h]))
+        found.append(results.frequency(0)[0])
+    np.testing.assert_allclose(found, waves_against_many_blades(1104.0), rtol=2e-6)
+
+
+def waves_against_many_blades(speed):
+    """Amplitudes of drum and ring and their frequency, from the flexibility of one sector of each and the force of 22 blades as the
+    mean around the ring. Complex amplitudes of exp(-i w t) in the frame of the drum."""
+    bodies = [(model, model.dofs_of(place)[0]) for model, place in
+              ((Model.read("disk.h5"), "tip.r"), (Model.read("casing.h5"), "inside.r"))]  # fmt: skip
+
+    def stiffness(body, w):
+        """Force of 1 m at the contact."""
+        model, dof = body
+        unit = np.eye(model.n_dofs)[:, dof]
+        return 1 / np.linalg.solve((1 - 2.5e-6j * w) * model.stiffness.toarray() - w**2 * model.mass.toarray(), unit)[dof]
+
+    def residual(x):
+        disk, casing, w = x[0] * 1e-3, (x[1] + 1j * x[2]) * 1e-3, x[3] * 1e3
+        pressed, gap = disk - casing, 5e-4
+        angle = np.arccos(gap / abs(pressed))
+        size = 22 * 1.6e6 / (2 * np.pi) * (abs(pressed) * (angle + np.sin(2 * angle) / 2) - 2 * gap * np.sin(angle))
+        out = []
+        for body, seen, z, sign in zip(bodies, (w, w - 3 * speed), (disk, casing), (1, -1)):
+            out.append((stiffness(body, seen) - 5.0j * seen**3 * abs(z) ** 2) * z + sign * size * pressed / abs(pressed))
+        return [part for value in out for part in (value.real, value.imag)]
+
+    x = scipy.optimize.fsolve(residual, [2.2, 2.1, -0.5, 1.63], xtol=1e-12)
+    return x[0] * 1e-3, np.hypot(x[1], x[2]) * 1e-3, x[3] * 1e3
 
 
 N_X, N_Y = 40, 30

@@ -60,3 +60,22 @@ def test_a_node_is_in_one_pair_only(two):
     two.sets |= {"more_1": two.sets["joint_1"], "more_2": np.array([4, 5])}
     with pytest.raises(ModelError, match="'more_1.z' and 'more_2.z' are no pair"):
         reduction.reduce(two, ["joint.z", "more.z"], 4)
+
+
+def test_reduced_parts_are_put_together(two, chain):
+    """In either order, reduction first or last: the same motion of all nodes under a force. Not with parts that are whole."""
+    first, second = (dataclasses.replace(chain, stiffness=k * chain.stiffness, sets={"end": np.array([11])}) for k in (1.0, 3.0))
+    parts = {name: reduction.reduce(part, ["end.z"], 3) for name, part in (("a", first), ("b", second))}
+    small = assembly.assemble(parts, {"b": (10.0, 0.0, 0.0)})
+    assert [label for label in small.labels if label[-1] not in "234" or label[0] == "n"] == ["n12.z", "a.q1", "n24.z", "b.q1"]
+    small.validate()
+    force = np.zeros(small.n_dofs)
+    force[small.dofs_of("b_end.z")] = 1.0
+    motion = small.recovery.matrix @ np.linalg.solve(small.stiffness.toarray(), force)
+    unit = np.zeros(12)
+    unit[11] = 1.0
+    np.testing.assert_allclose(motion[12:], np.linalg.solve(second.stiffness.toarray(), unit), atol=1e-10)
+    assert not motion[:12].any()
+    assert small.recovery.node[12:].tolist() == list(range(12, 24)) and len(small.recovery.direction) == 24
+    with pytest.raises(ModelError, match="part 'a' is a reduced model and 'b' is none"):
+        assembly.assemble({"a": parts["a"], "b": second})

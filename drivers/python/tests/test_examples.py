@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from nhbm import ModelError, examples
+from nhbm import ModelError, cyclic, examples
 from nhbm.command import main
 
 pytest.importorskip("skfem")
@@ -51,12 +51,27 @@ def test_middle_nodes_stand_in_the_order_of_vtk():
         assert np.linalg.det(points[1:4] - points[0]) > 0
 
 
+@pytest.mark.parametrize("diameter", [2, 3])
+def test_a_thin_ring_bends_in_its_plane(diameter):
+    """Waves of a free ring (Hoppe 1871), to the share of thickness and width that the closed form leaves out."""
+    radius, thickness = 0.25, 0.004
+    sector = examples.ring(36, radius - thickness / 2, radius + thickness / 2, 0.004)
+    found = cyclic.frequencies(cyclic.sector_of(sector, 36, "low", "high"), diameter, 2)
+    n = diameter
+    wave = np.sqrt(2.1e11 * thickness**2 / 12 / (7850.0 * radius**4)) * n * (n**2 - 1) / np.sqrt(n**2 + 1)
+    assert np.abs(found / wave - 1.0).min() < 5e-3
+    assert len(sector.sets["inside"]) == 1 and sector.coordinates[sector.sets["inside"][0]] == pytest.approx([0.248, 0, 0.002])
+
+
 def test_what_makes_no_sense_is_refused():
     with pytest.raises(ModelError, match="height must be above 0"):
         examples.solid(height=-1.0)
 
 
-@pytest.mark.parametrize("words", ["plate --n-x 0", "beam --n-elements 0", "solid --n-z -1", "sector --n-sectors 2"])
+WITHOUT_ELEMENTS = ["plate --n-x 0", "beam --n-elements 0", "solid --n-z -1", "sector --n-sectors 2", "ring --outer 0.1"]
+
+
+@pytest.mark.parametrize("words", [*WITHOUT_ELEMENTS, "sector --clamped tip"])
 def test_sizes_without_elements_are_refused(words, tmp_path, capsys):
     assert main([*words.split(), "-o", str(tmp_path / "x.h5")]) == 2
     assert capsys.readouterr().err.startswith("nhbm-model: ") and not (tmp_path / "x.h5").exists()

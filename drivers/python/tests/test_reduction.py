@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse as sp
 
 from nhbm import Model, ModelError, examples
 from nhbm.command import main
@@ -26,6 +27,26 @@ def test_all_modes_leave_nothing_out(chain, method):
         exact = flexibility(chain, ["n5.z", "n2.z", "n9.z"], w)
         assert reduced.labels[:3] == ["n5.z", "n2.z", "n9.z"]
         np.testing.assert_allclose(flexibility(reduced, reduced.labels[:3], w), exact, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("left_out", [0, 5, 20])
+def test_nearly_all_modes_of_a_free_interface_keep_their_digits(block, left_out):
+    """What they leave of the flexibility is rounding in some directions, and small in others. At rest and at a resonance."""
+    names = [block.labels[dof] for dof in block.dofs_of("right.z")]
+    reduced = reduce(dataclasses.replace(block, loads={}), ["right.z"], block.n_dofs - len(names) - left_out)
+    assert reduced.n_dofs <= block.n_dofs
+    lowest = np.sqrt(scipy.linalg.eigh(block.stiffness.toarray(), block.mass.toarray(), eigvals_only=True)[0])
+    for w, least in ((0.0, 1e-10), (lowest, 1e-6)):
+        exact = flexibility(block, names, w)
+        assert abs(flexibility(reduced, names, w) - exact).max() < least * abs(exact).max()
+
+
+def test_kept_degrees_of_freedom_that_move_as_one_are_told(chain):
+    link = np.zeros((12, 12))
+    link[np.ix_([3, 4], [3, 4])] = [[1e20, -1e20], [-1e20, 1e20]]
+    rigid = dataclasses.replace(chain, stiffness=chain.stiffness + sp.csr_matrix(link))
+    with pytest.raises(ModelError, match="do not move independently|is not positive definite"):
+        reduce(rigid, ["n4.z", "n5.z"], 3)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -158,3 +179,29 @@ def test_superlu_where_there_is_no_cholmod(block, monkeypatch):
     np.testing.assert_allclose(Factors(block.stiffness, "stiffness").solve(b), expected, rtol=1e-8)
     with pytest.raises(ModelError, match="stiffness is not positive definite"):
         Factors(-1.0 * block.stiffness, "stiffness")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_error_of_a_body_that_turns_is_told_at_its_whirls(block, method):
+    """A bar with Coriolis terms about its axis: within a factor of ten of the largest of many frequencies and all whirls."""
+    at = {(node, d): i for i, (node, d) in enumerate(zip(block.dof_node, block.dof_direction))}
+    across = np.zeros((block.n_dofs, block.n_dofs))
+    for (node, direction), i in at.items():
+        if direction == "y":
+            across[i, at[node, "z"]], across[at[node, "z"], i] = -1.0, 1.0
+    turning = dataclasses.replace(block, gyroscopic=sp.csr_matrix(600.0 * block.mass @ across), loads={})
+    reduced = reduce(turning, ["right.z"], 14, method)
+    dofs = turning.dofs_of("right.z")
+
+    def exact(model, kept, w):
+        dynamic = model.stiffness * (1 + 1e-3j) - w**2 * model.mass + 1j * w * model.gyroscopic
+        return np.linalg.solve(dynamic.toarray(), np.eye(model.n_dofs)[:, kept])[kept]
+
+    n, up_to = reduced.n_dofs, 1.5e4
+    states = np.block([[np.zeros((n, n)), np.eye(n)], [-reduced.stiffness.toarray(), -reduced.gyroscopic.toarray()]])
+    whirls = scipy.linalg.eigvals(states, scipy.linalg.block_diag(np.eye(n), reduced.mass.toarray())).imag
+    errors = []
+    for w in np.concatenate([np.linspace(0.0, up_to, 20), whirls[(whirls > 1.0) & (whirls < up_to)]]):
+        full = exact(turning, dofs, w)
+        errors.append(abs(exact(reduced, list(range(len(dofs))), w) - full).max() / abs(full).max())
+    assert max(errors) / 10 < compare(turning, reduced, band(reduced, up_to)).errors.max() < 10 * max(errors)

@@ -3,7 +3,8 @@
 The laws are evaluated along the stored motion. Stops: the gap g - z, and k max(z - g, 0). Friction with memory: the slider w of
 f = k (z - w) is pushed by the window |z - w| <= mu N/k (docs/user/theory.md, section 5.5), step by step. Rigid laws have their
 force from the result. Whether a wall is closed says the sign of f + e (z - g), whether rigid friction slips the size of
-f + e dz/dt: for any e, since the gap is zero where the force is not, and the rate where the force is below its limit.
+f + e dz/dt: for any e, since the gap is zero where the force is not, and the rate where the force is below its limit. The contacts
+of a table are those of one law, with gaps g0 + A q and a matrix A that may turn with a tone; they stand at no node.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from .text import list_text
 
 MEASURES = ("gap", "normal_force", "friction")
 OPEN, STICK, SLIP = 0, 1, 2  # closed contacts without friction stick
-KINDS = ("annular_clearance", "coulomb_rigid", "elastic_stop", "jenkins", "jenkins_2d", "rigid_wall")
+KINDS = ("annular_clearance", "coulomb_rigid", "elastic_stop", "iwan", "jenkins", "jenkins_2d", "rigid_wall")
+TABLES = ("blade_contact", "contact_table")
 
 _STEPS = 16  # in a period of the fastest harmonic
 _PERIODS = 32  # of the slowest of several tones: what shares are taken over, or
@@ -32,20 +34,62 @@ _BLOCK = 2_000_000  # steps times nodes that are held at once
 
 
 @dataclass
+class Table:
+    """Contacts of one law, each a linear form of its coordinates."""
+
+    shapes: np.ndarray  # A (n_contacts, n_coordinates)
+    turns: np.ndarray  # of each pair of coordinates, as multiples of the phase of a tone
+    frequency: float  # of that tone [rad/s]
+
+    def turned(self, q: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Coordinates (n_coordinates, n_times), those of pairs that turn as the contacts see them."""
+        q = q.copy()
+        for k, m in enumerate(self.turns):
+            c, s = np.cos(m * self.frequency * t), np.sin(m * self.frequency * t)
+            q[2 * k], q[2 * k + 1] = c * q[2 * k] + s * q[2 * k + 1], c * q[2 * k + 1] - s * q[2 * k]
+        return q
+
+
+@dataclass
 class Contact:
-    """The laws of one `&law`, a node each; coordinates as (labels of each node, weights)."""
+    """The laws of one `&law`, a node each, or the contacts of a table; coordinates as (labels of each node, weights)."""
 
     label: str
     kind: str
     laws: np.ndarray  # numbers in the result
-    nodes: np.ndarray  # indices
+    nodes: np.ndarray  # indices; none of a table
     keys: dict[str, float]
     coordinates: list[tuple[list[list[str]], list[float]]]
     is_two_sided: bool = False
+    table: Table | None = None
+
+    @property
+    def n(self) -> int:
+        return len(self.nodes) if self.table is None else len(self.table.shapes)
+
+    @property
+    def counted(self) -> str:
+        """`4 nodes`, `22 contacts`."""
+        return f"{self.n} {'node' if self.table is None else 'contact'}{'s' * (self.n > 1)}"
 
     @property
     def slides(self) -> bool:
-        return self.kind in ("coulomb_rigid", "jenkins", "jenkins_2d") or self.keys.get("friction_coefficient", 0.0) > 0.0
+        coefficients = (value for key, value in self.keys.items() if key.startswith("friction_coefficient"))
+        return self.kind in ("coulomb_rigid", "iwan", "jenkins", "jenkins_2d") or any(value > 0.0 for value in coefficients)
+
+    @property
+    def has_memory(self) -> bool:
+        return self.kind in ("iwan", "jenkins", "jenkins_2d")
+
+    @property
+    def opens(self) -> bool:
+        """Whether it knows a normal force."""
+        sliders = ("coulomb_rigid", "iwan", "jenkins", "jenkins_2d")
+        return self.kind not in sliders or "friction_coefficient" in self.keys
+
+    def each(self, key: str, n: int) -> np.ndarray:
+        """The n numbers of a key that has one for all, or one each."""
+        return np.array([self.keys.get(f"{key}({i})", self.keys.get(key, 0.0)) for i in range(1, n + 1)])
 
 
 @dataclass
@@ -63,7 +107,7 @@ class History:
 
 
 def contacts(results: Results, structure: Structure, point: int) -> list[Contact]:
-    """The contacts of a result at nodes of the structure, in the order of the input."""
+    """The contacts of a result, at nodes of the structure or in tables, in the order of the input."""
     found, first = [], 0
     labels = results.laws
     if not labels:
@@ -80,12 +124,33 @@ def contacts(results: Results, structure: Structure, point: int) -> list[Contact
             )
         laws = np.arange(first, first + n)
         first += n
+        keys = _numbers(results, point, texts, number)
+        if kind in TABLES and texts.get("contact", ["elastic"])[0] == "elastic":
+            table = _table(kind, texts, keys, len(coordinates), np.abs(results.frequency(point)))
+            found.append(Contact(label, kind, laws, np.zeros(0, dtype=int), keys, coordinates, table=table))
+            continue
         nodes = [structure.node_of(places[0]) for places in coordinates[0][0]]
         if kind in KINDS and None not in nodes:
-            keys = _numbers(results, point, texts, number)
             two_sided = texts.get("two_sided", ["f"])[0].strip(".").lower().startswith("t")
             found.append(Contact(label, kind, laws, np.array(nodes), keys, coordinates, two_sided))
     return found
+
+
+def _table(kind: str, texts: dict[str, list[str]], keys: dict[str, float], n_coordinates: int, tones: np.ndarray) -> Table:
+    """The table of a law; that of blades from their angles."""
+    tone = int(keys.get("tone", 0))
+    frequency = float(tones[tone - 1]) if tone else 0.0
+    if kind == "contact_table":
+        shapes = np.array([float(value) for value in texts["shapes"]]).reshape(int(keys["n_contacts"]), n_coordinates)
+        turns = [int(value) for value in texts.get("turns", [])] if tone else []
+        return Table(shapes, np.array(turns, dtype=int), frequency)
+    blades, n = int(keys["n_blades"]), int(keys["n_diameters"])
+    angles = 2 * np.pi / blades * n * np.arange(1, blades + 1)
+    shares = np.array([keys.get(f"shares({i})", keys.get("shares", 1.0)) for i in range(1, blades + 1)])
+    cosine, sine = np.cos(angles), np.sin(angles)
+    shapes = np.column_stack([-shares * cosine, -shares * sine, cosine, sine])
+    turns = {"rotating": [], "stationary": [n, n], "own": [0, n]}[texts.get("frame", ["rotating"])[0]]
+    return Table(shapes, np.array(turns, dtype=int), frequency)
 
 
 def _coordinates(structure: Structure, kind: str, texts: dict[str, list[str]]) -> list[tuple[list[list[str]], list[float]]]:
@@ -173,10 +238,10 @@ def history(contact: Contact, motion: Motion, times: np.ndarray) -> History:
 def _blocks(contact: Contact, motion: Motion, start: float, step: float, n: int) -> Iterator[History]:
     """The history at n times, some at once; sliders come from before."""
     n_before = 0
-    if contact.kind in ("jenkins", "jenkins_2d"):
+    if contact.has_memory:
         n_before = int(np.ceil(max(_BEFORE * motion.period, motion.window / _BEATS) / step))
     place = None
-    most = max(1000, _BLOCK // len(contact.nodes))
+    most = max(1000, _BLOCK // contact.n)
     for first in [*range(-n_before, 0, most), *range(0, n, most)]:
         last = min(first + most, 0 if first < 0 else n)
         found, place = _evaluate(contact, motion, start + step * np.arange(first, last), place)
@@ -186,13 +251,21 @@ def _blocks(contact: Contact, motion: Motion, start: float, step: float, n: int)
 
 def _evaluate(contact: Contact, motion: Motion, times: np.ndarray, place: np.ndarray | None) -> tuple[History, np.ndarray | None]:
     """The history at times, and where sliders are at their end, which have begun at a place, or at rest."""
-    if contact.kind in ("jenkins", "jenkins_2d"):
+    if contact.kind == "iwan":
+        return _sliding_side_by_side(contact, motion, times, place)
+    if contact.has_memory:
         return _sliding(contact, motion, times, place)
     return _without_memory(contact, motion, times), None
 
 
 def _without_memory(contact: Contact, motion: Motion, times: np.ndarray) -> History:
     keys, kind = contact.keys, contact.kind
+    if contact.table is not None:
+        q = np.array([motion.coordinate(contact, k, times)[:, 0] for k in range(len(contact.coordinates))])
+        gap = contact.each("gaps", contact.n) + (contact.table.shapes @ contact.table.turned(q, times)).T
+        normal = contact.each("stiffness", contact.n) * np.maximum(-gap, 0.0)
+        friction = contact.each("friction_coefficient", contact.n) * normal if contact.slides else np.array(np.nan)
+        return History(np.where(gap < 0, SLIP if contact.slides else STICK, OPEN), gap, normal, friction)
     z = motion.coordinate(contact, 0, times)
     if kind == "coulomb_rigid":
         force, rate = motion.force(contact, times), motion.coordinate(contact, 0, times, rate=True)
@@ -236,6 +309,21 @@ def _sliding(contact: Contact, motion: Motion, t: np.ndarray, place: np.ndarray 
     return History(status, gap, normal, k * np.sqrt(((z - places) ** 2).sum(axis=0))), places[:, -1]
 
 
+def _sliding_side_by_side(
+    contact: Contact, motion: Motion, t: np.ndarray, place: np.ndarray | None
+) -> tuple[History, np.ndarray]:
+    """Elements of friction side by side; slip is that of one of them at least."""
+    z = motion.coordinate(contact, 0, t)
+    n = sum(1 for key in contact.keys if key.startswith("stiffness"))
+    place = np.zeros((n, 1, contact.n)) if place is None else place
+    force, slips, ends = 0.0, False, []
+    for k, limit, start in zip(contact.each("stiffness", n), contact.each("limit", n), place):
+        places, moved = follow(z[None], np.full(z.shape, limit / k), start)
+        force, slips = force + k * (z - places[0]), slips | moved
+        ends.append(places[:, -1])
+    return History(np.where(slips, SLIP, STICK), friction=np.abs(force)), np.array(ends)
+
+
 def follow(z: np.ndarray, reach: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places of sliders that are nowhere farther than `reach` (n_times, n_nodes) from z (n_directions, n_times, n_nodes), and
     whether each has moved in the step to that time, from `start` (n_directions, n_nodes)."""
@@ -267,7 +355,8 @@ def summary(contact: Contact, motion: Motion, power: np.ndarray) -> dict[str, np
     values = {"open share": n_open / n, "slip share": n_slip / n, "smallest gap": smallest, "mean gap": gap / n,
               "largest gap": largest, "largest normal force": normal, "largest friction": friction,
               "loss": power[contact.laws]}  # fmt: skip
-    for name in () if contact.slides else ("slip share", "loss"):
+    unknown = ["open share"] * (not contact.opens) + ["slip share", "loss"] * (not contact.slides)
+    for name in unknown + ["loss"] * (contact.table is not None and contact.slides):
         del values[name]
     return {name: value for name, value in values.items() if np.isfinite(value).any()}
 
@@ -277,10 +366,11 @@ UNITS = {"open share": "1", "slip share": "1", "smallest gap": "m", "mean gap": 
 
 
 def shares(found: Sequence[Contact], motion: Motion, power: np.ndarray, structure: Structure) -> dict[str, np.ndarray]:
-    """The summaries of contacts as fields over all nodes, `open share LABEL`, ...; NaN where there is no law."""
+    """The summaries of contacts at nodes as fields over all nodes, `open share LABEL`, ...; NaN where there is no law."""
     return {
         f"{name} {contact.label}": structure.field(contact.nodes, values)
         for contact in found
+        if contact.table is None
         for name, values in summary(contact, motion, power).items()
     }
 
@@ -291,7 +381,7 @@ def moments(
     """Fields over all nodes at each time: `status LABEL`, with -1 where there is no law, and `gap LABEL`, `normal_force LABEL`,
     `friction LABEL` of laws that have them."""
     fields: list[dict[str, np.ndarray]] = [{} for _ in times]
-    for contact in found if len(times) else ():
+    for contact in [contact for contact in found if contact.table is None] if len(times) else ():
         past = history(contact, motion, times)
         for i, frame in enumerate(fields):
             frame[f"status {contact.label}"] = structure.field(contact.nodes, past.status[i], -1.0)
@@ -304,7 +394,10 @@ def moments(
 def chosen(found: Sequence[Contact], label: str | None, results: Results) -> Contact:
     """The contact of a label, the first without one."""
     if not found:
-        raise UsageError(f"{results.path}: no law of the result is a contact at a node; such are {list_text(KINDS)}")
+        raise UsageError(
+            f"{results.path}: no law of the result is a contact that can be drawn: {list_text(KINDS)} at a node, "
+            f"{list_text(TABLES)} that are not rigid"
+        )
     for contact in found:
         if label in (None, contact.label):
             return contact

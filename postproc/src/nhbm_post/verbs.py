@@ -188,17 +188,20 @@ def deflection(arguments):
     with Results(arguments.file) as results:
         point = results.point(arguments.point, dict(arguments.at))
         tuples, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
+        about = _origin(results, point, "motion")
     if arguments.time is not None:
         motion = (coefficients * np.exp(1j * frequencies * arguments.time)).real.sum(axis=1)
         field = structure.displacement(motion)
-        fig = draw.draw_deflection(structure, field, np.linalg.norm(field, axis=1), f"t = {arguments.time:g} s")
+        sizes = ("displacement", np.linalg.norm(field, axis=1))
+        fig = draw.draw_deflection(structure, field, sizes, f"Motion at {arguments.time:g} s", about)
     else:
         h = harmonic_of(tuples, coefficients, arguments.tuple)
         shape = structure.displacement(coefficients[:, h].real) + 1j * structure.displacement(coefficients[:, h].imag)
         largest = shape.ravel()[np.argmax(np.abs(shape))]
         moment = (shape * np.exp(-1j * np.angle(largest))).real
-        words = f"harmonic ({','.join(str(k) for k in tuples[h])}), {abs(frequencies[h]):.6g} rad/s"
-        fig = draw.draw_deflection(structure, moment, np.linalg.norm(np.abs(shape), axis=1), words)
+        words = f"Harmonic ({','.join(str(k) for k in tuples[h])}), {abs(frequencies[h]):.6g} rad/s"
+        sizes = ("amplitude", np.linalg.norm(np.abs(shape), axis=1))
+        fig = draw.draw_deflection(structure, moment, sizes, words, about)
     _save(fig, arguments)
 
 
@@ -212,12 +215,13 @@ def contact(arguments):
         point = results.point(arguments.point, dict(arguments.at))
         found = chosen(contacts(results, structure, point), arguments.law, results)
         motion = Motion(results, point, arguments.unconverged)
-        places, about = structure.points[found.nodes], _origin(results, point, "motion")
+        places, about = structure.points[found.nodes] if found.table is None else None, _origin(results, point, "motion")
         if arguments.view == "patch":
             values = summary(found, motion, results.power_laws(point))
-            spans = {name: f"{number_text(value.min())} to {number_text(value.max())}" for name, value in values.items()}
+            ends = {name: [number_text(value.min()), number_text(value.max())] for name, value in values.items()}
+            spans = {name: " to ".join(dict.fromkeys(both)) for name, both in ends.items()}
             told = [f"{name} {span} {UNITS[name]}".removesuffix(" 1") for name, span in spans.items()]
-            print(f"{found.label}, {len(found.nodes)} nodes: {', '.join(told)}")
+            print(f"{found.label}, {found.counted}: {', '.join(told)}")
             fig = draw.draw_patch(found, values, places, about)
         else:
             end = arguments.t_from + motion.period if arguments.t_to is None else arguments.t_to
@@ -248,6 +252,8 @@ def vtk(arguments):
         motion = Motion(results, point, arguments.unconverged) if found else None
         at_nodes = shares(found, motion, results.power_laws(point), structure) if found else {}
         over_time = moments(found, motion, times, structure)
+    for table in (contact for contact in found if contact.table is not None):
+        print(f"'{table.label}': the contacts of {table.kind} stand at no node, and in no file; nhbm-post contact draws them")
     stem = arguments.output or arguments.file.with_suffix("")
     path = stem.with_name(f"{stem.name}_harmonics.vtu")
     written = write_harmonics(structure, tuples, coefficients, path, arguments.tuples, arguments.harmonics, at_nodes)

@@ -4,26 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import block_diag
 from scipy.spatial import cKDTree
 
 from nhbm.errors import ModelError
-from nhbm.model import MATRICES, Model
+from nhbm.model import MATRICES, Model, Recovery
 
 
 def assemble(parts: dict[str, Model], places: dict[str, tuple[float, float, float]] | None = None) -> Model:
     """One model of several parts, which nothing couples yet. Nodes of later parts are numbered on from those before; sets and loads
-    bear the name of their part, `lower_top`. `places`: by what a part is shifted."""
+    bear the name of their part, `lower_top`, as modes of reduced parts do, `lower.q1`. `places`: by what a part is shifted."""
     places = places or {}
     unknown = set(places) - set(parts)
     if unknown:
         raise ModelError(f"there is no part '{sorted(unknown)[0]}'; parts: {', '.join(parts)}")
     models = list(parts.values())
+    are_reduced = [model.recovery is not None for model in models]
+    if any(are_reduced) and not all(are_reduced):
+        one, other = (list(parts)[are_reduced.index(is_reduced)] for is_reduced in (True, False))
+        raise ModelError(f"part '{one}' is a reduced model and '{other}' is none: put either kind together, not both")
     labels, numbers, coordinates, nodes, cell_nodes, cell_starts = [], [], [], [], [], [np.zeros(1, dtype=np.int64)]
     sets, loads = {}, {}
+    recovered, recovered_directions = [], []
     n_nodes = n_dofs = highest = n_cell_nodes = 0
     for name, model in parts.items():
-        if model.recovery is not None:
-            raise ModelError(f"part '{name}' is a reduced model; put parts together first and reduce then")
         moved = model.node_numbers + highest
         for label, node, direction in zip(model.labels, model.dof_node, model.dof_direction):
             labels.append(f"n{moved[node]}.{direction}" if node >= 0 else f"{name}.{label}")
@@ -34,6 +38,9 @@ def assemble(parts: dict[str, Model], places: dict[str, tuple[float, float, floa
         cell_starts.append(model.cell_starts[1:] + n_cell_nodes)
         sets |= {f"{name}_{key}": members + n_nodes for key, members in model.sets.items()}
         loads |= {f"{name}_{key}": (dofs + n_dofs, values) for key, (dofs, values) in model.loads.items()}
+        if model.recovery is not None:
+            recovered.append(model.recovery.node + n_nodes)
+            recovered_directions += list(model.recovery.direction)
         n_nodes += len(moved)
         n_dofs += model.n_dofs
         n_cell_nodes += len(model.cell_nodes)
@@ -59,6 +66,9 @@ def assemble(parts: dict[str, Model], places: dict[str, tuple[float, float, floa
         loads=loads,
         unit_system=models[0].unit_system,
         source=" + ".join(model.source for model in models),
+        recovery=Recovery(block_diag(*(model.recovery.matrix for model in models)), np.concatenate(recovered), recovered_directions)
+        if recovered
+        else None,
     )
 
 

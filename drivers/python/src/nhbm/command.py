@@ -60,7 +60,7 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("model")
 
     for name, make in (("beam", examples.beam), ("plate", examples.plate), ("solid", examples.solid),
-                       ("sector", examples.sector)):
+                       ("sector", examples.sector), ("ring", examples.ring)):
         verb = verbs.add_parser(name, help=f"an example made with scikit-fem: {make.__doc__.splitlines()[0]}")
         verb.set_defaults(run=run_example, make=make)
         for key, default in zip(make.__code__.co_varnames, make.__defaults__):

@@ -99,15 +99,19 @@ def solid(
 
 
 def sector(
-    n_sectors=12, hub=0.08, rim=0.14, platform=0.16, tip=0.26, height=0.012, young=2.1e11, poisson=0.3, density=7850.0
-) -> Model:
-    """Sector of a bladed disk about the axis z: disk, neck, platform and blade of quadratic tetrahedra, held at the hub."""
+    n_sectors=12, hub=0.08, rim=0.14, platform=0.16, tip=0.26, height=0.012, clamped="hub", young=2.1e11, poisson=0.3,
+    density=7850.0,
+) -> Model:  # fmt: skip
+    """Sector of a bladed disk about the axis z: disk, neck, platform and blade of quadratic tetrahedra, `clamped` at the hub or not
+    at all (`none`)."""
     fem = _skfem()
     _above_zero(hub=hub, height=height, young=young, density=density)
     if n_sectors < 3:
         raise ModelError(f"a wheel has three sectors or more, not {n_sectors}")
     if not hub < rim < platform < tip:
         raise ModelError(f"hub, rim, platform and tip must rise: {hub}, {rim}, {platform}, {tip}")
+    if clamped not in ("hub", "none"):
+        raise ModelError(f"clamped is 'hub' or 'none', not '{clamped}'")
     edge = 0.1 * (tip - platform)
     radii = np.concatenate([np.linspace(hub, rim, 3), [platform], np.linspace(platform + edge, tip, 5)])
     angles = 2 * np.pi / n_sectors * np.array([-0.5, -0.42, -0.1, 0.1, 0.42, 0.5])
@@ -115,11 +119,7 @@ def sector(
     r, phi, _ = mesh.p[:, mesh.t].mean(axis=1)
     share = np.abs(phi) * n_sectors / (2 * np.pi)
     mesh = mesh.restrict(np.flatnonzero((r < rim) | (share < 0.1) | ((r > platform) & (r < platform + edge) & (share < 0.42))))
-    polar = mesh.p
-    mesh = fem.MeshTet(np.vstack([polar[0] * np.cos(polar[1]), polar[0] * np.sin(polar[1]), polar[2]]), mesh.t)
-    stiffness, mass, dofs, points, cells = _elastic(mesh, young, poisson, density)
-    # middles of the edges from their ends, so that both sides of the sector have them at the same places
-    r, phi = np.hstack([polar[:2], polar[:2][:, mesh.edges].mean(axis=1)])
+    r, phi, (stiffness, mass, dofs, points, cells) = _around_z(mesh, young, poisson, density)
     side, middle = np.pi / n_sectors, np.isclose(points[:, 2], height / 2)
     facing = np.isclose(r, platform) & np.isclose(points[:, 2], 0.0)
     sets = {
@@ -131,9 +131,40 @@ def sector(
         "tip": np.flatnonzero(np.isclose(r, tip) & np.isclose(phi, 0.0) & middle),
     }
     return _nodal(
-        stiffness, mass, dofs, ("x", "y", "z"), points, cells, VTK_QUADRATIC_TETRA, sets, ["hub"],
+        stiffness, mass, dofs, ("x", "y", "z"), points, cells, VTK_QUADRATIC_TETRA, sets, ["hub"] * (clamped == "hub"),
         f"bladed sector, 1 of {n_sectors}",
     )  # fmt: skip
+
+
+def ring(n_sectors=12, inner=0.262, outer=0.272, height=0.012, young=2.1e11, poisson=0.3, density=7850.0) -> Model:
+    """Sector of a casing, a ring about the axis z that nothing holds, of quadratic tetrahedra; the set `inside` is the node of its
+    middle that the blade of a `sector` meets."""
+    fem = _skfem()
+    _above_zero(inner=inner, height=height, young=young, density=density)
+    if n_sectors < 3:
+        raise ModelError(f"a wheel has three sectors or more, not {n_sectors}")
+    if not inner < outer:
+        raise ModelError(f"inner and outer must rise: {inner}, {outer}")
+    side = np.pi / n_sectors
+    mesh = fem.MeshTet.init_tensor(np.array([inner, outer]), np.array([-side, 0.0, side]), np.array([0.0, height]))
+    r, phi, (stiffness, mass, dofs, points, cells) = _around_z(mesh, young, poisson, density)
+    sets = {
+        "low": np.flatnonzero(np.isclose(phi, -side)),
+        "high": np.flatnonzero(np.isclose(phi, side)),
+        "inside": np.flatnonzero(np.isclose(r, inner) & np.isclose(phi, 0.0) & np.isclose(points[:, 2], height / 2)),
+    }
+    return _nodal(
+        stiffness, mass, dofs, ("x", "y", "z"), points, cells, VTK_QUADRATIC_TETRA, sets, [], f"ring, 1 of {n_sectors} sectors"
+    )
+
+
+def _around_z(mesh, young, poisson, density):
+    """Radius and angle of the nodes of a body given in these and z, and what `_elastic` makes of it. Middles of edges have those of
+    their ends, so that both sides of a sector have them at the same places."""
+    polar = mesh.p
+    bent = _skfem().MeshTet(np.vstack([polar[0] * np.cos(polar[1]), polar[0] * np.sin(polar[1]), polar[2]]), mesh.t)
+    r, phi = np.hstack([polar[:2], polar[:2][:, bent.edges].mean(axis=1)])
+    return r, phi, _elastic(bent, young, poisson, density)
 
 
 def _elastic(mesh, young, poisson, density):

@@ -22,6 +22,7 @@ from nhbm.model import Model, Recovery
 METHODS = ("free-interface", "craig-bampton")
 LARGEST_REDUCED = 2000
 BAND = np.array([0.1, 0.35, 0.7, 1.0])
+LEAST_LEFT = 1.0e-11  # by the modes, of the static flexibility at a combination of kept degrees of freedom
 RIGID = 1.0e-3  # frequencies below this share of the band are those of rigid bodies
 
 
@@ -156,20 +157,26 @@ def _free_interface(model, kept, n_modes) -> np.ndarray:
             shift = 0.1 * float(values[is_elastic].min())
         break
     factors = Factors(sp.csr_matrix(k + shift * m), "the shifted stiffness")
-    _, modes = lowest_modes(k, m, n_modes, shift, factors)
+    values, modes = lowest_modes(k, m, n_modes, shift, factors)
     unit = np.zeros((model.n_dofs, len(kept)))
     unit[kept, np.arange(len(kept))] = 1.0
     attachment = factors.solve(np.hstack([unit, load_matrix(model)]))
-    whole = np.abs(attachment).max(axis=0)
-    # what modes leave of the attachment, made well conditioned
+    whole, flexible = np.abs(attachment).max(axis=0), attachment[kept, : len(kept)]
+    # what modes leave of the attachment, as shapes of unit energy like those of the modes; none where they leave nothing
     attachment -= modes @ (modes.T @ (m @ attachment))
     static, loads = attachment[:, : len(kept)], attachment[:, len(kept) :]
-    held = static[kept]
-    scale = np.sqrt(np.abs(np.diag(held)))
-    if not (scale > 0).all() or np.linalg.cond(held / np.outer(scale, scale)) > 1.0e13:
-        raise ModelError("the modes leave nothing of the flexibility at the kept degrees of freedom: take fewer modes")
-    boundary = np.linalg.solve(held.T, static.T).T  # one at its own degree of freedom, zero at the others
-    inner = modes - boundary @ modes[kept]
+    scale = np.sqrt(np.diag(flexible))
+    try:
+        left, forces = scipy.linalg.eigh(*((a + a.T) / 2 / np.outer(scale, scale) for a in (static[kept], flexible)))
+    except np.linalg.LinAlgError:
+        raise ModelError("the kept degrees of freedom do not move independently: keep fewer") from None
+    some = left > LEAST_LEFT
+    static = static @ (forces[:, some] / scale[:, None] / np.sqrt(left[some]))
+    shapes = np.hstack([modes / np.sqrt(values + shift), static])
+    # all of them, in static shapes with one at each kept degree of freedom and in what is zero at these
+    turn, triangle = np.linalg.qr(shapes[kept].T, mode="complete")
+    boundary = scipy.linalg.solve_triangular(triangle[: len(kept)], (shapes @ turn[:, : len(kept)]).T).T
+    inner = shapes @ turn[:, len(kept) :]
     more = loads - boundary @ loads[kept]
     known, _ = np.linalg.qr(inner)
     more -= known @ (known.T @ more)  # nothing but rounding of loads on kept degrees of freedom
@@ -232,9 +239,14 @@ def band(reduced: Model, up_to: float, most: int = 6) -> np.ndarray:
 
 
 def resonances(reduced: Model, up_to: float) -> np.ndarray:
-    """Frequencies of a small model without those of rigid bodies [rad/s]."""
-    values = scipy.linalg.eigh(reduced.stiffness.toarray(), reduced.mass.toarray(), eigvals_only=True)
-    found = np.sqrt(np.maximum(values, 0.0))
+    """Frequencies of a small model without those of rigid bodies [rad/s]; with gyroscopic terms those of its whirls."""
+    k, m = reduced.stiffness.toarray(), reduced.mass.toarray()
+    if reduced.gyroscopic is None:
+        found = np.sqrt(np.maximum(scipy.linalg.eigh(k, m, eigvals_only=True), 0.0))
+    else:
+        none, one = np.zeros_like(k), np.eye(len(k))
+        states = np.block([[none, one], [-k, -reduced.gyroscopic.toarray()]])
+        found = np.sort(scipy.linalg.eigvals(states, scipy.linalg.block_diag(one, m)).imag)
     return found[(found > RIGID * up_to) & (found <= up_to)]
 
 
@@ -266,7 +278,7 @@ def compare(model: Model, reduced: Model, frequencies, loss: float = 1.0e-3) -> 
             exact[:, i] = _solve(a, unit, recovery @ small[:, c], factors)[full]
         difference = np.abs(small[kept][:, list(columns)] - exact).max()
         errors.append(difference / np.abs(exact).max())
-    ours = resonances(reduced, frequencies.max())
+    ours = resonances(replace(reduced, gyroscopic=None), frequencies.max())
     n_rigid = 6
     values, _ = lowest_modes(model.stiffness, model.mass, min(len(ours) + n_rigid, model.n_dofs - 2), shift, factors)
     exact = np.sqrt(np.maximum(values, 0.0))

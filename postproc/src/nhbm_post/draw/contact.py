@@ -14,9 +14,12 @@ _COLOURS = {OPEN: "#dfe3e8", STICK: style.COLOURS[0], SLIP: style.COLOURS[1]}
 _PANEL = 2.3  # [inch]
 
 
-def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarray, about: str):
+def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarray | None, about: str):
     """A panel for each of `values` (n_nodes), at the nodes' `points` (n_nodes, 3) as seen along the direction in which the patch
-    is thinnest; over the place along it where it is a line."""
+    is thinnest; over the place along it where it is a line, over the number of the contact where they stand at no nodes."""
+    name_of_place = "contact" if points is None else ""
+    if points is None:
+        points = np.outer(np.arange(1.0, contact.n + 1), [1.0, 0.0, 0.0])
     extent = np.ptp(points, axis=0)
     first, second = sorted(np.argsort(-extent, kind="stable")[:2])
     is_line = extent[[first, second]].min() < 1e-3 * max(extent.max(), 1e-300)
@@ -34,7 +37,8 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
             if is_line:
                 order = np.argsort(points[:, along], kind="stable")
                 ax.plot(points[order, along], factor * value[order], "o-", markersize=3.5, color=style.COLOURS[0])
-                ax.set(xlabel=f"{'xyz'[along]} [m]", ylabel=style.with_unit(name, units))
+                ax.set(xlabel=name_of_place or f"{'xyz'[along]} [m]", ylabel=style.with_unit(name, units))
+                ax.ticklabel_format(useOffset=False)
                 ax.set_ylim(*((-0.02, 1.02) if name.endswith("share") else ax.get_ylim()))
                 ax.grid(True)
                 continue
@@ -49,7 +53,7 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
             for k, set_limits in ((first, ax.set_xlim), (second, ax.set_ylim)):
                 set_limits(points[:, k].min() - 0.12 * extent[along], points[:, k].max() + 0.12 * extent[along])
             ax.locator_params(nbins=4)
-        style.head(fig, f"Contact '{contact.label}', {contact.kind}, {len(points)} node{'s' * (len(points) > 1)}", about)
+        style.head(fig, f"Contact '{contact.label}', {contact.kind}, {contact.counted}", about)
     return fig
 
 
@@ -64,13 +68,19 @@ def _size(places: np.ndarray, ratio: float) -> float:
     return float(np.clip(0.75 * nearest * per_metre, 2.5, 14.0)) ** 2
 
 
-def draw_contact_time(contact: Contact, found: History, times: np.ndarray, points: np.ndarray, has_axis: bool, about: str):
+def draw_contact_time(
+    contact: Contact, found: History, times: np.ndarray, points: np.ndarray | None, has_axis: bool, about: str
+):
     """Open, stick and slip at each node over time, nodes in the order of their place along the patch, or of their angle about the
-    axis z, and the forces of all."""
-    along = int(np.argmax(np.ptp(points, axis=0)))
-    order = np.lexsort((*np.delete(points, along, axis=1).T, np.round(points[:, along], 12)))
-    if has_axis:
-        order = np.argsort(np.arctan2(points[:, 1], points[:, 0]), kind="stable")
+    axis z, contacts that stand at no nodes in that of their numbers, and the forces of all."""
+    if points is None:
+        order, of_rows = np.arange(contact.n), "contact"
+    elif has_axis:
+        order, of_rows = np.argsort(np.arctan2(points[:, 1], points[:, 0]), kind="stable"), "node, in the order of the angle"
+    else:
+        along = int(np.argmax(np.ptp(points, axis=0)))
+        order = np.lexsort((*np.delete(points, along, axis=1).T, np.round(points[:, along], 12)))
+        of_rows = f"node, in the order of {'xyz'[along]}"
     with style.look():
         fig = style.figure(6.6, 5.0)
         closed = "stick" if contact.slides else "closed"
@@ -80,10 +90,11 @@ def draw_contact_time(contact: Contact, found: History, times: np.ndarray, point
         factor, units = style.unit_scale(float(np.ptp(times)), "s")
         colours, norm = ListedColormap(list(_COLOURS.values())), BoundaryNorm([-0.5, 0.5, 1.5, 2.5], 3)
         t = factor * times
-        rows = np.arange(len(order))
-        upper.pcolormesh(t, rows, found.status[:, order].T, cmap=colours, norm=norm, shading="nearest", rasterized=True)
-        upper.set_ylabel(f"node, in the order of {'the angle' if has_axis else 'xyz'[along]}")
-        upper.yaxis.set_major_locator(MaxNLocator(integer=True))
+        edges = 0.5 + np.arange(len(order) + 1)
+        middles = np.concatenate([t[:1], (t[1:] + t[:-1]) / 2, t[-1:]])
+        upper.pcolormesh(middles, edges, found.status[:, order].T, cmap=colours, norm=norm, rasterized=True)
+        upper.set(xlim=(t[0], t[-1]), ylim=(edges[0], edges[-1]), ylabel=of_rows)
+        upper.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
         forces = {"normal": found.normal_force, "friction (sizes)": found.friction}
         forces = {name: np.nansum(f, axis=1) for name, f in forces.items() if np.isfinite(f).any()}
         by, force_units = style.unit_scale(max((float(f.max()) for f in forces.values()), default=0.0), "N")

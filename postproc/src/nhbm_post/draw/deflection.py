@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from ..structure import Structure
-from .style import COLOUR_MAP, INK, figure, look, unit_scale
+from .style import COLOUR_MAP, INK, figure, head, look, unit_scale
 
 # Corners of the faces of each kind of cell of VTK; middle nodes of quadratic cells are left out.
 _TETRA = ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3))
@@ -19,13 +19,16 @@ _WEDGE = ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
 _FACES = {3: ((0, 1),), 5: ((0, 1, 2),), 9: ((0, 1, 2, 3),), 10: _TETRA, 12: _HEXA, 13: _WEDGE,
           21: ((0, 1),), 22: ((0, 1, 2),), 23: ((0, 1, 2, 3),), 24: _TETRA, 25: _HEXA, 26: _WEDGE}  # fmt: skip
 _LARGEST = 0.12  # deflection that is drawn, relative to the largest extent
+_FLAT = 0.1  # extent and deflection across a plane, relative to those along it, of bodies that are seen from above
+_ABOVE = {0: (0, 0), 1: (0, -90), 2: (90, -90)}  # elevation and azimuth of a view along x, y and z
 
 
-def draw_deflection(structure: Structure, displacement: np.ndarray, amplitude: np.ndarray, heading: str):
-    """The structure deflected by `displacement` (n_nodes, 3), coloured by `amplitude` (n_nodes), in metres."""
+def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: tuple[str, np.ndarray], heading: str, about: str):
+    """The structure deflected by `displacement` (n_nodes, 3), coloured by sizes (n_nodes) that have a name, in metres."""
+    name, amplitude = colours_by
     with look():
-        fig = figure(5.6, 4.0, is_arranged=False)
-        axes = fig.add_axes((0.0, 0.1, 0.8, 0.82), projection="3d")
+        fig = figure(5.6, 4.3, is_arranged=False)
+        axes = fig.add_axes((0.0, 0.09, 0.8, 0.77), projection="3d")
         largest = float(np.abs(displacement).max())
         extent = np.ptp(structure.points, axis=0)
         scale = _LARGEST * float(extent.max()) / largest if largest > 0 else 0.0
@@ -45,10 +48,25 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, amplitude: n
             set_limits(middle[k] - half, middle[k] + half)
             getattr(axes, f"set_{label}label")(f"{label} [m]")
             getattr(axes, f"{label}axis").set_major_locator(MaxNLocator(4))
-        axes.set_box_aspect((1, 1, 1))
-        fig.colorbar(drawn, cax=fig.add_axes((0.84, 0.2, 0.025, 0.55)), label=f"amplitude [{units}]")
-        fig.text(0.02, 0.95, f"{heading}; drawn {float(f'{scale:.3g}'):g} times as large" if scale else heading)
+        across = flat_across(structure.points, displacement)
+        axes.set_box_aspect((1, 1, 1), zoom=1.0 if across is None else 1.4)
+        if across is not None:
+            axes.view_init(*_ABOVE[across])
+            axes.set_proj_type("ortho")
+            getattr(axes, f"set_{'xyz'[across]}label")("")
+            getattr(axes, f"set_{'xyz'[across]}ticks")([])
+        fig.colorbar(drawn, cax=fig.add_axes((0.84, 0.2, 0.025, 0.5)), label=f"{name} [{units}]")
+        head(fig, heading, about, f"drawn {float(f'{scale:.3g}'):g} times as large" if scale else "")
     return fig
+
+
+def flat_across(points: np.ndarray, displacement: np.ndarray) -> int | None:
+    """The direction across which a plane body moves in its plane alone; none of others."""
+    extent, largest = np.ptp(points, axis=0), np.abs(displacement).max(axis=0)
+    across = int(np.argmin(extent))
+    along = [k for k in range(3) if k != across]
+    is_flat = 0 < extent[across] < _FLAT * extent[along].min() and largest[across] < _FLAT * largest.max()
+    return across if is_flat else None
 
 
 def surface(cells) -> list[tuple[int, ...]]:
