@@ -238,9 +238,9 @@ MUTANTS = [
         (
             "solver_damping",
             "test_hb_balance_coarse",
-            "all artificial damping goes at once",
-            "loss = ratio*reached",
-            "loss = 0.0_wp*reached",
+            "artificial damping is none",
+            "largest_loss = 1.0_wp",
+            "largest_loss = 0.0_wp",
         ),
         (
             "solver_damping_stays",
