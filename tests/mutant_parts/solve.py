@@ -243,6 +243,13 @@ MUTANTS = [
             "largest_loss = 0.0_wp",
         ),
         (
+            "solver_damping_at_once",
+            "test_hb_balance_coarse",
+            "all artificial damping goes at once",
+            "loss = ratio*reached",
+            "loss = 0.0_wp*reached",
+        ),
+        (
             "solver_damping_stays",
             "test_hb_balance_coarse",
             "artificial damping that did not help stays",
