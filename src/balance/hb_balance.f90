@@ -284,6 +284,7 @@ contains
       self%n_dofs = self%stiffness%n_law
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
       self%has_products = .true.
+      self%can_be_damped = .not. any([(laws(i)%law%is_multiplier, i=1, size(laws))]) ! it led to other motions there
       self%climbs_first = self%n_unknowns >= fewest_to_climb .and. &
          any([(laws(i)%law%degree == 0 .and. .not. laws(i)%law%is_multiplier, i=1, size(laws))])
       self%largest_dense = largest_dense_tangent(laws)
@@ -456,7 +457,7 @@ contains
       end associate
    end subroutine balance_set_scales
 
-   !> Multiplies all forces of the laws, or all loads, by a factor.
+   !> Multiplies all forces of the laws, or all loads, by a factor, or damps the structure by what is left of 1.
    subroutine balance_deform(self, kind, amount)
       class(balance_t), intent(inout) :: self
       integer, intent(in) :: kind
@@ -468,6 +469,7 @@ contains
          self%stiffness%support_share = 1.0_wp - amount
       end if
       if (kind == deformation%load) self%load_factor = amount
+      if (kind == deformation%damping) call self%stiffness%damp(self%frequencies, 1.0_wp - amount)
    end subroutine balance_deform
 
    !> Coefficients of one sampled function, such as a column of `law_set%force_of`.

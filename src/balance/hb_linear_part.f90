@@ -14,11 +14,14 @@ module hb_linear_part
    private
    public :: linear_part_t, new_linear_part
 
+   real(wp), parameter :: weakness = 1.0e-1_wp                        ! of supports, relative to the stiffness
+
    type, extends(dynamic_stiffness_t) :: linear_part_t
       logical, allocatable :: is_singular(:)                          !! (n_harmonics) where the structure is free to move
       logical :: has_supports = .false.                               !! in any harmonic
       real(wp) :: support_share = 0.0_wp                              !! of the supports in residual and tangent, 0 to 1
       real(wp), allocatable, private :: support(:)                    ! (n_law) [N/m]
+      complex(wp), allocatable, private :: undamped(:, :, :)          ! `condensed` without artificial damping, where there is any
       complex(wp), allocatable, private :: free_motion(:, :)          ! without any law, [m], (n_law, n_harmonics); not allocated
                                                                       ! after `move`
       type(block_factors_t), private :: factors                       ! LU of S on its supports, of the harmonics asked for
@@ -28,6 +31,7 @@ module hb_linear_part
       procedure :: entry => linear_part_entry
       procedure :: support_in => linear_part_support_in
       procedure :: add_supports => linear_part_add_supports
+      procedure :: damp => linear_part_damp
       procedure :: find_reaction => linear_part_find_reaction
       procedure :: find_reaction_slope => linear_part_find_reaction_slope
       procedure :: find_motion => linear_part_find_motion
@@ -43,7 +47,6 @@ contains
    subroutine new_linear_part(self, stiffness)
       type(linear_part_t), intent(out) :: self
       type(dynamic_stiffness_t), intent(inout) :: stiffness
-      real(wp), parameter :: weakness = 1.0e-1_wp
       integer :: h, i
       real(wp) :: stiffest
 
@@ -138,6 +141,28 @@ contains
          end do
       end do
    end subroutine linear_part_add_supports
+
+   !> Adds artificial structural damping, i times `loss` times the stiffness that also weighs the supports, in place of what was
+   !> added before; none with 0.
+   subroutine linear_part_damp(self, frequencies, loss)
+      class(linear_part_t), intent(inout) :: self
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics); their signs count
+      real(wp), intent(in) :: loss                                    !! loss factor, >= 0
+      integer :: h, i
+
+      call self%factors%forget()
+      if (allocated(self%undamped)) call move_alloc(self%undamped, self%condensed)
+      if (loss <= 0.0_wp) return
+      self%undamped = self%condensed
+      do h = 1, self%n_harmonics
+         if (frequencies(h) == 0.0_wp) cycle
+         do i = 1, self%n_law
+            associate (entry => self%condensed(self%pattern%shift(i) + i, i, h))
+               entry = entry + cmplx(0.0_wp, sign(loss*self%support(i)/weakness, frequencies(h)), wp)
+            end associate
+         end do
+      end do
+   end subroutine linear_part_damp
 
    !> Finds what equilibrium asks of the laws, s = F_ext - S u, with the loads multiplied by a factor.
    subroutine linear_part_find_reaction(self, set, u, load_factor, reaction)

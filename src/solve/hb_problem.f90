@@ -15,6 +15,7 @@ module hb_problem
    type :: deformation_t
       integer :: nonlinearity = 1                                     !! factor of all that is not linear
       integer :: load = 2                                             !! factor of what drives the problem
+      integer :: damping = 3                                          !! what is left of 1 damps the problem, where it can be
    end type deformation_t
    type(deformation_t), parameter :: deformation = deformation_t()
 
@@ -26,6 +27,7 @@ module hb_problem
       integer :: n_unknowns = 0
       logical :: climbs_first = .false.                               !! from `coarse_guess`, before an attempt without
       logical :: has_products = .false.                               !! with the tangent, by `linearise` and `apply_tangent`
+      logical :: can_be_damped = .false.                              !! by `deform`
       integer :: largest_dense = default_largest_dense                !! unknowns up to which the dense tangent is cheaper
       real(wp), allocatable :: x_scale(:)                             !! typical magnitude of each unknown, > 0
       real(wp), allocatable :: r_scale(:)                             !! typical magnitude of each equation, > 0
@@ -37,7 +39,7 @@ module hb_problem
       class(watch_t), pointer :: watch => null()                      !! over the point; none: it takes what it takes
       type(error_t), allocatable :: trouble                           !! why a tangent, a product or a derivative by a parameter was
                                                                       !! not found; a solver takes it into its report
-      real(wp), private :: place(2) = 1.0_wp                          ! on the way of each deformation
+      real(wp), private :: place(3) = 1.0_wp                          ! on the way of each deformation
    contains
       procedure(residual), deferred :: residual
       procedure(tangent), deferred :: tangent

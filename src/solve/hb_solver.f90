@@ -15,8 +15,9 @@ module hb_solver
 
    real(wp), parameter :: shares(8) = [0.5_wp, 0.2_wp, 0.1_wp, 0.05_wp, 0.02_wp, -0.5_wp, 1.5_wp, -0.1_wp] ! of the linear solution
 
-   integer, parameter :: kinds(8) = [rescue%other_guess, rescue%fewer_harmonics, rescue%none, rescue%nonlinearity, &
-                                    rescue%other_method, rescue%both_other, rescue%load, rescue%several_guesses] ! in this order
+   integer, parameter :: kinds(9) = [rescue%other_guess, rescue%fewer_harmonics, rescue%damping, rescue%none, & ! in this order
+                                    rescue%nonlinearity, rescue%other_method, rescue%both_other, rescue%load, &
+                                    rescue%several_guesses]
    integer, parameter :: n_ways_without_matrix = 2
    integer, parameter :: patience = 10                                ! with an attempt, where other ways are left
    integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
@@ -26,10 +27,10 @@ module hb_solver
 contains
 
    !> Solves r(x) = 0 from the given x: by climbing from a smaller problem where that pays as the first way, else by a direct
-   !> attempt. When that fails and rescue is on: another first guess, climbing, the direct attempt with more patience, homotopy in
-   !> the nonlinearity from the linear solution, the other method, the other guess with it, homotopy in the load from zero, several
-   !> guesses. The report adds up all attempts and says which one succeeded; if none did, x and the status are those of the direct
-   !> attempt, unless the time was up.
+   !> attempt. When that fails and rescue is on: another first guess, climbing, artificial damping that fades, the direct attempt
+   !> with more patience, homotopy in the nonlinearity from the linear solution, the other method, the other guess with it, homotopy
+   !> in the load from zero, several guesses. The report adds up all attempts and says which one succeeded; if none did, x and the
+   !> status are those of the direct attempt, unless the time was up.
    !>
    !> The rescues together may take the work that the settings allow, or some times that of the direct attempt; each at most half
    !> of what is left, so that none takes it from all that follow.
@@ -93,6 +94,11 @@ contains
             trial = first_guess
             call climb(problem, limited, chosen, trial, attempt)
             if (attempt%status == outcome%pending) cycle
+         case (rescue%damping)
+            if (.not. problem%can_be_damped) cycle
+            limited%patience = patience
+            trial = 0.0_wp*linear_solution
+            call solve_by_damping(problem, limited, chosen, trial, attempt)
          case (rescue%none)
             trial = first_guess
             call solve_directly(problem, limited, chosen, trial, attempt)
@@ -226,6 +232,54 @@ contains
 
       has_ended = any(report%status == [outcome%converged, outcome%timed_out, outcome%interrupted])
    end function has_ended
+
+   !> Solves the problem with artificial damping, and with less and less of it from the solution before: a structure without
+   !> resonance moves little, and what a law does to it is settled there. The less damping goes at once, the easier that is.
+   subroutine solve_by_damping(problem, config, chosen, x, report)
+      class(problem_t), intent(inout) :: problem
+      type(solver_config_t), intent(in) :: config
+      integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
+      real(wp), intent(inout), contiguous :: x(:)                     !! a first guess, then the last solution
+      type(report_t), intent(out) :: report
+      real(wp), parameter :: loose_tolerance = 1.0e-3_wp              ! on the way
+      real(wp), parameter :: largest_loss = 1.0_wp, least_loss = 1.0e-4_wp
+      real(wp), parameter :: first_ratio = 0.3_wp, largest_ratio = 0.6_wp ! of one loss factor to the one before
+      integer, parameter :: few = 3
+      type(report_t) :: step
+      type(solver_config_t) :: limited
+      real(wp) :: loss, ratio, reached, trial(size(x))
+
+      limited = config
+      reached = 0.0_wp
+      ratio = first_ratio
+      loss = largest_loss
+      do
+         limited%work_limit = config%work_limit - report%work
+         limited%tolerance = config%tolerance
+         if (loss > 0.0_wp) limited%tolerance = max(limited%tolerance, loose_tolerance)
+         trial = x
+         call problem%deform(deformation%damping, 1.0_wp - loss)
+         call solve_directly(problem, limited, chosen, trial, step)
+         call report%add(step)
+         report%status = step%status
+         report%residual = step%residual
+         report%best = min(report%best, step%best)
+         report%is_out_of_work = step%is_out_of_work
+         if (step%status == outcome%converged) then
+            x = trial
+            if (loss <= 0.0_wp) exit
+            if (step%iterations <= few) ratio = ratio**2
+            reached = loss
+         else
+            ratio = sqrt(ratio)
+            if (has_ended(step) .or. reached <= 0.0_wp .or. ratio > largest_ratio) exit
+         end if
+         if (report%work >= config%work_limit) exit
+         loss = ratio*reached
+         if (loss < least_loss) loss = 0.0_wp
+      end do
+      call problem%deform(deformation%damping, 1.0_wp)
+   end subroutine solve_by_damping
 
    !> Attempts from several shares of the linear solution, until one succeeds: what limits a motion often leaves its shape.
    subroutine solve_from_shares(problem, config, chosen, linear_solution, x, report)

@@ -32,11 +32,12 @@ module hb_solver_types
       integer :: several_guesses = 6                                  !! from shares of the linear motion
       integer :: fewer_harmonics = 7                                  !! from the solution of a smaller problem
       integer :: march = 8                                            !! from where marching ends
+      integer :: damping = 9                                          !! artificial damping, less and less of it
    end type rescue_t
    type(rescue_t), parameter :: rescue = rescue_t()
-   character(*), parameter :: rescue_names(0:8) = [character(22) :: &
+   character(*), parameter :: rescue_names(0:9) = [character(22) :: &
       "none", "other_guess", "other_method", "other_guess_and_method", "nonlinearity_homotopy", "load_homotopy", &
-      "several_guesses", "fewer_harmonics", "march"]
+      "several_guesses", "fewer_harmonics", "march", "damping"]
 
    !> Settings of a solver; the component initialisers are the defaults of the input group `&solver`.
    type :: solver_config_t

@@ -233,8 +233,22 @@ MUTANTS = [
             "linear_factors_stay",
             "test_hb_linear_part",
             "factors after a move are those of before",
-            "call self%factors%forget()",
+            "call self%factors%forget()\n      call self%dynamic_stiffness_t%move",
+            "call self%dynamic_stiffness_t%move",
+        ),
+        (
+            "linear_damping_stays",
+            "test_hb_linear_part",
+            "artificial damping is added to that of before",
+            "if (allocated(self%undamped)) call move_alloc(self%undamped, self%condensed)",
             "",
+        ),
+        (
+            "linear_damping_sign",
+            "test_hb_linear_part",
+            "artificial damping drives harmonics of negative frequency",
+            "sign(loss*self%support(i)/weakness, frequencies(h))",
+            "loss*self%support(i)/weakness",
         ),
         (
             "linear_supports_stay",
