@@ -78,7 +78,7 @@ class Bench:
             units = _text(file["coefficients"].attrs.get("units", ""))
             return (
                 _text(file.attrs.get("title", "")), columns, paths, units, [_at(law_dofs, motion) for motion in motions],
-                [Motion(law_dofs[: len(values)], motion.tuples[: values.shape[1]], values) for motion, values in zip(motions, improved)],
+                [Motion(law_dofs[: len(own)], motion.tuples[: own.shape[1]], own) for motion, own in zip(motions, improved)],
             )  # fmt: skip
 
     def column(self, name: str) -> np.ndarray:
