@@ -22,9 +22,10 @@ LOOKS = {
     "krylov": ("#009E73", "s"),
     "auto": ("#000000", "X"),
     "improved": ("#6A4C93", "P"),
+    "tolerance": ("#111111", "*"),
 }
 NAMES = {**MARCHES, "newton": "balance, Newton", "broyden": "balance, Broyden", "krylov": "balance, Krylov",
-         "auto": "balance, automatic", "improved": "balance, improved afterwards"}  # fmt: skip
+         "auto": "balance, automatic", "improved": "balance, improved afterwards", "tolerance": "balance by tolerance"}  # fmt: skip
 
 
 def draw_figure_4(found):
