@@ -87,6 +87,19 @@ def test_errors_against_a_point_of_a_file(ladder):
             read_reference(text)
 
 
+def test_points_by_tolerance_have_tuples_of_their_own(ladder, table):
+    with h5py.File(ladder, "a") as file:
+        values = file["coefficients"][()]
+        del file["coefficients"], file["tuple"], file["n_harmonics"]
+        room = np.full((8, 2, 2, 2), np.nan)
+        file["coefficients"] = np.concatenate([values[:, :, ::-1], room], axis=2)
+        file["tuples"] = np.tile(np.concatenate([TUPLES[::-1], np.zeros((2, 2), dtype=int)]), (8, 1, 1))
+        file["n_harmonics"] = np.full(8, 3)
+    errors = Bench(ladder).errors(read_reference(str(table)), only_known=True)
+    np.testing.assert_allclose(errors[:4], np.exp(-ORDERS), rtol=1e-9)
+    assert Bench(ladder).errors(read_reference(f"{ladder}@0"))[0] == 0.0
+
+
 def test_points_of_the_finest_set_are_the_reference(tmp_path):
     path = write_ladder(tmp_path / "ladder.h5", np.concatenate([np.exp(-ORDERS), ORDERS**-3.0]) * np.tile([1, 1, 1, 0], 2), [1] * 8)
     errors = Bench(path).errors()

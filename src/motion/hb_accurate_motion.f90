@@ -16,6 +16,7 @@ module hb_accurate_motion
    use hb_law, only: hold_t
    use hb_modes, only: slowest_decay
    use hb_motion, only: march_first, solve_motion
+   use hb_motion_description, only: compare_with_refined
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome
    use hb_rung, only: choose_next, degree_of, distance, estimate_of, estimate_of_wanted, is_rigid, margin, most_failures, &
@@ -440,7 +441,11 @@ contains
          call put_on_rung(here, scene, top, error)
          if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns, watch=watch)
          if (.not. allocated(error) .and. whole%status == outcome%converged) then
-            if (result%status == outcome%converged) result%stability = whole%stability
+            if (result%status == outcome%converged) then
+               result%stability = whole%stability
+               here%tones%omega = result%frequency
+               call compare_with_refined(here, here%tones, result%certificate, result%stability)
+            end if
             if (allocated(whole%displacement_samples)) then
                result%displacement_samples = whole%displacement_samples
                result%force_samples = whole%force_samples

@@ -4,7 +4,7 @@ module hb_motion_description
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, transfer_coefficients
    use hb_bordered, only: bordered_problem_t
-   use hb_certificate, only: certify, choose_wider_set
+   use hb_certificate, only: certificate_t, certify, choose_wider_set
    use hb_clock, only: wall_clock
    use hb_error, only: error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
@@ -24,7 +24,7 @@ module hb_motion_description
    use hb_transform, only: new_transform, transform_t
    implicit none
    private
-   public :: describe_motion, keep_motion, stability_of
+   public :: compare_with_refined, describe_motion, keep_motion, stability_of
 
 contains
 
@@ -59,7 +59,7 @@ contains
       end if
       if (is_solved(result%status)) then
          call stability_of(scene, balance, c, scene%stability%tolerance, result%stability)
-         call compare_with_refined(scene, balance, result)
+         call compare_with_refined(scene, tones_of(scene, balance), result%certificate, result%stability)
       end if
       if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, basis, balance, u, result, error)
@@ -84,24 +84,21 @@ contains
 
    !> A verdict holds only where the motion with its first-order errors taken out has it, too: multipliers feel errors of the motion
    !> that are small beside it, such as those in when a hard stop is left.
-   subroutine compare_with_refined(scene, balance, result)
+   subroutine compare_with_refined(scene, tones, found, stability)
       type(scene_t), intent(in) :: scene
-      type(balance_t), intent(in) :: balance
-      type(motion_result_t), intent(inout) :: result
+      type(tones_t), intent(in) :: tones                              !! of the motion
+      type(certificate_t), intent(in) :: found                        !! its certificate
+      type(stability_t), intent(inout) :: stability                   !! its stability
       real(wp), parameter :: exact = 1.0e-6_wp                        ! error of a motion, relative, that multipliers do not feel
       type(stability_config_t) :: config
       type(stability_t) :: refined
 
-      associate (found => result%certificate, stability => result%stability)
-         if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
-         if (max(found%truncation, found%aliasing) <= exact .or. stability%is_marched) return
-         config = scene%stability
-         config%patience = 1.0_wp
-         call ask_for_stability(scene, config, &
-                                harmonic_motion_t(found%around%tuples, tones_of(scene, balance), found%refined), &
-                                huge(1.0_wp), refined)
-         call stability%hold_against(refined)
-      end associate
+      if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
+      if (max(found%truncation, found%aliasing) <= exact .or. stability%is_marched) return
+      config = scene%stability
+      config%patience = 1.0_wp
+      call ask_for_stability(scene, config, harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
+      call stability%hold_against(refined)
    end subroutine compare_with_refined
 
    !> Asks the finder of the scene; without one nothing is known.

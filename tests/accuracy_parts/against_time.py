@@ -13,6 +13,8 @@ from runs import Balance, Refused, Scene, march, nhbm, rms, series
 # A march is as good as it gets where a longer transient brings its error down by less than this.
 SETTLED = 1.3
 TRIES = 3
+MARCHED = 18  # status of a point
+TOO_LONG = 20.0  # processor seconds of a motion by tolerance, after which no finer one is asked for
 LONG_ENOUGH = 0.1  # processor seconds from which a march is timed once
 WINDOW_PERIODS = 10.0  # of the slowest tone
 
@@ -45,6 +47,7 @@ class Point:
     seconds: float
     error: float
     transient: float = 0.0
+    is_marched: bool = False  # found by marching, from the balance that came closest
 
 
 @dataclass
@@ -78,7 +81,11 @@ MARCHES = {
 STOP = {"dofs": ("q1", "q3"), "weights": (1.0, -1.0)}
 MIDSPAN = {"dofs": ("v3",), "weights": (1.0,)}
 MASS = {"dofs": ("x1",), "weights": (1.0,)}
+ASKED_OF_SMOOTH = (1e-2, 1e-3, 1e-4, 1e-6, 1e-9)
+ASKED_OF_KINKS = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+# C2a with less damping is unstable, so that no march stays beside it; with tones of 0.8 and 1.294 rad/s it is stable.
+SLOWER_TONES = ("tones%frequency(1)=0.8", "tones%frequency(2)=1.2944271909999159")
 PAPER_BEAM = {
     "runge_kutta_4": (500, 700, 1000),
     "central_differences": (700, 2000),
@@ -173,6 +180,25 @@ CASES = [
         slow_methods=("newton",),
         slow_order=21,
     ),
+    *(
+        Case(
+            name=name,
+            title=f"one mass, elastic stop, {title}",
+            scene=Scene("ladder/stop_two_tones", **MASS, sets=(*SLOWER_TONES, f"structure%damping_mass={damping}")),
+            sample=0.1,
+            longest=40.0 / damping,
+            marches={"runge_kutta_4": (1, 2, 4, 8, 16), "central_differences": (1, 4, 16)},
+            tolerances=TOLERANCES[:4],
+            orders=(3, 5, 7, 9, 13),
+            reference_order=17,
+            is_smooth=False,
+        )
+        for name, title, damping in (
+            ("stop_damped", "decay 0.1 1/s", 0.2),
+            ("stop_tenth", "decay 0.01 1/s", 0.02),
+            ("stop_hundredth", "decay 0.001 1/s", 0.002),
+        )
+    ),
     Case(
         name="dynamic_stop",
         title="beam of three modes, stop of 1e6 N/m",
@@ -216,6 +242,7 @@ def measure(case: Case, methods: list[str], folder: Path) -> Finding:
     late = t >= case.longest
     for method in methods:
         finding.curves[method] = _balances(case, method, folder, t[late], reference[late], size)
+    finding.curves["tolerance"] = _by_tolerance(case, folder, t[late], reference[late], size)
     if not case.is_smooth:
         finding.curves["improved"] = _improved(case, folder, t[late], reference[late], size)
     return finding
@@ -294,6 +321,29 @@ def _bench(case: Case, method: str, folder: Path, *sets: str) -> tuple[Bench, li
     sets = (*case.scene.sets, *sets, f"solver%method='{method}'")
     nhbm("bench", source, result, sets, "--budget", "0", "--repeats", str(TRIES))
     return Bench(result), orders
+
+
+def _by_tolerance(case: Case, folder: Path, t, reference, size: float) -> list[Point]:
+    """Motions by `&accuracy`, each timed as a march is: with all its rungs and their certificates, without stability."""
+    source, result = folder / "tolerance.nml", folder / "tolerance.h5"
+    source.write_text(case.scene.without("harmonics", "sampling").text(), encoding="utf-8")
+    points = []
+    for tolerance in ASKED_OF_SMOOTH if case.is_smooth else ASKED_OF_KINKS:
+        sets = (*case.scene.sets, f"accuracy%tolerance={tolerance!r}", "stability%method='off'")
+        seconds: list[float] = []
+        while len(seconds) < TRIES and (not seconds or seconds[0] < LONG_ENOUGH):
+            nhbm("bench", source, result, sets, "--budget", "0", "--repeats", "1")
+            bench = Bench(result)
+            seconds.append(float(bench.column("bench_cpu_seconds")[0]))
+        if bench.is_solved[0]:
+            motion = bench.motion(0)
+            pairs = sum(w * motion.values[motion.dofs.index(dof)] for dof, w in zip(case.scene.dofs, case.scene.weights))
+            error = rms(series(t, motion.tuples @ _base_frequencies(folder), pairs) - reference) / size
+            is_marched = bool(bench.column("status")[0] == MARCHED)
+            points.append(Point(f"tolerance {tolerance:.0e}", float(np.median(seconds)), error, is_marched=is_marched))
+        if max(seconds) > TOO_LONG:
+            break
+    return points
 
 
 def _base_frequencies(folder: Path) -> np.ndarray:

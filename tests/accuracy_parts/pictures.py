@@ -22,9 +22,10 @@ LOOKS = {
     "krylov": ("#009E73", "s"),
     "auto": ("#000000", "X"),
     "improved": ("#6A4C93", "P"),
+    "tolerance": ("#A00050", "*"),
 }
 NAMES = {**MARCHES, "newton": "balance, Newton", "broyden": "balance, Broyden", "krylov": "balance, Krylov",
-         "auto": "balance, automatic", "improved": "balance, improved afterwards"}  # fmt: skip
+         "auto": "balance, automatic", "improved": "balance, improved afterwards", "tolerance": "balance by tolerance"}  # fmt: skip
 
 
 def draw_figure_4(found):
@@ -119,7 +120,7 @@ def draw_times(findings):
             ax.set_ylabel("relative rms error")
         order = sorted(seen, key=list(NAMES).index)
         handles = [Line2D([], [], ms=4.5, label=NAMES[name], **_look(name)) for name in order]
-        fig.legend(handles=handles, loc="lower center", ncols=4)
+        fig.legend(handles=handles, loc="lower center", ncols=5)
         details = "of the displacement at the law over ten periods of the slower tone; "
         details += "marching from rest through the transient, balance with set-up"
         style.head(fig, "Error over processor time: marching (dashed) and balance", details)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -14,8 +14,6 @@ from program import BAD_INPUT, command, environment
 
 ROOT = Path(__file__).resolve().parents[2]
 INPUTS = ROOT / "inputs"
-
-_SWEEP = re.compile(r"^&sweep\b[^\n]*/[^\n]*\n", re.MULTILINE)
 
 
 class Refused(RuntimeError):
@@ -39,14 +37,19 @@ class Scene:
     dofs: tuple[str, ...]
     weights: tuple[float, ...]
     sets: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ("sweep",)
 
     def text(self) -> str:
-        """The input without its sweeps, each of which stands on one line."""
+        """The input without its sweeps and other groups that are left out, each of which stands on one line."""
         text = (INPUTS / f"{self.source}.nml").read_text(encoding="utf-8")
-        return _SWEEP.sub("", text)
+        return re.sub(rf"^&({'|'.join(self.left_out)})\b[^\n]*/[^\n]*\n", "", text, flags=re.MULTILINE)
+
+    def without(self, *groups: str) -> Scene:
+        """The scene without these groups, each of which stands on one line."""
+        return replace(self, left_out=(*self.left_out, *groups))
 
     def with_sets(self, *sets: str) -> Scene:
-        return Scene(self.source, self.dofs, self.weights, self.sets + sets)
+        return replace(self, sets=self.sets + sets)
 
 
 def nhbm(verb: str, source: Path, result: Path, sets: tuple[str, ...], *options: str) -> None:

@@ -13,7 +13,7 @@ from nhbm_post.rates import convergence_rate
 from runs import ROOT, known_methods
 
 KEPT = ROOT / "docs" / "pictures" / "accuracy.json"
-ERRORS = (1e-2, 1e-3, 1e-6, 1e-9)
+ERRORS = (1e-2, 1e-3, 1e-4, 1e-6, 1e-9)
 
 
 def update(chosen: list[str], folder: Path) -> list[Finding]:
@@ -69,7 +69,8 @@ def _ratio(finding: Finding, error: float) -> str:
     ratio = marched[1].seconds / balanced[1].seconds
     times = f"{ratio:.0f}" if ratio >= 10 else f"{ratio:.2g}"
     strong = "**" if ratio >= 10 else ""
-    return f"{strong}{times}{strong} ({_seconds(marched[1].seconds)} / {_seconds(balanced[1].seconds)})"
+    way = ", marched" if balanced[1].is_marched else ""
+    return f"{strong}{times}{strong} ({_seconds(marched[1].seconds)} / {_seconds(balanced[1].seconds)}{way})"
 
 
 def _seconds(seconds: float) -> str:
@@ -90,7 +91,8 @@ def rate_table(findings: list[Finding]) -> str:
 
 def best_balance(finding: Finding) -> tuple[str, list[Point]]:
     """The solver that went furthest."""
-    curves = {name: points for name, points in finding.curves.items() if name not in MARCHES and name != "improved"}
+    others = (*MARCHES, "improved", "tolerance")
+    curves = {name: points for name, points in finding.curves.items() if name not in others}
     name = max(curves, key=lambda name: (len(curves[name]), name == "broyden"))
     return name, curves[name]
 

@@ -126,6 +126,28 @@ def test_a_record_says_what_it_holds(tmp_path):
     assert "it is the record of a march" in told.stderr
 
 
+def test_several_motions_are_the_same_on_any_number_of_ranks(tmp_path):
+    """Both motions of a hardening spring, by a march and by points whose first way it is: no bit depends on who marches."""
+    scene = MASS.replace("frequency=1.3", "frequency=1.5")
+    scene += "&load dof='x1', tuple=1, cos=0.4 /\n&law type='cubic_spring', dof='x1', stiffness=1 /\n"
+    scene += "&march duration=60, transient=150, starts=6 /\n"
+    points = scene + "&solver first_way='march' /\n&sweep parameter='tones%frequency(1)', values=1.5, 1.55 /\n"
+    (tmp_path / "march.nml").write_text(scene)
+    (tmp_path / "solve.nml").write_text(points)
+    for verb in ("march", "solve"):
+        for ranks in (None, 2):
+            done = run(verb, f"{verb}.nml", "-o", f"{verb}_{ranks}.h5", cwd=tmp_path, ranks=ranks)
+            assert done.status == 0, done.stderr
+    names = ("start_motion", "motion_coefficients", "coefficients", "displacement", "spread")
+    for one, two in zip(*(read(tmp_path / f"march_{ranks}.h5", *names) for ranks in (None, 2))):
+        assert one.tobytes() == two.tobytes()
+    assert set(read(tmp_path / "march_2.h5", "start_motion")) == {1, 2}
+    names = ("status", "n_motions", "message_byte", "coefficients", "truncation_estimate", "n_unknowns")
+    for one, two in zip(*(read(tmp_path / f"solve_{ranks}.h5", *names) for ranks in (None, 2))):
+        assert one.tobytes() == two.tobytes()
+    assert read(tmp_path / "solve_2.h5", "n_motions").tolist() == [2, 2]
+
+
 def test_progress_of_a_short_march_is_one_line(tmp_path):
     (tmp_path / "a.nml").write_text(FORCED + "&march duration=100, step=0.01, method='runge_kutta_4' /")
     done = run("march", "a.nml", cwd=tmp_path)

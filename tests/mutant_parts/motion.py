@@ -51,6 +51,13 @@ MUTANTS = [
             "here%stability%work_spent = 0.0_wp",
         ),
         (
+            "accuracy_refined",
+            "test_hb_accurate_motion",
+            "a verdict by tolerance is not held against the motion without its first-order errors",
+            "call compare_with_refined(here, here%tones",
+            "if (.false.) call compare_with_refined(here, here%tones",
+        ),
+        (
             "accuracy_neighbour",
             "test_hb_accurate_motion",
             "the set of a neighbour is not used",

@@ -72,13 +72,13 @@ class Bench:
             }
             columns["n_tones"] = np.full(n, file["tone"].shape[0])
             paths = {_text(file[name].attrs["parameter"]): name for name in columns if "parameter" in file.get(name, file).attrs}
-            tuples, dofs, law_dofs = file["tuple"][()], _strings(file["dof"][()]), _strings(file["law_dof"][()])
-            motions = [Motion(dofs, tuples, values) for values in file["coefficients"][()]]
+            dofs, law_dofs = _strings(file["dof"][()]), _strings(file["law_dof"][()])
+            motions = [_motion(file, dofs, point) for point in range(n)]
             improved = file["improved_coefficients"][()] if "improved_coefficients" in file else np.full((n, 0, 0, 2), np.nan)
             units = _text(file["coefficients"].attrs.get("units", ""))
             return (
                 _text(file.attrs.get("title", "")), columns, paths, units, [_at(law_dofs, motion) for motion in motions],
-                [Motion(law_dofs[: len(values)], tuples[: values.shape[1]], values) for values in improved],
+                [Motion(law_dofs[: len(own)], motion.tuples[: own.shape[1]], own) for motion, own in zip(motions, improved)],
             )  # fmt: skip
 
     def column(self, name: str) -> np.ndarray:
@@ -154,6 +154,15 @@ class Bench:
         return errors
 
 
+def _motion(file, dofs: list[str], point: int) -> Motion:
+    """Motion of a point; by `&accuracy` each has tuples of its own, and room behind them."""
+    values = file["coefficients"][point]
+    if "tuples" in file:
+        values = values[:, : max(1, int(file["n_harmonics"][point]))]
+    tuples = file["tuples"][point] if "tuples" in file else file["tuple"][()]
+    return Motion(dofs, np.asarray(tuples[: values.shape[1]], dtype=int), values)
+
+
 def _at(dofs: list[str], motion: Motion) -> Motion:
     """The motion at some degrees of freedom; as it is where one of them is not there, or none is asked for."""
     if not dofs or not set(dofs) <= set(motion.dofs):
@@ -209,7 +218,7 @@ def read_reference(text: str) -> Motion:
                 raise UsageError(f"{path} has no point {number}; points: 0 to {len(values) - 1}")
             if "status" in file and int(file["status"][number]) not in SOLVED:
                 raise UsageError(f"{path}: point {number} is not solved")
-            values = values[number]
+            return _motion(file, _strings(file["dof"][()]), number)
         return Motion(_strings(file["dof"][()]), np.asarray(file["tuple"][()], dtype=int), values)
 
 
