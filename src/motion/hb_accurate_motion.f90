@@ -459,6 +459,7 @@ contains
       result%iterations = account%iterations
       result%evaluations = account%evaluations
       result%work = account%work
+      result%work_beside = account%work_beside
       result%rescue = account%rescue
       result%setup_seconds = account%setup_seconds
       result%solver_seconds = account%solver_seconds
