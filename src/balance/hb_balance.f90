@@ -308,8 +308,8 @@ contains
       call count_work(self, torus)
    end subroutine balance_of_linear_part
 
-   !> What a residual and a tangent cost, in about a nanosecond: transforms and laws by samples, laws with memory by steps for
-   !> each unknown, factors by multiplications.
+   !> What a residual and a tangent cost, in units of work: transforms and laws by samples, laws with memory by steps for each
+   !> unknown, factors by multiplications.
    subroutine count_work(self, torus)
       class(balance_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus

@@ -39,7 +39,7 @@ module hb_certificate
    real(wp), parameter :: nearer = 0.5_wp                             ! to the balance there after one linear step
    real(wp), parameter :: most_given_way = 2.0_wp                     ! to a stop: motion kept, relative to that left out
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
-   real(wp), parameter :: accuracy_of_estimates = 1.0e-3_wp           ! solutions with the tangent from products
+   real(wp), parameter :: accuracy_of_estimates = 1.0e-6_wp           ! solutions with the tangent from products
    real(wp), parameter :: accuracy_of_improvement = 1.0e-8_wp
    integer, parameter :: most_iterations = 30                         ! of another solution to compare with
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set

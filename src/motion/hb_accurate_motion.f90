@@ -22,6 +22,7 @@ module hb_accurate_motion
    use hb_rung, only: choose_next, degree_of, distance, estimate_of, estimate_of_wanted, is_rigid, margin, most_failures, &
       put_on_rung, reliable, rung_t, trim_set, with_caution
    use hb_scene, only: accuracy_t, scene_t
+   use hb_solver_types, only: nanoseconds_of_work
    use hb_stability, only: stability_method
    use hb_structure, only: most_dense, structure_t
    use hb_torus, only: samples_for
@@ -46,7 +47,7 @@ module hb_accurate_motion
    !> What is spent on all rungs.
    type :: account_t
       integer :: iterations = 0, evaluations = 0, n_rungs = 0, rescue = 0
-      real(wp) :: work = 0.0_wp
+      real(wp) :: work = 0.0_wp, work_beside = 0.0_wp                 ! as in a result
       real(wp) :: setup_seconds = 0.0_wp, solver_seconds = 0.0_wp, certificate_seconds = 0.0_wp, certificate_cpu_seconds = 0.0_wp
    end type account_t
 
@@ -408,6 +409,7 @@ contains
       account%iterations = account%iterations + result%iterations
       account%evaluations = account%evaluations + result%evaluations
       account%work = account%work + result%work
+      account%work_beside = account%work_beside + result%work_beside
       here%solver%preconditioner_level = result%preconditioner_level
       account%rescue = max(account%rescue, result%rescue)
       account%setup_seconds = account%setup_seconds + result%setup_seconds
@@ -436,7 +438,7 @@ contains
       if (scene%stability%method /= stability_method%off .or. size(scene%output%samples) > 0) then
          here = scene
          here%certificate%is_on = .false.
-         here%stability%work_spent = account%work
+         here%stability%work_spent = nanoseconds_of_work*account%work + account%work_beside
          if (here%stability%method == stability_method%auto) here%stability%fewest_laps = laps_of_verdict
          call put_on_rung(here, scene, top, error)
          if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns, watch=watch)
@@ -462,6 +464,7 @@ contains
       result%iterations = account%iterations
       result%evaluations = account%evaluations
       result%work = account%work
+      result%work_beside = account%work_beside
       result%rescue = account%rescue
       result%setup_seconds = account%setup_seconds
       result%solver_seconds = account%solver_seconds

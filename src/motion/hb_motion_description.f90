@@ -17,6 +17,7 @@ module hb_motion_description
    use hb_outcome, only: is_solved, outcome
    use hb_scene, only: scene_t
    use hb_limit_cycle_search, only: search_t
+   use hb_solver_types, only: nanoseconds_of_work
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_tones, only: tones_t
@@ -57,6 +58,7 @@ contains
          if (allocated(error)) return
          call keep_outputs(scene, basis, c, result)
       end if
+      result%work_beside = work_beside_solver(scene, balance)
       if (is_solved(result%status)) then
          call stability_of(scene, balance, c, scene%stability%tolerance, result%stability)
          call compare_with_refined(scene, tones_of(scene, balance), result%certificate, result%stability)
@@ -79,7 +81,7 @@ contains
       config%tolerance = tolerance
       if (present(is_marched)) config%is_marched = is_marched
       call ask_for_stability(scene, config, harmonic_motion_t(balance%harmonics%tuples, tones_of(scene, balance), c), &
-                             usual_work(balance), stability)
+                             usual_work(scene, balance), stability)
    end subroutine stability_of
 
    !> A verdict holds only where the motion with its first-order errors taken out has it, too: multipliers feel errors of the motion
@@ -125,13 +127,24 @@ contains
    end function tones_of
 
    !> About how many nanoseconds a point takes that needs nothing unusual, from counts alone: the same for all points of a sweep.
-   pure real(wp) function usual_work(balance) result(work)
+   pure real(wp) function usual_work(scene, balance) result(work)
+      type(scene_t), intent(in) :: scene
       type(balance_t), intent(in) :: balance
-      real(wp), parameter :: residuals = 10.0_wp, tangents = 5.0_wp, residuals_for_tangent = 60.0_wp, set_up = 2.0e4_wp
+      real(wp), parameter :: residuals = 10.0_wp, tangents = 5.0_wp, residuals_for_tangent = 60.0_wp
 
-      work = set_up + residuals*balance%residual_work &
-             + tangents*min(balance%tangent_work, residuals_for_tangent*balance%residual_work)
+      work = work_beside_solver(scene, balance) + nanoseconds_of_work*(residuals*balance%residual_work &
+                                             + tangents*min(balance%tangent_work, residuals_for_tangent*balance%residual_work))
    end function usual_work
+
+   !> The part of it for set-up, recovery of all degrees of freedom and the certificate: twice the order, four times the samples.
+   pure real(wp) function work_beside_solver(scene, balance) result(work)
+      type(scene_t), intent(in) :: scene
+      type(balance_t), intent(in) :: balance
+      real(wp), parameter :: set_up = 1.0e5_wp, per_pair_of_dofs = 12.0_wp, residuals_of_certificate = 300.0_wp
+
+      work = set_up + per_pair_of_dofs*real(scene%structure%n_dofs, wp)**2*balance%harmonics%n_harmonics
+      if (scene%certificate%is_on) work = work + nanoseconds_of_work*residuals_of_certificate*balance%residual_work
+   end function work_beside_solver
 
    !> Puts the coefficients of the degrees of freedom that are written out into a result.
    subroutine keep_motion(scene, basis, c, result)

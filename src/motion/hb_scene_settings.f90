@@ -18,8 +18,8 @@ module hb_scene_settings
    private
    public :: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
 
-   real(wp), parameter :: unit_of_work = 1.0e9_wp                     ! about a second of the processor
-   real(wp), parameter :: much_patience = 20.0_wp                      ! usual points that stability may take
+   real(wp), parameter :: unit_of_work = 1.0e9_wp                     ! of `rescue_work` and `max_work`
+   real(wp), parameter :: much_patience = 6.0_wp                      ! usual points that stability may take
    character(9), parameter :: first_guess_names(5) = [character(9) :: "auto", "linear", "zero", "neighbour", "march"]
    character(9), parameter :: kink_names(2) = [character(9) :: "plain", "corrected"]
 

@@ -6,7 +6,8 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_t, largest_affordable, method, method_names, report_t, rescue, rescue_names, solver_config_t, start_names
+   public :: attempt_t, largest_affordable, method, method_names, nanoseconds_of_work, report_t, rescue, rescue_names
+   public :: solver_config_t, start_names
 
    type :: method_t
       integer :: newton = 1
@@ -19,6 +20,7 @@ module hb_solver_types
    character(7), parameter :: start_names(2) = [character(7) :: "linear", "tangent"]
 
    real(wp), parameter :: clear_gain = 0.7_wp                         ! least norm, relative to the least one before
+   real(wp), parameter :: nanoseconds_of_work = 0.1_wp                !! that a unit of work takes, measured
    integer, parameter :: largest_affordable = 10000                   !! unknowns up to which a dense tangent fits at all, in 0.8 GB
 
    !> What was needed beside the direct attempt; numbers as in the result file.
@@ -81,7 +83,7 @@ module hb_solver_types
       integer :: factorizations = 0                                   !! of a tangent
       integer :: products = 0                                         !! with a tangent
       integer :: rescue = rescue%none                                 !! what led to the solution
-      real(wp) :: work = 0.0_wp                                       !! in about a nanosecond of the processor, from counts alone
+      real(wp) :: work = 0.0_wp                                       !! in units of `nanoseconds_of_work`, from counts alone
       real(wp) :: residual = huge(1.0_wp)                             !! last norm, relative
       real(wp) :: first = -1.0_wp                                     !! first norm, relative; negative: none
       real(wp) :: best = huge(1.0_wp)                                 !! least norm, relative

@@ -8,7 +8,7 @@ module hb_floquet
    use hb_kinds, only: two_pi, wp
    use hb_koopman_hill, only: hill_t, new_hill
    use hb_law, only: law_box_t
-   use hb_monodromy, only: find_monodromy, monodromy_t, work_of_transfer
+   use hb_monodromy, only: find_monodromy, monodromy_t, work_of_monodromy
    use hb_multipliers, only: deflate, eigenvalues_of
    use hb_stability, only: excitation_t, harmonic_motion_t, most_multipliers, stability_config_t, stability_finder_t, &
       stability_method, stability_t, verdict
@@ -21,7 +21,6 @@ module hb_floquet
    real(wp), parameter :: smallest_margin = 1.0e-9_wp                 ! of a multiplier from 1 that is sure
    real(wp), parameter :: safety = 10.0_wp                            ! on the estimate of the error
    real(wp), parameter :: safety_of_spread = 3.0_wp                   ! on the difference of both halves of a record
-   real(wp), parameter :: share_of_explicit = 0.2_wp                  ! samples without memory are counted five times too dear
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
 
    type, extends(stability_finder_t) :: floquet_t
@@ -44,7 +43,7 @@ contains
       type(variation_t) :: variation
       type(hill_t), allocatable :: hill
       type(error_t), allocatable :: error
-      real(wp) :: work, work_of_point
+      real(wp) :: work
 
       associate (unused => self, not_needed => excitation)
       end associate
@@ -54,10 +53,8 @@ contains
       call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
       work = work_of_exponents(variation, config%fewest_laps)
-      if (motion%tones%n_tones == 1) work = work_of_transfer(variation, two_pi/motion%tones%omega(1))
-      work_of_point = work_allowed
-      if (motion%tones%n_tones > 1 .and. variation%is_piecewise_linear()) work_of_point = share_of_explicit*work_allowed
-      if (config%method == stability_method%auto .and. work > max(config%patience*work_of_point, config%work_spent)) return
+      if (motion%tones%n_tones == 1) work = work_of_monodromy(variation)
+      if (config%method == stability_method%auto .and. work > max(config%patience*work_allowed, config%work_spent)) return
       stability%method = stability_method%march
       if (config%method == stability_method%hill .and. variation%is_smooth()) then
          allocate (hill)

@@ -8,7 +8,7 @@ module hb_matrix_exponential
    use hb_lapack, only: dgemm, dgetrf, dgetrs
    implicit none
    private
-   public :: count_exponential, exponential_of, exponential_of_two, product_of
+   public :: count_exponential, exponential_of, exponential_of_two, per_multiplication, product_of
 
    integer, parameter :: degree = 6
    integer, parameter :: largest_plain = 12                           ! rows up to which the compiler's products are faster
@@ -89,8 +89,15 @@ contains
       real(wp), intent(in) :: norm
 
       work = 30.0_wp
-      if (n > 2) work = 0.5_wp*real(n, wp)**3*(degree + 1.4_wp + squarings_for(norm)) + 500.0_wp
+      if (n > 2) work = per_multiplication(n)*real(n, wp)**3*(degree + 1.4_wp + squarings_for(norm)) + 500.0_wp
    end function count_exponential
+
+   !> About how many nanoseconds one of `product_of` takes.
+   pure real(wp) function per_multiplication(n)
+      integer, intent(in) :: n
+
+      per_multiplication = merge(0.5_wp, 0.12_wp, n <= largest_plain)
+   end function per_multiplication
 
    pure integer function squarings_for(norm)
       real(wp), intent(in) :: norm

@@ -11,7 +11,7 @@ module hb_monodromy
    use hb_variation_steps, only: propagate
    implicit none
    private
-   public :: find_monodromy, find_transfer, monodromy_t, n_looks_of, work_of_transfer
+   public :: find_monodromy, find_transfer, monodromy_t, n_looks_of, work_of_monodromy, work_of_transfer
 
    integer, parameter :: fewest_steps = 8
    integer, parameter :: looks_a_harmonic = 8                         ! for events, in a period of the highest harmonic
@@ -87,26 +87,59 @@ contains
       call move_alloc(last, self%matrix)
    end subroutine find_transfer
 
+   !> About how many nanoseconds the monodromy matrix takes usually.
+   pure real(wp) function work_of_monodromy(variation) result(work)
+      type(variation_t), intent(in) :: variation
+      integer, parameter :: usual_laps = 2                            ! until sliders repeat their places
+      real(wp), parameter :: set_up = 3.0e4_wp
+
+      associate (length => two_pi/variation%motion%omega(1))
+         work = set_up + work_of_transfer(variation, length)
+         if (variation%n_states > 0) work = work + usual_laps*work_of_cuts(variation, length)
+      end associate
+   end function work_of_monodromy
+
    !> About how many nanoseconds a stretch of time takes usually: after three doublings the error is of order h**10.
    pure real(wp) function work_of_transfer(variation, length) result(work)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
       integer, parameter :: usual_doublings = 3
+      real(wp), parameter :: set_up = 5.0e3_wp
       integer :: doubling, n
 
+      work = set_up + work_of_cuts(variation, length)
       if (variation%is_piecewise_linear()) then
-         n = 1 + 2*nint(maxval(variation%motion%omega)*length/two_pi)*variation%n_switches()
-         work = 0.5_wp*n*variation%work_of_step(2.0_wp*length/n) + n_looks_of(variation, length)*variation%work_of_node()
+         n = 1 + n_events_of(variation, length)
+         work = work + 0.5_wp*n*variation%work_of_step(2.0_wp*length/n)
          return
       end if
-      work = 0.0_wp
       do doubling = 0, usual_doublings
          n = first_steps(variation, length)*2**doubling
          work = work + n*variation%work_of_step(length/n)
       end do
       work = work + 2*n*variation%work_of_node()
-      if (.not. variation%is_smooth()) work = work + n_looks_of(variation, length)*variation%work_of_node()
    end function work_of_transfer
+
+   !> The part of it for looking for events.
+   pure real(wp) function work_of_cuts(variation, length) result(work)
+      type(variation_t), intent(in) :: variation
+      real(wp), intent(in) :: length                                  !! [s]
+      real(wp), parameter :: single = 500.0_wp                        ! more for a node looked at alone
+      integer, parameter :: looks_an_event = 10
+
+      work = 0.0_wp
+      if (variation%is_smooth()) return
+      work = looks_an_event*n_events_of(variation, length)*(single + variation%work_of_node())
+      work = work + n_looks_of(variation, length)*variation%work_of_node()
+   end function work_of_cuts
+
+   !> Events that there usually are: two of each switch, four of each slider in a period of the fastest tone.
+   pure integer function n_events_of(variation, length)
+      type(variation_t), intent(in) :: variation
+      real(wp), intent(in) :: length                                  !! [s]
+
+      n_events_of = nint(maxval(variation%motion%omega)*length/two_pi)*2*(variation%n_switches() + variation%n_states)
+   end function n_events_of
 
    !> What rounding of the matrices of pieces without any change makes of their exponentials, relative.
    pure real(wp) function rounding_of(variation, pieces) result(estimate)

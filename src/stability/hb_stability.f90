@@ -35,7 +35,8 @@ module hb_stability
    type :: stability_config_t
       integer :: method = stability_method%auto
       real(wp) :: patience = 1.0_wp                                   !! of `auto`: work that it may take, in usual points
-      real(wp) :: work_spent = 0.0_wp                                 !! on the motion: as much `auto` may take in any case
+      real(wp) :: work_spent = 0.0_wp                                 !! on the motion, in about a nanosecond: as much `auto` may
+                                                                      !! take in any case
       real(wp) :: tolerance = 1.0e-6_wp                               !! of the monodromy matrix, relative
       integer :: fewest_laps = 100                                    !! of the slowest tone, for exponents
       logical :: is_marched = .false.                                 !! of the motion that repeats when it is marched, in any case

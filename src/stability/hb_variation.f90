@@ -9,7 +9,7 @@ module hb_variation
    use hb_kinds, only: wp
    use hb_lapack, only: dpotrf, dpotrs
    use hb_law, only: law_box_t
-   use hb_matrix_exponential, only: count_exponential
+   use hb_matrix_exponential, only: count_exponential, per_multiplication
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_structure, only: most_dense, structure_t
    implicit none
@@ -363,7 +363,7 @@ contains
 
       associate (n => real(self%n_dofs, wp), c => real(self%n_coordinates, wp), m => real(self%size, wp))
          work = 2.0_wp*count_exponential(self%size, 0.5_wp*h*self%norm)
-         if (self%size > 2) work = work + 2.0_wp*m**3 + c**2*n**2 + 4.0_wp*m**2
+         if (self%size > 2) work = work + 2.0_wp*per_multiplication(self%size)*m**3 + c**2*n**2 + 4.0_wp*m**2
       end associate
    end function variation_work_of_step
 
@@ -379,6 +379,6 @@ contains
    pure real(wp) function variation_work_of_node(self) result(work)
       class(variation_t), intent(in) :: self
 
-      work = size(self%motion%frequencies)*(2.0_wp + 4.0_wp*self%n_coordinates) + 20.0_wp + 10.0_wp*self%n_coordinates**2
+      work = size(self%motion%frequencies)*(1.0_wp + 2.0_wp*self%n_coordinates) + 20.0_wp + 10.0_wp*self%n_coordinates**2
    end function variation_work_of_node
 end module hb_variation

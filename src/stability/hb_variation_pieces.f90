@@ -23,6 +23,17 @@ module hb_variation_pieces
       real(wp) :: held = 0.0_wp                                       ! its place
    end type event_t
 
+   !> Where a function changes its sign: by false position (Illinois), until numbers come to an end.
+   type :: bracket_t
+      real(wp) :: low, high
+      real(wp) :: value_low = 0.0_wp, value_high = 0.0_wp
+      real(wp) :: middle = 0.0_wp                                     ! where to look next
+      integer, private :: side = 0, pass = 0
+   contains
+      procedure :: is_wide => bracket_is_wide
+      procedure :: narrow => bracket_narrow
+   end type bracket_t
+
 contains
 
    !> Cuts a stretch of time at its events, which are looked for between so many instants.
@@ -107,37 +118,54 @@ contains
 
    contains
 
-      !> By false position (Illinois).
-      real(wp) function root(from, to, value_from, value_to, s) result(middle)
+      real(wp) function root(from, to, value_from, value_to, s)
          real(wp), intent(in) :: from, to, value_from, value_to
          integer, intent(in) :: s
-         real(wp) :: high, low, value_high, value_low, value(size(after))
-         integer :: pass, side
+         type(bracket_t) :: bracket
+         real(wp) :: value(size(after))
 
-         low = from
-         high = to
-         value_low = value_from
-         value_high = value_to
-         side = 0
-         do pass = 1, most_halvings
-            middle = (low*value_high - high*value_low)/(value_high - value_low)
-            if (.not. (middle > low .and. middle < high)) middle = 0.5_wp*(low + high)
-            if (high - low <= 4.0_wp*epsilon(1.0_wp)*max(abs(from), abs(to))) exit
-            call switches_at(self, i, middle, value)
-            if (value(s) > 0.0_wp .eqv. value_low > 0.0_wp) then
-               low = middle
-               value_low = value(s)
-               if (side == 1) value_high = 0.5_wp*value_high
-               side = 1
-            else
-               high = middle
-               value_high = value(s)
-               if (side == 2) value_low = 0.5_wp*value_low
-               side = 2
-            end if
+         bracket = bracket_t(low=from, high=to, value_low=value_from, value_high=value_to)
+         do while (bracket%is_wide())
+            call switches_at(self, i, bracket%middle, value)
+            call bracket%narrow(value(s))
          end do
+         root = bracket%middle
       end function root
    end subroutine find_switching
+
+   !> Chooses the next middle, the start where nothing changes its sign; false where there is none to be looked at.
+   logical function bracket_is_wide(self) result(is_wide)
+      class(bracket_t), intent(inout) :: self
+
+      if (self%value_low > 0.0_wp .eqv. self%value_high > 0.0_wp) then
+         self%middle = self%low
+         is_wide = .false.
+         return
+      end if
+      self%middle = (self%low*self%value_high - self%high*self%value_low)/(self%value_high - self%value_low)
+      if (.not. (self%middle > self%low .and. self%middle < self%high)) self%middle = 0.5_wp*(self%low + self%high)
+      is_wide = self%pass < most_halvings &
+                .and. self%high - self%low > 4.0_wp*epsilon(1.0_wp)*max(abs(self%low), abs(self%high))
+   end function bracket_is_wide
+
+   !> Takes the value at the middle for that at one of the ends.
+   subroutine bracket_narrow(self, value)
+      class(bracket_t), intent(inout) :: self
+      real(wp), intent(in) :: value
+
+      self%pass = self%pass + 1
+      if (value > 0.0_wp .eqv. self%value_low > 0.0_wp) then
+         self%low = self%middle
+         self%value_low = value
+         if (self%side == 1) self%value_high = 0.5_wp*self%value_high
+         self%side = 1
+      else
+         self%high = self%middle
+         self%value_high = value
+         if (self%side == 2) self%value_low = 0.5_wp*self%value_low
+         self%side = 2
+      end if
+   end subroutine bracket_narrow
 
    !> Values of the switches of law i at one time.
    subroutine switches_at(self, i, time, values)
@@ -251,54 +279,63 @@ contains
       end subroutine note
 
       !> When a bound reaches the slider.
-      real(wp) function slip_time(side) result(middle)
+      real(wp) function slip_time(side)
          integer, intent(in) :: side
-         real(wp) :: high, low
+         type(bracket_t) :: bracket
 
-         call bracket(low, high)
-         do
-            middle = 0.5_wp*(low + high)
-            if (high - low <= 4.0_wp*epsilon(1.0_wp)*max(abs(times(k - 1)), abs(times(k)))) exit
-            call look(middle)
-            if (merge(lower(s) - self%held(slider), self%held(slider) - upper(s), side == 1) > 0.0_wp) then
-               high = middle
-            else
-               low = middle
-            end if
+         bracket = bracket_t(low=earliest(), high=times(k))
+         bracket%value_high = beyond(bracket%high, side)
+         bracket%value_low = beyond(bracket%low, side)
+         do while (bracket%is_wide())
+            call bracket%narrow(beyond(bracket%middle, side))
          end do
+         slip_time = bracket%middle
       end function slip_time
 
-      !> When the bound that pushes the slider turns back.
-      real(wp) function stop_time(side) result(middle)
+      !> When the bound that pushes the slider turns back; leaves the bounds as they are then.
+      real(wp) function stop_time(side)
          integer, intent(in) :: side
-         real(wp) :: high, low
+         type(bracket_t) :: bracket
 
-         call bracket(low, high)
-         do
-            middle = 0.5_wp*(low + high)
-            call look(middle)
-            if (high - low <= 4.0_wp*epsilon(1.0_wp)*max(abs(times(k - 1)), abs(times(k)))) exit
-            if (merge(-lower_rate(s), upper_rate(s), side == 1) > 0.0_wp) then
-               high = middle
-            else
-               low = middle
-            end if
+         bracket = bracket_t(low=earliest(), high=times(k))
+         bracket%value_high = receding(bracket%high, side)
+         bracket%value_low = receding(bracket%low, side)
+         do while (bracket%is_wide())
+            call bracket%narrow(receding(bracket%middle, side))
          end do
+         stop_time = bracket%middle
+         call look(stop_time)
       end function stop_time
 
-      !> From the last event of this slider, or the last look, to this look.
-      subroutine bracket(low, high)
-         real(wp), intent(out) :: low, high
+      !> How far the bound has pushed the slider at a time, or would have.
+      real(wp) function beyond(time, side)
+         real(wp), intent(in) :: time
+         integer, intent(in) :: side
+
+         call look(time)
+         beyond = merge(lower(s) - self%held(slider), self%held(slider) - upper(s), side == 1)
+      end function beyond
+
+      !> How fast the bound moves away from the slider.
+      real(wp) function receding(time, side)
+         real(wp), intent(in) :: time
+         integer, intent(in) :: side
+
+         call look(time)
+         receding = merge(-lower_rate(s), upper_rate(s), side == 1)
+      end function receding
+
+      !> The last event of this slider, or the last look.
+      real(wp) function earliest()
          integer :: e
 
-         low = times(k - 1)
-         high = times(k)
+         earliest = times(k - 1)
          do e = n, 1, -1
             if (list(e)%slider /= slider) cycle
-            low = max(low, list(e)%time)
+            earliest = max(earliest, list(e)%time)
             exit
          end do
-      end subroutine bracket
+      end function earliest
 
       subroutine look(time)
          real(wp), intent(in) :: time

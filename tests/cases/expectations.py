@@ -1,16 +1,18 @@
 """Expected results that stand in an input file as comments, and their check against a result file.
 
     ! expect: [PARAMETER=VALUE ...] SUBJECT = NUMBER to TOLERANCE
+    ! expect: [PARAMETER=VALUE ...] SUBJECT = NUMBER to N estimates
     ! expect: [PARAMETER=VALUE ...] SUBJECT < NUMBER
     ! expect: [PARAMETER=VALUE ...] status = NAME [or NAME ...]
     ! expect: [PARAMETER=VALUE ...] solved > NUMBER
 
 SUBJECT is a coefficient, `DOF (j1,j2,...) cos|sin|amplitude`, the frequency of a tone, `tone M frequency`, or one of
-penetration, residual, iterations, n_harmonics.
-TOLERANCE is relative; `<` compares the magnitude. Parameters are named as in the result file (law_1_gap) and select
-points, as does curve_kind (fold, peak, ...) where there are curves; without any, the line is about every point. It must
-hold at each selected point, and there must be one. `solved` counts the points whose equations are solved, well enough for
-the certificate or not, and lets the others end as they do.
+penetration, residual, iterations, n_harmonics, truncation_estimate, aliasing_estimate.
+TOLERANCE is relative; N estimates are N times the error that the file estimates of a frequency, or of a coefficient, relative
+to it, by truncation and aliasing; `<` compares the magnitude. Parameters are named as in the result file (law_1_gap) and
+select points, as does curve_kind (fold, peak, ...) where there are curves; without any, the line is about every point. It
+must hold at each selected point, and there must be one. `solved` counts the points whose equations are solved, well enough
+for the certificate or not, and lets the others end as they do.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from dataclasses import dataclass, field
 from nhbm_post.errors import ReaderError
 from nhbm_post.reader import Results
 
-QUANTITIES = ("penetration", "residual", "iterations", "n_harmonics")
+QUANTITIES = ("penetration", "residual", "iterations", "n_harmonics", "truncation_estimate", "aliasing_estimate")
 COMPONENTS = ("cos", "sin", "amplitude")
 STATUSES = (
     "converged",
@@ -48,17 +50,19 @@ STATUSES = (
     "several",
 )
 
+ANSWERED = ("converged", "marched", "several")
+
 _FORMS = (
     "[PARAMETER=VALUE ...] then DOF (j1,j2) cos|sin|amplitude or tone M frequency or "
     + "|".join(QUANTITIES)
-    + ", then '= NUMBER to TOLERANCE' or '< NUMBER'; or status = NAME [or NAME ...]; or solved > NUMBER"
+    + ", then '= NUMBER to TOLERANCE', '= NUMBER to N estimates' or '< NUMBER'; or status = NAME [or NAME ...]; or solved > NUMBER"
 )
 _MARK = re.compile(r"!\s*expect", re.IGNORECASE)
 _LINE = re.compile(r"\s*! expect: (.*\S)\s*")
 _PARAMETER = re.compile(r"([A-Za-z]\w*)=(\S+)\s+")
 _STATUS = re.compile(r"status = (\w+(?: or \w+)*)")
 _SOLVED = re.compile(r"solved > (\d+)")
-_COMPARISON = re.compile(r"(?P<subject>.+?) (?:= (?P<number>\S+) to (?P<tolerance>\S+)|< (?P<bound>\S+))")
+_COMPARISON = re.compile(r"(?P<subject>.+?) (?:= (?P<number>\S+) to (?P<tolerance>\S+)(?P<estimates> estimates)?|< (?P<bound>\S+))")
 _FREQUENCY = re.compile(r"tone (\d+) frequency")
 _COEFFICIENT = re.compile(r"(\S+) \(([^()]*)\) (\w+)")
 
@@ -69,7 +73,7 @@ class MalformedExpectation(ValueError):
 
 @dataclass(frozen=True)
 class Expectation:
-    """One line. `number` is what to find, or the bound where `tolerance` is None."""
+    """One line. `number` is what to find, or the bound where `tolerance` is None; that may be counted in estimates of the file."""
 
     text: str
     line: int
@@ -83,6 +87,7 @@ class Expectation:
     component: str | None = None
     number: float = math.nan
     tolerance: float | None = None
+    in_estimates: bool = False
 
     def points(self, results: Results) -> list[int]:
         """Points that the line is about; ReaderError where there are none. What a curve did not need is no point."""
@@ -102,11 +107,20 @@ class Expectation:
         cosine, sine = results.coefficients(point, self.dof, self.j)
         return float(cosine if self.component == "cos" else sine)
 
-    def holds_for(self, value: float) -> bool:
+    def unit(self, results: Results, point: int) -> float:
+        """Difference that a tolerance of 1 allows: as large as the number, or what the file estimates."""
+        if not self.in_estimates:
+            return abs(self.number)
+        if self.tone:
+            return float(results.frequency_estimate(point)[self.tone - 1])
+        estimates = (results.per_point(name)[point] for name in ("truncation_estimate", "aliasing_estimate"))
+        return math.hypot(*estimates) * abs(self.number)
+
+    def holds_for(self, value: float, unit: float) -> bool:
         """Whether a value is as expected; NaN never is."""
         if self.tolerance is None:
             return abs(value) < self.number
-        return abs(value - self.number) <= self.tolerance * abs(self.number)
+        return abs(value - self.number) <= self.tolerance * unit
 
 
 def read_expectations(text: str) -> list[Expectation]:
@@ -147,7 +161,12 @@ def failures(expectations: list[Expectation], results: Results) -> list[str]:
 
 def expects_only_converged(expectations: list[Expectation]) -> bool:
     """Whether no line tells of a point without an answer."""
-    return all(e.status in (None, "converged", "marched", "several") and e.more_solved_than is None for e in expectations)
+    return all(e.status in (None, *ANSWERED) and e.more_solved_than is None for e in expectations)
+
+
+def has_only_answers(results: Results) -> bool:
+    """Whether each point that a curve needed is answered."""
+    return all(results.status_name(point) in ANSWERED for point in results.used)
 
 
 def _wrong_values(expectation: Expectation, results: Results, points: list[int]) -> list[str]:
@@ -158,7 +177,7 @@ def _wrong_values(expectation: Expectation, results: Results, points: list[int])
         except ReaderError as error:
             problems.append(_sentence(expectation, str(error)))
             continue
-        if expectation.holds_for(value):
+        if expectation.holds_for(value, expectation.unit(results, point)):
             continue
         found = f"found {value:.17g} at {results.point_text(point)}"
         if expectation.tolerance is not None and expectation.number:
@@ -203,12 +222,15 @@ def _parse(line: str, number: int) -> Expectation:
     else:
         common["number"] = _number(comparison["number"], number, line)
         common["tolerance"] = _number(comparison["tolerance"], number, line)
-        if not 0.0 <= common["tolerance"] < 1.0:
-            raise _malformed(number, line, "the relative tolerance must be from 0 to below 1")
+        common["in_estimates"] = bool(comparison["estimates"])
+        if not 0.0 <= common["tolerance"] < (10.0 if comparison["estimates"] else 1.0):
+            raise _malformed(number, line, "the relative tolerance must be from 0 to below 1, or below 10 estimates")
         if common["number"] == 0.0 and common["tolerance"] > 0.0:
             raise _malformed(number, line, "no relative tolerance fits 0; use '< NUMBER'")
 
     subject = comparison["subject"]
+    if subject in QUANTITIES and comparison["estimates"]:
+        raise _malformed(number, line, f"{subject} has no estimate")
     if subject in QUANTITIES:
         return Expectation(quantity=subject, **common)
     frequency = _FREQUENCY.fullmatch(subject)

@@ -3,7 +3,7 @@
 import pytest
 from nhbm_post.reader import Results
 
-from expectations import MalformedExpectation, expects_only_converged, failures, read_expectations
+from expectations import MalformedExpectation, expects_only_converged, failures, has_only_answers, read_expectations
 from program import NOT_ALL_CONVERGED, solve
 
 # x'' + x'/10 + (1 + k) x = cos(2t) + 3 with k = 0 and 7: closed forms below. The third point has a wrong value.
@@ -20,6 +20,15 @@ SCENE = """
 """
 FAILING = SCENE.replace("values = 0.0, 7.0", "values = 0.0, 7.0, 50.0").replace("100, 100", "100, 100, 0")
 FAILING += "&solver rescue_by_march = .false. /\n"
+
+
+# Van der Pol's oscillator: frequency and amplitude by shooting.
+CYCLE = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, stiffness = 1.0 /
+&tones unknown = .true. /
+&harmonics order = 7 /
+&law type = 'van_der_pol', dof = 'x1', strength = 1.0 /
+"""
 
 
 def closed_form(k):
@@ -96,6 +105,20 @@ def test_point_that_is_not_converged_fails_unless_said(failing_results):
     assert not expects_only_converged(read_expectations(f"! expect: {line}"))
 
 
+def test_numbers_may_be_off_by_what_the_file_estimates(tmp_path):
+    with Results(solve(CYCLE, tmp_path)) as results:
+        right = ("tone 1 frequency = 0.9429559 to 3 estimates", "x1 (1) amplitude = 2.0149065 to 3 estimates")
+        assert not problems(results, *right, "truncation_estimate < 1e-2")
+        assert problems(results, "tone 1 frequency = 0.943 to 3 estimates")
+        assert problems(results, "x1 (1) amplitude = 2.05 to 3 estimates")
+        assert problems(results, "truncation_estimate < 1e-9")
+
+
+def test_points_of_a_file_are_all_answered_or_not(results, failing_results):
+    assert has_only_answers(results)
+    assert not has_only_answers(failing_results)
+
+
 def test_points_solved_are_counted(failing_results):
     assert not problems(failing_results, "solved > 1")
     assert problems(failing_results, "solved > 2")
@@ -124,6 +147,8 @@ def test_coefficient_of_a_point_that_is_not_converged_fails(failing_results):
         "! expect: v3 (1,0) cos = nan to 1e-3",
         "! expect: v3 (1,0) cos = 1.0 to 1e3",
         "! expect: v3 (1,0) cos = 1.0 to -1e-3",
+        "! expect: v3 (1,0) cos = 1.0 to 30 estimates",
+        "! expect: residual = 1.0 to 3 estimates",
         "! expect: v3 (1,0) cos = 1.0 to 1e-3 m",
         "! expect: v3 (1,0) cos = 0.0 to 1e-3",
         "! expect: v3 (1,0) cos > 1.0",

@@ -4,6 +4,26 @@ from mutant_parts.mutant import of
 
 MUTANTS = [
     *of(
+        "stability/hb_variation_pieces.f90",
+        (
+            "events_end",
+            "test_hb_monodromy",
+            "false position keeps the wrong end",
+            "if (value > 0.0_wp .eqv. self%value_low > 0.0_wp) then",
+            "if (value > 0.0_wp .neqv. self%value_low > 0.0_wp) then",
+        ),
+    ),
+    *of(
+        "solve/hb_solver_types.f90",
+        (
+            "work_in_nanoseconds",
+            "test_hb_stability",
+            "a unit of work is thought to be a nanosecond",
+            "nanoseconds_of_work = 0.1_wp",
+            "nanoseconds_of_work = 10.0_wp",
+        ),
+    ),
+    *of(
         "stability/hb_bifurcation.f90",
         (
             "bifurcation_doubling",
