@@ -251,7 +251,7 @@ contains
       here%largest = self%largest
       here%slopes = self%slopes
       here%extremes = self%extremes
-      if (allocated(self%multipliers)) here%multipliers = self%multipliers
+      here%stability = self%stability
    end function standing_at
 
    !> Goes back there; work stays counted.
@@ -271,8 +271,7 @@ contains
       self%largest = here%largest
       self%slopes = here%slopes
       self%extremes = here%extremes
-      if (allocated(self%multipliers)) deallocate (self%multipliers)
-      if (allocated(here%multipliers)) self%multipliers = here%multipliers
+      self%stability = here%stability
       call self%renew()
    end subroutine stand_at
 
