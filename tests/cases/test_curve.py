@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from nhbm_post.reader import Results
 
+import shooting
 from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, NOT_ALL_CONVERGED, read, run, solve
 
 DUFFING = """
@@ -34,6 +35,8 @@ STOP = """
 &curve parameter = 'tones%frequency', from = 0.3, to = 1.2, points = 300 /
 """
 UNUSED, PENDING, COLLAPSED = 17, 0, 10
+FOLD, GRAZE = 3, 11
+INPUTS = Path(__file__).resolve().parents[2] / "inputs"
 
 
 def assert_same_bits(a, b, moving="tones_frequency"):
@@ -384,6 +387,18 @@ def test_fold_is_followed_by_tolerance_to_that_of_the_curve_there(followed, tmp_
         (point,) = ridge.select({"curve_kind": "value"})
         fold = curve.select({"curve_kind": "fold"})[0]
         assert ridge.frequency(point)[0] == pytest.approx(curve.frequency(fold)[0], rel=1e-5)
+
+
+def test_folds_at_a_stop_are_those_of_shooting(tmp_path):
+    """Two masses, one against a stop: five digits at order 21, where 5e-6 are cut off, and more at order 41."""
+    lower, upper = shooting.folds()
+    for order, samples, tolerance in ((21, 256, 1e-5), (41, 1024, 1e-6)):
+        text = (INPUTS / "gallery" / "stop_curve.nml").read_text()
+        text = text.replace("order = 21", f"order = {order}").replace("samples = 256", f"samples = {samples}")
+        frequency, kind = read(solve(text, tmp_path), "tones_frequency", "curve_kind")
+        assert frequency[kind == GRAZE][-1] == pytest.approx(shooting.graze(), rel=1e-9)
+        assert frequency[kind == FOLD] == pytest.approx([upper, lower], rel=tolerance)
+        assert frequency[kind == FOLD][1] == pytest.approx(lower, rel=1e-9)
 
 
 def test_the_warning_of_tones_names_a_point_of_the_curve(tmp_path):
