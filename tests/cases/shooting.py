@@ -2,10 +2,10 @@
 
 usage: python tests/cases/shooting.py        prints speeds at which the motion grazes the stop and at which its curve folds
 
-A piecewise linear motion is known exactly between its events: a steady part and exponentials of a matrix. Motions that touch the stop
-once a period are found for a given time of contact, from their state at the touch, its phase and the frequency: after a period the
-state is the same, and the mean velocity during contact is zero. Where the frequency is stationary over the time of contact the curve
-folds. Derivatives by complex steps. The curve begins at the graze, where the time is zero; it is known from the motion without contact.
+A piecewise linear motion is known exactly between its events: a steady part and exponentials of a matrix. Motions that touch the
+stop once a period are found for a given time of contact, from their state at the touch, its phase and the frequency: after a
+period the state is the same, and the mean velocity during contact is zero. Where the frequency is stationary over the time of
+contact the curve folds. Derivatives by complex steps. The curve begins at the graze, known from the motion without contact.
 """
 
 from __future__ import annotations
@@ -79,15 +79,15 @@ def folds() -> list[float]:
     touch = np.arctan2(b[0], a[0]) / w
     position, velocity = np.split(steady_state(False, w, touch), 2)
     y = np.array([velocity[0], position[1], velocity[1], touch, w])
-    found, before = [], None
+    found, last, slope = [], 0.0, 0.0
     for contact in [*np.geomspace(1e-4, 0.05, 40), *np.arange(0.051, 0.3175, 0.001), 0.3176]:
-        y, slope = motion(y, contact)
-        if before is not None and before[2] * slope < 0.0:
-            place = brentq(lambda t: motion(before[1], t)[1], before[0], contact, xtol=1e-14)
-            fold, _ = motion(before[1], place)
+        ahead, slope_ahead = motion(y, contact)
+        if slope * slope_ahead < 0.0:
+            place = brentq(lambda t, near: motion(near, t)[1], last, contact, args=(y,), xtol=1e-14)
+            fold, _ = motion(y, place)
             assert largest_in_flight(fold, place) < GAP
             found.append(fold[4])
-        before = (contact, y, slope)
+        last, y, slope = contact, ahead, slope_ahead
     return found
 
 
