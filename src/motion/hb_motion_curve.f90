@@ -71,6 +71,8 @@ module hb_motion_curve
       real(wp), private :: estimate = huge(1.0_wp)                    ! of the error at the point of the curve; huge: not known
       integer, private :: n_rungs = 1                                 ! that the last step has taken
       type(scene_problem_t), private :: problem
+      type(scene_problem_t), allocatable, private :: odd_problem      ! of odd motions alone, where the equations are odd
+      integer, allocatable, private :: odd_places(:)                  ! of its unknowns among those of the problem
       type(curve_t), private :: curve
       real(wp), allocatable, private :: weights(:)                    ! typical motion, (unknowns of the balance)
       real(wp), private :: largest = least_motion                     ! motion so far, in these
@@ -115,6 +117,7 @@ module hb_motion_curve
       procedure, private :: put_on => motion_curve_put_on
       procedure, private :: find_on_plane => motion_curve_find_on_plane
       procedure, private :: make_curve => motion_curve_make_curve
+      procedure, private :: keep_symmetry => motion_curve_keep_symmetry
       procedure, private :: look_here => motion_curve_look_here
       procedure, private :: carry_start => motion_curve_carry_start
       procedure, private :: describe => motion_curve_describe
@@ -197,6 +200,11 @@ module hb_motion_curve
          class(motion_curve_t), intent(inout), target :: self
          real(wp), intent(in) :: x(:), direction(:)
       end subroutine motion_curve_make_curve
+
+      !> Corrections stay among odd motions where curve and direction are odd; what leaves these is still seen, by the tangent.
+      module subroutine motion_curve_keep_symmetry(self)
+         class(motion_curve_t), intent(inout), target :: self
+      end subroutine motion_curve_keep_symmetry
 
       !> The list of points that wait is the start of this way alone.
       module subroutine motion_curve_put_start(self)
@@ -591,5 +599,6 @@ contains
       class(motion_curve_t), intent(inout) :: self
 
       call self%problem%destroy()
+      if (allocated(self%odd_problem)) call self%odd_problem%destroy()
    end subroutine motion_curve_destroy
 end module hb_motion_curve

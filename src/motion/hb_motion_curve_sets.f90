@@ -267,6 +267,7 @@ contains
       report = self%curve%report
       self%curve = here%curve
       self%curve%report = report
+      call self%keep_symmetry()
       self%first_waiting = size(self%waiting) + 1
       self%largest = here%largest
       self%slopes = here%slopes
@@ -306,6 +307,7 @@ contains
          self%curve%direction = direction
          self%curve%orientation = 0.0_wp
          self%curve%status = outcome%pending
+         call self%keep_symmetry()
       end if
       self%curve%step = step
       self%curve%report = report
