@@ -10,7 +10,7 @@ module hb_curve_events
    use hb_stability, only: stability_t
    implicit none
    private
-   public :: bifurcation_event_t, branch_event_t, find_extremes, find_multipliers, fold_event_t, graze_event_t, peak_event_t
+   public :: bifurcation_event_t, branch_event_t, find_extremes, find_stability, fold_event_t, graze_event_t, peak_event_t
    public :: sharp, slope_at, square_at, value_event_t
 
    real(wp), parameter :: sharp = 1.0e-11_wp                          !! tolerance of multipliers at a bifurcation
@@ -71,11 +71,11 @@ contains
    real(wp) function bifurcation_event_value(self, x) result(value)
       class(bifurcation_event_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
-      complex(wp), allocatable :: multipliers(:)
+      type(stability_t) :: there
 
-      call find_multipliers(self%problem, self%which, x, sharp, multipliers, self%is_marched)
+      call find_stability(self%problem, self%which, x, sharp, there, self%is_marched)
       value = 0.0_wp
-      if (allocated(multipliers)) value = bifurcation_value(self%kind, multipliers)
+      if (allocated(there%multipliers)) value = bifurcation_value(self%kind, there%multipliers)
    end function bifurcation_event_value
 
    !> Smallest and largest value of each switch of the laws, (2, any), hb_grazing.
@@ -190,14 +190,13 @@ contains
       end associate
    end function square_at
 
-   !> Multipliers of the motion at a point of the curve; not allocated where they are not looked for, or not found.
-   subroutine find_multipliers(problem, which, x, tolerance, multipliers, is_marched)
+   !> Stability of the motion at a point of the curve; without multipliers where they are not looked for, or not found.
+   subroutine find_stability(problem, which, x, tolerance, stability, is_marched)
       type(scene_problem_t), intent(inout), target :: problem
       integer, intent(in) :: which(:)                                 !! parameters that are unknown
       real(wp), intent(in) :: x(:), tolerance
-      complex(wp), allocatable, intent(out) :: multipliers(:)
-      logical, intent(in), optional :: is_marched                     !! those of the motion that repeats when it is marched
-      type(stability_t) :: stability
+      type(stability_t), intent(out) :: stability
+      logical, intent(in), optional :: is_marched                     !! that of the motion that repeats when it is marched
       complex(wp), allocatable :: c(:, :)
       logical :: is_possible
 
@@ -208,8 +207,5 @@ contains
          call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
          call stability_of(scene, balance, c, tolerance, stability, is_marched)
       end associate
-      if (.not. allocated(stability%multipliers)) return
-      call move_alloc(stability%multipliers, multipliers)
-      if (modulo(count(abs(aimag(multipliers)) > 0.0_wp), 2) == 1) multipliers = multipliers(:size(multipliers) - 1)   ! half a pair
-   end subroutine find_multipliers
+   end subroutine find_stability
 end module hb_curve_events

@@ -12,7 +12,7 @@ module hb_motion_curve
    use hb_bifurcation, only: angle_of_pair
    use hb_clock, only: wall_clock
    use hb_curve, only: curve_t
-   use hb_curve_events, only: find_extremes, find_multipliers, slope_at, square_at
+   use hb_curve_events, only: find_extremes, find_stability, slope_at, square_at
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -25,6 +25,7 @@ module hb_motion_curve
    use hb_scene, only: scene_t
    use hb_scene_problem, only: scene_problem_t
    use hb_solver_types, only: report_t
+   use hb_stability, only: stability_t
    use hb_text, only: to_text
    use hb_watch, only: verdict, watch_t
    implicit none
@@ -46,6 +47,7 @@ module hb_motion_curve
       integer :: kind = curve_kind%none
       real(wp) :: place = 0.0_wp                                      ! on the step
       real(wp), allocatable :: x(:)
+      type(stability_t), allocatable :: stability                     ! where that is known
       type(motion_result_t), allocatable :: result                    ! what is known of it already
    end type waiting_t
 
@@ -55,7 +57,7 @@ module hb_motion_curve
       type(curve_t) :: curve
       real(wp) :: largest = 0.0_wp
       real(wp), allocatable :: slopes(:), extremes(:, :)
-      complex(wp), allocatable :: multipliers(:)
+      type(stability_t) :: stability
    end type standing_t
 
    !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
@@ -69,6 +71,8 @@ module hb_motion_curve
       real(wp), private :: estimate = huge(1.0_wp)                    ! of the error at the point of the curve; huge: not known
       integer, private :: n_rungs = 1                                 ! that the last step has taken
       type(scene_problem_t), private :: problem
+      type(scene_problem_t), allocatable, private :: odd_problem      ! of odd motions alone, where the equations are odd
+      integer, allocatable, private :: odd_places(:)                  ! of its unknowns among those of the problem
       type(curve_t), private :: curve
       real(wp), allocatable, private :: weights(:)                    ! typical motion, (unknowns of the balance)
       real(wp), private :: largest = least_motion                     ! motion so far, in these
@@ -94,7 +98,7 @@ module hb_motion_curve
       type(waiting_t), allocatable, private :: waiting(:)
       real(wp), allocatable, private :: slopes(:)                     ! of the responses along the curve, at its point
       real(wp), allocatable, private :: extremes(:, :)                ! of the switches of laws, at its point
-      complex(wp), allocatable, private :: multipliers(:)             ! at its point; not allocated where they are not looked for
+      type(stability_t), private :: stability                         ! at its point, without multipliers where none are looked for
       class(watch_t), pointer, private :: watch => null()
    contains
       procedure :: begin => motion_curve_begin
@@ -113,6 +117,7 @@ module hb_motion_curve
       procedure, private :: put_on => motion_curve_put_on
       procedure, private :: find_on_plane => motion_curve_find_on_plane
       procedure, private :: make_curve => motion_curve_make_curve
+      procedure, private :: keep_symmetry => motion_curve_keep_symmetry
       procedure, private :: look_here => motion_curve_look_here
       procedure, private :: carry_start => motion_curve_carry_start
       procedure, private :: describe => motion_curve_describe
@@ -195,6 +200,11 @@ module hb_motion_curve
          class(motion_curve_t), intent(inout), target :: self
          real(wp), intent(in) :: x(:), direction(:)
       end subroutine motion_curve_make_curve
+
+      !> Corrections stay among odd motions where curve and direction are odd; what leaves these is still seen, by the tangent.
+      module subroutine motion_curve_keep_symmetry(self)
+         class(motion_curve_t), intent(inout), target :: self
+      end subroutine motion_curve_keep_symmetry
 
       !> The list of points that wait is the start of this way alone.
       module subroutine motion_curve_put_start(self)
@@ -496,6 +506,7 @@ contains
          call self%problem%residual(point%x(:n), r)
          result%residual = self%problem%norm(r)
          result%status = outcome%converged
+         if (allocated(point%stability)) result%stability = point%stability
          result%frequency = balance%omega
          if (scene%normal_mode%is_asked) result%artificial_damping = balance%xi
          result%n_harmonics = scene%harmonics%n_harmonics
@@ -563,12 +574,12 @@ contains
       end if
    end subroutine motion_curve_tell
 
-   !> What the next step compares with: slopes of responses, multipliers and extremes at the point of the curve.
+   !> What the next step compares with: slopes of responses, stability and extremes at the point of the curve.
    subroutine motion_curve_look_here(self)
       class(motion_curve_t), intent(inout), target :: self
 
       self%slopes = self%slopes_along()
-      call find_multipliers(self%problem, self%which, self%curve%x, self%problem%scene%stability%tolerance, self%multipliers)
+      call find_stability(self%problem, self%which, self%curve%x, self%problem%scene%stability%tolerance, self%stability)
       call find_extremes(self%problem, self%which, self%curve%x, self%extremes)
    end subroutine motion_curve_look_here
 
@@ -588,5 +599,6 @@ contains
       class(motion_curve_t), intent(inout) :: self
 
       call self%problem%destroy()
+      if (allocated(self%odd_problem)) call self%odd_problem%destroy()
    end subroutine motion_curve_destroy
 end module hb_motion_curve

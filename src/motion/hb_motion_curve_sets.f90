@@ -252,7 +252,7 @@ contains
       here%largest = self%largest
       here%slopes = self%slopes
       here%extremes = self%extremes
-      if (allocated(self%multipliers)) here%multipliers = self%multipliers
+      here%stability = self%stability
    end function standing_at
 
    !> Goes back there; work stays counted.
@@ -268,12 +268,12 @@ contains
       report = self%curve%report
       self%curve = here%curve
       self%curve%report = report
+      call self%keep_symmetry()
       self%first_waiting = size(self%waiting) + 1
       self%largest = here%largest
       self%slopes = here%slopes
       self%extremes = here%extremes
-      if (allocated(self%multipliers)) deallocate (self%multipliers)
-      if (allocated(here%multipliers)) self%multipliers = here%multipliers
+      self%stability = here%stability
       call self%renew()
    end subroutine stand_at
 
@@ -308,6 +308,7 @@ contains
          self%curve%direction = direction
          self%curve%orientation = 0.0_wp
          self%curve%status = outcome%pending
+         call self%keep_symmetry()
       end if
       self%curve%step = step
       self%curve%report = report

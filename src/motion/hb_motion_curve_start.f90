@@ -5,10 +5,13 @@ submodule (hb_motion_curve) hb_motion_curve_start
    use hb_curve, only: curve_config_t, new_curve
    use hb_curve_conditions, only: set_conditions
    use hb_curve_origin, only: find_direction
+   use hb_harmonics, only: harmonics_t, new_of_parity
+   use hb_hysteretic_law, only: has_memory
    use hb_motion, only: solve_motion
    use hb_newton, only: solve_newton
    use hb_rung, only: join, put_on_rung, reliable, rung_of
    use hb_scene_problem, only: new_scene_problem
+   use hb_scene_symmetry, only: half_of_odd, is_solved_odd
    use hb_solver_types, only: solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    implicit none
@@ -339,12 +342,79 @@ contains
       self%rung = rung_t(rung%set, rung%n_samples)
       self%which = [self%which, self%problem%own]
       self%weights = self%problem%x_scale
+      call make_odd_problem(self, found, error)
+      if (allocated(error)) return
       do i = 1, size(self%request%peaks)
          associate (peak => self%request%peaks(i))
             peak%column = self%problem%balance%stiffness%coordinates%number_of(peak%dof)
          end associate
       end do
    end subroutine motion_curve_put_on
+
+   !> The problem of odd motions alone on the set at hand, where a given frequency moves and the equations are odd: other values may
+   !> break the symmetry. Sliders may be held off their middle by odd motions, whose forces then are not odd.
+   subroutine make_odd_problem(self, scene, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene                              !! on the set at hand
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: odd
+      type(scene_t) :: reduced
+      integer :: h, i, m, n
+      integer, allocatable :: rows(:)
+
+      if (allocated(self%odd_problem)) then
+         call self%odd_problem%destroy()
+         deallocate (self%odd_problem)
+      end if
+      if (.not. (self%problem%moves_frequency .and. is_solved_odd(scene)) .or. has_memory(scene%laws) .or. &
+          any(scene%tones%is_unknown)) return
+      call new_of_parity(odd, scene%harmonics, 1, error)
+      if (allocated(error) .or. odd%n_harmonics == scene%harmonics%n_harmonics) return
+      reduced = scene
+      call put_on_rung(reduced, scene, rung_t(odd, scene%torus%n_samples), error)
+      if (allocated(error)) return
+      reduced%torus = half_of_odd(scene)
+      allocate (self%odd_problem)
+      self%odd_problem%watch => self%watch
+      call new_scene_problem(self%odd_problem, reduced, self%document, self%request%moving, self%request%start, &
+                             self%request%available_memory, error)
+      associate (set => scene%harmonics)
+         allocate (rows(0))
+         do h = 1, set%n_harmonics
+            if (modulo(sum(set%tuples(:, h)), 2) == 0) cycle
+            rows = [rows, set%cos_at(h), pack([set%sin_at(h)], [set%sin_at(h) > 0])]
+         end do
+         n = self%problem%n_unknowns
+         m = size(self%which)
+         self%odd_places = [((i + rows(h), h=1, size(rows)), i=0, n - 1, set%n_coefficients), (n + i, i=1, m)]
+      end associate
+   end subroutine make_odd_problem
+
+   module subroutine motion_curve_keep_symmetry(self)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), parameter :: rounding = 1.0e-10_wp                    ! even part that counts as none
+
+      associate (curve => self%curve)
+         if (allocated(curve%part)) deallocate (curve%part)
+         if (.not. allocated(self%odd_problem)) return
+         if (even_part_of(curve%x) > rounding .or. even_part_of(curve%direction) > rounding) return
+         allocate (curve%part)
+         curve%kept = self%odd_places
+         call new_bordered_problem(curve%part, self%odd_problem, self%which, curve%problem%forms(curve%kept, :), &
+                                   curve%problem%values)
+      end associate
+
+   contains
+
+      pure real(wp) function even_part_of(x)
+         real(wp), intent(in) :: x(:)
+         real(wp) :: odd(size(x))
+
+         odd = 0.0_wp
+         odd(self%odd_places) = x(self%odd_places)
+         even_part_of = norm2((x - odd)/self%curve%units)/norm2(x/self%curve%units)
+      end function even_part_of
+   end subroutine motion_curve_keep_symmetry
 
    module subroutine motion_curve_make_curve(self, x, direction)
       class(motion_curve_t), intent(inout), target :: self
@@ -374,6 +444,7 @@ contains
       units = self%curve%units
       if (self%is_uneven) config%shortest_step = 1.0e-3_wp*config%longest_step   ! no step is as short as to help
       call new_curve(self%curve, bordered, x, direction, units, config, corrector)
+      call self%keep_symmetry()
    end subroutine motion_curve_make_curve
 
    module subroutine motion_curve_set_out(self, error)
@@ -414,6 +485,7 @@ contains
          self%curve%direction = self%sense()*direction
          self%curve%orientation = 0.0_wp                              ! not known where the determinant vanishes
          self%curve%status = outcome%pending
+         call self%keep_symmetry()
       end if
       self%direction_start = self%curve%direction
       self%outset = origin_t(x=self%x_start, direction=self%direction_start, rung=rung)

@@ -4,7 +4,7 @@ submodule (hb_motion_curve) hb_motion_curve_step
    use hb_bordered, only: bordered_problem_t
    use hb_curve, only: event_t
    use hb_curve_conditions, only: is_mirrored, set_conditions
-   use hb_curve_events, only: bifurcation_event_t, branch_event_t, find_extremes, find_multipliers, fold_event_t, graze_event_t, &
+   use hb_curve_events, only: bifurcation_event_t, branch_event_t, find_extremes, find_stability, fold_event_t, graze_event_t, &
       peak_event_t, sharp, value_event_t
    use hb_newton, only: solve_newton
    use hb_stability, only: stability_method
@@ -22,8 +22,8 @@ contains
 
    module subroutine motion_curve_step(self)
       class(motion_curve_t), intent(inout), target :: self
-      complex(wp), allocatable :: multipliers(:)
       real(wp), allocatable :: extremes(:, :), slopes(:)
+      type(stability_t) :: stability
       real(wp) :: largest, units(size(self%curve%x))
       integer :: n_branch_points
       logical :: is_possible
@@ -66,11 +66,11 @@ contains
          deallocate (self%waiting)
          allocate (self%waiting(0))
          self%first_waiting = 1
-         call find_multipliers(self%problem, self%which, curve%x, self%problem%scene%stability%tolerance, multipliers)
+         call find_stability(self%problem, self%which, curve%x, self%problem%scene%stability%tolerance, stability)
          call find_extremes(self%problem, self%which, curve%x, extremes)
-         call look_back(self, self%slopes, slopes, curve%n_branch_points > n_branch_points, multipliers, extremes)
+         call look_back(self, self%slopes, slopes, curve%n_branch_points > n_branch_points, stability, extremes)
          self%slopes = slopes
-         call move_alloc(multipliers, self%multipliers)
+         self%stability = stability
          call move_alloc(extremes, self%extremes)
       end associate
    end subroutine motion_curve_step
@@ -106,11 +106,11 @@ contains
    end subroutine try_end
 
    !> Finds folds, peaks, bifurcations, wanted values and ends on the step behind the curve, in their order.
-   subroutine look_back(self, slopes_before, slopes, has_branched, multipliers, extremes)
+   subroutine look_back(self, slopes_before, slopes, has_branched, stability, extremes)
       class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: slopes_before(:), slopes(:)             !! of the responses
       logical, intent(in) :: has_branched                             !! a branch point was passed by
-      complex(wp), allocatable, intent(in) :: multipliers(:)          !! at the point of the curve
+      type(stability_t), intent(in) :: stability                      !! at the point of the curve
       real(wp), intent(in) :: extremes(:, :)                          !! of switches, likewise
       type(bifurcation_event_t) :: change
       type(branch_event_t) :: branch
@@ -169,13 +169,15 @@ contains
                          curve_kind%graze)
             end do
          end do
-         if (allocated(self%multipliers) .and. allocated(multipliers) .and. all(self%waiting%kind /= curve_kind%graze)) then
+         if (allocated(self%stability%multipliers) .and. allocated(stability%multipliers) .and. &
+             all(self%waiting%kind /= curve_kind%graze)) then
             change%problem => self%problem
             change%which = self%which
             do i = bifurcation%branch, bifurcation%torus
                if (i == bifurcation%branch .and. (n_pieces > 1 .or. has_branched .or. tells_all(self))) cycle   ! that is known
                change%kind = i
-               call find_bifurcation([bifurcation_value(i, self%multipliers), bifurcation_value(i, multipliers)])
+               call find_bifurcation([bifurcation_value(i, self%stability%multipliers), &
+                                      bifurcation_value(i, stability%multipliers)])
             end do
          end if
          ends = [request%from, request%to]
@@ -199,6 +201,7 @@ contains
          self%is_closed = is_back(self)
          if (self%is_closed) call add(curve_kind%end, curve%last_step, self%x_start)
          call add(curve_kind%regular, curve%last_step, curve%x)
+         self%waiting(size(self%waiting))%stability = stability
       end associate
       call put_in_order(self%waiting)
       call self%renew()                                               ! the tolerance was another one: a stored curve has this
@@ -219,16 +222,16 @@ contains
       !> Between two points at which the function of `change` is known; real multipliers that pass each other's inverse are none.
       subroutine find_bifurcation(at_ends)
          real(wp), intent(in) :: at_ends(2)
-         complex(wp), allocatable :: there(:)
+         type(stability_t) :: there
          real(wp) :: place
 
          if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) < left_behind) return
          call self%curve%find_zero(change, [0.0_wp, self%curve%last_step], at_ends, located_multiplier, x, place, is_found)
          if (.not. is_found) return
          if (change%kind == bifurcation%torus) then
-            call find_multipliers(self%problem, self%which, x, sharp, there)
-            if (.not. allocated(there)) return
-            if (.not. is_torus(there)) return
+            call find_stability(self%problem, self%which, x, sharp, there)
+            if (.not. allocated(there%multipliers)) return
+            if (.not. is_torus(there%multipliers)) return
          end if
          select case (change%kind)
          case (bifurcation%branch); call add(curve_kind%split, place, x)

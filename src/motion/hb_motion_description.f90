@@ -36,7 +36,7 @@ contains
       type(basis_t), intent(in) :: basis                              !! of the balance
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
-      type(motion_result_t), intent(inout) :: result                  !! with its status
+      type(motion_result_t), intent(inout) :: result                  !! with its status, and its stability where that is known
       type(error_t), allocatable, intent(out) :: error
       type(search_t), intent(inout), optional :: search               !! of a scene with unknown tones
       class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
@@ -60,7 +60,8 @@ contains
       end if
       result%work_beside = work_beside_solver(scene, balance)
       if (is_solved(result%status)) then
-         call stability_of(scene, balance, c, scene%stability%tolerance, result%stability)
+         if (result%stability%method == stability_method%off) &
+            call stability_of(scene, balance, c, scene%stability%tolerance, result%stability)
          call compare_with_refined(scene, tones_of(scene, balance), result%certificate, result%stability)
       end if
       if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion

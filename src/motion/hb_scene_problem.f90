@@ -37,6 +37,7 @@ module hb_scene_problem
       type(balance_t) :: balance                                      !! likewise
       type(document_t) :: document                                    !! likewise, but for frequencies
       integer :: own = 0                                              !! number of the moving value among the parameters
+      logical :: moves_frequency = .false.                            !! the value is that of a tone, and loads do not grow with it
       character(:), allocatable :: complaint                          !! why the last value was refused
       type(moving_value_t), private :: moving
       character(:), allocatable, private :: group                     ! of the value
@@ -88,6 +89,7 @@ contains
       self%n_unknowns = 0
       self%has_stiffness = .false.
       self%group = self%document%groups%holders(moving%parameter%i_group)%group%name
+      self%moves_frequency = self%group == "tones" .and. .not. scene%has_inertia_loads
       self%omega_slopes = 0.0_wp*scene%tones%omega
       self%xi = self%omega_slopes
       self%omega = scene%tones%omega
@@ -157,7 +159,7 @@ contains
       class(scene_problem_t), intent(inout) :: self
       type(error_t), allocatable :: error
 
-      if (self%group == "tones" .and. .not. self%scene%has_inertia_loads) return   ! they never change
+      if (self%moves_frequency) return                                ! they never change
       call rebuild(self, error)
    end subroutine scene_problem_renew
 

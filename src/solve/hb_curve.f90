@@ -40,6 +40,9 @@ module hb_curve
    !> Where a curve is. To go on from a stored point, set `x`, `direction`, `step` and `orientation`.
    type :: curve_t
       type(bordered_problem_t) :: problem
+      type(bordered_problem_t), allocatable :: part                   !! if given: the problem for the unknowns `kept` alone, on a
+                                                                      !! curve along which all others are zero
+      integer, allocatable :: kept(:)                                 !! (unknowns of `part`)
       type(curve_config_t) :: config
       type(solver_config_t) :: corrector                              !! its limit of work is that of the whole curve
       real(wp), allocatable :: x(:)                                   !! point on the curve, (n_unknowns)
@@ -191,18 +194,23 @@ contains
       logical, intent(out) :: is_on_curve
       type(report_t) :: report
       type(solver_config_t) :: limited
+      real(wp), allocatable :: y(:)
 
       limited = self%corrector
       limited%work_limit = self%corrector%work_limit - self%report%work
-      associate (problem => self%problem)
-         call self%put_plane(self%last_x, self%last_direction, step)
-         x = self%last_x + step*self%last_direction
-         if (problem%has_products .and. problem%n_unknowns > problem%largest_dense) then
-            call solve_krylov(problem, limited, x, report)
-         else
-            call solve_newton(problem, limited, x, report)
-         end if
-      end associate
+      call self%put_plane(self%last_x, self%last_direction, step)
+      x = self%last_x + step*self%last_direction
+      if (allocated(self%part)) then
+         self%part%forms = self%problem%forms(self%kept, :)
+         self%part%values = self%problem%values
+         call self%part%rescale()
+         y = x(self%kept)
+         call solve_next_to(self%part, limited, y, report)
+         x = 0.0_wp
+         x(self%kept) = y
+      else
+         call solve_next_to(self%problem, limited, x, report)
+      end if
       call self%report%add(report)
       self%last_iterations = report%iterations
       is_on_curve = report%status == outcome%converged
@@ -210,6 +218,20 @@ contains
       self%report%is_out_of_work = self%report%work >= self%corrector%work_limit
       if (self%report%is_out_of_work) self%status = outcome%out_of_budget
    end subroutine curve_point_at
+
+   !> Corrects a point, by the method for its size.
+   subroutine solve_next_to(problem, config, x, report)
+      type(bordered_problem_t), intent(inout) :: problem
+      type(solver_config_t), intent(in) :: config
+      real(wp), intent(inout), contiguous :: x(:)
+      type(report_t), intent(out) :: report
+
+      if (problem%has_products .and. problem%n_unknowns > problem%largest_dense) then
+         call solve_krylov(problem, config, x, report)
+      else
+         call solve_newton(problem, config, x, report)
+      end if
+   end subroutine solve_next_to
 
    !> Finds a zero of a function that has changed its sign on the step from the last point to x. x becomes the zero; the next
    !> step begins there, once `turn` was called.

@@ -24,12 +24,12 @@ contains
    !> The function of one kind; positive where all multipliers are small.
    pure real(wp) function bifurcation_value(kind, multipliers) result(value)
       integer, intent(in) :: kind
-      complex(wp), intent(in) :: multipliers(:)                       !! with each its conjugate
+      complex(wp), intent(in) :: multipliers(:)                       !! with each its conjugate, but half of the last pair
       complex(wp) :: factor
       integer :: i, k
 
       factor = (1.0_wp, 0.0_wp)
-      do i = 1, size(multipliers)
+      do i = 1, n_in_pairs(multipliers)
          associate (m => multipliers(i))
             select case (kind)
             case (bifurcation%branch)
@@ -61,7 +61,7 @@ contains
 
       angle = 0.0_wp
       least = huge(1.0_wp)
-      do i = 1, size(multipliers)
+      do i = 1, n_in_pairs(multipliers)
          do k = 1, i - 1
             if (abs(1.0_wp - multipliers(i)*multipliers(k)) >= least) cycle
             least = abs(1.0_wp - multipliers(i)*multipliers(k))
@@ -70,4 +70,11 @@ contains
          end do
       end do
    end function angle_of_pair
+
+   !> Number of multipliers without half a pair at the end.
+   pure integer function n_in_pairs(multipliers) result(n)
+      complex(wp), intent(in) :: multipliers(:)
+
+      n = size(multipliers) - modulo(count(abs(aimag(multipliers)) > 0.0_wp), 2)
+   end function n_in_pairs
 end module hb_bifurcation

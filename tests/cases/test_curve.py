@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from nhbm_post.reader import Results
 
+import shooting
 from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, NOT_ALL_CONVERGED, read, run, solve
 
 DUFFING = """
@@ -34,6 +35,8 @@ STOP = """
 &curve parameter = 'tones%frequency', from = 0.3, to = 1.2, points = 300 /
 """
 UNUSED, PENDING, COLLAPSED = 17, 0, 10
+FOLD, GRAZE = 3, 11
+INPUTS = Path(__file__).resolve().parents[2] / "inputs"
 
 
 def assert_same_bits(a, b, moving="tones_frequency"):
@@ -240,7 +243,7 @@ def test_what_is_wrong_with_a_curve_is_said(tmp_path, keys, says):
 def test_torus_behind_a_graze_is_found_and_followed_both_ways(tmp_path):
     """A rotor that bounces in its ring; radii at 1.15 rad/s by marching from rest, 0.1271 and 1.1203."""
     text = (Path(__file__).parents[2] / "inputs" / "gallery" / "jeffcott_torus.nml").read_text(encoding="utf-8")
-    path = solve(text.replace("to = 2.5", "to = 1.2").replace("1.0, 1.15", "1.15"), tmp_path, status=None)
+    path = solve(text.replace("to = 2.5", "to = 1.2").replace("1.0, 1.15, 1.3", "1.15"), tmp_path, status=None)
     with Results(path) as results:
         (graze,) = results.select({"curve_kind": "graze"})
     torus = path.with_name(f"{path.stem}_{graze}.h5")
@@ -384,6 +387,44 @@ def test_fold_is_followed_by_tolerance_to_that_of_the_curve_there(followed, tmp_
         (point,) = ridge.select({"curve_kind": "value"})
         fold = curve.select({"curve_kind": "fold"})[0]
         assert ridge.frequency(point)[0] == pytest.approx(curve.frequency(fold)[0], rel=1e-5)
+
+
+def test_folds_at_a_stop_are_those_of_shooting(tmp_path):
+    """Two masses, one against a stop: five digits at order 21, where 5e-6 are cut off, and more at order 41."""
+    lower, upper = shooting.folds()
+    for order, samples, tolerance in ((21, 256, 1e-5), (41, 1024, 1e-6)):
+        text = (INPUTS / "gallery" / "stop_curve.nml").read_text()
+        text = text.replace("order = 21", f"order = {order}").replace("samples = 256", f"samples = {samples}")
+        frequency, kind = read(solve(text, tmp_path), "tones_frequency", "curve_kind")
+        assert frequency[kind == GRAZE][-1] == pytest.approx(shooting.graze(), rel=1e-9)
+        assert frequency[kind == FOLD] == pytest.approx([upper, lower], rel=tolerance)
+        assert frequency[kind == FOLD][1] == pytest.approx(lower, rel=1e-9)
+
+
+@pytest.mark.long
+def test_coexisting_motions_of_the_rotor_are_told(tmp_path):
+    """At 1.3 rad/s: two whirls all round the ring, one free of it, two tori; marches end in that and in the torus that bounces."""
+    text = (INPUTS / "gallery" / "jeffcott_torus.nml").read_text(encoding="utf-8")
+    (tmp_path / "rotor.nml").write_text(text)
+    assert run("solve", "rotor.nml", cwd=tmp_path).status in (ALL_CONVERGED, NOT_ALL_CONVERGED)
+    (torus,) = tmp_path.glob("rotor_*.h5")
+    with Results(tmp_path / "rotor.h5") as results:
+        there = np.flatnonzero((results.curve.values == 1.3) & (results.curve_kind() == "value"))
+        assert [int(stable) for stable in results.per_point("is_stable")[there]] == [-1, -1, 1]
+        free = results.amplitude(there[-1], "x", (1,))
+    with Results(torus) as results:
+        there = np.flatnonzero((results.curve.values == 1.3) & (results.curve_kind() == "value"))
+        assert len(there) == 2
+        bouncing = results.amplitude(there[0], "x", (1, 0))
+    lines = [line for line in text.splitlines() if not line.startswith(("&curve", "   torus_order"))]
+    (tmp_path / "march.nml").write_text("\n".join(lines).replace("frequency = 0.7", "frequency = 1.3") + "\n")
+    starts = ("march%starts=12", "march%transient=600.0", "march%duration=600.0")
+    done = run("march", "march.nml", "-o", "march.h5", *[word for key in starts for word in ("--set", key)], cwd=tmp_path)
+    assert "2 motions" in done.stdout, done.stdout + done.stderr
+    marched, spread = read(tmp_path / "march.h5", "motion_coefficients", "motion_spread")
+    amplitudes = np.hypot(*np.moveaxis(marched[:, 0, 1], -1, 0))
+    assert amplitudes == pytest.approx([free, bouncing], rel=1e-2)
+    assert amplitudes[0] == pytest.approx(free, rel=1e-6) and amplitudes[0] == pytest.approx(0.48138576, rel=1e-6)
 
 
 def test_the_warning_of_tones_names_a_point_of_the_curve(tmp_path):

@@ -201,6 +201,13 @@ MUTANTS = [
     *of(
         "motion/hb_motion_curve_start.f90",
         (
+            "motion_curve_stays_odd",
+            "test_hb_motion_curve",
+            "a curve that leaves odd motions is corrected among them",
+            "even_part_of(curve%direction) > rounding) return",
+            "even_part_of(curve%x) > rounding) return",
+        ),
+        (
             "motion_curve_branch_sense",
             "test_hb_motion_curve",
             "both ways along another curve are one",
