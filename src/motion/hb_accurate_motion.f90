@@ -9,13 +9,12 @@
 module hb_accurate_motion
    use hb_certificate, only: certificate_t
    use hb_error, only: error_t
-   use hb_first_way, only: first_way, march_counts_t, march_is_cheaper
+   use hb_first_way, only: first_way
    use hb_harmonics, only: harmonics_t
    use hb_judge, only: judge_t
    use hb_kinds, only: wp
-   use hb_law, only: hold_t
-   use hb_modes, only: slowest_decay
-   use hb_motion, only: march_first, solve_motion
+   use hb_march_to_tolerance, only: loaded_tuples, march_from_balance, march_to_tolerance, marches_first
+   use hb_motion, only: solve_motion
    use hb_motion_description, only: compare_with_refined
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome
@@ -24,7 +23,6 @@ module hb_accurate_motion
    use hb_scene, only: accuracy_t, scene_t
    use hb_solver_types, only: nanoseconds_of_work
    use hb_stability, only: stability_method
-   use hb_structure, only: most_dense, structure_t
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
    use hb_watch, only: watch_t
@@ -79,7 +77,9 @@ contains
       if (present(start)) has_start = allocated(start%unknowns)
       if (present(judge) .and. .not. has_start) then
          if (marches_first(scene)) then
-            call march_to_tolerance(scene, result, top, watch, judge, is_done)
+            call march_to_tolerance(scene, result, watch, judge, is_done)
+            top%set = scene%harmonics
+            top%n_samples = scene%torus%n_samples
             if (is_done) return
          end if
       end if
@@ -146,86 +146,9 @@ contains
          result%certificate%truncation = max(result%certificate%truncation, best_estimate)
       end if
       call finish(scene, result, top, account, difference, watch)
+      if (result%status == outcome%truncated .and. present(judge)) call march_from_balance(scene, result, top, watch, judge)
       if (scene%accuracy%grows_set .and. scene%chain%is_on .and. result%status == outcome%converged) call trim_set(scene, top)
    end subroutine solve_to_tolerance
-
-   !> Whether marching comes before the balance: asked for, or cheaper by counts.
-   logical function marches_first(scene)
-      type(scene_t), intent(in) :: scene
-      real(wp), parameter :: largest_tolerance = 1.0e-3_wp            ! above it the balance is cheaper in any case
-      type(hold_t) :: hold
-      type(march_counts_t) :: counts
-      type(structure_t) :: structure
-      integer :: i
-
-      marches_first = scene%first_way == first_way%march
-      if (scene%first_way /= first_way%auto .or. scene%tones%n_tones /= 1 .or. any(scene%tones%is_unknown)) return
-      if (.not. is_rigid(scene) .or. .not. scene%accuracy%grows_set .or. size(scene%accuracy%outputs) > 0) return
-      if (scene%accuracy%tolerance > largest_tolerance .or. scene%structure%n_dofs > most_dense .or. scene%chain%is_on) return
-      structure = scene%structure
-      call structure%unpack()
-      counts%n_dofs = structure%n_dofs
-      counts%n_coordinates = size(scene%laws)
-      counts%max_harmonics = scene%accuracy%max_harmonics
-      counts%tolerance = scene%accuracy%tolerance
-      counts%omega = scene%tones%omega(1)
-      do i = 1, size(scene%laws)
-         if (.not. scene%laws(i)%law%is_multiplier) cycle
-         hold = scene%laws(i)%law%hold()
-         counts%has_walls = counts%has_walls .or. hold%is_wall
-      end do
-      counts%decay = slowest_decay(structure%mass, structure%damping, structure%stiffness)
-      counts%fastest = maxval([(sqrt(abs(structure%stiffness(i, i))/max(abs(structure%mass(i, i)), tiny(1.0_wp))), &
-                                i=1, structure%n_dofs)])
-      marches_first = march_is_cheaper(counts)
-   end function marches_first
-
-   !> Marches, with boxes of twice the order each time until what a box leaves of the record and the spread of the averages are
-   !> below the tolerance. Not done where marching finds no motion: the ladder follows.
-   subroutine march_to_tolerance(scene, result, top, watch, judge, is_done)
-      type(scene_t), intent(in) :: scene
-      type(motion_result_t), intent(out) :: result
-      type(rung_t), intent(out) :: top
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in) :: judge
-      logical, intent(out) :: is_done
-      type(error_t), allocatable :: error
-      type(motion_result_t) :: trial
-      type(rung_t) :: rung
-      type(scene_t) :: here
-      integer :: n_rungs, order
-      logical :: is_there
-      real(wp) :: left_out, work
-
-      is_done = .false.
-      here = scene
-      here%certificate%truncation = min(scene%certificate%truncation, scene%accuracy%tolerance)
-      order = lowest_order(scene%tones%n_tones)
-      work = 0.0_wp
-      do n_rungs = 1, most_rungs
-         call new_lowest_set(rung%set, scene%tones%n_tones, loaded_tuples(scene), error, order)
-         if (allocated(error) .or. (n_rungs > 1 .and. rung%set%n_harmonics > scene%accuracy%max_harmonics)) exit
-         rung%n_samples = samples_for(rung%set%highest, degree_of(scene))
-         call put_on_rung(here, scene, rung, error)
-         if (allocated(error)) exit
-         call watch%begin(scene%solver%time_limit)
-         call march_first(here, watch, judge, trial, is_there, left_out)
-         if (.not. is_there) exit
-         is_done = .true.
-         work = work + trial%work
-         result = trial
-         result%harmonics = rung%set
-         result%n_samples = rung%n_samples
-         result%n_rungs = n_rungs
-         result%work = work
-         if (result%status /= outcome%marched .and. result%status /= outcome%several) exit
-         result%certificate%truncation = hypot(result%certificate%truncation, left_out)
-         if (result%certificate%truncation <= scene%accuracy%tolerance .or. work > scene%accuracy%max_work) exit
-         order = 2*order
-      end do
-      top%set = rung%set
-      top%n_samples = rung%n_samples
-   end subroutine march_to_tolerance
 
    !> Whether rungs have gained nothing for so long that none will: each of the last ones leaves nearly all of the estimate
    !> before it.
@@ -484,14 +407,4 @@ contains
       message = "the error of '"//accuracy%outputs(maxloc(estimates, dim=1))%name//"' is estimated as "//trim(estimate)// &
                 ", asked for was "//trim(tolerance)
    end function message_on_outputs
-
-   !> Tuples of the scene that have a load or a first guess.
-   pure function loaded_tuples(scene) result(tuples)
-      type(scene_t), intent(in) :: scene
-      integer, allocatable :: tuples(:, :)
-      integer :: h
-
-      tuples = scene%harmonics%tuples(:, pack([(h, h=1, scene%harmonics%n_harmonics)], &
-         [(.not. (scene%loads%is_zero_at(h) .and. scene%start%is_zero_at(h)), h=1, scene%harmonics%n_harmonics)]))
-   end function loaded_tuples
 end module hb_accurate_motion

@@ -30,7 +30,7 @@ module hb_motion
    use hb_watch, only: verdict, watch_t
    implicit none
    private
-   public :: march_first, solve_motion
+   public :: solve_motion, status_of
 
    integer, parameter :: steps_from_march = 20                        ! of the balance, from a motion that is known
    real(wp), parameter :: largest_asymmetry = 1.0e-8_wp               ! of forces with memory of an odd motion, relative
@@ -86,13 +86,12 @@ contains
    end subroutine solve_motion
 
    !> Marches before any balance is tried. Not done where it leads to nothing that is known, or cannot be: the balance follows.
-   subroutine march_first(scene, watch, judge, result, is_done, left_out)
+   subroutine march_first(scene, watch, judge, result, is_done)
       type(scene_t), intent(in) :: scene
       class(watch_t), intent(inout), target :: watch
       class(judge_t), intent(in) :: judge
       type(motion_result_t), intent(out) :: result
       logical, intent(out) :: is_done
-      real(wp), intent(out), optional :: left_out                     !! of the motion by the harmonics of the scene, relative
       type(coordinates_t) :: coordinates
       type(error_t), allocatable :: error
       type(settled_t) :: settled
@@ -111,7 +110,6 @@ contains
       if (watch%verdict /= verdict%go_on) result%status = status_of(watch)
       if (allocated(settled%message)) result%message = settled%message
       if (is_solved(result%status)) call keep_marched(scene, coordinates, settled, result)
-      if (present(left_out)) left_out = settled%left_out
    end subroutine march_first
 
    !> The last way: where the balance has found no motion the scene is marched, and what that ends in is the answer: the balance

@@ -17,7 +17,7 @@ module hb_rung
    implicit none
    private
    public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_wanted, is_rigid, join, margin
-   public :: most_failures, needed_samples, put_on_rung, reliable, rung_of, rung_t, trim_set, with_caution
+   public :: most_failures, needed_samples, put_on_rung, put_on_set, reliable, rung_of, rung_t, trim_set, with_caution
 
    integer, parameter :: most_failures = 3                            ! of rungs one after the other
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
@@ -262,15 +262,24 @@ contains
       logical :: corrects_kinks
 
       corrects_kinks = scene%torus%corrects_kinks
-      here%harmonics = rung%set
+      call put_on_set(here, scene, rung%set)
       call new_torus(here%torus, rung%n_samples, rung%set, error)
       if (allocated(error)) return
       here%torus%corrects_kinks = corrects_kinks
-      here%loads = scene%loads%in_set(scene%harmonics, rung%set)
-      here%load_slopes = scene%load_slopes%in_set(scene%harmonics, rung%set)
-      here%start = scene%start%in_set(scene%harmonics, rung%set)
       call check_memory(sizes_of(here), scene%memory_limit, error)
    end subroutine put_on_rung
+
+   !> Gives a scene another set of harmonics.
+   subroutine put_on_set(here, scene, set)
+      type(scene_t), intent(inout) :: here
+      type(scene_t), intent(in) :: scene                              !! on a set that has all loads
+      type(harmonics_t), intent(in) :: set
+
+      here%harmonics = set
+      here%loads = scene%loads%in_set(scene%harmonics, set)
+      here%load_slopes = scene%load_slopes%in_set(scene%harmonics, set)
+      here%start = scene%start%in_set(scene%harmonics, set)
+   end subroutine put_on_set
 
    !> Norm of the coefficients of each tuple over all coordinates.
    pure function amplitudes_of(rung) result(amplitudes)

@@ -20,7 +20,10 @@ module hb_scene
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: accuracy_t, certificate_config_t, scene_t, services_t, symmetry, symmetry_names
+   public :: accuracy_t, certificate_config_t, scene_t, services_t, share_of_marched, symmetry, symmetry_names
+
+   integer, parameter :: share_of_marched = 4                         !! sets of marched motions are as many times larger: no tuple
+                                                                      !! of theirs is an unknown
 
    !> Among which motions a scene is solved.
    type :: symmetry_t

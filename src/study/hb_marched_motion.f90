@@ -15,6 +15,7 @@ module hb_marched_motion
    use hb_error, only: error_t
    use hb_judge, only: settled_t
    use hb_kinds, only: int64, two_pi, wp
+   use hb_line_fit, only: line_fit_t, new_line_fit
    use hb_march, only: march_from, march_record_t
    use hb_march_config, only: march_config_t, march_method, step_of
    use hb_march_state, only: march_state_t, new_march_state
@@ -37,6 +38,13 @@ module hb_marched_motion
    integer, parameter :: most_windows = 7
    integer, parameter :: least_windows = 4                            ! before the spread counts as one that does not fall
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one in its period, at least
+   integer, parameter :: samples_of_candidate = 4                     ! likewise, where most of the highest ones carry nothing
+   real(wp), parameter :: share_of_fit = 0.03_wp                      ! of the error aimed at: what a product must gain
+   real(wp), parameter :: work_of_product = 60.0_wp                   ! [ns] for each sample
+   real(wp), parameter :: seen = 0.75_wp                              ! of a record by a fit; the rest is what it is held against
+   real(wp), parameter :: numbers_of_unknown = 1.5_wp                 ! of the record that a fit sees first, below its highest
+                                                                      ! frequency
+   real(wp), parameter :: gaining = 0.8_wp                            ! error of a fit, relative to the one before
    integer, parameter :: most_parts = 8                               ! periods that a subharmonic motion may take
    real(wp), parameter :: largest_record = 1.0e7_wp                   ! numbers
    real(wp), parameter :: most_terms = 2.0e9_wp                       ! of the averages over one window
@@ -96,13 +104,15 @@ contains
       type(march_record_t) :: next, record
       type(march_state_t) :: state
       type(march_system_t), target :: system
+      type(line_fit_t) :: fit
       complex(wp), allocatable :: before(:, :), now(:, :)
-      real(wp), allocatable :: z(:, :)
+      real(wp), allocatable :: remainder(:, :), z(:, :)
       real(wp) :: allowed, look, period, rate, spread, spread_before, step
       integer :: i, n_first, window
       integer, allocatable :: dofs(:)
-      logical :: has_forgotten, is_disordered
+      logical :: finds_lines, has_forgotten, is_disordered
 
+      finds_lines = scene%march%aim > 0.0_wp
       associate (omega => scene%tones%omega, frequencies => scene%harmonics%frequencies(scene%tones%omega))
          coordinates = coordinates_of(scene)
          call scene%structure%refuse_large("marching", most_dense, error)
@@ -114,7 +124,8 @@ contains
             call begin(scene, frequencies, system, state)
          end if
          period = two_pi/minval(omega)
-         step = min(step_of(scene%march, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies))))
+         step = min(step_of(scene%march, omega), two_pi/(merge(samples_of_candidate, samples_of_harmonic, finds_lines)* &
+                                                      maxval(abs(frequencies))))
          config = scene%march
          config%transient = 0.0_wp
          config%decimation = huge(1)
@@ -127,12 +138,14 @@ contains
          has_forgotten = .false.
          is_disordered = .false.
          n_first = first_window
-         if (present(start)) n_first = other_window
+         if (finds_lines) n_first = max(n_first, ceiling(numbers_of_unknown/seen*size(frequencies)*minval(omega)/ &
+                                                        maxval(abs(frequencies))))
+         if (present(start)) n_first = max(n_first, other_window)
          spread = huge(1.0_wp)
          do window = 1, most_windows
             config%duration = n_first*2**(window - 1)*period
             if (config%duration/step*system%n_dofs > largest_record) exit
-            if (config%duration/step*coordinates%n*size(frequencies) > most_terms) exit
+            if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > most_terms) exit
             call march_from(system, config, step, dofs, state, next, error, watch=watch)
             settled%is_out_of_work = next%is_out_of_work
             if (next%is_out_of_work .and. allocated(settled%message)) then
@@ -145,27 +158,48 @@ contains
             record%step = next%step
             settled%n_periods = settled%n_periods + n_first*2**(window - 1)
             z = coordinates%values_of(record%every_displacement(:, law_dofs))
-            now = averages_of(z, record, frequencies)
+            if (finds_lines) call new_line_fit(fit, size(z, 1), nint(seen*size(z, 1)), record%start, step, frequencies, &
+                                               importance_of(scene), error)
+            if (allocated(error)) return
+            now = averages_of(scene, z, record, fit)
             spread_before = spread
-            if (window > 1) spread = maxval(distance_of(now, before))
+            if (finds_lines) then
+               remainder = reshape([(z(:, i) - fit%series(now(:, i)), i=1, size(z, 2))], shape(z))
+               spread = largest_share(remainder(nint(seen*size(z, 1)):, :), z)
+            else if (window > 1) then
+               spread = maxval(distance_of(now, before))
+            end if
             before = now
             has_forgotten = window == most_windows .or. rate*settled%n_periods*period >= enough_decay .or. &
                             (rate <= 0.0_wp .and. window > least_windows)   ! no mode of the structure decays, or none is known
             settled%spread = spread
             settled%averages = now
             settled%amplitude = amplitude_of(z)
-            if (window < least_windows .and. spread > aim*allowed) cycle
-            call tell(scene, settled, z, now, record, allowed, has_forgotten, window == most_windows)
+            if (.not. finds_lines) then
+               if (window < least_windows .and. spread > aim*allowed) cycle
+               remainder = remainder_of(z, now, record, frequencies)
+            end if
+            call tell(scene, settled, z, remainder, record, allowed, has_forgotten, window == most_windows)
             if (settled%status == outcome%subharmonic) exit
-            if (settled%status == outcome%marched .and. spread <= close*allowed) exit
+            if (settled%status == outcome%marched .and. finds_lines) then
+               if (spread <= scene%march%aim .or. spread > gaining*spread_before) exit
+            else if (settled%status == outcome%marched) then
+               if (spread <= close*allowed) exit
+            end if
             if (settled%status == outcome%broadband .and. (spread > falling*spread_before .or. is_disordered)) exit
             is_disordered = settled%status == outcome%broadband
          end do
          if (.not. allocated(settled%message)) settled%message = "marching: a window of "//to_text(n_first)// &
             " periods has too many samples"
-         settled%work = look*system%laws%n_gathered + 2.0_wp*settled%n_periods*(period/step)*coordinates%n*size(frequencies)
          if (settled%status == outcome%marched) &
-            settled%amplitudes = transpose(averages_of(record%every_displacement, record, frequencies))
+            settled%amplitudes = transpose(averages_of(scene, record%every_displacement, record, fit))
+         settled%work = look*system%laws%n_gathered
+         if (finds_lines) then
+            settled%work = settled%work + work_of_product*fit%n_products*size(z, 1)
+         else
+            settled%work = settled%work + 2.0_wp*settled%n_periods*(period/step)*coordinates%n*size(frequencies)
+         end if
+         call fit%destroy()
       end associate
    end subroutine follow
 
@@ -185,26 +219,22 @@ contains
    end subroutine begin
 
    !> Says what a steady record is.
-   subroutine tell(scene, settled, z, c, record, allowed, has_forgotten, is_last)
+   subroutine tell(scene, settled, z, remainder, record, allowed, has_forgotten, is_last)
       type(scene_t), intent(in) :: scene
       type(settled_t), intent(inout) :: settled
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
-      complex(wp), intent(in) :: c(:, :)                              !! its averages, (n_harmonics, n_coordinates)
+      real(wp), intent(in) :: remainder(:, :)                         !! what the series leaves of it, likewise
       type(march_record_t), intent(in) :: record
       real(wp), intent(in) :: allowed                                 !! largest spread of a steady motion
       logical, intent(in) :: has_forgotten                            !! how it began, as far as damping tells
       logical, intent(in) :: is_last                                  !! there is no longer window
-      real(wp), allocatable :: remainder(:, :)
       real(wp) :: left_out, repeats(most_parts), scale(size(z, 2)), turns(scene%tones%n_tones)
       character(:), allocatable :: marched_for
       integer :: k, part
 
       marched_for = "marched for "//to_text(settled%n_periods)//" periods of the slowest tone"
-      remainder = remainder_of(z, c, record, scene%harmonics%frequencies(scene%tones%omega))
-      scale = [(norm2(z(:, k) - sum(z(:, k))/size(z, 1))/sqrt(real(size(z, 1), wp)), k=1, size(z, 2))]
-      where (scale <= 0.0_wp) scale = max(1.0_wp, tiny(1.0_wp))
-      left_out = maxval([(norm2(remainder(:, k))/(scale(k)*sqrt(real(size(z, 1), wp))), k=1, size(z, 2))])
-      settled%left_out = left_out
+      scale = scale_of(z)
+      left_out = largest_share(remainder, z)
       turns = scene%tones%omega*record%step/two_pi
       settled%status = outcome%pending
       repeats = [(abs(defect_of(remainder, scale, turns, part)), part=1, most_parts)] ! 1 where that cannot be told
@@ -218,8 +248,12 @@ contains
       end if
       select case (settled%status)
       case (outcome%marched)
-         settled%message = marched_for//": the averages spread by "//rounded(settled%spread)// &
-                           ", harmonics beyond the set carry "//rounded(left_out)//" of the motion"
+         if (scene%march%aim > 0.0_wp) then
+            settled%message = marched_for//": the series leaves "//rounded(settled%spread)//" of what follows"
+         else
+            settled%message = marched_for//": the averages spread by "//rounded(settled%spread)// &
+                              ", harmonics beyond the set carry "//rounded(left_out)//" of the motion"
+         end if
       case (outcome%subharmonic)
          settled%message = marched_for//": the motion repeats after "//to_text(part)//" periods; use tones "//to_text(part)// &
                            " times lower"
@@ -231,6 +265,24 @@ contains
       end select
    end subroutine tell
 
+   !> Root mean square of what is left of a record, in a part of it, relative to that of its motion without the mean: the largest.
+   pure real(wp) function largest_share(remainder, z) result(share)
+      real(wp), intent(in) :: remainder(:, :)                         !! (any, n_coordinates)
+      real(wp), intent(in) :: z(:, :)                                 !! the record, (n_samples, n_coordinates)
+
+      share = maxval(norm2(remainder, 1)/scale_of(z))/sqrt(real(size(remainder, 1), wp))
+   end function largest_share
+
+   !> Root mean squares of a record without the means; 1 of what rests.
+   pure function scale_of(z) result(scale)
+      real(wp), intent(in) :: z(:, :)                                 !! (n_samples, n_coordinates)
+      real(wp) :: scale(size(z, 2))
+      integer :: k
+
+      scale = [(norm2(z(:, k) - sum(z(:, k))/size(z, 1))/sqrt(real(size(z, 1), wp)), k=1, size(z, 2))]
+      where (scale <= 0.0_wp) scale = 1.0_wp
+   end function scale_of
+
    !> Amplitude of an oscillation with the same root mean square, of the coordinate that has the largest one.
    pure real(wp) function amplitude_of(z) result(amplitude)
       real(wp), intent(in) :: z(:, :)                                 !! (n_samples, n_coordinates)
@@ -239,18 +291,31 @@ contains
       amplitude = sqrt(2.0_wp/size(z, 1))*maxval([(norm2(z(:, k) - sum(z(:, k))/size(z, 1)), k=1, size(z, 2))])
    end function amplitude_of
 
-   !> Averages at all tuples, cos - i sin, (n_harmonics, any).
-   function averages_of(x, record, frequencies) result(c)
+   !> Averages at all tuples, cos - i sin, (n_harmonics, any); of candidates, by a fit of them all.
+   function averages_of(scene, x, record, fit) result(c)
+      type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: x(:, :)                                 !! (n_samples, any)
       type(march_record_t), intent(in) :: record                      !! that x is of
-      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
-      complex(wp) :: c(size(frequencies), size(x, 2))
+      type(line_fit_t), intent(inout) :: fit                          !! of candidates
+      complex(wp) :: c(scene%harmonics%n_harmonics, size(x, 2))
       integer :: k
 
       do k = 1, size(x, 2)
-         call coefficients_at(x(:, k), record%start, record%step, frequencies, c(:, k))
+         if (scene%march%aim > 0.0_wp) then
+            call fit%coefficients(x(:, k), share_of_fit*scene%march%aim, c(:, k))
+         else
+            call coefficients_at(x(:, k), record%start, record%step, scene%harmonics%frequencies(scene%tones%omega), c(:, k))
+         end if
       end do
    end function averages_of
+
+   !> What a candidate may carry beside others: the less, the higher its order.
+   pure function importance_of(scene) result(importance)
+      type(scene_t), intent(in) :: scene
+      real(wp) :: importance(scene%harmonics%n_harmonics)
+
+      importance = 1.0_wp/(1 + sum(abs(scene%harmonics%tuples), dim=1))
+   end function importance_of
 
    !> Differences of motions relative to the first, by coordinate.
    pure function distance_of(c, other) result(distance)

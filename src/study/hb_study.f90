@@ -12,7 +12,7 @@ module hb_study
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row, new_plan, plan_t
    use hb_run_services, only: run_services
-   use hb_scene, only: scene_t
+   use hb_scene, only: scene_t, share_of_marched
    use hb_scene_coordinates, only: coordinates_of
    use hb_scene_reader, only: group_names, read_scene
    use hb_scene_tones, only: read_tones
@@ -89,7 +89,7 @@ contains
       end if
       self%input_complete = complete_text(first)
       if (self%scene%accuracy%grows_set) then
-         allocate (self%tuples(self%scene%tones%n_tones, self%scene%accuracy%max_harmonics), source=0)
+         allocate (self%tuples(self%scene%tones%n_tones, share_of_marched*self%scene%accuracy%max_harmonics), source=0)
       else
          call tuples_of_sweep(self%tuples, self%scene%harmonics, self%plan, self%document, has_improved(self), error)
       end if

@@ -327,11 +327,14 @@ contains
       complex(wp), allocatable :: items(:, :), others(:, :)
       character(64), allocatable :: labels(:)
       real(wp), allocatable :: difference(:), scale(:)
+      type(scene_t) :: asked
       type(settled_t) :: settled
       type(watch_t) :: watch
       integer :: i
 
-      call settle(scene, law_dofs_of(scene%laws), watch, settled, error, start)
+      asked = scene
+      if (scene%accuracy%grows_set) asked%march%aim = spread
+      call settle(asked, law_dofs_of(scene%laws), watch, settled, error, start)
       if (allocated(error)) return
       result%n_periods = settled%n_periods
       result%duration = settled%n_periods*two_pi/minval(scene%tones%omega)

@@ -1,0 +1,204 @@
+!> Coefficients of many lines of a record by least squares with a smooth window, all of them at once.
+!>
+!> Averages (hb_birkhoff) see a line alone only where its neighbours are several turns of the whole record away: with thousands of
+!> combination tones that takes records of hours. A fit to all lines needs a record that has more samples than they have
+!> coefficients; of two lines that it does not part, the one of lower weight is left small. Conjugate gradients on the normal
+!> equations, each product by two fast transforms: a line between two places of the spectrum is spread over its neighbours by a
+!> Kaiser-Bessel kernel. Source: A. Dutt and V. Rokhlin, SIAM J. Sci. Comput. 14 (1993) 1368-1393; J. Keiner, S. Kunis and
+!> D. Potts, ACM Trans. Math. Softw. 36 (2009) 19.
+module hb_line_fit
+   use hb_birkhoff, only: bump_weights
+   use hb_error, only: error_t
+   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, planning, real_block_t
+   use hb_kinds, only: two_pi, wp
+   implicit none
+   private
+   public :: line_fit_t, new_line_fit
+
+   integer, parameter :: width = 14                                   ! places over which a line is spread: errors of 1e-11
+   integer, parameter :: most_products = 100
+
+   type :: line_fit_t
+      integer :: n_products = 0                                       !! of all fits so far
+      real(wp), private, allocatable :: importance(:)                 ! (n_lines)
+      real(wp), private, allocatable :: window(:), shape(:)           ! (n_samples); what spreading does to the samples
+      integer, private, allocatable :: first(:)                       ! place of a line, (n_lines)
+      real(wp), private, allocatable :: kernel(:, :)                  ! (width, n_lines)
+      complex(wp), private, allocatable :: phase(:)                   ! of a line at the middle sample, (n_lines)
+      type(real_block_t), private :: samples
+      type(complex_block_t), private :: spectrum
+      type(fft_plan_t), private :: plan
+   contains
+      procedure :: coefficients => line_fit_coefficients
+      procedure :: series => line_fit_series
+      procedure :: destroy => line_fit_destroy
+   end type line_fit_t
+
+contains
+
+   !> Prepares fits to records of so many samples, the first of which are seen; the others are for the series to be held against.
+   subroutine new_line_fit(self, n_samples, n_seen, start, step, frequencies, importance, error)
+      type(line_fit_t), intent(inout) :: self
+      integer, intent(in) :: n_samples, n_seen                        !! >= 3
+      real(wp), intent(in) :: start, step                             !! [s], time of the first sample, distance of two
+      real(wp), intent(in) :: frequencies(:)                          !! of the lines [rad/s], below pi/step in size
+      real(wp), intent(in) :: importance(:)                           !! > 0; of two lines alike the larger one gets the motion
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: beta, place
+      integer :: h, k, middle, n
+
+      call self%destroy()
+      self%n_products = 0
+      n = 2
+      do while (n < 2*n_samples)
+         n = 2*n
+      end do
+      middle = n_samples/2
+      beta = 0.5_wp*two_pi*width*(1.0_wp - 0.5_wp*n_samples/n)
+      self%window = [bump_weights(n_seen), (0.0_wp, k=n_seen + 1, n_samples)]
+      self%importance = importance/maxval(importance)
+      self%shape = [(shape_at(beta, 0.5_wp*two_pi*width*(k - 1 - middle)/n), k=1, n_samples)]
+      self%phase = exp(cmplx(0.0_wp, -frequencies*(start + middle*step), wp))
+      if (allocated(self%first)) deallocate (self%first, self%kernel)
+      allocate (self%first(size(frequencies)), self%kernel(width, size(frequencies)))
+      do h = 1, size(frequencies)
+         place = frequencies(h)*step/two_pi*n
+         self%first(h) = floor(place) - width/2 + 1
+         do k = 1, width
+            self%kernel(k, h) = bessel_i0(beta*sqrt(max(0.0_wp, 1.0_wp - (2.0_wp*(place - (self%first(h) + k - 1))/width)**2)))
+         end do
+      end do
+      call new_real_block(self%samples, n, 1, error)
+      if (.not. allocated(error)) call new_complex_block(self%spectrum, n/2 + 1, 1, error)
+      if (.not. allocated(error)) &
+         call new_fft_plan(self%plan, [n], 1, planning%estimate, self%samples%values, self%spectrum%values, error)
+   end subroutine new_line_fit
+
+   !> Coefficients c - i s of x = sum c cos(w t) + s sin(w t), until a further product would change the root mean square of what is
+   !> left of the record by less than `goal`, relative to the record.
+   subroutine line_fit_coefficients(self, x, goal, coefficients)
+      class(line_fit_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)                                    !! (n_samples)
+      real(wp), intent(in) :: goal
+      complex(wp), intent(out) :: coefficients(:)                     !! (n_lines)
+      complex(wp), allocatable, dimension(:) :: direction, image, left, y
+      real(wp) :: after, before, enough, length
+      integer :: i
+
+      left = self%importance*averages(self, self%window*x)
+      allocate (y(size(left)), source=(0.0_wp, 0.0_wp))
+      direction = left
+      before = square(left)
+      enough = goal**2*sum(self%window*x**2)
+      do i = 1, most_products
+         if (before <= 0.0_wp) exit
+         image = self%importance*averages(self, self%window*self%series(self%importance*direction))
+         self%n_products = self%n_products + 1
+         length = before/sum(real(conjg(direction)*image, wp))
+         y = y + length*direction
+         if (length*before <= enough) exit
+         left = left - length*image
+         after = square(left)
+         direction = left + after/before*direction
+         before = after
+      end do
+      coefficients = self%importance*y
+   end subroutine line_fit_coefficients
+
+   !> The series sum c cos(w t) + s sin(w t) at all samples.
+   function line_fit_series(self, coefficients) result(x)
+      class(line_fit_t), intent(inout) :: self
+      complex(wp), intent(in) :: coefficients(:)                      !! c - i s, (n_lines)
+      real(wp), allocatable :: x(:)
+      complex(wp) :: c
+      integer :: h, k, n, place
+
+      associate (spectrum => self%spectrum%values(:, 1), samples => self%samples%values(:, 1))
+         spectrum = (0.0_wp, 0.0_wp)
+         do h = 1, size(coefficients)
+            c = 0.5_wp*conjg(self%phase(h))*coefficients(h)
+            do k = 1, width
+               place = self%first(h) + k - 1
+               if (place > 0) then
+                  spectrum(1 + place) = spectrum(1 + place) + self%kernel(k, h)*c
+               else if (place < 0) then
+                  spectrum(1 - place) = spectrum(1 - place) + self%kernel(k, h)*conjg(c)
+               else
+                  spectrum(1) = spectrum(1) + 2.0_wp*self%kernel(k, h)*real(c, wp)
+               end if
+            end do
+         end do
+         call self%plan%to_samples(self%spectrum%values, self%samples%values)
+         n = size(self%shape)
+         x = [samples(size(samples) - n/2 + 1:), samples(:n - n/2)]/self%shape
+      end associate
+   end function line_fit_series
+
+   !> Frees what FFTW holds; safe to call twice.
+   subroutine line_fit_destroy(self)
+      class(line_fit_t), intent(inout) :: self
+
+      call self%plan%destroy()
+      call self%samples%destroy()
+      call self%spectrum%destroy()
+   end subroutine line_fit_destroy
+
+   !> Sums of x exp(-i w t) over all samples, (n_lines): the adjoint of the series.
+   function averages(self, x) result(sums)
+      class(line_fit_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)                                    !! (n_samples)
+      complex(wp), allocatable :: sums(:)
+      integer :: h, k, n, place
+
+      associate (spectrum => self%spectrum%values(:, 1), samples => self%samples%values(:, 1))
+         n = size(x)
+         samples = 0.0_wp
+         samples(size(samples) - n/2 + 1:) = x(:n/2)/self%shape(:n/2)
+         samples(:n - n/2) = x(n/2 + 1:)/self%shape(n/2 + 1:)
+         call self%plan%to_spectrum(self%samples%values, self%spectrum%values)
+         allocate (sums(size(self%first)), source=(0.0_wp, 0.0_wp))
+         do h = 1, size(sums)
+            do k = 1, width
+               place = self%first(h) + k - 1
+               if (place >= 0) then
+                  sums(h) = sums(h) + self%kernel(k, h)*spectrum(1 + place)
+               else
+                  sums(h) = sums(h) + self%kernel(k, h)*conjg(spectrum(1 - place))
+               end if
+            end do
+         end do
+         sums = self%phase*sums
+      end associate
+   end function averages
+
+   pure real(wp) function square(y)
+      complex(wp), intent(in) :: y(:)
+
+      square = sum(real(y, wp)**2 + aimag(y)**2)
+   end function square
+
+   !> What the kernel makes of a sample: its transform, width sinh(r)/r with r**2 = beta**2 - place**2 > 0.
+   pure real(wp) function shape_at(beta, place) result(shape)
+      real(wp), intent(in) :: beta, place
+      real(wp) :: r
+
+      r = sqrt(beta**2 - place**2)
+      shape = width*sinh(r)/r
+   end function shape_at
+
+   !> Modified Bessel function of the first kind and order 0, by its series.
+   elemental real(wp) function bessel_i0(x)
+      real(wp), intent(in) :: x
+      real(wp) :: term
+      integer :: k
+
+      bessel_i0 = 1.0_wp
+      term = 1.0_wp
+      k = 0
+      do while (term > epsilon(1.0_wp)*bessel_i0)
+         k = k + 1
+         term = term*(0.5_wp*x/k)**2
+         bessel_i0 = bessel_i0 + term
+      end do
+   end function bessel_i0
+end module hb_line_fit
