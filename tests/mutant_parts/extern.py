@@ -23,6 +23,13 @@ MUTANTS = [
     *of(
         "extern/hb_checksum.c",
         (
+            "checksum_zeros",
+            "test_hb_checksum",
+            "long runs of zeros do not count",
+            "crc = after_zeros(crc, n_zeros);",
+            "",
+        ),
+        (
             "checksum_tail",
             "test_hb_checksum",
             "the last bytes of a row do not count",
