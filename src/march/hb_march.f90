@@ -63,7 +63,7 @@ contains
       real(wp) :: begun, ended
 
       call cpu_time(begun)
-      call new_integrator(integrator, system, config, step, error)
+      call new_integrator(integrator, system, config, step/config%substeps, error)
       if (.not. allocated(error)) call integrator%start(state, error)
       record%is_under_way = .not. allocated(error)
       record%step = step
@@ -124,7 +124,7 @@ contains
       n_transient = nint(config%transient/record%step)
       n_steps = max(1, nint(config%duration/record%step))
       do done = 0, n_transient - 1, steps_between_looks
-         call advance(integrator, state, min(steps_between_looks, n_transient - done), config%largest, error)
+         call advance(integrator, state, config%substeps*min(steps_between_looks, n_transient - done), config%largest, error)
          if (.not. allocated(error)) call look()
          if (allocated(error)) return
          if (present(watch)) call watch%note_progress(done, n_transient + n_steps)
@@ -142,7 +142,7 @@ contains
       allocate (record%force(n_stored, system%laws%n_coordinates))
       call keep(0)
       do i = 1, n_steps
-         call integrator%advance(state, 1, error)
+         call integrator%advance(state, config%substeps, error)
          if (allocated(error)) return
          call keep(i)
          if (modulo(i, steps_between_looks) > 0 .and. i < n_steps .and. system%laws%n_gathered <= config%most_looks) cycle

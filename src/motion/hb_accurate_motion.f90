@@ -91,6 +91,8 @@ contains
       here%certificate%improvement_steps = 0
       if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
       call find_first(here, scene, result, error, top, start, account, watch, judge)
+      if (.not. allocated(error) .and. any(result%status == [outcome%marched, outcome%several])) & ! on the lowest set
+         call march_to_tolerance(scene, result, watch, judge, is_done)
       if (allocated(error) .or. .not. allocated(top%unknowns)) return
       is_checked = .false.
       if (present(start)) is_checked = allocated(start%unknowns) .and. account%n_rungs == 1 ! as the neighbour was

@@ -36,7 +36,7 @@ module hb_march_to_tolerance
    real(wp), parameter :: safety = 3.0_wp                             ! of estimates: what is farther apart is another motion
    real(wp), parameter :: nearly = 0.9_wp                             ! of the tolerance: the error at which a march ends
    real(wp), parameter :: share_of_steps = 1.0e-4_wp                  ! of that: tolerance of the steps
-   real(wp), parameter :: least_tail = 0.3_wp                         ! of that error, whatever the fit leaves
+   real(wp), parameter :: share_of_tail = 0.3_wp                      ! of that error, in tuples that are not kept
 
 contains
 
@@ -71,24 +71,29 @@ contains
       marches_first = march_is_cheaper(counts)
    end function marches_first
 
-   !> Marches before any balance is tried. Not done where marching finds no motion: the ladder follows.
+   !> Marches from rest or the `&start` amplitudes. Not done where that finds no motion.
    subroutine march_to_tolerance(scene, result, watch, judge, is_done)
       type(scene_t), intent(in) :: scene
-      type(motion_result_t), intent(out) :: result
+      type(motion_result_t), intent(inout) :: result
       class(watch_t), intent(inout), target :: watch
       class(judge_t), intent(in) :: judge
       logical, intent(out) :: is_done
+      type(motion_result_t) :: marched
       type(rung_t) :: found
       type(settled_t) :: settled
 
       is_done = .false.
       if (.not. can_march(scene)) return
       call watch%begin(scene%solver%time_limit)
-      call march(scene, watch, judge, settled, result, found)
+      call march(scene, watch, judge, settled, marched, found)
       is_done = watch%verdict /= verdict%go_on .or. settled%status /= outcome%pending
-      result%is_marched_first = is_done
-      result%status = settled%status
-      if (watch%verdict /= verdict%go_on) result%status = status_of(watch)
+      if (.not. is_done) return
+      marched%is_marched_first = result%work <= 0.0_wp
+      marched%work = marched%work + result%work
+      marched%status = settled%status
+      if (allocated(marched%coefficients)) marched%status = status_within(scene, settled, marched)
+      if (watch%verdict /= verdict%go_on) marched%status = status_of(watch)
+      result = marched
    end subroutine march_to_tolerance
 
    !> Marches from the motion in which the ladder has ended above the tolerance, and takes what that gives where it is the same
@@ -126,7 +131,7 @@ contains
          return
       end if
       if (estimate >= estimate_before) return
-      marched%status = merge(settled%status, outcome%truncated, estimate <= scene%accuracy%tolerance)
+      marched%status = status_within(scene, settled, marched)
       marched%work = result%work
       marched%iterations = result%iterations
       marched%evaluations = result%evaluations
@@ -140,6 +145,15 @@ contains
       marched%message = marched%message//"; from a balance with an estimate of "//rounded(estimate_before)
       result = marched
    end subroutine march_from_balance
+
+   !> Status of a motion that was marched: an answer where the estimate is within the tolerance.
+   pure integer function status_within(scene, settled, result) result(status)
+      type(scene_t), intent(in) :: scene
+      type(settled_t), intent(in) :: settled
+      type(motion_result_t), intent(in) :: result
+
+      status = merge(settled%status, outcome%truncated, estimate_of(result) <= scene%accuracy%tolerance)
+   end function status_within
 
    !> Whether a marched motion would be an answer.
    pure logical function can_march(scene)
@@ -258,7 +272,7 @@ contains
          carried = max(carried, abs(settled%averages(:, k))/max(norm2(abs(settled%averages(:, k))), tiny(1.0_wp)))
       end do
       is_needed = [(sum(abs(scene%harmonics%tuples(:, h))) <= 1 .or. .not. scene%loads%is_zero_at(h), h=1, size(carried))]
-      tail = sqrt(max(least_tail**2, 1.0_wp - (settled%spread/scene%march%aim)**2))*scene%march%aim
+      tail = share_of_tail*scene%march%aim
       places = largest_places(merge(huge(1.0_wp), carried, is_needed), tail, room)
       is_kept = .false.
       is_kept(places) = .true.

@@ -20,12 +20,12 @@ module hb_marched_motion
    use hb_march_config, only: march_config_t, march_method, step_of
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
-   use hb_modes, only: slowest_decay
+   use hb_modes, only: modes_t, new_modes, slowest_decay
    use hb_outcome, only: outcome
    use hb_recurrence, only: defect_of
    use hb_scene, only: scene_t
    use hb_scene_coordinates, only: coordinates_of
-   use hb_structure, only: most_dense
+   use hb_structure, only: most_dense, structure_t
    use hb_text, only: to_text
    use hb_watch, only: watch_t
    implicit none
@@ -35,6 +35,9 @@ module hb_marched_motion
    integer, parameter :: first_window = 50                            ! periods of the slowest tone
    integer, parameter :: other_window = 70                            ! likewise, from a given state: averages of its own
    integer, parameter :: more_steps = 5                               ! of an implicit method, than there are samples
+   integer, parameter :: most_halvings = 3                            ! of fixed steps
+   real(wp), parameter :: steps_of_mode = 1.0_wp                      ! of central differences in a radian of the fastest mode
+   real(wp), parameter :: work_of_mode = 4.0_wp                       ! looks of cvode, likewise
    integer, parameter :: most_windows = 7
    integer, parameter :: least_windows = 4                            ! before the spread counts as one that does not fall
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one in its period, at least
@@ -62,7 +65,7 @@ contains
 
    !> Marches from the state given, else from the `&start` amplitudes, else from rest, a little beside both: no symmetry then
    !> holds a motion that nobody would see. Where `cvode` spends all of the work on the fastest motions of the structure, which hard
-   !> stops keep going, an implicit method that damps them has as much again.
+   !> stops keep going, or would do so on candidates, a method of fixed steps has as much again.
    subroutine settle(scene, law_dofs, watch, settled, error, start)
       type(scene_t), intent(in) :: scene                              !! all of its tones given
       integer, intent(in) :: law_dofs(:)
@@ -71,38 +74,146 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(march_state_t), intent(in), optional :: start
       type(error_t), allocatable :: trouble
-      type(scene_t) :: damped
+      type(march_state_t) :: last
       type(settled_t) :: again
       integer :: i
+      logical :: is_fast
 
-      call follow(scene, law_dofs, watch, settled, error, start)
-      if (.not. settled%is_out_of_work .or. settled%status /= outcome%pending .or. scene%march%method /= march_method%cvode) return
-      if (any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])) return
-      damped = scene
-      damped%march%method = march_method%generalized_alpha
-      damped%march%spectral_radius = 0.0_wp
-      damped%march%step = scene%march%step/more_steps
-      damped%march%steps_per_period = scene%march%steps_per_period*more_steps
-      call follow(damped, law_dofs, watch, again, trouble, start)
+      is_fast = scene%march%method == march_method%cvode .and. scene%march%aim > 0.0_wp
+      if (is_fast) is_fast = work_of_mode*fastest_of(scene)*periods_of_first(scene)*two_pi/minval(scene%tones%omega)* &
+                             work_of_look(scene%structure%n_dofs, size(law_dofs)) > scene%solver%rescue_work
+      if (.not. is_fast) then
+         call follow(scene, law_dofs, watch, settled, last, error, start)
+         if (scene%march%method /= march_method%cvode) return
+         if (.not. settled%is_out_of_work .or. settled%status /= outcome%pending) return
+         if (scene%march%aim <= 0.0_wp .and. any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])) return
+      end if
+      call follow_in_steps(scene, law_dofs, watch, again, trouble, start)
       again%work = again%work + settled%work
       settled%work = again%work
-      if (allocated(trouble) .or. again%status == outcome%pending) return
+      if (.not. is_fast .and. (allocated(trouble) .or. again%status == outcome%pending)) return
       if (allocated(error)) deallocate (error)
+      if (allocated(trouble)) call move_alloc(trouble, error)
       settled = again
-      settled%message = settled%message//"; implicit steps"
    end subroutine settle
 
-   subroutine follow(scene, law_dofs, watch, settled, error, start)
+   !> Marches by a method of fixed steps; to an accuracy also with steps half as long from where that has ended, until the motion
+   !> no longer changes by more than is allowed. The answer is that of the shortest steps; the last change counts as its error.
+   subroutine follow_in_steps(scene, law_dofs, watch, settled, error, start)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: law_dofs(:)
+      class(watch_t), intent(inout) :: watch
+      type(settled_t), intent(out) :: settled
+      type(error_t), allocatable, intent(out) :: error
+      type(march_state_t), intent(in), optional :: start
+      type(march_state_t) :: last, now
+      type(scene_t) :: stepped
+      type(settled_t) :: coarse
+      real(wp) :: budget, change, work
+      integer :: i
+
+      budget = 2.0_wp*scene%solver%rescue_work                         ! cvode has mostly spent none of it
+      stepped = scene
+      if (any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])) then
+         stepped%march%method = march_method%central_differences
+         stepped%march%substeps = ceiling(steps_of_mode*fastest_of(scene)*sample_step(scene))
+      else
+         stepped%march%method = march_method%generalized_alpha
+         stepped%march%spectral_radius = 0.0_wp
+         if (scene%march%aim > 0.0_wp) then
+            stepped%march%substeps = more_steps
+         else
+            stepped%march%step = scene%march%step/more_steps
+            stepped%march%steps_per_period = scene%march%steps_per_period*more_steps
+         end if
+      end if
+      call follow(stepped, law_dofs, watch, settled, last, error, start)
+      if (scene%march%aim <= 0.0_wp) then
+         if (allocated(settled%message)) settled%message = settled%message//"; implicit steps"
+         return
+      end if
+      do i = 1, most_halvings
+         if (allocated(error) .or. settled%status /= outcome%marched) exit
+         coarse = settled
+         work = settled%work
+         stepped%march%substeps = 2*stepped%march%substeps
+         stepped%solver%rescue_work = max(0.0_wp, budget - work)
+         now = last
+         call follow(stepped, law_dofs, watch, settled, last, error, now)
+         settled%work = settled%work + work
+         if (allocated(error) .or. settled%status /= outcome%marched) exit
+         change = maxval(distance_of(settled%averages, coarse%averages, 0.1_wp*allowed_of(scene)))
+         settled%spread = hypot(settled%spread, change)
+         settled%message = settled%message//merge("; implicit", "; fixed   ", &
+                                                  stepped%march%method == march_method%generalized_alpha)
+         settled%message = trim(settled%message)//" steps, half as long ones change it by "//rounded(change)
+         if (settled%spread <= allowed_of(scene)) return
+      end do
+      if (settled%status /= outcome%marched) return
+      settled%status = outcome%pending
+   end subroutine follow_in_steps
+
+   !> Frequency of the fastest mode of the structure without damping [rad/s], 0 where it is not known.
+   real(wp) function fastest_of(scene) result(fastest)
+      type(scene_t), intent(in) :: scene
+      type(error_t), allocatable :: error
+      type(modes_t) :: modes
+      type(structure_t) :: structure
+
+      structure = scene%structure
+      call structure%unpack()
+      call new_modes(modes, structure%mass, 0.0_wp*structure%damping, structure%stiffness, error)
+      fastest = 0.0_wp
+      if (.not. allocated(error) .and. modes%n_modes > 0) fastest = maxval(modes%frequency)
+   end function fastest_of
+
+   !> Distance of the samples of a record [s].
+   real(wp) function sample_step(scene) result(step)
+      type(scene_t), intent(in) :: scene
+
+      associate (highest => maxval(abs(scene%harmonics%frequencies(scene%tones%omega))))
+         step = min(step_of(scene%march, scene%tones%omega), &
+                    two_pi/(merge(samples_of_candidate, samples_of_harmonic, scene%march%aim > 0.0_wp)*highest))
+      end associate
+   end function sample_step
+
+   !> Periods of the slowest tone in the first window.
+   integer function periods_of_first(scene) result(n_periods)
+      type(scene_t), intent(in) :: scene
+
+      n_periods = first_window
+      if (scene%march%aim <= 0.0_wp) return
+      associate (omega => scene%tones%omega)
+         n_periods = max(n_periods, ceiling(numbers_of_unknown/seen*scene%harmonics%n_harmonics*minval(omega)/ &
+                                            maxval(abs(scene%harmonics%frequencies(omega)))))
+      end associate
+   end function periods_of_first
+
+   !> What a look at the motion takes [ns].
+   pure real(wp) function work_of_look(n_dofs, n_coordinates) result(work)
+      integer, intent(in) :: n_dofs, n_coordinates
+
+      work = 600.0_wp + 6.0_wp*real(n_dofs, wp)**2 + 60.0_wp*n_coordinates
+   end function work_of_look
+
+   !> Spread that a steady motion may have.
+   pure real(wp) function allowed_of(scene) result(allowed)
+      type(scene_t), intent(in) :: scene
+
+      allowed = min(scene%certificate%truncation, largest_spread)
+   end function allowed_of
+
+   subroutine follow(scene, law_dofs, watch, settled, state, error, start)
       type(scene_t), intent(in) :: scene                              !! all of its tones given
       integer, intent(in) :: law_dofs(:)
       class(watch_t), intent(inout) :: watch                          !! may end the march, with an error
       type(settled_t), intent(out) :: settled
+      type(march_state_t), intent(out) :: state                       !! the last one
       type(error_t), allocatable, intent(out) :: error
       type(march_state_t), intent(in), optional :: start
       type(coordinates_t) :: coordinates
       type(march_config_t) :: config
       type(march_record_t) :: next, record
-      type(march_state_t) :: state
       type(march_system_t), target :: system
       type(line_fit_t) :: fit
       complex(wp), allocatable :: before(:, :), now(:, :)
@@ -124,22 +235,19 @@ contains
             call begin(scene, frequencies, system, state)
          end if
          period = two_pi/minval(omega)
-         step = min(step_of(scene%march, omega), two_pi/(merge(samples_of_candidate, samples_of_harmonic, finds_lines)* &
-                                                      maxval(abs(frequencies))))
+         step = sample_step(scene)
          config = scene%march
          config%transient = 0.0_wp
          config%decimation = huge(1)
          config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
-         look = 600.0_wp + 6.0_wp*real(system%n_dofs, wp)**2 + 60.0_wp*system%laws%n_coordinates
+         look = work_of_look(system%n_dofs, system%laws%n_coordinates)
          config%most_looks = int(min(scene%solver%rescue_work/look, 1.0e18_wp), int64)
-         allowed = min(scene%certificate%truncation, largest_spread)
+         allowed = allowed_of(scene)
          dofs = [(i, i=1, system%n_dofs)]
          rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)
          has_forgotten = .false.
          is_disordered = .false.
-         n_first = first_window
-         if (finds_lines) n_first = max(n_first, ceiling(numbers_of_unknown/seen*size(frequencies)*minval(omega)/ &
-                                                        maxval(abs(frequencies))))
+         n_first = periods_of_first(scene)
          if (present(start)) n_first = max(n_first, other_window)
          spread = huge(1.0_wp)
          do window = 1, most_windows
@@ -167,7 +275,7 @@ contains
                remainder = reshape([(z(:, i) - fit%series(now(:, i)), i=1, size(z, 2))], shape(z))
                spread = largest_share(remainder(nint(seen*size(z, 1)):, :), z)
             else if (window > 1) then
-               spread = maxval(distance_of(now, before))
+               spread = maxval(distance_of(now, before, 0.0_wp))
             end if
             before = now
             has_forgotten = window == most_windows .or. rate*settled%n_periods*period >= enough_decay .or. &
@@ -317,13 +425,17 @@ contains
       importance = 1.0_wp/(1 + sum(abs(scene%harmonics%tuples), dim=1))
    end function importance_of
 
-   !> Differences of motions relative to the first, by coordinate.
-   pure function distance_of(c, other) result(distance)
+   !> Differences of motions relative to the first, by coordinate, of what carries at least so much of it.
+   pure function distance_of(c, other, least) result(distance)
       complex(wp), intent(in) :: c(:, :), other(:, :)                 !! (n_harmonics, n_coordinates)
-      real(wp) :: distance(size(c, 2))
+      real(wp), intent(in) :: least
+      real(wp) :: distance(size(c, 2)), own
       integer :: k
 
-      distance = [(norm2(abs(c(:, k) - other(:, k)))/max(norm2(abs(c(:, k))), tiny(1.0_wp)), k=1, size(c, 2))]
+      do k = 1, size(c, 2)
+         own = max(norm2(abs(c(:, k))), tiny(1.0_wp))
+         distance(k) = norm2(pack(abs(c(:, k) - other(:, k)), abs(c(:, k)) >= least*own))/own
+      end do
    end function distance_of
 
    !> What a series leaves of its record.

@@ -234,7 +234,7 @@ contains
          config%largest = runaway*maxval(scale)
          call new_march_state(state, system%n_dofs, system%laws%n_states)
          call place_state(system, amplitudes, frequencies, -periods_of_sliders*length%period, step, state)
-         if (any(stored%status(point) == [outcome%marched, outcome%several])) then
+         if (any(stored%status(point) == [outcome%marched, outcome%several]) .and. .not. scene%accuracy%grows_set) then
             scene%march%tolerance = config%tolerance
             call verify_marched(scene, system, transpose(amplitudes), state, stored%truncation(point), result, error)
             return
@@ -327,14 +327,11 @@ contains
       complex(wp), allocatable :: items(:, :), others(:, :)
       character(64), allocatable :: labels(:)
       real(wp), allocatable :: difference(:), scale(:)
-      type(scene_t) :: asked
       type(settled_t) :: settled
       type(watch_t) :: watch
       integer :: i
 
-      asked = scene
-      if (scene%accuracy%grows_set) asked%march%aim = spread
-      call settle(asked, law_dofs_of(scene%laws), watch, settled, error, start)
+      call settle(scene, law_dofs_of(scene%laws), watch, settled, error, start)
       if (allocated(error)) return
       result%n_periods = settled%n_periods
       result%duration = settled%n_periods*two_pi/minval(scene%tones%omega)
