@@ -33,6 +33,7 @@ module hb_march_to_tolerance
 
    integer, parameter :: candidates_of_kept = 4                       ! at most, for each place of a set
    real(wp), parameter :: fall = 0.7_wp                               ! power of the tolerance with which orders of candidates grow
+   real(wp), parameter :: fall_of_one_tone = 0.4_wp                   ! likewise: a larger box costs little then
    real(wp), parameter :: safety = 3.0_wp                             ! of estimates: what is farther apart is another motion
    real(wp), parameter :: nearly = 0.9_wp                             ! of the tolerance: the error at which a march ends
    real(wp), parameter :: share_of_steps = 1.0e-4_wp                  ! of that: tolerance of the steps
@@ -246,7 +247,8 @@ contains
       integer, intent(in) :: most                                     !! candidates
 
       associate (n_tones => scene%tones%n_tones, tolerance => scene%accuracy%tolerance)
-         first_order = min(ceiling(min(1.0e6_wp, tolerance**(-fall))), int(0.5_wp*((2.0_wp*most)**(1.0_wp/n_tones) - 1.0_wp)))
+         first_order = min(ceiling(min(1.0e6_wp, tolerance**(-merge(fall_of_one_tone, fall, n_tones == 1)))), &
+                           int(0.5_wp*((2.0_wp*most)**(1.0_wp/n_tones) - 1.0_wp)))
          first_order = max(first_order, lowest_order(n_tones))
       end associate
    end function first_order
