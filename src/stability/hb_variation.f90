@@ -371,8 +371,8 @@ contains
    pure real(wp) function least_work(n_dofs) result(work)
       integer, intent(in) :: n_dofs
 
-      work = (2.0_wp*n_dofs)**3
-      if (n_dofs == 1) work = 0.0_wp
+      work = 0.0_wp
+      if (n_dofs > 1) work = per_multiplication(huge(1))*(2.0_wp*n_dofs)**3
    end function least_work
 
    !> About how many nanoseconds a node of a step or a look for events takes, from counts alone.
