@@ -53,59 +53,54 @@ contains
       integer, intent(inout) :: sums(:)
       type(error_t), allocatable, intent(out) :: error
       type(h5_dataset_t) :: old
-      integer :: extents(2)
+      integer, allocatable :: n_used                                  ! not allocated: not present where it is handed on
+      integer :: row_size
 
       call source%open_dataset(variable%name, old, error)
       if (allocated(error)) return
       associate (new => variable%dataset%get_extents())
-         extents = [product(new(:size(new) - 1)), 0]
-         if (variable%is_part_used) extents(2) = new(min(2, size(new) - 1))
+         row_size = product(new(:size(new) - 1))
+         if (variable%is_part_used) n_used = new(min(2, size(new) - 1))
       end associate
       select case (variable%kind)
       case (is_characters); call copy_texts(old, variable%dataset, first, sums, error)
-      case (is_integer); call copy_integers(old, variable, extents, first, sums, error)
-      case default; call copy_reals(old, variable, extents, first, sums, error)
+      case (is_integer); call copy_integers(old, variable, row_size, first, sums, error, n_used)
+      case default; call copy_reals(old, variable, row_size, first, sums, error, n_used)
       end select
       call annotate(error, "'"//variable%name//"'")
    end subroutine copy
 
-   subroutine copy_reals(old, variable, extents, first, sums, error)
+   subroutine copy_reals(old, variable, row_size, first, sums, error, n_used)
       type(h5_dataset_t), intent(in) :: old
       type(variable_t), intent(in) :: variable
-      integer, intent(in) :: extents(2)                               !! values of a row; places of its second axis, 0: all
+      integer, intent(in) :: row_size                                 !! values of a row
+      integer, intent(in), optional :: n_used                         !! places of its harmonics, the first ones; default: all
       integer, intent(in) :: first
       integer, intent(inout) :: sums(:)
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: rows(:, :)
       integer :: k
 
-      allocate (rows(extents(1), size(sums)))
-      if (extents(2) == 0) then
-         call old%read_rows(first, rows, error)
-      else
-         call old%read_rows(first, rows, error, n_used=extents(2))
-      end if
+      allocate (rows(row_size, size(sums)))
+      call old%read_rows(first, rows, error, n_used)
       if (allocated(error)) return
       if (is_checked(variable)) sums = [(checksum(sums(k), rows(:, k)), k=1, size(sums))]
       call variable%dataset%write_row(first, rows, error, size(sums))
    end subroutine copy_reals
 
-   subroutine copy_integers(old, variable, extents, first, sums, error)
+   subroutine copy_integers(old, variable, row_size, first, sums, error, n_used)
       type(h5_dataset_t), intent(in) :: old
       type(variable_t), intent(in) :: variable
-      integer, intent(in) :: extents(2)                               !! as above
+      integer, intent(in) :: row_size
+      integer, intent(in), optional :: n_used
       integer, intent(in) :: first
       integer, intent(inout) :: sums(:)
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: rows(:, :)
       integer :: k
 
-      allocate (rows(extents(1), size(sums)))
-      if (extents(2) == 0) then
-         call old%read_rows(first, rows, error)
-      else
-         call old%read_rows(first, rows, error, n_used=extents(2))
-      end if
+      allocate (rows(row_size, size(sums)))
+      call old%read_rows(first, rows, error, n_used)
       if (allocated(error)) return
       if (is_checked(variable)) sums = [(checksum(sums(k), rows(:, k)), k=1, size(sums))]
       if (variable%name == "checksum") rows(1, :) = merge(sums, 0, rows(1, :) /= 0)
