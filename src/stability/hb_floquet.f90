@@ -24,8 +24,10 @@ module hb_floquet
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
 
    type, extends(stability_finder_t) :: floquet_t
+      real(wp) :: work_in_any_case = 0.0_wp                           !! that `auto` may take on a motion, in about a nanosecond
    contains
       procedure :: find => floquet_find
+      procedure :: work_limit => floquet_work_limit
    end type floquet_t
 
 contains
@@ -43,18 +45,18 @@ contains
       type(variation_t) :: variation
       type(hill_t), allocatable :: hill
       type(error_t), allocatable :: error
-      real(wp) :: work
+      real(wp) :: limit, work
 
-      associate (unused => self, not_needed => excitation)
+      associate (not_needed => excitation)
       end associate
       if (config%method == stability_method%off .or. has_to_be_marched(laws)) return
-      if (config%method == stability_method%auto .and. &              ! too dear however the motion is: the mass is not divided by
-          least_work(structure%n_dofs) > max(config%patience*work_allowed, config%work_spent)) return
+      limit = self%work_limit(config, work_allowed)
+      if (least_work(structure%n_dofs) > limit) return                ! however the motion is: the mass is not divided by
       call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
       work = work_of_exponents(variation, config%fewest_laps)
       if (motion%tones%n_tones == 1) work = work_of_monodromy(variation)
-      if (config%method == stability_method%auto .and. work > max(config%patience*work_allowed, config%work_spent)) return
+      if (work > limit) return
       stability%method = stability_method%march
       if (config%method == stability_method%hill .and. variation%is_smooth()) then
          allocate (hill)
@@ -65,9 +67,21 @@ contains
       if (motion%tones%n_tones == 1) then
          call judge_period(stability, config, variation, motion%amplitudes, motion%tones%is_unknown(1), hill)
       else
-         call judge_torus(stability, config, variation, motion%amplitudes, motion%tones%is_unknown, max(work, work_allowed), hill)
+         call judge_torus(stability, config, variation, motion%amplitudes, motion%tones%is_unknown, min(limit, work_on_demand), &
+                          hill)
       end if
    end subroutine floquet_find
+
+   !> Work that may be taken, in about a nanosecond: where it is asked for as much as it takes.
+   pure real(wp) function floquet_work_limit(self, config, work_allowed) result(limit)
+      class(floquet_t), intent(in) :: self
+      type(stability_config_t), intent(in) :: config
+      real(wp), intent(in) :: work_allowed                            !! as a usual point may take
+
+      limit = huge(1.0_wp)
+      if (config%method == stability_method%auto) &
+         limit = max(config%patience*work_allowed, config%work_spent, self%work_in_any_case)
+   end function floquet_work_limit
 
    !> Disturbances by shifts of the phases of unknown tones, as series, (size of the state, n_harmonics, any).
    pure function shifts_of(variation, amplitudes, is_unknown) result(shifts)

@@ -39,19 +39,20 @@ contains
       else if (config%method /= stability_method%off .and. motion%tones%n_tones == 1) then
          call new_march_system(system, structure, laws, excitation%loads%whole(), excitation%frequencies, motion%tones%omega)
          stability%is_marched = .true.
-         call find_marched_stability(stability, config, system, motion, excitation%restitution, work_allowed)
+         call find_marched_stability(stability, config, system, motion, excitation%restitution, &
+                                     self%work_limit(config, work_allowed))
       end if
    end subroutine marched_floquet_find
 
    !> By marching a period of one tone from the motion and from beside it, for laws that ask for it: multipliers are those of the
    !> motion that repeats there, their change from the motion given is the least of the estimate.
-   subroutine find_marched_stability(self, config, system, motion, restitution, work_allowed)
+   subroutine find_marched_stability(self, config, system, motion, restitution, work_limit)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(march_system_t), intent(inout), target :: system
       type(harmonic_motion_t), intent(in) :: motion
       real(wp), intent(in) :: restitution                             !! of rigid walls
-      real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
+      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
       type(error_t), allocatable :: error
       type(motion_series_t) :: series
       type(period_map_t) :: map
@@ -62,7 +63,7 @@ contains
       call new_motion_series(series, motion%tuples, motion%tones%omega, motion%amplitudes)
       call new_period_map(map, system, series, restitution, config%tolerance, error)
       if (allocated(error)) return
-      if (config%method == stability_method%auto .and. work_of_period_map(map, system) > work_allowed) return
+      if (work_of_period_map(map, system) > work_limit) return
       self%method = stability_method%march
       call find_period_map(map, system, motion%tones%is_unknown(1), work_on_demand)
       if (.not. map%is_found) return

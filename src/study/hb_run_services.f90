@@ -1,5 +1,6 @@
 !> Whom the scenes of a run ask: files for models, marching for what no linearised equations say of stability.
 module hb_run_services
+   use hb_kinds, only: wp
    use hb_marched_floquet, only: marched_floquet_t
    use hb_model_file, only: model_file_t
    use hb_scene, only: services_t
@@ -9,11 +10,14 @@ module hb_run_services
 
 contains
 
-   !> All services of a run.
-   function run_services() result(services)
+   !> All services of a run. Stability may take a second in all, beside what it may take at each point.
+   function run_services(n_points) result(services)
+      integer, intent(in), optional :: n_points                       !! of the run; default: so many that there is no second
       type(services_t) :: services
+      real(wp), parameter :: nanoseconds_of_run = 1.0e9_wp
 
       allocate (services%models, source=model_file_t())
       allocate (services%finder, source=marched_floquet_t())
+      if (present(n_points)) services%finder = marched_floquet_t(work_in_any_case=nanoseconds_of_run/n_points)
    end function run_services
 end module hb_run_services

@@ -73,7 +73,7 @@ contains
       call refuse_hidden(self%plan, self%document, overrides, error)
       if (allocated(error)) return
       call self%plan%apply(1, first)
-      call read_scene(self%scene, first, error, self%available_memory, run_services())
+      call read_scene(self%scene, first, error, self%available_memory, run_services(self%plan%n_points))
       if (allocated(error)) return
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then
@@ -84,7 +84,8 @@ contains
          call set_text(self%document, "solver%first_guess", "'neighbour'", error)
          first = self%document
          call self%plan%apply(1, first)
-         if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory, run_services())
+         if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory, &
+                                                     run_services(self%plan%n_points))
          if (allocated(error)) return
       end if
       self%input_complete = complete_text(first)
@@ -105,7 +106,7 @@ contains
 
       document = self%document
       call self%plan%apply(point, document)
-      call read_scene(scene, document, error, self%available_memory, run_services())
+      call read_scene(scene, document, error, self%available_memory, run_services(self%plan%n_points))
       call annotate(error, "point "//to_text(point)//" ("//self%plan%describe(point)//")")
    end subroutine study_read_point
 

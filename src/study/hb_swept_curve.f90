@@ -60,7 +60,7 @@ contains
 
       self%document = source%document
       call source%plan%apply(first, self%document)
-      call update_scene(self%scene, self%document, is_new, failure, source%available_memory, run_services())
+      call update_scene(self%scene, self%document, is_new, failure, source%available_memory, run_services(source%plan%n_points))
       if (.not. allocated(failure)) call check_layout(self%scene, source%layout, failure)
       if (.not. allocated(failure)) call source%plan%curve%make_request(self%scene, self%document, self%request, failure)
       self%request%available_memory = source%available_memory

@@ -45,7 +45,7 @@ contains
 
       started = wall_clock()
       call source%plan%apply(point, source%document)
-      call update_scene(source%scene, source%document, is_new, error, source%available_memory, run_services())
+      call update_scene(source%scene, source%document, is_new, error, source%available_memory, run_services(source%plan%n_points))
       if (is_new .and. .not. allocated(error)) call check_layout(source%scene, source%layout, error)
       read = wall_clock()
       value = source%plan%fastest_value(point)
