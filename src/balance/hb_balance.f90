@@ -49,6 +49,8 @@ module hb_balance
       logical, private :: has_samples = .false.                       ! of it, at today's frequencies and loads
       logical, private :: has_moved = .false.                         ! to other frequencies than it was made for
       integer, private :: effort = 0                                  ! one of hb_fftw%planning
+      integer, private :: n_rounds = 1                                ! of sliders, which `tangent_work` counts
+      real(wp), private :: work_of_round = 0.0_wp                     ! of all columns of a tangent
    contains
       procedure :: residual => balance_residual
       procedure :: tangent => balance_tangent
@@ -321,7 +323,10 @@ contains
       if (self%law_set%has_memory) self%residual_work = self%residual_work + per_step*torus%n_total*self%n_dofs
       self%tangent_work = per_multiplication*n**3
       self%preconditioner_work = 1.5_wp*per_multiplication*unit_work  ! multiplications of factors: 2/3 n**3
-      if (self%law_set%has_memory) self%tangent_work = self%tangent_work + n*per_step*torus%n_total
+      self%n_rounds = 1
+      self%work_of_round = 0.0_wp
+      if (self%law_set%has_memory) self%work_of_round = n*per_step*torus%n_total
+      self%tangent_work = self%tangent_work + self%work_of_round
    end subroutine count_work
 
    subroutine balance_residual(self, x, r)
@@ -418,11 +423,16 @@ contains
       real(wp), intent(out) :: jacobian(self%harmonics%n_coefficients, self%n_dofs, &
                                         self%harmonics%n_coefficients, self%n_dofs)
       type(error_t), allocatable :: error
+      integer :: n_rounds
 
       call self%sample_if_new(u)
       call self%law_set%differentiate(error)
-      if (.not. allocated(error)) &
+      if (.not. allocated(error)) then
+         n_rounds = max(1, self%law_set%memory_rounds())              ! many where sliders hardly slip
+         self%tangent_work = self%tangent_work + (n_rounds - self%n_rounds)*self%work_of_round
+         self%n_rounds = n_rounds
          call self%dense_tangent%assemble(self%stiffness, self%law_set, self%frequencies, self%watch, jacobian, error)
+      end if
       if (.not. allocated(error)) return
       jacobian = 0.0_wp                                               ! singular: no solver goes on
       call move_alloc(error, self%trouble)

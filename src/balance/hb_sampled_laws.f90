@@ -48,6 +48,7 @@ module hb_sampled_laws
       procedure :: make_direction_samples => sampled_laws_make_direction_samples
       procedure :: differentiate_along => sampled_laws_differentiate_along
       procedure :: memory_reach => sampled_laws_memory_reach
+      procedure :: memory_rounds => sampled_laws_memory_rounds
       procedure :: memory_trouble => sampled_laws_memory_trouble
       procedure :: full_stick => sampled_laws_full_stick
       procedure :: all_stick => sampled_laws_all_stick
@@ -306,6 +307,18 @@ contains
          reach = max(reach, maxval(self%sampled(i)%columns) - minval(self%sampled(i)%columns))
       end do
    end function sampled_laws_memory_reach
+
+   !> Rounds of the torus that the columns of a tangent take until sliders repeat, all laws together. On one line there is one.
+   pure integer function sampled_laws_memory_rounds(self) result(rounds)
+      class(sampled_laws_t), intent(in) :: self
+      integer :: i
+
+      rounds = 0
+      if (self%characteristic%n_slice == 1) return
+      do i = 1, size(self%sampled)
+         if (allocated(self%sampled(i)%hysteresis)) rounds = rounds + self%sampled(i)%hysteresis%sliders%rounds
+      end do
+   end function sampled_laws_memory_rounds
 
    !> What is wrong with the memory of a law after `evaluate`; empty when the states of all laws repeat.
    pure function sampled_laws_memory_trouble(self) result(text)

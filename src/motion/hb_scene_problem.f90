@@ -331,6 +331,7 @@ contains
       real(wp), intent(out), contiguous :: jacobian(:, :)
 
       call self%balance%tangent(x, jacobian)
+      self%tangent_work = self%balance%tangent_work
    end subroutine scene_problem_tangent
 
    subroutine scene_problem_linearise(self, x, is_ready)

@@ -162,6 +162,7 @@ contains
       end if
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
       call read_march(self%march, document%optional_group("march"))
+      self%march%work_limit = self%solver%rescue_work                 ! as much again, whatever the rescues have taken
    end subroutine read_parts
 
    !> Reads those groups anew that have changed; `is_read` is false, and the scene of no use, where something is wrong with them,

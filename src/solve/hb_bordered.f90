@@ -163,6 +163,7 @@ contains
       associate (n => self%n_base)
          allocate (block(n, n))
          call self%base%tangent(x(:n), block)
+         self%tangent_work = self%base%tangent_work
          jacobian(:n, :n) = block
          call take_trouble(self)
          if (allocated(self%row)) call self%row%gradient(self%base, x, self%forms(:, size(self%values)))

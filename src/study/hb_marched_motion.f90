@@ -81,7 +81,7 @@ contains
 
       is_fast = scene%march%method == march_method%cvode .and. scene%march%aim > 0.0_wp
       if (is_fast) is_fast = work_of_mode*fastest_of(scene)*periods_of_first(scene)*two_pi/minval(scene%tones%omega)* &
-                             work_of_look(scene%structure%n_dofs, size(law_dofs)) > scene%solver%rescue_work
+                             work_of_look(scene%structure%n_dofs, size(law_dofs)) > scene%march%work_limit
       if (.not. is_fast) then
          call follow(scene, law_dofs, watch, settled, last, error, start)
          if (scene%march%method /= march_method%cvode) return
@@ -112,7 +112,7 @@ contains
       real(wp) :: budget, change, work
       integer :: i
 
-      budget = 2.0_wp*scene%solver%rescue_work                         ! cvode has mostly spent none of it
+      budget = 2.0_wp*scene%march%work_limit                          ! cvode has mostly spent none of it
       stepped = scene
       if (any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])) then
          stepped%march%method = march_method%central_differences
@@ -137,7 +137,7 @@ contains
          coarse = settled
          work = settled%work
          stepped%march%substeps = 2*stepped%march%substeps
-         stepped%solver%rescue_work = max(0.0_wp, budget - work)
+         stepped%march%work_limit = max(0.0_wp, budget - work)
          now = last
          call follow(stepped, law_dofs, watch, settled, last, error, now)
          settled%work = settled%work + work
@@ -241,7 +241,7 @@ contains
          config%decimation = huge(1)
          config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
          look = work_of_look(system%n_dofs, system%laws%n_coordinates)
-         config%most_looks = int(min(scene%solver%rescue_work/look, 1.0e18_wp), int64)
+         config%most_looks = int(min(scene%march%work_limit/look, 1.0e18_wp), int64)
          allowed = allowed_of(scene)
          dofs = [(i, i=1, system%n_dofs)]
          rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)
