@@ -265,6 +265,7 @@ contains
          top%n_samples = scene%torus%n_samples
          if (i > 1) then
             if (.not. scene%accuracy%grows_set) exit
+            if (i < n_tries .and. account%work > scene%accuracy%max_work) cycle
             call other_first(scene, i, top, error)
             if (allocated(error)) return
          end if
@@ -329,6 +330,7 @@ contains
       here%solver%krylov_patience = patience_with_products
       here%solver%rescue_work = min(scene%solver%rescue_work, max(0.0_wp, scene%accuracy%max_work - account%work))
       if (account%n_rungs > 0) here%solver%rescue_work = share_of_rescue*here%solver%rescue_work
+      here%solver%rescue_share = 0.0_wp                               ! other sets are left
       call solve_motion(here, result, error, first_guess, found, watch, judge)
       account%n_rungs = account%n_rungs + 1
       account%iterations = account%iterations + result%iterations

@@ -22,7 +22,6 @@ module hb_solver
    integer, parameter :: patience = 10                                ! with an attempt, where other ways are left
    integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
    real(wp), parameter :: largest_rung = 2.4_wp                       ! from one problem to the next larger one
-   real(wp), parameter :: work_of_rescues = 4.0_wp                    ! times that of the direct attempt, at least
 
 contains
 
@@ -81,7 +80,7 @@ contains
       if (has_climbed .and. attempt%status /= outcome%pending) &
          report%attempts = [report%attempts, attempt%as_attempt(rescue%fewer_harmonics)]
       if (has_ended(report) .or. .not. config%rescue) return
-      all_work = report%work + max(config%rescue_work, work_of_rescues*report%work)
+      all_work = report%work + max(config%rescue_work, config%rescue_share*report%work)
       do i = 1, merge(size(kinds), n_ways_without_matrix, problem%n_unknowns <= largest_affordable)
          kind = kinds(i)
          limited%work_limit = 0.5_wp*(all_work - report%work)

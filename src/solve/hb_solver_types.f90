@@ -60,6 +60,7 @@ module hb_solver_types
       integer :: preconditioner_level = 0                             !! that solutions from products begin with
       integer :: homotopy_iterations = 500                            !! of all corrections on the way
       real(wp) :: rescue_work = 20.0e9_wp                             !! of all rescues, as `work` of a report
+      real(wp) :: rescue_share = 4.0_wp                               !! at least so many times that of the direct attempt
       real(wp) :: work_limit = huge(1.0_wp)                           !! of the attempt that gets these settings
       real(wp) :: time_limit = huge(1.0_wp)                           !! of the processor, for one point [s]
    end type solver_config_t
