@@ -12,9 +12,15 @@ import numpy as np
 from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors
 from nhbm.checks import check
 from nhbm.errors import ModelError
+from nhbm.guard import guarded
 from nhbm.model import MATRICES, Model
 
 OK, NOT_GOOD, WRONG = 0, 1, 2
+
+
+def guarded_main() -> int:
+    """The command `nhbm-model`."""
+    return guarded(main, "nhbm-model")
 
 
 def main(arguments=None) -> int:
@@ -404,4 +410,4 @@ def _highest(reduced: Model) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(guarded_main())
