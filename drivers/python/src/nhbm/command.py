@@ -12,6 +12,7 @@ import numpy as np
 from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors
 from nhbm.checks import check
 from nhbm.errors import ModelError
+from nhbm.factors import symmetric_part
 from nhbm.guard import guarded
 from nhbm.model import MATRICES, Model
 
@@ -404,7 +405,7 @@ def _highest(reduced: Model) -> float:
     """Half of the highest frequency among the modes of the reduced model."""
     import scipy.linalg
 
-    values = scipy.linalg.eigh(reduced.stiffness.toarray(), reduced.mass.toarray(), eigvals_only=True)
+    values = scipy.linalg.eigh(symmetric_part(reduced.stiffness).toarray(), reduced.mass.toarray(), eigvals_only=True)
     n_kept = sum(label[0] != "q" for label in reduced.labels)
     return 0.5 * float(np.sqrt(max(values[max(0, len(values) - n_kept - 1)], 0.0)))
 

@@ -57,6 +57,11 @@ class Factors:
         return spla.LinearOperator((self.n, self.n), matvec=lambda b: self.solve(np.ravel(b)), dtype=float)
 
 
+def symmetric_part(matrix) -> sp.csr_matrix:
+    """(A + A')/2."""
+    return sp.csr_matrix((matrix + matrix.T) / 2)
+
+
 def lowest_modes(stiffness, mass, n_modes: int, shift: float = 0.0, factors: Factors | None = None):
     """Lowest squared frequencies and shapes (unit modal mass) by ARPACK, shifted to -shift and inverted."""
     n = stiffness.shape[0]
