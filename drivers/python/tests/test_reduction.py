@@ -208,7 +208,7 @@ def test_error_of_a_body_that_turns_is_told_at_its_whirls(block, method):
 
 
 def cross_coupled(cross, everywhere=False):
-    """A shaft with a disk in bearings whose forces across the motion make the stiffness unsymmetric; follower forces all along it."""
+    """A shaft in bearings whose forces across the motion make the stiffness unsymmetric; follower forces all along it."""
     shaft = rotors.rotor(0.6, 0.02, 24, [(0.3, 2.0, 2e-3, 4e-3)], [(0.0, 2e6, 300.0), (0.6, 2e6, 300.0)], 900.0)
     of = {label: i for i, label in enumerate(shaft.labels)}
     across = sp.lil_matrix((shaft.n_dofs, shaft.n_dofs))
