@@ -163,6 +163,35 @@ def test_file_of_a_reduced_model(chain, tmp_path):
     assert small.dofs_of("contact.z") == [0, 1]
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_degrees_of_freedom_without_mass(chain, method):
+    """Kept or not, they are followed by the stiffness; nothing is left out with all modes that there are."""
+    mass = chain.mass.diagonal()
+    mass[[4, 7]] = 0.0
+    light = dataclasses.replace(chain, mass=sp.diags(mass), damping=None, loads={})
+    reduced = reduce(light, ["contact.z", "n9.z"], 9, method)
+    for w in (0.0, 0.7, 3.0):
+        exact = flexibility(light, ["n5.z", "n2.z", "n9.z"], w)
+        np.testing.assert_allclose(flexibility(reduced, reduced.labels[:3], w), exact, rtol=1e-9, atol=1e-12)
+    assert compare(light, reduced, [0.7]).errors[0] < 1e-9
+
+
+def test_modes_where_half_of_the_masses_are_none():
+    """ARPACK takes motions without mass for modes; frequencies are those with these condensed."""
+    n = 200
+    k = sp.diags([np.full(n, 2.1), np.full(n - 1, -1.0), np.full(n - 1, -1.0)], [0, 1, -1]).tocsr()
+    heavy, light = np.arange(0, n, 2), np.arange(1, n, 2)
+    mass = sp.diags(np.where(np.arange(n) % 2 == 0, np.linspace(1.0, 2.0, n), 0.0)).tocsr()
+    inside = k[light][:, light].toarray()
+    condensed = k[heavy][:, heavy].toarray() - k[heavy][:, light] @ np.linalg.solve(inside, k[light][:, heavy].toarray())
+    exact = scipy.linalg.eigh(condensed, mass[heavy][:, heavy].toarray(), eigvals_only=True)
+    for n_modes in (20, 90, 150):
+        values, shapes = lowest_modes(k, mass, n_modes)
+        assert len(values) == min(n_modes, 100)
+        np.testing.assert_allclose(values, exact[:n_modes], rtol=1e-9)
+        np.testing.assert_allclose(shapes.T @ mass @ shapes, np.eye(len(values)), atol=1e-8)
+
+
 def test_modes_by_arpack_and_lapack(block):
     import scipy.linalg
 

@@ -10,6 +10,7 @@ import mmap
 import os
 import signal
 import sys
+import traceback
 
 import h5py
 
@@ -31,6 +32,8 @@ def guarded(main, program: str) -> int:
             status = main()
         except SystemExit as end:  # argparse: help, or a mistake that it has told
             status = end.code if isinstance(end.code, int) else 1
+        except BaseException:
+            traceback.print_exc()
         finally:
             try:
                 sys.stdout.flush()

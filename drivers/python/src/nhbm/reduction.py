@@ -18,7 +18,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from nhbm.errors import ModelError
-from nhbm.factors import Factors, lowest_modes, symmetric_part
+from nhbm.factors import Factors, dense_modes, lowest_modes, symmetric_part
 from nhbm.model import Model, Recovery
 
 METHODS = ("free-interface", "craig-bampton")
@@ -147,14 +147,14 @@ def _craig_bampton(model, kept, n_modes) -> np.ndarray:
     what = "the stiffness with the kept degrees of freedom held (keep more, or leave --method craig-bampton out): it"
     factors = Factors(k_ii, what) if len(inside) else None
     n_more = len(model.loads)
-    basis = np.zeros((model.n_dofs, len(kept) + n_modes + n_more))
+    basis = np.zeros((model.n_dofs, len(kept)))
     basis[kept, np.arange(len(kept))] = 1.0
     if len(inside):
-        basis[inside, : len(kept)] = -factors.solve(k[inside][:, kept].toarray())
+        basis[inside] = -factors.solve(k[inside][:, kept].toarray())
         _, shapes = lowest_modes(k_ii, sp.csr_matrix(m[inside][:, inside]), n_modes, 0.0, factors)
-        basis[inside, len(kept) : len(kept) + n_modes] = shapes
-        if n_more:
-            basis[inside, len(kept) + n_modes :] = factors.solve(load_matrix(model)[inside])
+        more = np.zeros((model.n_dofs, shapes.shape[1] + n_more))
+        more[inside] = np.hstack([shapes, factors.solve(load_matrix(model)[inside])])
+        basis = np.hstack([basis, more])
     return basis
 
 
@@ -263,7 +263,7 @@ def resonances(reduced: Model, up_to: float) -> np.ndarray:
     whirls."""
     k, m = reduced.stiffness.toarray(), reduced.mass.toarray()
     if reduced.gyroscopic is None and is_symmetric(reduced):
-        found = np.sqrt(np.maximum(scipy.linalg.eigh(k, m, eigvals_only=True), 0.0))
+        found = np.sqrt(np.maximum(dense_modes(reduced.stiffness, reduced.mass)[0], 0.0))
     else:
         none, one = np.zeros_like(k), np.eye(len(k))
         states = np.block([[none, one], [-k, none if reduced.gyroscopic is None else -reduced.gyroscopic.toarray()]])
