@@ -41,6 +41,13 @@ def test_nearly_all_modes_of_a_free_interface_keep_their_digits(block, left_out)
         assert abs(flexibility(reduced, names, w) - exact).max() < least * abs(exact).max()
 
 
+def test_mass_that_is_not_symmetric_is_refused(chain):
+    mass = chain.mass.tolil()
+    mass[2, 3] = 0.1
+    with pytest.raises(ModelError, match="the mass is not symmetric"):
+        reduce(dataclasses.replace(chain, mass=mass), ["contact.z"], 3)
+
+
 def test_kept_degrees_of_freedom_that_move_as_one_are_told(chain):
     link = np.zeros((12, 12))
     link[np.ix_([3, 4], [3, 4])] = [[1e20, -1e20], [-1e20, 1e20]]

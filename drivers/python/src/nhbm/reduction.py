@@ -24,6 +24,7 @@ from nhbm.model import Model, Recovery
 METHODS = ("free-interface", "craig-bampton")
 LARGEST_REDUCED = 2000
 BAND = np.array([0.1, 0.35, 0.7, 1.0])
+ASYMMETRY = 1.0e-9  # of the largest entry, which is rounding
 MOST_CIRCULATORY = 60  # degrees of freedom that get static shapes because the skew-symmetric part of the stiffness acts on them
 LEAST_LEFT = 1.0e-11  # by the modes, of the static flexibility at a combination of kept degrees of freedom
 RIGID = 1.0e-3  # frequencies below this share of the band are those of rigid bodies
@@ -50,6 +51,8 @@ def reduce(model: Model, keep: list[str], n_modes: int = 20, method: str = METHO
         raise ModelError(f"method '{method}' is not known; known: {', '.join(METHODS)}")
     if model.recovery is not None:
         raise ModelError("the model is reduced already; reduce the full one")
+    if abs(model.mass - model.mass.T).max() > ASYMMETRY * abs(model.mass).max():
+        raise ModelError("the mass is not symmetric (nhbm-model check says where)")
     full = model
     model, turn = _relative(model, keep)
     kept = list(dict.fromkeys(dof for name in keep for dof in model.dofs_of(name)))
@@ -114,7 +117,7 @@ def _relative(model, keep) -> tuple[Model, sp.csr_matrix]:
 
 def is_symmetric(model: Model) -> bool:
     """Whether the stiffness is symmetric, up to rounding."""
-    return abs(model.stiffness - model.stiffness.T).max() <= 1.0e-9 * abs(model.stiffness).max()
+    return abs(model.stiffness - model.stiffness.T).max() <= ASYMMETRY * abs(model.stiffness).max()
 
 
 def _without_circulation(model: Model) -> Model:
@@ -123,7 +126,7 @@ def _without_circulation(model: Model) -> Model:
         return model
     symmetric = symmetric_part(model.stiffness)
     rest = abs(model.stiffness - symmetric)
-    rest.data[rest.data <= 1.0e-9 * abs(symmetric).max()] = 0.0
+    rest.data[rest.data <= ASYMMETRY * abs(symmetric).max()] = 0.0
     where = np.flatnonzero(np.asarray(rest.sum(axis=1)).ravel())
     if len(where) > MOST_CIRCULATORY:
         where = []
@@ -176,7 +179,7 @@ def _free_interface(model, kept, n_modes) -> np.ndarray:
         elif is_elastic.any():
             shift = 0.1 * float(values[is_elastic].min())
         break
-    factors = Factors(sp.csr_matrix(k + shift * m), "the shifted stiffness")
+    factors = Factors(sp.csr_matrix(k + shift * m), "the stiffness with some of the mass (nhbm-model check says more): it")
     values, modes = lowest_modes(k, m, n_modes, shift, factors)
     unit = np.zeros((model.n_dofs, len(kept)))
     unit[kept, np.arange(len(kept))] = 1.0
