@@ -107,5 +107,6 @@ def _ending(status: int, program: str, place: str) -> int:
     if number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL, signal.SIGPIPE):
         return 128 + number
     end = "found no end in it" if number == signal.SIGPROF else f"died of it ({signal.Signals(number).name})"
-    print(f"{program}: {place}: HDF5 {end}; the file is damaged", file=sys.stderr)
+    told = f"{place}: HDF5 {end}; the file is damaged" if place else f"ended by {signal.Signals(number).name}"
+    print(f"{program}: {told}", file=sys.stderr)
     return 2
