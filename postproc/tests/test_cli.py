@@ -1,5 +1,7 @@
 """The command line: what it prints, the files it names, and one line with status 2 for mistakes."""
 
+import os
+import signal
 import subprocess
 import sys
 
@@ -11,6 +13,7 @@ from conftest import single, walled
 from nhbm_post import Results
 from nhbm_post.cli import main
 from nhbm_post.draw.plan import read_plan
+from nhbm_post.guard import guarded
 
 
 def run(capsys, *words):
@@ -265,3 +268,10 @@ def test_runs_as_a_module_without_display(sweep):
         call, capture_output=True, text=True, env={"PYTHONPATH": ":".join(sys.path)}, check=True
     )
     assert "sweep of the gap" in done.stdout
+
+
+def test_what_goes_wrong_in_the_guarded_process_is_told(capfd):
+    assert guarded(lambda: 1 // 0, "program") == 1
+    assert "ZeroDivisionError" in capfd.readouterr().err
+    assert guarded(lambda: os.kill(os.getpid(), signal.SIGSEGV), "program") == 2
+    assert capfd.readouterr().err.endswith("program: ended by SIGSEGV\n")

@@ -98,6 +98,22 @@ def test_forces_of_nodes_that_move_along_their_radius(tmp_path):
     np.testing.assert_allclose(force, expected, atol=1e-15)
 
 
+def test_model_that_the_input_names_is_taken(files, tmp_path, capsys, monkeypatch):
+    folder, c = files
+    write_model(folder / "full.h5", ["n2.z", "q1"], [1, 0], ["z", "y"])
+    run_of = {"dofs": ("n2.z", "q1"), "law_dofs": ("n2.z",)}
+    for name in ("full.h5", "elsewhere/full.h5"):
+        words = f"&structure\n   type = 'model'\n   file = '{name}'\n/\n"
+        write_results(folder / "named.h5", TUPLES, FREQUENCY, c[None], input_groups=words, **run_of)
+        status, out, err = run(capsys, "vtk", folder / "named.h5", "--frames", "0")
+        assert status == 0 and "4 harmonics" in out, err
+    (folder / "full.h5").unlink()
+    status, _, err = run(capsys, "vtk", folder / "named.h5")
+    assert status == 2 and "its model file 'elsewhere/full.h5' is neither here nor beside it; --model says" in err
+    status, _, err = run(capsys, "vtk", folder / "run.h5")
+    assert status == 2 and "its input names no model file" in err
+
+
 def test_what_does_not_fit_is_told(files, capsys):
     folder, _ = files
     write_model(folder / "other.h5", ["n9.z"], [1], ["z"])

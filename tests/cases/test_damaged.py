@@ -1,13 +1,19 @@
 """Files that are damaged: a message and exit status 2, never a signal. tests/fuzz tries thousands, here is what once failed."""
 
 import subprocess
+import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from nhbm.command import main as nhbm_model
 
 from program import BAD_INPUT, INCOMPLETE, run
 from user_law import HEADER_FOLDER
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "fuzz"))
+from fuzz_results import campaign  # noqa: E402
 
 SCENE = """
 &structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
@@ -111,3 +117,26 @@ def test_library_that_is_cut_off_is_named(part, tmp_path):
     (tmp_path / "case.nml").write_text(SCENE + MINE)
     done = run("check", "case.nml", cwd=tmp_path)
     assert done.status == BAD_INPUT and "mine.so" in done.stderr, (done.status, done.stderr)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("make", ["result", "model"])
+def test_python_tools_end_within_a_second(make, begun, tmp_path):
+    """An answer or one line, for 200 of the damages of tests/fuzz."""
+    path = tmp_path / "case.h5"
+    path.write_bytes(begun)
+    if make == "model":
+        assert nhbm_model(["beam", "-o", str(path), "--overwrite"]) == 0
+    assert campaign(path, range(200), seed=5) == {}
+
+
+def test_model_in_which_hdf5_finds_no_end_is_named_with_the_entry(tmp_path):
+    path = tmp_path / "case.h5"
+    assert nhbm_model(["beam", "-o", str(path)]) == 0
+    data = bytearray(path.read_bytes())
+    at = data.find(b"GCOL")
+    data[at + 24 : at + 32] = (2**64 - 16).to_bytes(8, "little")
+    path.write_bytes(data)
+    command = [sys.executable, "-m", "nhbm.command", "info", path]
+    done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False, timeout=60)
+    assert done.returncode == 2 and "case.h5', at 'format': HDF5 found no end in it" in done.stderr

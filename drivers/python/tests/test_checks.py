@@ -25,6 +25,13 @@ def test_sound_chain(chain):
     assert "mass that moves along z: 18" in said(chain)
 
 
+def test_degrees_of_freedom_without_mass_are_no_fault(chain):
+    mass = chain.mass.diagonal()
+    mass[3] = 0.0
+    light = dataclasses.replace(chain, mass=sp.diags(mass))
+    assert bad(light) == [] and "1 degrees of freedom have none" in said(light) and "lowest frequencies" in said(light)
+
+
 def test_asymmetry_is_named(chain):
     mass = chain.mass.tolil()
     mass[2, 5] = 0.1

@@ -104,6 +104,42 @@ def test_nastran_that_is_not_right_is_named(tmp_path, capsys, old, new, message)
     assert "\n" not in str(raised.value) and capsys.readouterr().out == ""
 
 
+GMSH = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+0 3 "Tip"
+1 1 "wire"
+$EndPhysicalNames
+$Nodes
+3
+1 0 0 0
+2 1 0 0
+3 2 0 0
+$EndNodes
+$Elements
+3
+1 1 2 1 1 1 2
+2 1 2 1 1 2 3
+3 15 2 3 3 3
+$EndElements
+"""
+
+
+def test_physical_groups_of_gmsh_are_sets(tmp_path):
+    pytest.importorskip("meshio")
+    (tmp_path / "wire.msh").write_text(GMSH)
+    unit = sp.identity(3)
+    model = Model(mass=unit, stiffness=unit, **importing.places_of(["n1.z", "n2.z", "n3.z"]))
+    importing.add_mesh(model, tmp_path / "wire.msh")
+    assert {name: nodes.tolist() for name, nodes in model.sets.items()} == {"tip": [2], "wire": [0, 1, 2]}
+    assert model.dofs_of("tip.z") == [2]
+    nameless = Model(mass=unit, stiffness=unit, labels=["x1", "x2", "x3"])
+    with pytest.raises(ModelError, match="no degree of freedom stands at a node of .*wire.msh': --labels gives"):
+        importing.add_mesh(nameless, tmp_path / "wire.msh")
+
+
 def test_mesh_gives_places_cells_and_sets(chain, tmp_path):
     nodes = "".join(f"{10 * i}, {i}.0, 0.5, 0.0\n" for i in range(1, 4))
     (tmp_path / "mesh.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=T3D2\n1, 10, 20\n2, 20, 30\n*NSET, NSET=TIP\n30\n")

@@ -36,8 +36,9 @@ def test_names_of_sets(chain):
     assert chain.dofs_of("n3.z") == [2]
     with pytest.raises(ModelError, match="node 5 of set 'contact' has no degree of freedom 'x'"):
         chain.dofs_of("contact.x")
-    with pytest.raises(ModelError, match="no set 'contcat.z'; sets: contact"):
-        chain.dofs_of("contcat.z")
+    for wrong, like in (("contcat.z", "contact.z"), ("Contact", "contact"), ("n3z", "n3.z")):
+        with pytest.raises(ModelError, match=f"no set '{wrong}'; sets: contact; did you mean '{like}'\\?"):
+            chain.dofs_of(wrong)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sp
 
-from nhbm import Model, ModelError, examples
+from nhbm import Model, ModelError, examples, rotors
 from nhbm.command import main
 from nhbm.factors import Factors, lowest_modes
 from nhbm.reduction import METHODS, band, compare, reduce
@@ -39,6 +39,13 @@ def test_nearly_all_modes_of_a_free_interface_keep_their_digits(block, left_out)
     for w, least in ((0.0, 1e-10), (lowest, 1e-6)):
         exact = flexibility(block, names, w)
         assert abs(flexibility(reduced, names, w) - exact).max() < least * abs(exact).max()
+
+
+def test_mass_that_is_not_symmetric_is_refused(chain):
+    mass = chain.mass.tolil()
+    mass[2, 3] = 0.1
+    with pytest.raises(ModelError, match="the mass is not symmetric"):
+        reduce(dataclasses.replace(chain, mass=mass), ["contact.z"], 3)
 
 
 def test_kept_degrees_of_freedom_that_move_as_one_are_told(chain):
@@ -163,6 +170,35 @@ def test_file_of_a_reduced_model(chain, tmp_path):
     assert small.dofs_of("contact.z") == [0, 1]
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_degrees_of_freedom_without_mass(chain, method):
+    """Kept or not, they are followed by the stiffness; nothing is left out with all modes that there are."""
+    mass = chain.mass.diagonal()
+    mass[[4, 7]] = 0.0
+    light = dataclasses.replace(chain, mass=sp.diags(mass), damping=None, loads={})
+    reduced = reduce(light, ["contact.z", "n9.z"], 9, method)
+    for w in (0.0, 0.7, 3.0):
+        exact = flexibility(light, ["n5.z", "n2.z", "n9.z"], w)
+        np.testing.assert_allclose(flexibility(reduced, reduced.labels[:3], w), exact, rtol=1e-9, atol=1e-12)
+    assert compare(light, reduced, [0.7]).errors[0] < 1e-9
+
+
+def test_modes_where_half_of_the_masses_are_none():
+    """ARPACK takes motions without mass for modes; frequencies are those with these condensed."""
+    n = 200
+    k = sp.diags([np.full(n, 2.1), np.full(n - 1, -1.0), np.full(n - 1, -1.0)], [0, 1, -1]).tocsr()
+    heavy, light = np.arange(0, n, 2), np.arange(1, n, 2)
+    mass = sp.diags(np.where(np.arange(n) % 2 == 0, np.linspace(1.0, 2.0, n), 0.0)).tocsr()
+    inside = k[light][:, light].toarray()
+    condensed = k[heavy][:, heavy].toarray() - k[heavy][:, light] @ np.linalg.solve(inside, k[light][:, heavy].toarray())
+    exact = scipy.linalg.eigh(condensed, mass[heavy][:, heavy].toarray(), eigvals_only=True)
+    for n_modes in (20, 90, 150):
+        values, shapes = lowest_modes(k, mass, n_modes)
+        assert len(values) == min(n_modes, 100)
+        np.testing.assert_allclose(values, exact[:n_modes], rtol=1e-9)
+        np.testing.assert_allclose(shapes.T @ mass @ shapes, np.eye(len(values)), atol=1e-8)
+
+
 def test_modes_by_arpack_and_lapack(block):
     import scipy.linalg
 
@@ -205,3 +241,46 @@ def test_error_of_a_body_that_turns_is_told_at_its_whirls(block, method):
         full = exact(turning, dofs, w)
         errors.append(abs(exact(reduced, list(range(len(dofs))), w) - full).max() / abs(full).max())
     assert max(errors) / 10 < compare(turning, reduced, band(reduced, up_to)).errors.max() < 10 * max(errors)
+
+
+def cross_coupled(cross, everywhere=False):
+    """A shaft in bearings whose forces across the motion make the stiffness unsymmetric; follower forces all along it."""
+    shaft = rotors.rotor(0.6, 0.02, 24, [(0.3, 2.0, 2e-3, 4e-3)], [(0.0, 2e6, 300.0), (0.6, 2e6, 300.0)], 900.0)
+    of = {label: i for i, label in enumerate(shaft.labels)}
+    across = sp.lil_matrix((shaft.n_dofs, shaft.n_dofs))
+    for n in shaft.node_numbers if everywhere else (1, len(shaft.node_numbers)):
+        across[of[f"n{n}.x"], of[f"n{n}.y"]], across[of[f"n{n}.y"], of[f"n{n}.x"]] = cross, -cross
+    stiffness = shaft.stiffness + sp.csr_matrix(across)
+    return dataclasses.replace(shaft, stiffness=stiffness, loads={"push": ([of["n20.x"]], [1.0])})
+
+
+def exact_flexibility(model, names, w):
+    dofs = [model.labels.index(name) for name in names]
+    dynamic = model.stiffness * (1 + 1e-3j) - w**2 * model.mass + 1j * w * (model.gyroscopic + model.damping)
+    return np.linalg.inv(dynamic.toarray())[np.ix_(dofs, dofs)]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("everywhere", [False, True])
+def test_unsymmetric_stiffness(method, everywhere):
+    """The static answer of bearings is exact, no half of the stiffness is lost, and the error told is that of the band."""
+    shaft = cross_coupled(2e5 if everywhere else 1e6, everywhere)
+    reduced = reduce(shaft, ["disk1"], 12, method)
+    names = reduced.labels[:4]
+    half = dataclasses.replace(shaft, stiffness=(shaft.stiffness + shaft.stiffness.T) / 2)
+    exact = exact_flexibility(shaft, names, 0.0)
+    assert abs(exact_flexibility(half, names, 0.0) - exact).max() > 0.03 * abs(exact).max()
+    if not everywhere:
+        assert abs(exact_flexibility(reduced, names, 0.0) - exact).max() < 1e-9 * abs(exact).max()
+    up_to, states = 4000.0, 2 * reduced.n_dofs
+    report = compare(shaft, reduced, band(reduced, up_to))
+    n = reduced.n_dofs
+    a = np.zeros((states, states))
+    a[:n, n:], a[n:, :n], a[n:, n:] = np.eye(n), -reduced.stiffness.toarray(), -reduced.gyroscopic.toarray()
+    whirls = scipy.linalg.eigvals(a, scipy.linalg.block_diag(np.eye(n), reduced.mass.toarray())).imag
+    errors = []
+    for w in np.concatenate([np.linspace(0.0, up_to, 30), whirls[(whirls > 1.0) & (whirls < up_to)]]):
+        exact = exact_flexibility(shaft, names, w)
+        errors.append(abs(exact_flexibility(reduced, names, w) - exact).max() / abs(exact).max())
+    assert max(errors) / 10 < report.errors.max() < 10 * max(errors)
+    assert max(errors) < (1e-2 if everywhere else 1e-3)

@@ -1,7 +1,15 @@
-"""Runs the command line with `python -m nhbm_post`."""
+"""Runs the command line, also with `python -m nhbm_post`."""
 
 import sys
 
-from .guard import guarded_main
+from .cli import main
+from .guard import guarded
 
-sys.exit(guarded_main())
+
+def guarded_main() -> int:
+    """The command `nhbm-post`."""
+    return guarded(main, "nhbm-post")
+
+
+if __name__ == "__main__":
+    sys.exit(guarded_main())

@@ -305,7 +305,7 @@ def _parser() -> argparse.ArgumentParser:
         "Writes FILE_harmonics.vtu, the deflection shapes of harmonics (cos, sin and amplitude at each node), and FILE_motion.pvd "
         "with a folder of files, the motion and the forces of the laws over time. Reduced models give the motion of the full one.",
     )
-    sub.add_argument("--model", type=Path, required=True, metavar="MODEL", help="model file of the run")
+    options.add_model(sub)
     options.add_point(sub)
     sub.add_argument(
         "--tuple", dest="tuples", type=options.tuple_of_integers, action="append", metavar="J1,J2,...",
@@ -325,7 +325,7 @@ def _parser() -> argparse.ArgumentParser:
         "Draws the surface of a finite element model, deflected by a harmonic at its largest (--tuple) or by the motion at a "
         "moment (--time), coloured by the amplitude of the harmonic or the size of the displacement.",
     )
-    sub.add_argument("--model", type=Path, required=True, metavar="MODEL", help="model file of the run")
+    options.add_model(sub)
     options.add_point(sub)
     choice = sub.add_mutually_exclusive_group()
     choice.add_argument("--tuple", type=options.tuple_of_integers, metavar="J1,J2,...", help="harmonic (default: the largest)")
@@ -340,7 +340,7 @@ def _parser() -> argparse.ArgumentParser:
         "largest forces, mean loss; time: which nodes are open, stick or slip at which moment, and the sum of their forces. "
         "Shares are those of a period, or of 32 periods of the slowest of several tones and 8 of their slowest beat.",
     )
-    sub.add_argument("--model", type=Path, required=True, metavar="MODEL", help="model file of the run")
+    options.add_model(sub)
     sub.add_argument("--law", metavar="LABEL", help="label of the law (default: the first that is a contact)")
     sub.add_argument("--view", choices=("patch", "time"), default="patch", help="default: patch")
     options.add_point(sub)

@@ -118,6 +118,10 @@ def add_decades(sub):
     )
 
 
+def add_model(sub):
+    sub.add_argument("--model", type=Path, metavar="MODEL", help="model file of the run (default: the one that its input names)")
+
+
 def add_output(sub):
     sub.add_argument("--output", "-o", type=Path, metavar="PATH", help="picture to write: .png, .pdf or .svg")
     sub.add_argument(

@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from .complete_input import groups
 from .errors import ReaderError, UsageError
 from .reader import Results, open_file
 from .series import Series
@@ -148,6 +149,21 @@ class Structure:
         if alone.size:  # ParaView shows no points without a cell: those of pairs, halfway
             cells.append(("vertex", alone[:, None]))
         return meshio.Mesh(self.points, cells, point_data=fields)
+
+
+def structure_of(results: Results, point: int, model: Path | None) -> Structure:
+    """The structure of a model file, or of that which the input of a point names: in the present folder, or beside the result."""
+    if model is not None:
+        return Structure(model)
+    named = [file for group in groups(results.input_complete, "structure") for file in group.get("file", [])]
+    swept = [str(p.values[point]) for p in results.parameters.values() if p.path == "structure%file"]
+    name = next(iter(swept + named), "")
+    if not name:
+        raise UsageError(f"{results.path}: its input names no model file; nodes and cells come with --model")
+    for path in (Path(name), results.path.parent / name, results.path.parent / Path(name).name):
+        if path.is_file():
+            return Structure(path)
+    raise UsageError(f"{results.path}: its model file '{name}' is neither here nor beside it; --model says where it is")
 
 
 def motions(results: Results, structure: Structure, point: int, allow_unconverged: bool = False):

@@ -182,11 +182,11 @@ def rotor(arguments):
 
 def deflection(arguments):
     from . import draw
-    from .structure import Structure, harmonic_of, motions
+    from .structure import harmonic_of, motions, structure_of
 
-    structure = Structure(arguments.model)
     with Results(arguments.file) as results:
         point = results.point(arguments.point, dict(arguments.at))
+        structure = structure_of(results, point, arguments.model)
         tuples, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
         about = _origin(results, point, "motion")
     if arguments.time is not None:
@@ -208,11 +208,11 @@ def deflection(arguments):
 def contact(arguments):
     from . import draw
     from .contact import UNITS, Motion, chosen, contacts, history, summary
-    from .structure import Structure
+    from .structure import structure_of
 
-    structure = Structure(arguments.model)
     with Results(arguments.file) as results:
         point = results.point(arguments.point, dict(arguments.at))
+        structure = structure_of(results, point, arguments.model)
         found = chosen(contacts(results, structure, point), arguments.law, results)
         motion = Motion(results, point, arguments.unconverged)
         places, about = structure.points[found.nodes] if found.table is None else None, _origin(results, point, "motion")
@@ -238,11 +238,11 @@ def _after(start: float, end: float) -> float:
 
 def vtk(arguments):
     from .contact import Motion, contacts, moments, shares
-    from .structure import Structure, motions, write_harmonics, write_motion
+    from .structure import motions, structure_of, write_harmonics, write_motion
 
-    structure = Structure(arguments.model)
     with Results(arguments.file) as results:
         point = results.point(arguments.point, dict(arguments.at))
+        structure = structure_of(results, point, arguments.model)
         tuples, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
         forces = {dof: results.series(point, dof, "force", arguments.unconverged) for dof in results.labels("force")}
         slowest = float(np.abs(results.frequency(point)).min())

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from nhbm.errors import ModelError
-from nhbm.factors import Factors, lowest_modes
+from nhbm.factors import Factors, lowest_modes, symmetric_part
 from nhbm.model import Model
 
 ASYMMETRY = 1.0e-10
@@ -83,7 +83,7 @@ def _definiteness(model) -> Finding:
     scale = sp.diags(1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)))
     scaled = scale @ model.mass @ scale + 1.0e-8 * sp.identity(model.n_dofs)
     try:
-        Factors(sp.csr_matrix((scaled + scaled.T) / 2), "mass")
+        Factors(symmetric_part(scaled), "mass")
     except ModelError:
         return Finding("mass is indefinite: some motion would have negative kinetic energy", True)
     if massless:
@@ -93,7 +93,7 @@ def _definiteness(model) -> Finding:
 
 def _rigid_body_modes(model) -> list[Finding]:
     shift = _shift(model)
-    stiffness = sp.csr_matrix((model.stiffness + model.stiffness.T) / 2)
+    stiffness = symmetric_part(model.stiffness)
     n = min(model.n_dofs, 12)
     try:
         factors = None if model.n_dofs <= 60 else Factors(stiffness + shift * model.mass, "stiffness")

@@ -12,9 +12,16 @@ import numpy as np
 from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors
 from nhbm.checks import check
 from nhbm.errors import ModelError
+from nhbm.factors import dense_modes, symmetric_part
+from nhbm.guard import guarded
 from nhbm.model import MATRICES, Model
 
 OK, NOT_GOOD, WRONG = 0, 1, 2
+
+
+def guarded_main() -> int:
+    """The command `nhbm-model`."""
+    return guarded(main, "nhbm-model")
 
 
 def main(arguments=None) -> int:
@@ -177,8 +184,8 @@ def run_import(options) -> int:
         place = {int(number): i for i, number in enumerate(model.node_numbers)}
         try:
             model.sets[name] = np.array([place[int(number)] for number in numbers.split(",")])
-        except (KeyError, ValueError):
-            raise ModelError(f"--set {text}: there is no such node") from None
+        except (KeyError, ValueError) as error:
+            raise ModelError(f"--set {text}: there is no node {str(error).rpartition(':')[2].strip()}") from None
     _add_loads(model, options.load)
     model.validate()
     _write(model, options)
@@ -396,12 +403,10 @@ def _tell_errors(pairs: list[tuple[Model, Model]], up_to: float | None) -> float
 
 def _highest(reduced: Model) -> float:
     """Half of the highest frequency among the modes of the reduced model."""
-    import scipy.linalg
-
-    values = scipy.linalg.eigh(reduced.stiffness.toarray(), reduced.mass.toarray(), eigvals_only=True)
+    values, _ = dense_modes(symmetric_part(reduced.stiffness), reduced.mass)
     n_kept = sum(label[0] != "q" for label in reduced.labels)
     return 0.5 * float(np.sqrt(max(values[max(0, len(values) - n_kept - 1)], 0.0)))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(guarded_main())

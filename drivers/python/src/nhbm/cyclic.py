@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from nhbm.assembly import meeting_nodes
 from nhbm.errors import ModelError
-from nhbm.factors import lowest_modes
+from nhbm.factors import lowest_modes, symmetric_part
 from nhbm.model import Model, Recovery
 from nhbm.reduction import METHODS, load_matrix, reduce
 
@@ -102,7 +102,7 @@ def frequencies(sector: Sector, diameter: int, n: int) -> np.ndarray:
     n = min(n, len(sector.own))
     mass = np.where(wave.mass.diagonal() > 0, wave.mass.diagonal(), np.inf)
     shift = 1.0e-6 * float(np.median(wave.stiffness.diagonal() / mass))
-    values, _ = lowest_modes(wave.stiffness, wave.mass, n_parts * n, shift)
+    values, _ = lowest_modes(symmetric_part(wave.stiffness), wave.mass, n_parts * n, shift)
     return np.sqrt(np.maximum(values[::n_parts], 0.0))
 
 

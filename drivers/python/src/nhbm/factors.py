@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from nhbm.errors import ModelError
+
+LARGEST_DENSE = 3000  # degrees of freedom, where ARPACK fails
+MOST_RESTARTS = 40  # of ARPACK, which needs a few
 
 
 class Factors:
@@ -57,21 +61,47 @@ class Factors:
         return spla.LinearOperator((self.n, self.n), matvec=lambda b: self.solve(np.ravel(b)), dtype=float)
 
 
+def symmetric_part(matrix) -> sp.csr_matrix:
+    """(A + A')/2."""
+    return sp.csr_matrix((matrix + matrix.T) / 2)
+
+
 def lowest_modes(stiffness, mass, n_modes: int, shift: float = 0.0, factors: Factors | None = None):
-    """Lowest squared frequencies and shapes (unit modal mass) by ARPACK, shifted to -shift and inverted."""
+    """Lowest squared frequencies and shapes (unit modal mass) by ARPACK, shifted to -shift and inverted; fewer where the mass has
+    no more."""
     n = stiffness.shape[0]
     if n_modes < 1:
         return np.zeros(0), np.zeros((n, 0))
     if n_modes >= n - 1 or n <= 60:
-        import scipy.linalg
-
-        values, shapes = scipy.linalg.eigh(stiffness.toarray(), mass.toarray())
-        return values[:n_modes], shapes[:, :n_modes]
+        return dense_modes(stiffness, mass, n_modes, shift)
     if factors is None:
         factors = Factors(stiffness + shift * mass, "the shifted stiffness")
     start = np.cos(np.arange(1.0, n + 1.0))
-    values, shapes = spla.eigsh(
-        stiffness, k=n_modes, M=mass, sigma=-shift, which="LM", OPinv=factors.operator(), v0=start
-    )
-    order = np.argsort(values)
-    return values[order], shapes[:, order]
+    try:
+        values, shapes = spla.eigsh(
+            stiffness, k=n_modes, M=mass, sigma=-shift, which="LM", OPinv=factors.operator(), v0=start, maxiter=MOST_RESTARTS
+        )
+        order = np.argsort(values)
+        if values[order[0]] + shift > 0.0:
+            return values[order], shapes[:, order]
+    except spla.ArpackError:
+        pass
+    if n > LARGEST_DENSE:  # motions without mass have grown among the vectors
+        raise ModelError(f"{n_modes} modes cannot be told from motions without mass: take fewer")
+    return dense_modes(stiffness, mass, n_modes, shift)
+
+
+def dense_modes(stiffness, mass, n_modes: int | None = None, shift: float = 0.0):
+    """The same by LAPACK, all of them unless told; some degrees of freedom may be without mass."""
+    k, m = stiffness.toarray(), mass.toarray()
+    try:
+        values, shapes = scipy.linalg.eigh(k, m)
+    except np.linalg.LinAlgError:  # the mass is singular: M x = x/(w**2 + shift) (K + shift M)
+        try:
+            inverse, shapes = scipy.linalg.eigh(m, k + shift * m)
+        except np.linalg.LinAlgError:
+            raise ModelError("the stiffness is not positive definite, and there are degrees of freedom without mass") from None
+        has_mass = inverse[::-1] > len(k) * np.finfo(float).eps * inverse[-1]
+        inverse, shapes = inverse[::-1][has_mass], shapes[:, ::-1][:, has_mass]
+        values, shapes = 1.0 / inverse - shift, shapes / np.sqrt(inverse)
+    return values[:n_modes], shapes[:, :n_modes]

@@ -180,6 +180,8 @@ def from_nastran(path, names: dict[str, str], **more) -> Model:
 
 def add_mesh(model: Model, path) -> None:
     """Takes coordinates, cells and sets of nodes from a mesh (any format of meshio), nodes by their numbers."""
+    if (model.dof_node < 0).all():
+        raise ModelError(f"no degree of freedom stands at a node of '{path}': --labels gives names such as n12.z")
     import meshio
     from meshio._vtk_common import meshio_to_vtk_type
 
@@ -213,11 +215,21 @@ def add_mesh(model: Model, path) -> None:
             starts.append(len(nodes))
     model.cell_types, model.cell_starts, model.cell_nodes = (np.array(a, dtype=np.int64) for a in (types, starts, nodes))
     moving = set(model.dof_node.tolist())
-    for name, members in mesh.point_sets.items():
+    for name, members in (mesh.point_sets | _physical_groups(mesh)).items():
         kept = [int(node) for node in np.unique(members) if int(node) in moving]
         if kept:
             model.sets[name.lower()] = np.array(kept)
     model.validate()
+
+
+def _physical_groups(mesh) -> dict[str, np.ndarray]:
+    """Nodes of the named physical groups of Gmsh."""
+    tags = mesh.cell_data.get("gmsh:physical", [])
+    found = {}
+    for name, (tag, _) in mesh.field_data.items():
+        members = [np.asarray(block.data)[np.asarray(tag_of) == tag].ravel() for block, tag_of in zip(mesh.cells, tags)]
+        found[name] = np.unique(np.concatenate(members)) if members else np.zeros(0, dtype=int)
+    return found
 
 
 def _abaqus_numbers(path: Path) -> np.ndarray | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -125,7 +126,9 @@ class Model:
             wanted = direction
         else:
             known = ", ".join(self.sets) or "none"
-            raise ModelError(f"there is no degree of freedom and no set '{name}'; sets: {known}")
+            directed = [f"{name}.{d}" for name in self.sets for d in set(self.dof_direction)]
+            hint = meant(name, [*self.sets, *directed, *self.labels])
+            raise ModelError(f"there is no degree of freedom and no set '{name}'; sets: {known}{hint}")
         of_node: dict[int, list[int]] = {}
         for dof, node in enumerate(self.dof_node):
             if wanted is None or self.dof_direction[dof] == wanted:
@@ -226,6 +229,13 @@ class Model:
             **matrices,
             **more,
         )
+
+
+def meant(name: str, known: list[str]) -> str:
+    """The end of a message on an unknown name: the known one that is like it, if there is one."""
+    lower = {other.lower(): other for other in reversed(known)}
+    close = difflib.get_close_matches(name.lower(), lower, 1, 0.7)
+    return f"; did you mean '{lower[close[0]]}'?" if close else ""
 
 
 def check_labels(labels: list[str]) -> None:

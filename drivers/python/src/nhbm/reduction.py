@@ -3,6 +3,8 @@
 Craig-Bampton: x = T [x_b; q], static shapes of the kept degrees of freedom and modes with these held (Craig and Bampton 1968).
 Free interface with residual attachment: modes of the free structure, and what they leave of the static response to forces at the
 kept degrees of freedom (Rubin 1975, MacNeal 1971); rewritten in the kept degrees of freedom and modes, as Craig-Bampton's.
+Of a stiffness that is not symmetric (bearings of fluid, follower forces) the symmetric part gives modes and static shapes, with
+those of forces where the rest of it acts; what it is in these is Galerkin's.
 """
 
 from __future__ import annotations
@@ -16,12 +18,14 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from nhbm.errors import ModelError
-from nhbm.factors import Factors, lowest_modes
+from nhbm.factors import Factors, dense_modes, lowest_modes, symmetric_part
 from nhbm.model import Model, Recovery
 
 METHODS = ("free-interface", "craig-bampton")
 LARGEST_REDUCED = 2000
 BAND = np.array([0.1, 0.35, 0.7, 1.0])
+ASYMMETRY = 1.0e-9  # of the largest entry, which is rounding
+MOST_CIRCULATORY = 60  # degrees of freedom that get static shapes because the skew-symmetric part of the stiffness acts on them
 LEAST_LEFT = 1.0e-11  # by the modes, of the static flexibility at a combination of kept degrees of freedom
 RIGID = 1.0e-3  # frequencies below this share of the band are those of rigid bodies
 
@@ -47,9 +51,8 @@ def reduce(model: Model, keep: list[str], n_modes: int = 20, method: str = METHO
         raise ModelError(f"method '{method}' is not known; known: {', '.join(METHODS)}")
     if model.recovery is not None:
         raise ModelError("the model is reduced already; reduce the full one")
-    symmetry = abs(model.stiffness - model.stiffness.T).max()
-    if symmetry > 1.0e-9 * abs(model.stiffness).max():
-        raise ModelError("reduction needs a symmetric stiffness")
+    if abs(model.mass - model.mass.T).max() > ASYMMETRY * abs(model.mass).max():
+        raise ModelError("the mass is not symmetric (nhbm-model check says where)")
     full = model
     model, turn = _relative(model, keep)
     kept = list(dict.fromkeys(dof for name in keep for dof in model.dofs_of(name)))
@@ -58,7 +61,8 @@ def reduce(model: Model, keep: list[str], n_modes: int = 20, method: str = METHO
     if len(kept) + len(model.loads) + n_modes > LARGEST_REDUCED:
         raise ModelError(f"{len(kept)} kept degrees of freedom and {n_modes} modes are no small model")
     n_modes = min(n_modes, model.n_dofs - len(kept))
-    basis = (_craig_bampton if method == "craig-bampton" else _free_interface)(model, np.array(kept), n_modes)
+    make = _craig_bampton if method == "craig-bampton" else _free_interface
+    basis = make(_without_circulation(model), np.array(kept), n_modes)
     reduced = _project(model, np.array(kept), basis, method)
     reduced.recovery = Recovery(turn @ reduced.recovery.matrix, full.dof_node, full.dof_direction)
     return reduced
@@ -111,6 +115,25 @@ def _relative(model, keep) -> tuple[Model, sp.csr_matrix]:
     return changed, turn
 
 
+def is_symmetric(model: Model) -> bool:
+    """Whether the stiffness is symmetric, up to rounding."""
+    return abs(model.stiffness - model.stiffness.T).max() <= ASYMMETRY * abs(model.stiffness).max()
+
+
+def _without_circulation(model: Model) -> Model:
+    """The model with the symmetric part of its stiffness, and as loads unit forces where the rest acts, if these are few."""
+    if is_symmetric(model):
+        return model
+    symmetric = symmetric_part(model.stiffness)
+    rest = abs(model.stiffness - symmetric)
+    rest.data[rest.data <= ASYMMETRY * abs(symmetric).max()] = 0.0
+    where = np.flatnonzero(np.asarray(rest.sum(axis=1)).ravel())
+    if len(where) > MOST_CIRCULATORY:
+        where = []
+    forces = {f"circulatory {dof}": (np.array([dof]), np.ones(1)) for dof in where}
+    return replace(model, stiffness=symmetric, loads=model.loads | forces)
+
+
 def load_matrix(model: Model) -> np.ndarray:
     """The vectors of loads as columns (n_dofs, n_loads)."""
     loads = np.zeros((model.n_dofs, len(model.loads)))
@@ -127,14 +150,14 @@ def _craig_bampton(model, kept, n_modes) -> np.ndarray:
     what = "the stiffness with the kept degrees of freedom held (keep more, or leave --method craig-bampton out): it"
     factors = Factors(k_ii, what) if len(inside) else None
     n_more = len(model.loads)
-    basis = np.zeros((model.n_dofs, len(kept) + n_modes + n_more))
+    basis = np.zeros((model.n_dofs, len(kept)))
     basis[kept, np.arange(len(kept))] = 1.0
     if len(inside):
-        basis[inside, : len(kept)] = -factors.solve(k[inside][:, kept].toarray())
+        basis[inside] = -factors.solve(k[inside][:, kept].toarray())
         _, shapes = lowest_modes(k_ii, sp.csr_matrix(m[inside][:, inside]), n_modes, 0.0, factors)
-        basis[inside, len(kept) : len(kept) + n_modes] = shapes
-        if n_more:
-            basis[inside, len(kept) + n_modes :] = factors.solve(load_matrix(model)[inside])
+        more = np.zeros((model.n_dofs, shapes.shape[1] + n_more))
+        more[inside] = np.hstack([shapes, factors.solve(load_matrix(model)[inside])])
+        basis = np.hstack([basis, more])
     return basis
 
 
@@ -156,7 +179,7 @@ def _free_interface(model, kept, n_modes) -> np.ndarray:
         elif is_elastic.any():
             shift = 0.1 * float(values[is_elastic].min())
         break
-    factors = Factors(sp.csr_matrix(k + shift * m), "the shifted stiffness")
+    factors = Factors(sp.csr_matrix(k + shift * m), "the stiffness with some of the mass (nhbm-model check says more): it")
     values, modes = lowest_modes(k, m, n_modes, shift, factors)
     unit = np.zeros((model.n_dofs, len(kept)))
     unit[kept, np.arange(len(kept))] = 1.0
@@ -189,7 +212,7 @@ def _project(model, kept, basis, method) -> Model:
     n_kept = len(kept)
     inner = basis[:, n_kept:]
     # modal coordinates of the rest: unit modal mass, ordered by frequency; what depends on the others is left out
-    m_inner, k_inner = (inner.T @ (matrix @ inner) for matrix in (model.mass, model.stiffness))
+    m_inner, k_inner = (inner.T @ (matrix @ inner) for matrix in (model.mass, symmetric_part(model.stiffness)))
     if inner.shape[1]:
         size = np.sqrt(np.abs(np.diag(m_inner)))
         size[size == 0] = 1.0
@@ -202,7 +225,7 @@ def _project(model, kept, basis, method) -> Model:
     matrices = {name: basis.T @ (matrix @ basis) for name, matrix in model.matrices().items()}
     for name in matrices:
         sign = -1.0 if name == "gyroscopic" else 1.0
-        if name in ("mass", "stiffness", "gyroscopic"):
+        if name in ("mass", "gyroscopic") or (name == "stiffness" and is_symmetric(model)):
             matrices[name] = (matrices[name] + sign * matrices[name].T) / 2
     n_inner = inner.shape[1]
     loads = {}
@@ -239,13 +262,14 @@ def band(reduced: Model, up_to: float, most: int = 6) -> np.ndarray:
 
 
 def resonances(reduced: Model, up_to: float) -> np.ndarray:
-    """Frequencies of a small model without those of rigid bodies [rad/s]; with gyroscopic terms those of its whirls."""
+    """Frequencies of a small model without those of rigid bodies [rad/s]; with gyroscopic and circulatory terms those of its
+    whirls."""
     k, m = reduced.stiffness.toarray(), reduced.mass.toarray()
-    if reduced.gyroscopic is None:
-        found = np.sqrt(np.maximum(scipy.linalg.eigh(k, m, eigvals_only=True), 0.0))
+    if reduced.gyroscopic is None and is_symmetric(reduced):
+        found = np.sqrt(np.maximum(dense_modes(reduced.stiffness, reduced.mass)[0], 0.0))
     else:
         none, one = np.zeros_like(k), np.eye(len(k))
-        states = np.block([[none, one], [-k, -reduced.gyroscopic.toarray()]])
+        states = np.block([[none, one], [-k, none if reduced.gyroscopic is None else -reduced.gyroscopic.toarray()]])
         found = np.sort(scipy.linalg.eigvals(states, scipy.linalg.block_diag(one, m)).imag)
     return found[(found > RIGID * up_to) & (found <= up_to)]
 
@@ -264,7 +288,8 @@ def compare(model: Model, reduced: Model, frequencies, loss: float = 1.0e-3) -> 
     full = [place[reduced.labels[i]] for i in kept]
     frequencies = np.atleast_1d(np.asarray(frequencies, dtype=float))
     shift = 1.0e-9 * float(np.median(model.stiffness.diagonal()) / np.median(model.mass.diagonal()))
-    factors = Factors(sp.csr_matrix(model.stiffness + shift * model.mass), "the shifted stiffness")
+    symmetric = symmetric_part(model.stiffness)
+    factors = Factors(sp.csr_matrix(symmetric + shift * model.mass), "the shifted stiffness")
     recovery = 2 * reduced.recovery.matrix - turn @ reduced.recovery.matrix  # the inverse of turn
     errors = []
     for w in frequencies:
@@ -278,9 +303,9 @@ def compare(model: Model, reduced: Model, frequencies, loss: float = 1.0e-3) -> 
             exact[:, i] = _solve(a, unit, recovery @ small[:, c], factors)[full]
         difference = np.abs(small[kept][:, list(columns)] - exact).max()
         errors.append(difference / np.abs(exact).max())
-    ours = resonances(replace(reduced, gyroscopic=None), frequencies.max())
+    ours = resonances(replace(reduced, gyroscopic=None, stiffness=symmetric_part(reduced.stiffness)), frequencies.max())
     n_rigid = 6
-    values, _ = lowest_modes(model.stiffness, model.mass, min(len(ours) + n_rigid, model.n_dofs - 2), shift, factors)
+    values, _ = lowest_modes(symmetric, model.mass, min(len(ours) + n_rigid, model.n_dofs - 2), shift, factors)
     exact = np.sqrt(np.maximum(values, 0.0))
     exact = exact[exact > RIGID * frequencies.max()][: len(ours)]
     off = np.abs(ours[: len(exact)] / exact - 1).max(initial=0.0)

@@ -1,0 +1,1 @@
+../../../../postproc/src/nhbm_post/guard.py
