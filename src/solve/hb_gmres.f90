@@ -2,8 +2,10 @@
 !>
 !> Works on b/r_scale, so that the residual it makes small is the one that Newton's method measures. Orthogonalises by
 !> classical Gram-Schmidt, done twice where the first time cancels: as good as the modified form, fit for matrix-vector products.
+!> Further right-hand sides of the same J profit from the products with the first: what these reach is solved for at once, and taken
+!> out of all further products (GCRO).
 !> Source: docs/user/theory.md, section 6.6; Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869; Giraud, Langou,
-!> Rozloznik, van den Eshof, Numer. Math. 101 (2005) 87-100 (twice is enough).
+!> Rozloznik, van den Eshof, Numer. Math. 101 (2005) 87-100 (twice is enough); de Sturler, J. Comput. Appl. Math. 67 (1996) 15-41.
 module hb_gmres
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp
@@ -25,9 +27,15 @@ module hb_gmres
       real(wp), allocatable, private :: h(:, :)                       ! (n_vectors + 1, n_vectors) triangular after rotations
       real(wp), allocatable, private :: cosine(:), sine(:), g(:), y(:), again(:)
       real(wp), allocatable, private :: work(:), direction(:)         ! (n_unknowns)
+      integer, private :: n_kept = 0                                  ! products with J of solutions before: columns of `h`, and
+                                                                      ! one more of `basis`
+      real(wp), allocatable, private :: g_kept(:)                     ! (n_vectors) part of the residual that they reach
+      real(wp), allocatable, private :: h_kept(:, :)                  ! (n_vectors, n_vectors) and of the products that follow
    contains
+      procedure :: forget => gmres_forget
       procedure :: solve => gmres_solve
       procedure, private :: cycle => gmres_cycle
+      procedure, private :: take_out => gmres_take_out
       procedure, private :: add_solution => gmres_add_solution
    end type gmres_t
 
@@ -39,10 +47,18 @@ contains
       integer, intent(in) :: n, n_vectors
 
       associate (m => min(n, n_vectors))
-         allocate (self%basis(n, m + 1), self%h(m + 1, m), self%cosine(m), self%sine(m), self%g(m + 1), self%y(m), self%again(m))
+         allocate (self%basis(n, m + 1), self%h(m + 1, m), self%cosine(m), self%sine(m), self%g(m + 1), self%y(m))
+         allocate (self%again(m + 1), self%g_kept(m), self%h_kept(m, m))
       end associate
       allocate (self%work(n), self%direction(n))
    end subroutine new_gmres
+
+   !> Forgets the products of solutions before: called whenever the tangent or its preconditioner is another.
+   pure subroutine gmres_forget(self)
+      class(gmres_t), intent(inout) :: self
+
+      self%n_kept = 0
+   end subroutine gmres_forget
 
    !> Solves with the tangent of the last `problem%linearise`, from the given s, to |b - J s| <= tolerance |b| or as far as
    !> `most_products` go.
@@ -61,6 +77,7 @@ contains
       real(wp), parameter :: stagnation = 0.9_wp                      ! gain of a cycle that is worth another
       real(wp) :: before, norm, norm_of_b
       integer :: slow_from
+      logical :: is_first
 
       slow_from = huge(1)/4
       if (present(fewer_than)) slow_from = (3*fewer_than)/2           ! with a margin: a pace is no promise
@@ -82,12 +99,12 @@ contains
          self%residual = norm/norm_of_b
          if (norm <= tolerance*norm_of_b .or. self%n_products >= most_products) return
          before = norm
-         self%basis(:, 1) = self%work/norm
          call self%cycle(problem, norm, tolerance*norm_of_b, most_products, slow_from, s)
          self%residual = norm/norm_of_b
          if (self%is_slow) return
          if (norm <= tolerance*norm_of_b .or. self%n_products >= most_products) return
          if (.not. norm <= stagnation*before) return
+         call self%forget()
          call find_residual()                                         ! afresh: what rotations say drifts from the truth
       end do
 
@@ -101,7 +118,7 @@ contains
       end subroutine find_residual
    end subroutine gmres_solve
 
-   !> One cycle: from a residual of length `norm` along the first vector to the smallest that the space reaches; adds to s.
+   !> One cycle: from the residual `work` of length `norm` to the smallest that the space reaches; adds to s.
    subroutine gmres_cycle(self, problem, norm, target, most_products, slow_from, s)
       class(gmres_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -111,74 +128,124 @@ contains
       integer, intent(in) :: slow_from                                !! products expected of all: too many
       real(wp), intent(inout) :: s(:)
       integer, parameter :: stretch = 6                               ! products that a pace is taken from, after as many others
-      integer :: i, j, n
+      integer :: i, j, k, n
       real(wp) :: a, length, pace
 
       n = size(self%basis, 1)
+      k = self%n_kept
+      if (k > 0) then
+         call self%take_out(self%g_kept)
+         norm = dnrm2(n, self%work, 1)
+         k = k + 1                                                    ! vectors
+      end if
       self%g = 0.0_wp
       self%g(1) = norm
+      if (norm > 0.0_wp) self%basis(:, k + 1) = self%work/norm
       j = 0
-      do while (j < size(self%y) .and. norm > target .and. self%n_products < most_products)
+      do while (k + j < size(self%y) .and. norm > target .and. self%n_products < most_products)
          if (problem%is_over()) exit
-         self%work = self%basis(:, j + 1)*problem%r_scale
+         self%work = self%basis(:, k + j + 1)*problem%r_scale
          call problem%precondition(self%work, self%direction)
          call problem%apply_tangent(self%direction, self%work)
          self%work = self%work/problem%r_scale
          self%n_products = self%n_products + 1
+         if (k > 0) call self%take_out(self%h_kept(:, j + 1))
          length = dnrm2(n, self%work, 1)
          if (.not. ieee_is_finite(length)) exit
          j = j + 1
-         associate (h => self%h(:, j))
-            call dgemv("T", n, j, 1.0_wp, self%basis, n, self%work, 1, 0.0_wp, h, 1)
-            call dgemv("N", n, j, -1.0_wp, self%basis, n, h, 1, 1.0_wp, self%work, 1)
+         associate (h => self%h(:, k + j))
+            call dgemv("T", n, j, 1.0_wp, self%basis(1, k + 1), n, self%work, 1, 0.0_wp, h, 1)
+            call dgemv("N", n, j, -1.0_wp, self%basis(1, k + 1), n, h, 1, 1.0_wp, self%work, 1)
             h(j + 1) = dnrm2(n, self%work, 1)
             if (h(j + 1) < cancelled*length) then
-               call dgemv("T", n, j, 1.0_wp, self%basis, n, self%work, 1, 0.0_wp, self%again, 1)
-               call dgemv("N", n, j, -1.0_wp, self%basis, n, self%again, 1, 1.0_wp, self%work, 1)
+               call dgemv("T", n, j, 1.0_wp, self%basis(1, k + 1), n, self%work, 1, 0.0_wp, self%again, 1)
+               call dgemv("N", n, j, -1.0_wp, self%basis(1, k + 1), n, self%again, 1, 1.0_wp, self%work, 1)
                h(1:j) = h(1:j) + self%again(1:j)
                h(j + 1) = dnrm2(n, self%work, 1)
             end if
             if (h(j + 1) <= exhausted*length) h(j + 1) = 0.0_wp
-            if (h(j + 1) > 0.0_wp) self%basis(:, j + 1) = self%work/h(j + 1)
+            self%basis(:, k + j + 1) = self%work/merge(h(j + 1), 1.0_wp, h(j + 1) > 0.0_wp)
             do i = 1, j - 1
-               a = self%cosine(i)*h(i) + self%sine(i)*h(i + 1)
-               h(i + 1) = self%cosine(i)*h(i + 1) - self%sine(i)*h(i)
-               h(i) = a
+               call rotate(self%cosine(k + i), self%sine(k + i), h(i), h(i + 1))
             end do
             a = hypot(h(j), h(j + 1))
             if (a <= exhausted*length) then                           ! this product adds nothing: J is singular
                j = j - 1
                exit
             end if
-            self%cosine(j) = h(j)/a
-            self%sine(j) = h(j + 1)/a
+            self%cosine(k + j) = h(j)/a
+            self%sine(k + j) = h(j + 1)/a
             length = h(j + 1)
             h(j) = a
          end associate
-         self%g(j + 1) = -self%sine(j)*self%g(j)
-         self%g(j) = self%cosine(j)*self%g(j)
+         self%g(j + 1) = -self%sine(k + j)*self%g(j)
+         self%g(j) = self%cosine(k + j)*self%g(j)
          norm = abs(self%g(j + 1))
          if (length <= 0.0_wp) exit                                   ! the space holds the solution
          if (j < max(2*stretch, slow_from/3) .or. norm <= target) cycle
-         pace = -sum(log(max(tiny(1.0_wp), abs(self%sine(j - stretch + 1:j)))))/stretch   ! sines: how the residual fell
+         pace = -sum(log(max(tiny(1.0_wp), abs(self%sine(k + j - stretch + 1:k + j)))))/stretch   ! sines: how the residual fell
          self%is_slow = log(norm/target) > pace*(slow_from - self%n_products)
          if (self%is_slow) exit
       end do
-      if (j > 0) call self%add_solution(problem, j, s)
+      if (k + j > 0) call self%add_solution(problem, j, s)
+      if (k == 0) self%n_kept = min(j, size(self%y)/2)                ! there has to be room for others
    end subroutine gmres_cycle
 
-   !> Adds the combination of the first j vectors with the smallest residual.
+   !> Takes out of `work` what the kept products reach: those of the space that the first columns of `basis` span, turned by the
+   !> rotations, but for the last.
+   subroutine gmres_take_out(self, along)
+      class(gmres_t), intent(inout) :: self
+      real(wp), intent(out) :: along(:)                               !! its part along each of them
+      integer :: i, n
+
+      n = size(self%basis, 1)
+      associate (k => self%n_kept, c => self%again)
+         call dgemv("T", n, k + 1, 1.0_wp, self%basis, n, self%work, 1, 0.0_wp, c, 1)
+         do i = 1, k
+            call rotate(self%cosine(i), self%sine(i), c(i), c(i + 1))
+         end do
+         along(:k) = c(:k)
+         c(k + 1) = 0.0_wp
+         do i = k, 1, -1
+            call rotate(self%cosine(i), -self%sine(i), c(i), c(i + 1))
+         end do
+         call dgemv("N", n, k + 1, -1.0_wp, self%basis, n, c, 1, 1.0_wp, self%work, 1)
+      end associate
+   end subroutine gmres_take_out
+
+   pure subroutine rotate(cosine, sine, a, b)
+      real(wp), intent(in) :: cosine, sine
+      real(wp), intent(inout) :: a, b
+      real(wp) :: before
+
+      before = a
+      a = cosine*a + sine*b
+      b = cosine*b - sine*before
+   end subroutine rotate
+
+   !> Adds the combination of the first j vectors, and the kept ones, with the smallest residual.
    subroutine gmres_add_solution(self, problem, j, s)
       class(gmres_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
       integer, intent(in) :: j
       real(wp), intent(inout) :: s(:)
-      integer :: i
+      integer :: i, n
 
-      do i = j, 1, -1
-         self%y(i) = (self%g(i) - dot_product(self%h(i, i + 1:j), self%y(i + 1:j)))/self%h(i, i)
-      end do
-      call dgemv("N", size(s), j, 1.0_wp, self%basis, size(s), self%y, 1, 0.0_wp, self%work, 1)
+      n = size(s)
+      associate (k => self%n_kept, base => merge(self%n_kept + 1, 0, self%n_kept > 0), y => self%y, h => self%h)
+         do i = j, 1, -1
+            y(base + i) = (self%g(i) - dot_product(h(i, base + i + 1:base + j), y(base + i + 1:base + j)))/h(i, base + i)
+         end do
+         self%work = 0.0_wp
+         call dgemv("N", n, j, 1.0_wp, self%basis(1, base + 1), n, y(base + 1), 1, 1.0_wp, self%work, 1)
+         if (k > 0) then
+            y(:k) = self%g_kept(:k) - matmul(self%h_kept(:k, :j), y(base + 1:base + j))
+            do i = k, 1, -1
+               y(i) = (y(i) - dot_product(h(i, i + 1:k), y(i + 1:k)))/h(i, i)
+            end do
+            call dgemv("N", n, k, 1.0_wp, self%basis, n, y, 1, 1.0_wp, self%work, 1)
+         end if
+      end associate
       self%work = self%work*problem%r_scale
       call problem%precondition(self%work, self%direction)
       s = s + self%direction

@@ -52,6 +52,7 @@ contains
       logical, intent(out) :: is_ready
 
       call problem%linearise(x, is_ready)
+      call self%gmres%forget()
       self%is_fresh = .false.
       self%residual = 1.0_wp
    end subroutine tangent_krylov_update
@@ -108,6 +109,7 @@ contains
       class(problem_t), intent(inout) :: problem
 
       call problem%update_preconditioner(self%level, self%is_strongest)
+      call self%gmres%forget()
       self%n_preconditioners = self%n_preconditioners + 1
       self%is_fresh = .true.
    end subroutine tangent_krylov_renew

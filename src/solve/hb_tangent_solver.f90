@@ -10,7 +10,6 @@ module hb_tangent_solver
    public :: new_tangent_solver, tangent_solver_t
 
    real(wp), parameter :: default_accuracy = 1.0e-8_wp
-   integer, parameter :: patience = 40                                ! products until the preconditioner gets stronger
 
    type :: tangent_solver_t
       type(tangent_factor_t), allocatable, private :: factor
@@ -42,7 +41,6 @@ contains
       if (problem%has_products .and. problem%n_unknowns > largest_dense) then
          allocate (self%krylov)
          call new_tangent_krylov(self%krylov, problem, config%krylov_vectors, config%krylov_products)
-         self%krylov%patience = patience
          call self%krylov%update(problem, x, is_ready)
          is_singular = .not. is_ready
       else

@@ -248,7 +248,7 @@ contains
       integer :: e, i
 
       if (.not. allocated(self%sparse)) then
-         force = matmul(self%damping, c)
+         force = cmplx(matmul(self%damping, real(c)), matmul(self%damping, aimag(c)), wp)   ! several times as fast as the mixed one
          return
       end if
       allocate (force(self%n_dofs), source=(0.0_wp, 0.0_wp))

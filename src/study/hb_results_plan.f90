@@ -58,8 +58,8 @@ contains
       type(variable_t), intent(in) :: variable
 
       select case (variable%name)
-      case ("checksum", "branch", "rank", "solve_seconds"); is_checked = .false.
-      case default; is_checked = index(variable%name, "march_") /= 1
+      case ("checksum", "branch", "rank"); is_checked = .false.
+      case default; is_checked = index(variable%name, "march_") /= 1 .and. index(variable%name, "_seconds") == 0
       end select
    end function is_checked
 
@@ -124,6 +124,9 @@ contains
          call add("residual", is_real, [point_axis], "1", &
             "norm of the balance relative to the scale of the forces")
          call add("solve_seconds", is_real, [point_axis], "s", "wall time of the point")
+         call add("setup_seconds", is_real, [point_axis], "s", "of it, dynamic stiffness, plans, first guess")
+         call add("iteration_seconds", is_real, [point_axis], "s", "of it, the solver")
+         call add("certificate_seconds", is_real, [point_axis], "s", "of it, the certificate")
          call add("rank", is_integer, [point_axis], "1", "MPI rank that solved the point")
          call add("n_harmonics", is_integer, [point_axis], "1", "number of harmonics in the set of the point")
          call add("n_unknowns", is_integer, [point_axis], "1", "number of unknowns of the equations that were solved")

@@ -525,6 +525,26 @@ def test_a_second_run_reads_the_reduction(net):
     assert list(net.glob("*.part")) == []
 
 
+@pytest.mark.parametrize("n_bytes", [10**9, 2**62])
+def test_a_kept_reduction_of_which_the_library_dies_is_named(n_bytes, net):
+    """Its texts are said to be longer than the file."""
+    solve(net, NET, name="kept")
+    file = max(net.glob("net.h5.*.reduced"), key=lambda made: made.stat().st_mtime_ns)
+    data = bytearray(file.read_bytes())
+    at = data.find(b"GCOL")
+    while at >= 0:
+        data[at + 24 : at + 32] = n_bytes.to_bytes(8, "little")
+        at = data.find(b"GCOL", at + 1)
+    for made in net.glob("net.h5.*.reduced"):
+        made.write_bytes(data)
+    done = run("check", "kept.nml", cwd=net)
+    for made in net.glob("net.h5.*.reduced"):
+        made.unlink()
+    if "AddressSanitizer" in done.stderr and "libhdf5" in done.stderr:
+        pytest.skip("the sanitizer ends the process where the library errs, before it dies of a signal")
+    assert done.status == BAD_INPUT and ".reduced': HDF5 died of this file" in done.stderr, (done.status, done.stderr)
+
+
 def test_one_rank_reduces_for_all(net):
     """The file is made under a name of each process: once."""
     for file in net.glob("net.h5.*.reduced"):

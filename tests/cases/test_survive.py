@@ -36,7 +36,7 @@ SWEPT = LINE + "&solver first_guess = 'linear' /\n"
 GAPS = "&sweep parameter = 'law(1)%gap', values = 1.0e-3, 1.5e-3, 2.0e-3 /\n"
 
 # What depends on who solved a point and when.
-OF_THE_RUN = ("rank", "solve_seconds", "worker")
+OF_THE_RUN = ("rank", "solve_seconds", "setup_seconds", "iteration_seconds", "certificate_seconds", "worker")
 
 on_linux = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc, where the ranks of mpirun are found")
 

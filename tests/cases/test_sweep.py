@@ -376,6 +376,8 @@ def test_times_of_all_ranks_are_stored(tmp_path):
         assert file["worker"][()].tolist() == [0, 1]
         assert np.bincount(file["rank"][()], minlength=2).tolist() == times["points"].tolist()
         solved = [file["solve_seconds"][()][file["rank"][()] == rank].sum() for rank in (0, 1)]
+        shares = [file[f"{part}_seconds"][()] for part in ("setup", "iteration", "certificate")]
+        assert np.min(shares) > 0.0 and (sum(shares) < file["solve_seconds"][()]).all()
     assert times["points"].sum() == 200
     assert (times["draws"] > 0).all() and times["draws"].sum() < 150, "blocks, not single points"
     parts = sum(times[f"{part}_seconds"] for part in ("reading", "solving", "writing", "drawing", "idle"))
