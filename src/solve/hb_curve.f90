@@ -175,7 +175,7 @@ contains
       factor = 1.0_wp
       if (self%last_iterations <= self%config%easy_iterations) factor = self%config%growth
       if (self%config%angle > 0.0_wp .and. self%angle*factor > self%config%angle) &
-         factor = max(self%config%reduction, self%config%angle/self%angle)
+         factor = max(self%config%reduction, self%config%angle/self%angle, self%config%shortest_step/self%step)
       if (abs(factor - 1.0_wp) > 0.0_wp) self%step = min(self%config%longest_step, factor*self%step)
    end subroutine curve_turn
 

@@ -92,8 +92,15 @@ MUTANTS = [
             "curve_angle",
             "test_hb_curve",
             "steps do not shrink where the curve turns",
-            "factor = max(self%config%reduction, self%config%angle/self%angle)",
+            "factor = max(self%config%reduction, self%config%angle/self%angle, self%config%shortest_step/self%step)",
             "factor = 1.0_wp",
+        ),
+        (
+            "curve_vanishing",
+            "test_hb_curve",
+            "steps shrink without end where the curve turns at every point",
+            "self%config%angle/self%angle, self%config%shortest_step/self%step)",
+            "self%config%angle/self%angle)",
         ),
         (
             "curve_retreat_sense",
