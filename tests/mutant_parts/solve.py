@@ -96,6 +96,13 @@ MUTANTS = [
             "factor = 1.0_wp",
         ),
         (
+            "curve_kink_part",
+            "test_hb_motion_curve",
+            "an odd curve turns by the determinant of all motions",
+            "      if (allocated(self%part)) then\n         call tangent_of_part(self, self%x, same",
+            "      if (.not. allocated(self%problem%forms)) then\n         call tangent_of_part(self, self%x, same",
+        ),
+        (
             "curve_vanishing",
             "test_hb_curve",
             "steps shrink without end where the curve turns at every point",

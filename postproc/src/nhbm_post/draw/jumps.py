@@ -8,8 +8,8 @@ import numpy as np
 def jumps_at_folds(x: np.ndarray, y: np.ndarray, kind: np.ndarray, stability: np.ndarray) -> list[tuple[float, float, float]]:
     """(x, y of the fold, y of the motion jumped to) of each fold at which what is stable ends.
 
-    Points are in the order of the arc; next to a fold a multiplier is 1 but for rounding, and what is known a little farther along the
-    curve tells. A jump leads to the stable motion of the curve at the same x that is nearest in y; there
+    Points are in the order of the arc; next to a fold a multiplier is 1 but for rounding, and what is known a little farther
+    along the curve tells. A jump leads to the stable motion of the curve at the same x that is nearest in y; there
     is none where stability is not known, and where the curve has no stable motion at this x.
     """
     jumps = []
