@@ -150,20 +150,23 @@ contains
    subroutine curve_turn(self)
       class(curve_t), intent(inout) :: self
       real(wp) :: direction(size(self%x)), factor, sign_now
-      logical :: is_singular
+      logical :: is_back, is_other, is_singular
 
       self%angle = 0.0_wp
       call self%tangent_at(self%x, direction, sign_now, is_singular)
       if (is_singular) then
          if (.not. allocated(self%last_x)) self%status = outcome%singular   ! else the old direction must do
       else
-         if (self%orientation*sign_now < 0.0_wp .and. .not. self%is_along_form) then
-            if (dot_product(direction/self%units, self%direction/self%units) > self%config%little) then
-               self%n_branch_points = self%n_branch_points + 1
-               self%orientation = sign_now
-            else
-               direction = -direction
+         if (.not. self%is_along_form .and. abs(self%orientation*sign_now) > 0.0_wp) then
+            is_other = self%orientation*sign_now < 0.0_wp
+            is_back = .false.
+            if (dot_product(direction/self%units, self%direction/self%units) <= self%config%little) then
+               is_back = is_other
+               if (allocated(self%part) .and. allocated(self%last_x)) call look_at_part(self, is_back)
             end if
+            if (is_other .neqv. is_back) self%n_branch_points = self%n_branch_points + 1
+            if (is_back) direction = -direction
+            self%orientation = merge(-sign_now, sign_now, is_back)
          else if (abs(sign_now) > 0.0_wp) then
             self%orientation = sign_now
          end if
@@ -178,6 +181,20 @@ contains
          factor = max(self%config%reduction, self%config%angle/self%angle, self%config%shortest_step/self%step)
       if (abs(factor - 1.0_wp) > 0.0_wp) self%step = min(self%config%longest_step, factor*self%step)
    end subroutine curve_turn
+
+   !> Whether the determinant of `part` changes its sign on the last step: what leaves that part may change the sign of the
+   !> whole one at the same kink.
+   subroutine look_at_part(self, is_changed)
+      type(curve_t), intent(inout) :: self
+      logical, intent(inout) :: is_changed                            !! stays where that is not known
+      real(wp) :: direction(size(self%x)), sign_before, sign_now
+      logical :: is_singular
+
+      call tangent_of_part(self, self%last_x, direction, sign_before, is_singular)
+      if (is_singular) return
+      call tangent_of_part(self, self%x, direction, sign_now, is_singular)
+      if (.not. is_singular) is_changed = sign_before*sign_now < 0.0_wp
+   end subroutine look_at_part
 
    !> Angle between two vectors [rad], exact for small ones as well.
    pure real(wp) function angle_between(a, b) result(angle)

@@ -103,6 +103,13 @@ MUTANTS = [
             "      if (.not. allocated(self%problem%forms)) then\n         call tangent_of_part(self, self%x, same",
         ),
         (
+            "curve_sense_part",
+            "test_hb_motion_curve",
+            "an odd curve goes back where another determinant changes its sign",
+            "if (.not. is_singular) is_changed = sign_before*sign_now < 0.0_wp",
+            "if (sign_before*sign_now > huge(1.0_wp)) is_changed = .false.",
+        ),
+        (
             "curve_vanishing",
             "test_hb_curve",
             "steps shrink without end where the curve turns at every point",
