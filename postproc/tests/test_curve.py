@@ -109,6 +109,8 @@ def test_arrows_lead_from_folds_to_where_a_sweep_jumps(tmp_path):
     assert arrows(over) == []
     with Results(curve_file(tmp_path / "unknown.h5", stability=None)) as results:
         assert arrows(draw_response(results, measure=Measure("harmonic", (1,)))) == []
+    with Results(curve_file(tmp_path / "next.h5", stability=[1, 0, 0, -1, 0, 1, 1, 0, 0])) as results:
+        assert arrows(draw_response(results, measure=Measure("harmonic", (1,))))[0] == ((3.0, 3.0), (3.0, 2.0))
 
 
 def test_families_and_backbones_share_a_picture(tmp_path):

@@ -9,7 +9,6 @@ module hb_hysteresis_tangent
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: two_pi, wp
-   use hb_lapack, only: dgetrf, dgetrs
    use hb_slider_states, only: slider_states_t, most_rounds, repeat_tolerance
    use hb_torus, only: torus_t
    implicit none
@@ -17,7 +16,6 @@ module hb_hysteresis_tangent
    public :: memory_tangent_t, new_memory_tangent, width
 
    integer, parameter :: width = 16                                   !! harmonics of a block
-   real(wp), parameter :: largest_inverse = 1.0e6_wp                  ! of 1 - M; beyond, sliders hardly slip
 
    !> Complex numbers of a block stand as (width, 2): real parts, imaginary parts.
    type :: memory_tangent_t
@@ -120,20 +118,16 @@ contains
       type(characteristic_t), intent(in) :: characteristic
       real(wp), allocatable :: f(:, :)
       real(wp) :: change, largest_move
-      integer :: i, round
+      integer :: i
 
       self%repeats = .true.
       call memory%differentiable()
-      if (allocated(self%closing)) deallocate (self%closing)
       if (characteristic%n_slice == 1) then
-         call memory%load_from_rest(law, with_derivatives=.false.)
-         do round = 1, memory%rounds
-            call memory%go_round(law, characteristic, with_derivatives=round == memory%rounds, change=change, &
-                                 largest_move=largest_move)
-         end do
-         call find_closing(self, memory, characteristic)
+         memory%states(:, :, 1) = memory%before
+         call memory%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+         call memory%find_closing(characteristic, self%closing)
       end if
-      if (allocated(self%closing)) then
+      if (allocated(self%closing) .or. memory%has_jumped) then
          self%first_slice = 0.0_wp
       else
          call take_rounds(self, memory, law, characteristic)
@@ -168,31 +162,6 @@ contains
          end do
       end do
    end subroutine take_rounds
-
-   !> Finds `closing` from the steps of the last round of one line.
-   subroutine find_closing(self, memory, characteristic)
-      class(memory_tangent_t), intent(inout) :: self
-      type(slider_states_t), intent(in) :: memory
-      type(characteristic_t), intent(in) :: characteristic
-      real(wp), dimension(size(self%now, 3), size(self%now, 3)) :: identity, inverse, m
-      integer :: i, info, n, pivots(size(self%now, 3))
-
-      n = size(self%now, 3)
-      identity = 0.0_wp
-      do i = 1, n
-         identity(i, i) = 1.0_wp
-      end do
-      m = identity
-      do i = 2, characteristic%n_steps + 1
-         m = matmul(memory%ds_ds_old(1, :, :, 1 + modulo(i - 1, characteristic%n_steps)), m)
-      end do
-      m = identity - characteristic%closing*m
-      inverse = identity
-      call dgetrf(n, n, m, n, pivots, info)
-      if (info /= 0) return
-      call dgetrs("N", n, n, m, n, pivots, inverse, n, info)
-      if (maxval(abs(inverse)) < largest_inverse) self%closing = inverse
-   end subroutine find_closing
 
    !> Columns of the first slice after loading from rest.
    subroutine load_columns(self, memory)

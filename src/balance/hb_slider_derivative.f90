@@ -49,9 +49,20 @@ contains
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(in) :: weight_slope(:)                         !! derivative of the weights, (n_neighbours)
       real(wp) :: change, largest_move
+      real(wp), allocatable :: closing(:, :)
       integer :: round
 
       call sliders%differentiable()
+      if (sliders%has_jumped) then
+         sliders%states(:, :, 1) = sliders%before
+         call sliders%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+         call sliders%find_closing(characteristic, closing)
+         self%states(:, :, 1) = 0.0_wp
+         call self%go_round(sliders, characteristic, weight_slope)
+         if (allocated(closing)) self%states(1, :, 1) = matmul(closing, self%states(1, :, 1))
+         call repeat_rounds()
+         return
+      end if
       call sliders%load_from_rest(law, with_derivatives=.true.)
       call self%load_from_rest(sliders)
       if (sliders%is_clamped) then
@@ -66,14 +77,21 @@ contains
          end if
          if (round < sliders%rounds) call self%go_round(sliders, characteristic, weight_slope)
       end do
-      self%repeats = .false.
-      do round = 1, most_rounds                                       ! in the steps of the last round of the states
-         self%first = self%states(:, :, 1)
-         call self%go_round(sliders, characteristic, weight_slope)
-         change = maxval(abs(self%states(:, :, 1) - self%first))
-         self%repeats = change <= repeat_tolerance*max(maxval(abs(self%path)), maxval(abs(self%states)))
-         if (self%repeats) return
-      end do
+      call repeat_rounds()
+
+   contains
+
+      !> In the steps of the last round of the states.
+      subroutine repeat_rounds()
+         self%repeats = .false.
+         do round = 1, most_rounds
+            self%first = self%states(:, :, 1)
+            call self%go_round(sliders, characteristic, weight_slope)
+            change = maxval(abs(self%states(:, :, 1) - self%first))
+            self%repeats = change <= repeat_tolerance*max(maxval(abs(self%path)), maxval(abs(self%states)))
+            if (self%repeats) return
+         end do
+      end subroutine repeat_rounds
    end subroutine slider_derivative_march
 
    !> Finds how the places to which sliders are clamped change along the direction.

@@ -8,17 +8,23 @@
 !> A slider between bounds ends each step at its start, but no lower than where one from far below ends, nor higher than one
 !> from far above (a play operator is a clamp, and so are clamps one after the other). Over many lines these two places are found
 !> once for all rounds, `low` and `high`.
+!>
+!> A slider in a plane that slips little comes back to its place over many rounds, each a little nearer. On one line what a round
+!> makes of a change of its start, M, is known: where many rounds have not done, Newton's method goes to the place where they end.
 module hb_slider_states
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
+   use hb_lapack, only: dgetrf, dgetrs
    use hb_slider, only: pushed_by
    implicit none
    private
    public :: slider_states_t, most_rounds, new_slider_states, repeat_tolerance
 
    integer, parameter :: most_rounds = 1000
+   integer, parameter :: many_rounds = 40, between_jumps = 4
+   real(wp), parameter :: largest_inverse = 1.0e6_wp                  ! of 1 - M; beyond, sliders hardly slip
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
 
    !> Samples stand slice by slice: (n_slice, ..., n_steps).
@@ -29,6 +35,7 @@ module hb_slider_states
       integer :: rounds = 0                                           !! until the states repeated
       logical :: repeats = .true.                                     !! false: not within `most_rounds`
       logical :: full_stick = .false.                                 !! no state moved in the last round
+      logical :: has_jumped = .false.                                 !! towards where rounds end: those from rest do not lead there
       real(wp), allocatable :: ds_ds_old(:, :, :, :)                  !! (n_slice, n_states, n_states, n_steps)
       real(wp), allocatable :: ds_dpath(:, :, :, :, :)                !! (n_slice, n_states, n_coordinates, n_path_parts, n_steps)
       real(wp), allocatable :: before(:, :)                           !! first slice before the last round, (n_slice, n_states)
@@ -44,6 +51,7 @@ module hb_slider_states
       procedure :: differentiable => slider_states_differentiable
       procedure :: load_from_rest => slider_states_load_from_rest
       procedure :: go_round => slider_states_go_round
+      procedure :: find_closing => slider_states_find_closing
       procedure :: go_clamped_round => slider_states_go_clamped_round
       procedure :: find_clamp_slopes => slider_states_find_clamp_slopes
       procedure :: mean_slope => slider_states_mean_slope
@@ -86,9 +94,12 @@ contains
       self%is_clamped = law%has_bounds .and. characteristic%n_slice > 1
       if (self%is_clamped) call find_clamps(self, law)
       self%rounds = 0
+      self%has_jumped = .false.
       do
          if (self%is_clamped) then
             call self%go_clamped_round(characteristic, change, largest_move)
+         else if (characteristic%n_slice == 1 .and. self%rounds >= many_rounds .and. modulo(self%rounds, between_jumps) == 0) then
+            call jump(self, law, characteristic, change, largest_move)
          else
             call self%go_round(law, characteristic, with_derivatives=.false., change=change, largest_move=largest_move)
          end if
@@ -151,6 +162,48 @@ contains
       end do
       change = maxval(abs(self%states(:, :, 1) - self%before))
    end subroutine slider_states_go_round
+
+   !> Goes once round one line, and from there to where further rounds would end if they all answered as this one.
+   subroutine jump(self, law, characteristic, change, largest_move)
+      class(slider_states_t), intent(inout) :: self
+      class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), intent(out) :: change, largest_move                   !! of the round
+      real(wp), allocatable :: closing(:, :)
+
+      call self%differentiable()
+      call self%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+      call self%find_closing(characteristic, closing)
+      if (.not. allocated(closing) .or. .not. change > 0.0_wp) return
+      self%states(1, :, 1) = self%before(1, :) + matmul(closing, self%states(1, :, 1) - self%before(1, :))
+      change = huge(1.0_wp)                                           ! the next round tells
+      self%has_jumped = .true.
+   end subroutine jump
+
+   !> (1 - M)**-1 of the last round of one line, with derivatives; not allocated where that is next to singular.
+   subroutine slider_states_find_closing(self, characteristic, closing)
+      class(slider_states_t), intent(in) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), allocatable, intent(out) :: closing(:, :)             !! (n_states, n_states)
+      real(wp), dimension(size(self%states, 2), size(self%states, 2)) :: identity, inverse, m
+      integer :: i, info, n, pivots(size(self%states, 2))
+
+      n = size(m, 1)
+      identity = 0.0_wp
+      do i = 1, n
+         identity(i, i) = 1.0_wp
+      end do
+      m = identity
+      do i = 2, characteristic%n_steps + 1
+         m = matmul(self%ds_ds_old(1, :, :, 1 + modulo(i - 1, characteristic%n_steps)), m)
+      end do
+      m = identity - characteristic%closing*m
+      inverse = identity
+      call dgetrf(n, n, m, n, pivots, info)
+      if (info /= 0) return
+      call dgetrs("N", n, n, m, n, pivots, inverse, n, info)
+      if (maxval(abs(inverse)) < largest_inverse) closing = inverse
+   end subroutine slider_states_find_closing
 
    !> Finds `low` and `high` of all steps.
    subroutine find_clamps(self, law)

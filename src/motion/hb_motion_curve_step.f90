@@ -143,7 +143,7 @@ contains
          if (has_branched) then
             branch%curve = curve
             call find(branch, [-curve%orientation, curve%orientation], 0.0_wp, curve_kind%branch)
-            if (is_found) call sharpen(bifurcation%branch, is_there)
+            if (is_found) call sharpen(bifurcation%branch, [0.0_wp, curve%last_step], is_there)
          end if
          do i = 1, size(request%peaks)
             if (.not. (slopes_before(i) > 0.0_wp .and. slopes(i) <= 0.0_wp)) cycle
@@ -169,17 +169,7 @@ contains
                          curve_kind%graze)
             end do
          end do
-         if (allocated(self%stability%multipliers) .and. allocated(stability%multipliers) .and. &
-             all(self%waiting%kind /= curve_kind%graze)) then
-            change%problem => self%problem
-            change%which = self%which
-            do i = bifurcation%branch, bifurcation%torus
-               if (i == bifurcation%branch .and. (n_pieces > 1 .or. has_branched .or. tells_all(self))) cycle   ! that is known
-               change%kind = i
-               call find_bifurcation([bifurcation_value(i, self%stability%multipliers), &
-                                      bifurcation_value(i, stability%multipliers)])
-            end do
-         end if
+         call find_bifurcations()
          ends = [request%from, request%to]
          wanted = [ends, request%values]
          event%unit = abs(request%to - request%from)
@@ -219,14 +209,53 @@ contains
          if (is_found) call add(kind, place, x)
       end subroutine find
 
-      !> Between two points at which the function of `change` is known; real multipliers that pass each other's inverse are none.
-      subroutine find_bifurcation(at_ends)
-         real(wp), intent(in) :: at_ends(2)
+      !> What multipliers tell on each piece of the step between its grazes, where they may jump.
+      subroutine find_bifurcations()
+         real(wp), parameter :: beside = 1.0e-6_wp                    ! a graze, in steps
+         real(wp), allocatable :: grazes(:)
+         type(stability_t) :: at_ends(2)
+         real(wp) :: piece(2)
+         integer :: i_kind, i_piece
+
+         change%problem => self%problem
+         change%which = self%which
+         call put_in_order(self%waiting)
+         grazes = pack(self%waiting%place, self%waiting%kind == curve_kind%graze)
+         do i_piece = 0, size(grazes)
+            piece = [0.0_wp, self%curve%last_step]
+            at_ends = [self%stability, stability]
+            if (i_piece > 0) call look_at(grazes(i_piece) + beside*self%curve%last_step, piece(1), at_ends(1))
+            if (i_piece < size(grazes)) call look_at(grazes(i_piece + 1) - beside*self%curve%last_step, piece(2), at_ends(2))
+            if (.not. (piece(1) < piece(2) .and. allocated(at_ends(1)%multipliers) .and. allocated(at_ends(2)%multipliers))) cycle
+            do i_kind = bifurcation%branch, bifurcation%torus
+               if (i_kind == bifurcation%branch .and. (n_pieces > 1 .or. has_branched .or. tells_all(self))) cycle   ! that is known
+               change%kind = i_kind
+               call find_bifurcation(piece, [bifurcation_value(i_kind, at_ends(1)%multipliers), &
+                                             bifurcation_value(i_kind, at_ends(2)%multipliers)])
+            end do
+         end do
+      end subroutine find_bifurcations
+
+      subroutine look_at(there, place, stability_there)
+         real(wp), intent(in) :: there
+         real(wp), intent(out) :: place
+         type(stability_t), intent(out) :: stability_there            !! without multipliers where they are not found
+         logical :: is_on_curve
+
+         place = there
+         call self%curve%point_at(place, x, is_on_curve)
+         if (is_on_curve) call find_stability(self%problem, self%which, x, self%problem%scene%stability%tolerance, stability_there)
+      end subroutine look_at
+
+      !> On a piece of the step, at whose ends the function of `change` is known; real multipliers that pass each other's inverse
+      !> are none.
+      subroutine find_bifurcation(piece, at_ends)
+         real(wp), intent(in) :: piece(2), at_ends(2)
          type(stability_t) :: there
          real(wp) :: place
 
          if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) < left_behind) return
-         call self%curve%find_zero(change, [0.0_wp, self%curve%last_step], at_ends, located_multiplier, x, place, is_found)
+         call self%curve%find_zero(change, piece, at_ends, located_multiplier, x, place, is_found)
          if (.not. is_found) return
          if (change%kind == bifurcation%torus) then
             call find_stability(self%problem, self%which, x, sharp, there)
@@ -238,14 +267,15 @@ contains
          case (bifurcation%doubling); call add(curve_kind%flip, place, x)
          case default; call add(curve_kind%torus, place, x)
          end select
-         call sharpen(change%kind, is_there)
+         call sharpen(change%kind, piece, is_there)
          if (change%kind == bifurcation%branch .and. .not. is_there) self%waiting = self%waiting(:size(self%waiting) - 1)
       end subroutine find_bifurcation
 
       !> Moves the bifurcation found last to where it is of the motion that repeats when it is marched: near a kink of a law the
       !> multipliers of a truncated motion are off to first order in what is cut off.
-      subroutine sharpen(kind, is_there)
+      subroutine sharpen(kind, piece, is_there)
          integer, intent(in) :: kind
+         real(wp), intent(in) :: piece(2)                             !! of the step, on which that is looked for
          logical, intent(out) :: is_there                             !! false: that motion has none on the step
          real(wp), parameter :: widths(4) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp, 1.0_wp]   ! of the step
          type(bifurcation_event_t) :: marched
@@ -263,7 +293,7 @@ contains
             marched%kind = kind
             marched%is_marched = .true.
             do i = 1, size(widths)
-               ends = min(max(found%place + widths(i)*curve%last_step*[-1.0_wp, 1.0_wp], 0.0_wp), curve%last_step)
+               ends = min(max(found%place + widths(i)*curve%last_step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
                do k = 1, 2
                   call curve%point_at(ends(k), x, is_on_curve)
                   if (.not. is_on_curve) return

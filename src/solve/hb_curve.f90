@@ -150,20 +150,23 @@ contains
    subroutine curve_turn(self)
       class(curve_t), intent(inout) :: self
       real(wp) :: direction(size(self%x)), factor, sign_now
-      logical :: is_singular
+      logical :: is_back, is_other, is_singular
 
       self%angle = 0.0_wp
       call self%tangent_at(self%x, direction, sign_now, is_singular)
       if (is_singular) then
          if (.not. allocated(self%last_x)) self%status = outcome%singular   ! else the old direction must do
       else
-         if (self%orientation*sign_now < 0.0_wp .and. .not. self%is_along_form) then
-            if (dot_product(direction/self%units, self%direction/self%units) > self%config%little) then
-               self%n_branch_points = self%n_branch_points + 1
-               self%orientation = sign_now
-            else
-               direction = -direction
+         if (.not. self%is_along_form .and. abs(self%orientation*sign_now) > 0.0_wp) then
+            is_other = self%orientation*sign_now < 0.0_wp
+            is_back = .false.
+            if (dot_product(direction/self%units, self%direction/self%units) <= self%config%little) then
+               is_back = is_other
+               if (allocated(self%part) .and. allocated(self%last_x)) call look_at_part(self, is_back)
             end if
+            if (is_other .neqv. is_back) self%n_branch_points = self%n_branch_points + 1
+            if (is_back) direction = -direction
+            self%orientation = merge(-sign_now, sign_now, is_back)
          else if (abs(sign_now) > 0.0_wp) then
             self%orientation = sign_now
          end if
@@ -175,9 +178,23 @@ contains
       factor = 1.0_wp
       if (self%last_iterations <= self%config%easy_iterations) factor = self%config%growth
       if (self%config%angle > 0.0_wp .and. self%angle*factor > self%config%angle) &
-         factor = max(self%config%reduction, self%config%angle/self%angle)
+         factor = max(self%config%reduction, self%config%angle/self%angle, self%config%shortest_step/self%step)
       if (abs(factor - 1.0_wp) > 0.0_wp) self%step = min(self%config%longest_step, factor*self%step)
    end subroutine curve_turn
+
+   !> Whether the determinant of `part` changes its sign on the last step: what leaves that part may change the sign of the
+   !> whole one at the same kink.
+   subroutine look_at_part(self, is_changed)
+      type(curve_t), intent(inout) :: self
+      logical, intent(inout) :: is_changed                            !! stays where that is not known
+      real(wp) :: direction(size(self%x)), sign_before, sign_now
+      logical :: is_singular
+
+      call tangent_of_part(self, self%last_x, direction, sign_before, is_singular)
+      if (is_singular) return
+      call tangent_of_part(self, self%x, direction, sign_now, is_singular)
+      if (.not. is_singular) is_changed = sign_before*sign_now < 0.0_wp
+   end subroutine look_at_part
 
    !> Angle between two vectors [rad], exact for small ones as well.
    pure real(wp) function angle_between(a, b) result(angle)
@@ -318,7 +335,6 @@ contains
       real(wp), intent(out), contiguous :: tangent(:)
       real(wp), intent(out) :: determinant_sign
       logical, intent(out) :: is_singular
-      type(tangent_solver_t) :: solver
       logical :: is_possible
 
       determinant_sign = 0.0_wp
@@ -326,19 +342,58 @@ contains
       is_singular = .not. is_possible
       if (is_singular) return
       call self%put_plane(x, self%direction, 0.0_wp)
-      call new_tangent_solver(solver, self%problem, x, is_singular)
-      self%report%factorizations = self%report%factorizations + 1
-      self%report%work = self%report%work + self%problem%tangent_work
+      call find_tangent(self%problem, x, self%report, tangent, determinant_sign, is_singular)
+      if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
+   end subroutine curve_tangent_at
+
+   !> The vector that a problem, which stands at x, takes to zero but for its last form.
+   subroutine find_tangent(problem, x, report, tangent, determinant_sign, is_singular)
+      type(bordered_problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: x(:)
+      type(report_t), intent(inout) :: report
+      real(wp), intent(out), contiguous :: tangent(:)
+      real(wp), intent(out) :: determinant_sign                       !! 0 where that is not known
+      logical, intent(out) :: is_singular
+      type(tangent_solver_t) :: solver
+
+      determinant_sign = 0.0_wp
+      call new_tangent_solver(solver, problem, x, is_singular)
+      report%factorizations = report%factorizations + 1
+      report%work = report%work + problem%tangent_work
       if (is_singular) return
       determinant_sign = solver%determinant_sign()
       tangent = 0.0_wp
       tangent(size(tangent)) = 1.0_wp
-      call solver%solve(self%problem, tangent, is_singular)
+      call solver%solve(problem, tangent, is_singular)
+   end subroutine find_tangent
+
+   !> As `tangent_at`, of the problem whose motions are corrected.
+   subroutine tangent_of_part(self, x, tangent, determinant_sign, is_singular)
+      type(curve_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(out), contiguous :: tangent(:)
+      real(wp), intent(out) :: determinant_sign
+      logical, intent(out) :: is_singular
+      real(wp) :: y(size(self%kept))
+      logical :: is_possible
+
+      determinant_sign = 0.0_wp
+      call self%part%move_to(x(self%kept), is_possible)
+      is_singular = .not. is_possible
+      if (is_singular) return
+      call self%put_plane(x, self%direction, 0.0_wp)
+      self%part%forms = self%problem%forms(self%kept, :)
+      self%part%values = self%problem%values
+      call self%part%rescale()
+      call find_tangent(self%part, x(self%kept), self%report, y, determinant_sign, is_singular)
+      tangent = 0.0_wp
+      tangent(self%kept) = y
       if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
-   end subroutine curve_tangent_at
+   end subroutine tangent_of_part
 
    !> Turns the direction at a kink so sharp that no plane across the direction meets what follows. What follows has
-   !> the tangent of the next piece, in the sense that keeps the sign of the determinant.
+   !> the tangent of the next piece, in the sense that keeps the sign of the determinant: of `part`, where there is one, since what
+   !> leaves it may change the sign at the same kink.
    subroutine curve_turn_at_kink(self, is_possible)
       class(curve_t), intent(inout) :: self
       logical, intent(out) :: is_possible
@@ -347,9 +402,15 @@ contains
       logical :: is_singular
 
       is_possible = .false.
-      call self%tangent_at(self%x, same, sign_before, is_singular)
-      if (is_singular) return
-      call self%tangent_at(self%x + self%config%kink_step*self%direction, next, sign_beyond, is_singular)
+      if (allocated(self%part)) then
+         call tangent_of_part(self, self%x, same, sign_before, is_singular)
+         if (.not. is_singular) &
+            call tangent_of_part(self, self%x + self%config%kink_step*self%direction, next, sign_beyond, is_singular)
+      else
+         call self%tangent_at(self%x, same, sign_before, is_singular)
+         if (.not. is_singular) &
+            call self%tangent_at(self%x + self%config%kink_step*self%direction, next, sign_beyond, is_singular)
+      end if
       if (is_singular) return
       is_possible = sign_before*sign_beyond < 0.0_wp
       if (.not. is_possible) return

@@ -82,6 +82,15 @@ contains
          if (self%follow == followed(2) .and. size(self%peak_of) /= 1) &
             call group%problem("peak_of", "name the one response whose maximum is followed")
          if (abs(self%start - self%from) > 0.0_wp) call group%problem("start", "a peak or fold is followed from 'from'")
+         if (size(self%others) > 0) call group%problem("others", "is for the motion itself, not for a peak or fold")
+         if (self%switches) call group%problem("switch", "is for the motion itself, not for a peak or fold")
+         if (group%given("over") .and. group%given("parameter")) then
+            if (self%over == self%path) call group%problem("over", "moves along 'parameter' already; name another value")
+         end if
+         if (group%given("over_from") .and. group%given("over_to")) then
+            if (.not. abs(self%over_to - self%over_from) > 0.0_wp) &
+               call group%problem("over_to", "is the same as 'over_from': there is no way to go")
+         end if
       end if
       self%origin = ""
       call group%get("origin", self%origin)
@@ -95,8 +104,6 @@ contains
          call check_values("values", self%values)
          call check_values("others", self%others)
       end if
-      if (size(self%others) > 0 .and. self%follow /= followed(1)) &
-         call group%problem("others", "is for the motion itself, not for a peak or fold")
       call group%finish(error)
       if (allocated(error)) return
       call document%resolve(self%path, self%parameter, error)

@@ -34,6 +34,7 @@ STOP = """
 &accuracy tolerance = 1e-3 /
 &curve parameter = 'tones%frequency', from = 0.3, to = 1.2, points = 300 /
 """
+RIDGE = "parameter = 'load(1)%cos', from = 0.18, to = 0.1, follow = 'fold'"
 UNUSED, PENDING, COLLAPSED = 17, 0, 10
 FOLD, GRAZE = 3, 11
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
@@ -222,6 +223,9 @@ def test_progress_counts_points_and_not_the_room_for_them(tmp_path):
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x2'", "unknown degree of freedom 'x2'"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x1 (1,0)'", "is no response"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x1 (9)'", "does not have this tuple"),
+        (f"{RIDGE}, over = 'tones%frequency', over_from = 0.5, over_to = 1.5, switch = .true.", "switch: is for the motion"),
+        (f"{RIDGE}, over = 'load(1)%cos', over_from = 0.5, over_to = 1.5", "moves along 'parameter' already"),
+        (f"{RIDGE}, over = 'tones%frequency', over_from = 0.5, over_to = 0.5", "over_to: is the same as 'over_from'"),
         (
             "parameter = 'tones%frequency', from = 0.5, to = 1.5 /\n&sweep parameter = 'tones%frequency', values = 1, 2",
             "moves along the curve",

@@ -374,6 +374,13 @@ MUTANTS = [
             "self%high(:, k, i) + sliders%high_slope(:, k, c, part, i)",
             "self%high(:, k, i) + sliders%low_slope(:, k, c, part, i)",
         ),
+        (
+            "slider_jump_slope",
+            "test_hb_friction",
+            "the derivative of sliders that hardly slip goes through rounds from rest",
+            "if (sliders%has_jumped) then",
+            "if (sliders%has_jumped .and. sliders%full_stick) then",
+        ),
     ),
     *of(
         "balance/hb_slider_states.f90",
@@ -383,6 +390,13 @@ MUTANTS = [
             "over many lines nothing pushes sliders down",
             "self%states(p, k, now) = min(max(w, low), high)",
             "self%states(p, k, now) = max(w, low)",
+        ),
+        (
+            "slider_jump",
+            "test_hb_friction",
+            "sliders that hardly slip go round until they are given up",
+            "self%rounds >= many_rounds .and.",
+            "self%rounds >= most_rounds .and.",
         ),
     ),
     *of(

@@ -232,6 +232,13 @@ MUTANTS = [
             "            marched%is_marched = .false.",
         ),
         (
+            "motion_curve_hidden",
+            "test_curve_bifurcations",
+            "a graze hides what is on the same step",
+            "            piece = [0.0_wp, self%curve%last_step]\n",
+            "            if (size(grazes) > 0) cycle\n            piece = [0.0_wp, self%curve%last_step]\n",
+        ),
+        (
             "motion_curve_no_fold",
             "test_hb_motion_curve",
             "folds are not looked for",

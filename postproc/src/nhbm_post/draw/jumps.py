@@ -8,14 +8,14 @@ import numpy as np
 def jumps_at_folds(x: np.ndarray, y: np.ndarray, kind: np.ndarray, stability: np.ndarray) -> list[tuple[float, float, float]]:
     """(x, y of the fold, y of the motion jumped to) of each fold at which what is stable ends.
 
-    Points are in the order of the arc. A jump leads to the stable motion of the curve at the same x that is nearest in y; there
+    Points are in the order of the arc; next to a fold a multiplier is 1 but for rounding, and what is known a little farther
+    along the curve tells. A jump leads to the stable motion of the curve at the same x that is nearest in y; there
     is none where stability is not known, and where the curve has no stable motion at this x.
     """
     jumps = []
     stable = stability > 0
     for fold in np.flatnonzero(kind == "fold"):
-        sides = stability[max(0, fold - 1) : fold + 2 : 2]
-        if not (sides.size == 2 and (sides > 0).any() and (sides < 0).any()):
+        if _known_beside(fold, -1, kind, stability) * _known_beside(fold, 1, kind, stability) >= 0:
             continue
         to = [
             y[i] + (x[fold] - x[i]) / (x[i + 1] - x[i]) * (y[i + 1] - y[i])
@@ -27,3 +27,13 @@ def jumps_at_folds(x: np.ndarray, y: np.ndarray, kind: np.ndarray, stability: np
         if to:
             jumps.append((float(x[fold]), float(y[fold]), float(min(to, key=lambda height: abs(height - y[fold])))))
     return jumps
+
+
+def _known_beside(fold: int, step: int, kind: np.ndarray, stability: np.ndarray) -> int:
+    """What is known of the stability on one side of a fold, as far as nothing else happens there; 0 where nothing is."""
+    i = fold + step
+    while 0 <= i < kind.size and kind[i] in ("regular", "peak", "value", "start", "end"):
+        if stability[i] != 0:
+            return int(stability[i])
+        i += step
+    return 0
