@@ -38,7 +38,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), dimension(self%n_dofs, self%n_dofs) :: df_dq, df_dv, df_ds
 
-      call self%sample(u)
+      call self%sample_if_new(u)
       call self%law_set%differentiate(error)
       if (allocated(error)) return
       call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
