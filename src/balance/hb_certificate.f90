@@ -40,6 +40,7 @@ module hb_certificate
    real(wp), parameter :: most_given_way = 2.0_wp                     ! to a stop: motion kept, relative to that left out
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
    real(wp), parameter :: accuracy_of_estimates = 1.0e-6_wp           ! solutions with the tangent from products
+   real(wp), parameter :: accuracy_of_choice = 1.0e-3_wp              ! likewise, where they choose another set
    real(wp), parameter :: accuracy_of_improvement = 1.0e-8_wp
    integer, parameter :: most_iterations = 30                         ! of another solution to compare with
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
@@ -68,6 +69,7 @@ module hb_certificate
       real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_law_dofs);
                                                                       !! not allocated where it was not asked for
       logical, private :: keeps_refined = .false.                     ! of several tones, too
+      real(wp), private :: accuracy = accuracy_of_estimates           ! of solutions from products
       complex(wp), allocatable :: refined(:, :)                       !! motion with its first-order errors taken out [m], (all
                                                                       !! dofs, tuples of `around`); of several tones if asked for
    end type certificate_t
@@ -98,6 +100,8 @@ contains
       type(torus_t) :: grid
 
       if (present(keeps_refined)) self%keeps_refined = keeps_refined
+      if (present(looks_near)) self%accuracy = merge(accuracy_of_choice, accuracy_of_estimates, looks_near)
+      if (n_steps > 0) self%accuracy = accuracy_of_improvement
       call new_tones(tones, balance%omega, error)
       if (allocated(error)) return
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
@@ -303,7 +307,7 @@ contains
       type(phase_problem_t), intent(inout), optional :: phase
       class(bordered_problem_t), intent(inout), optional :: curve
       type(tangent_solver_t) :: tangent
-      real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:)
+      real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), unbalanced(:)
       real(wp) :: aliasing, size_of_motion
       integer :: i, n
       logical :: is_rigid, is_singular, is_there
@@ -316,7 +320,7 @@ contains
       n = balance%n_unknowns
       if (present(phase)) n = phase%n_unknowns
       if (present(curve)) n = curve%n_unknowns
-      allocate (change(n), alias(n))
+      allocate (change(n), alias(n), unbalanced(n))
       self%truncation = huge(1.0_wp)
       self%aliasing = huge(1.0_wp)
       if (present(phase)) then
@@ -325,19 +329,18 @@ contains
       else if (present(curve)) then
          call new_tangent_solver(tangent, curve, curve%unknowns([u]), is_singular)
       else
-         call new_tangent_solver(tangent, balance, reshape(u, [size(u)]), is_singular, &
-                                 merge(accuracy_of_estimates, accuracy_of_improvement, n_steps == 0))
+         call new_tangent_solver(tangent, balance, reshape(u, [size(u)]), is_singular, self%accuracy)
       end if
       if (is_singular) return
       call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
       call residual_of(wide, big, defect)
       if (.not. all(ieee_is_finite(defect))) return                   ! out of the range of a law, between samples
-      alias = restricted(defect, big)
-      change = alias
+      unbalanced = restricted(defect, big)
+      alias = unbalanced
       call solve_tangent(alias)
       if (is_singular) return
       aliasing = norm2(alias(:size(u)))/size_of_motion
-      if (.not. has_multipliers(balance) .and. any(abs(change(:size(u))) > much_force*balance%r_scale)) then
+      if (.not. has_multipliers(balance) .and. any(abs(unbalanced(:size(u))) > much_force*balance%r_scale)) then
          call start_from_finer_grid(is_there)
          if (is_singular .or. .not. is_there) return
       end if
@@ -354,10 +357,9 @@ contains
       self%neglected = amplitudes(wide%harmonics, answer)/size_of_motion
       call residual_of(wide, big - answer, defect)
       if (.not. all(ieee_is_finite(defect))) return                   ! what cannot be looked at is not known
-      change = restricted(defect, big - answer)
+      change = restricted(defect, big - answer) - unbalanced
       call solve_tangent(change)
       if (is_singular) return
-      change = change - alias
       if (is_rigid .and. .not. has_multipliers(balance)) &
          change = change*min(1.0_wp, most_given_way*norm2(answer)/max(norm2(change(:size(u))), tiny(1.0_wp)))
       self%truncation = sqrt(norm2(change(:size(u)))**2 + norm2(answer)**2)/size_of_motion
@@ -399,14 +401,15 @@ contains
       !> what the motion is then left with are not its forces. Where one linear step does not lead there, nothing is known.
       subroutine start_from_finer_grid(is_there)
          logical, intent(out) :: is_there
-         real(wp) :: moved(size(big, 1), size(big, 2)), unbalanced
+         real(wp) :: moved(size(big, 1), size(big, 2)), before
 
-         unbalanced = norm2(change(:size(u)))
+         before = norm2(unbalanced(:size(u)))
          call transfer_coefficients(balance%harmonics, wide%harmonics, reshape(alias(:size(u)), shape(u)), moved)
          big = big - moved
          call residual_of(wide, big, defect)
-         alias = restricted(defect, big)
-         is_there = norm2(alias(:size(u))) < nearer*unbalanced
+         unbalanced = restricted(defect, big)
+         alias = unbalanced
+         is_there = norm2(unbalanced(:size(u))) < nearer*before
          if (is_there) call solve_tangent(alias)
       end subroutine start_from_finer_grid
 

@@ -13,6 +13,12 @@ module hb_motion_series
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
       complex(wp), allocatable :: amplitudes(:, :)                    !! (n_coordinates, n_harmonics)
+      integer, allocatable, private :: rows(:, :)                     ! tuples without their last entry, (n_tones - 1, any)
+      integer, allocatable, private :: first(:)                       ! part of each row, and one behind the last
+      integer, allocatable, private :: orders(:)                      ! size of the last entry in each part
+      real(wp), allocatable, private :: parts(:, :, :)                ! of rows, (8, n_coordinates, any): factors of the cosine and
+                                                                      ! of the sine of so many times the last phase, each real and
+                                                                      ! imaginary; of the place, then of the rate
       integer, private :: highest = 0                                 ! entry of a tuple
    contains
       procedure :: at => motion_series_at
@@ -34,7 +40,59 @@ contains
       self%frequencies = matmul(omega, real(tuples, wp))
       self%amplitudes = amplitudes
       self%highest = max(1, maxval(abs(tuples)))
+      call gather_rows(self)
    end subroutine new_motion_series
+
+   !> Puts tuples that differ in their last entry alone side by side: those of k and -k share cosine and sine of k times the phase.
+   pure subroutine gather_rows(self)
+      type(motion_series_t), intent(inout) :: self
+      complex(wp), parameter :: i = (0.0_wp, 1.0_wp)
+      integer :: part(0:self%highest), row(size(self%frequencies))
+      integer :: h, k, n, n_rows, r
+
+      associate (n_tones => size(self%omega), tuples => self%tuples)
+         allocate (self%rows(n_tones - 1, size(row)), self%first(size(row) + 1), self%orders(size(row)))
+         allocate (self%parts(8, self%n_coordinates, size(row)), source=0.0_wp)
+         n_rows = 0
+         do h = 1, size(row)
+            do r = 1, n_rows
+               if (all(self%rows(:, r) == tuples(:n_tones - 1, h))) exit
+            end do
+            row(h) = r
+            self%rows(:, r) = tuples(:n_tones - 1, h)
+            n_rows = max(n_rows, r)
+         end do
+         n = 0
+         do r = 1, n_rows
+            self%first(r) = n + 1
+            part = 0
+            do h = 1, size(row)
+               if (row(h) /= r) cycle
+               k = abs(tuples(n_tones, h))
+               if (part(k) == 0) then
+                  n = n + 1
+                  part(k) = n
+                  self%orders(n) = k
+               end if
+               call add(self%parts(1:4, :, part(k)), self%amplitudes(:, h))
+               call add(self%parts(5:8, :, part(k)), i*self%frequencies(h)*self%amplitudes(:, h))
+            end do
+         end do
+         self%first = [self%first(:n_rows), n + 1]
+      end associate
+
+   contains
+
+      pure subroutine add(part, amplitudes)
+         real(wp), intent(inout) :: part(:, :)
+         complex(wp), intent(in) :: amplitudes(:)
+         complex(wp) :: of_sine(size(amplitudes))
+
+         of_sine = i*sign(1, self%tuples(size(self%omega), h))*amplitudes
+         part = part + transpose(reshape([real(amplitudes), aimag(amplitudes), real(of_sine), aimag(of_sine)], &
+                                         [size(amplitudes), 4]))
+      end subroutine add
+   end subroutine gather_rows
 
    !> Phases of all tones at several times, (n_tones, n_times).
    pure function motion_series_phases(self, times) result(phases)
@@ -61,15 +119,17 @@ contains
       end do
    end subroutine motion_series_at
 
-   !> Coordinates and their rates at a few phases, side by side: exp(i j.tau) of each tuple from powers of those of the tones.
+   !> Coordinates and their rates at a few phases, side by side: multiples of each phase from the one before, rows from those of the
+   !> last tone.
    pure subroutine sum_up(self, phases, z, v)
       type(motion_series_t), intent(in) :: self
       real(wp), intent(in) :: phases(:, :)                            !! tau [rad], (n_tones, n_times), at most `n_together`
       real(wp), intent(out) :: z(:, :), v(:, :)                       !! (n_times, n_coordinates)
       real(wp), dimension(size(phases, 2), 0:self%highest, size(self%omega)) :: cosine, sine
       real(wp), dimension(size(phases, 2)) :: a, b, c, s
+      real(wp), dimension(size(phases, 2), 4) :: sums                 ! of a row: place, rate, each real and imaginary
       real(wp), dimension(size(phases, 2), self%n_coordinates) :: place, rate
-      integer :: coordinate, h, j, k, m
+      integer :: coordinate, i, j, k, last, m, n, r
 
       do m = 1, size(self%omega)
          cosine(:, 0, m) = 1.0_wp
@@ -83,21 +143,31 @@ contains
       end do
       place = 0.0_wp
       rate = 0.0_wp
-      do h = 1, size(self%frequencies)
-         j = self%tuples(1, h)
-         c = cosine(:, abs(j), 1)
-         s = sign(1, j)*sine(:, abs(j), 1)
-         do m = 2, size(self%omega)
-            j = self%tuples(m, h)
+      last = size(self%omega)
+      do r = 1, size(self%first) - 1
+         c = 1.0_wp
+         s = 0.0_wp
+         do m = 1, last - 1
+            j = self%rows(m, r)
             a = cosine(:, abs(j), m)*c - sign(1, j)*sine(:, abs(j), m)*s
             s = cosine(:, abs(j), m)*s + sign(1, j)*sine(:, abs(j), m)*c
             c = a
          end do
          do coordinate = 1, self%n_coordinates
-            associate (x => real(self%amplitudes(coordinate, h)), y => aimag(self%amplitudes(coordinate, h)))
-               place(:, coordinate) = place(:, coordinate) + (x*c - y*s)
-               rate(:, coordinate) = rate(:, coordinate) - self%frequencies(h)*(x*s + y*c)
-            end associate
+            sums = 0.0_wp
+            do n = self%first(r), self%first(r + 1) - 1
+               k = self%orders(n)
+               associate (part => self%parts(:, coordinate, n))
+                  do i = 1, size(phases, 2)
+                     sums(i, 1) = sums(i, 1) + (part(1)*cosine(i, k, last) + part(3)*sine(i, k, last))
+                     sums(i, 2) = sums(i, 2) + (part(2)*cosine(i, k, last) + part(4)*sine(i, k, last))
+                     sums(i, 3) = sums(i, 3) + (part(5)*cosine(i, k, last) + part(7)*sine(i, k, last))
+                     sums(i, 4) = sums(i, 4) + (part(6)*cosine(i, k, last) + part(8)*sine(i, k, last))
+                  end do
+               end associate
+            end do
+            place(:, coordinate) = place(:, coordinate) + (c*sums(:, 1) - s*sums(:, 2))
+            rate(:, coordinate) = rate(:, coordinate) + (c*sums(:, 3) - s*sums(:, 4))
          end do
       end do
       z = place

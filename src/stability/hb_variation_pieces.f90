@@ -89,48 +89,53 @@ contains
       self%has_slipped = .false.
    end subroutine settle_sliders
 
-   !> Changes of sign of the switches of law i.
+   !> Changes of sign of the switches of law i, all followed to their places together: a motion costs less at many times at once.
    subroutine find_switching(self, i, times, z, v, events)
       type(variation_t), intent(inout) :: self
       integer, intent(in) :: i
       real(wp), intent(in) :: times(:), z(:, :), v(:, :)
       type(event_t), allocatable, intent(out) :: events(:)
-      type(event_t), allocatable :: list(:)
-      real(wp) :: after(self%laws(i)%law%n_switches), before(size(after))
+      type(bracket_t) :: brackets(size(times)*self%laws(i)%law%n_switches)
+      integer :: of_switch(size(brackets))
+      real(wp) :: values(self%laws(i)%law%n_switches, size(times))
+      logical :: is_wide(size(brackets))
+      integer, allocatable :: wide(:)
       integer :: k, n, s
 
       n = 0
-      allocate (list(size(times)*size(after)))
-      associate (place => self%places(i), law => self%laws(i)%law)
-         call switches_at(self, i, times(1), before)
-         do k = 2, size(times)
-            call set_time(self, i, times(k))
-            call law%switches(z(k, place%first:place%last), v(k, place%first:place%last), after)
-            do s = 1, size(after)
-               if (before(s) > 0.0_wp .eqv. after(s) > 0.0_wp) cycle
-               n = n + 1
-               list(n)%time = root(times(k - 1), times(k), before(s), after(s), s)
-            end do
-            before = after
+      call switches_at(self, i, times, z, v, values)
+      do k = 2, size(times)
+         do s = 1, size(values, 1)
+            if (values(s, k - 1) > 0.0_wp .eqv. values(s, k) > 0.0_wp) cycle
+            n = n + 1
+            brackets(n) = bracket_t(low=times(k - 1), high=times(k), value_low=values(s, k - 1), value_high=values(s, k))
+            of_switch(n) = s
          end do
-      end associate
-      events = list(:n)
+      end do
+      do
+         do k = 1, n
+            is_wide(k) = brackets(k)%is_wide()
+         end do
+         wide = pack([(k, k=1, n)], is_wide(:n))
+         if (size(wide) == 0) exit
+         call narrow_together()
+      end do
+      events = [(event_t(time=brackets(k)%middle), k=1, n)]
 
    contains
 
-      real(wp) function root(from, to, value_from, value_to, s)
-         real(wp), intent(in) :: from, to, value_from, value_to
-         integer, intent(in) :: s
-         type(bracket_t) :: bracket
-         real(wp) :: value(size(after))
+      subroutine narrow_together()
+         real(wp), dimension(size(wide), self%n_coordinates) :: v_there, z_there
+         real(wp) :: there(size(values, 1), size(wide))
 
-         bracket = bracket_t(low=from, high=to, value_low=value_from, value_high=value_to)
-         do while (bracket%is_wide())
-            call switches_at(self, i, bracket%middle, value)
-            call bracket%narrow(value(s))
+         associate (middles => brackets(wide)%middle)
+            call self%motion%at(self%motion%phases(middles), z_there, v_there)
+            call switches_at(self, i, middles, z_there, v_there, there)
+         end associate
+         do k = 1, size(wide)
+            call brackets(wide(k))%narrow(there(of_switch(wide(k)), k))
          end do
-         root = bracket%middle
-      end function root
+      end subroutine narrow_together
    end subroutine find_switching
 
    !> Chooses the next middle, the start where nothing changes its sign; false where there is none to be looked at.
@@ -167,18 +172,19 @@ contains
       end if
    end subroutine bracket_narrow
 
-   !> Values of the switches of law i at one time.
-   subroutine switches_at(self, i, time, values)
+   !> Values of the switches of law i at several times, where the motion is known.
+   subroutine switches_at(self, i, times, z, v, values)
       type(variation_t), intent(inout) :: self
       integer, intent(in) :: i
-      real(wp), intent(in) :: time
-      real(wp), intent(out) :: values(:)
-      real(wp) :: v(1, self%n_coordinates), z(1, self%n_coordinates)
+      real(wp), intent(in) :: times(:), z(:, :), v(:, :)              !! (n_times), (n_times, n_coordinates)
+      real(wp), intent(out) :: values(:, :)                           !! (n_switches, n_times)
+      integer :: k
 
-      call self%motion%at(self%motion%phases([time]), z, v)
-      call set_time(self, i, time)
       associate (place => self%places(i))
-         call self%laws(i)%law%switches(z(1, place%first:place%last), v(1, place%first:place%last), values)
+         do k = 1, size(times)
+            call set_time(self, i, times(k))
+            call self%laws(i)%law%switches(z(k, place%first:place%last), v(k, place%first:place%last), values(:, k))
+         end do
       end associate
    end subroutine switches_at
 

@@ -93,6 +93,13 @@ MUTANTS = [
             "s = cosine(:, abs(j), m)*s + sign(1, j)*sine(:, abs(j), m)*c",
             "s = cosine(:, abs(j), m)*s + sine(:, abs(j), m)*c",
         ),
+        (
+            "series_side_by_side",
+            "test_hb_motion_series",
+            "of two tuples that differ in the sign of their last entry alone both turn the same way",
+            "of_sine = i*sign(1, self%tuples(size(self%omega), h))*amplitudes",
+            "of_sine = i*amplitudes",
+        ),
     ),
     *of(
         "stability/hb_period_map.f90",
@@ -171,6 +178,13 @@ MUTANTS = [
     ),
     *of(
         "stability/hb_variation_pieces.f90",
+        (
+            "variation_together",
+            "test_hb_monodromy",
+            "of events that are followed together each takes the value of the first",
+            "%narrow(there(of_switch(wide(k)), k))",
+            "%narrow(there(of_switch(wide(k)), 1))",
+        ),
         (
             "variation_no_switching",
             "test_hb_monodromy",
