@@ -95,14 +95,20 @@ class Marching:
         return (times, out) if done == n_looks else None
 
 
-def stops_of(results, point: int) -> tuple[Stops, list[str]]:
-    """The scene of a point and its degrees of freedom: a beam on pinned ends, or matrices, in both cases with loads in phase."""
+def stops_of(results, point: int) -> tuple[Stops, np.ndarray, list[str]]:
+    """The scene of a point, its base frequencies and degrees of freedom: a beam on pinned ends, or matrices;
+    loads are cosines."""
+    keys_of = re.compile(r"^ +(\w+) = (.*(?:\n {6}.*)*)", re.MULTILINE)
     groups = [
-        (name, {key: _value(text) for key, text in re.findall(r"^ +(\w+) = (.*(?:\n {6}.*)*)", body, re.MULTILINE)})
-        for name, body in re.findall(r"^&(structure|load|law)\n(.*?)^/", results.input_complete, re.MULTILINE | re.DOTALL)
+        (name, {key: _value(text) for key, text in keys_of.findall(body)})
+        for name, body in re.findall(r"^&(structure|tones|load|law)\n(.*?)^/", results.input_complete, re.MULTILINE | re.DOTALL)
     ]
     laws = [keys for name, keys in groups if name == "law"]
+    omega = np.array(next(keys["frequency"] for name, keys in groups if name == "tones"))
     for parameter in results.parameters.values():
+        tone = re.fullmatch(r"tones%frequency\((\d+)\)", parameter.path)
+        if tone:
+            omega[int(tone[1]) - 1] = parameter.values[point]
         place = re.fullmatch(r"law\((.*)\)%(\w+)", parameter.path)
         if place:
             number = next((i for i, law in enumerate(laws) if law["label"] == [place[1]]), None)
@@ -119,13 +125,12 @@ def stops_of(results, point: int) -> tuple[Stops, list[str]]:
                + structure["damping_stiffness"][0] * stiffness)  # fmt: skip
     of = {law.get("dof", law.get("dofs"))[0] for law in laws}
     assert len(of) == 1 and all(law["type"] == ["elastic_stop"] for law in laws), "other than elastic stops at one coordinate"
-    omega = np.asarray(results.frequency(point))
     loads = [
         (float(np.dot(keys["tuple"], omega)), keys["cos"][0] * np.array([dof == keys["dof"][0] for dof in dofs], dtype=float))
         for name, keys in groups if name == "load"
     ]  # fmt: skip
     stops = [(law.get("weights", [1.0])[0], law["stiffness"][0], law["gap"][0]) for law in laws if law["stiffness"][0] > 0.0]
-    return Stops(mass, damping, stiffness, np.array([dof in of for dof in dofs], dtype=float), loads, stops), dofs
+    return Stops(mass, damping, stiffness, np.array([dof in of for dof in dofs], dtype=float), loads, stops), omega, dofs
 
 
 def _value(text: str) -> list:
