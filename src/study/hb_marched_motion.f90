@@ -35,6 +35,7 @@ module hb_marched_motion
    integer, parameter :: first_window = 50                            ! periods of the slowest tone
    integer, parameter :: other_window = 70                            ! likewise, from a given state: averages of its own
    integer, parameter :: more_steps = 5                               ! of an implicit method, than there are samples
+   integer, parameter :: coarse_steps = 3                             ! likewise at first, where the set is given
    integer, parameter :: most_halvings = 3                            ! of fixed steps
    real(wp), parameter :: steps_of_mode = 1.0_wp                      ! of central differences in a radian of the fastest mode
    real(wp), parameter :: work_of_mode = 4.0_wp                       ! looks of cvode, likewise
@@ -77,18 +78,19 @@ contains
       type(march_state_t) :: last
       type(settled_t) :: again
       integer :: i
-      logical :: is_fast
+      logical :: by_cvode_alone, is_fast
 
-      is_fast = scene%march%method == march_method%cvode .and. scene%march%aim > 0.0_wp
+      by_cvode_alone = scene%march%aim <= 0.0_wp .and. any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])
+      is_fast = scene%march%method == march_method%cvode .and. .not. by_cvode_alone
       if (is_fast) is_fast = work_of_mode*fastest_of(scene)*periods_of_first(scene)*two_pi/minval(scene%tones%omega)* &
                              work_of_look(scene%structure%n_dofs, size(law_dofs)) > scene%march%work_limit
       if (.not. is_fast) then
          call follow(scene, law_dofs, watch, settled, last, error, start)
          if (scene%march%method /= march_method%cvode) return
          if (.not. settled%is_out_of_work .or. settled%status /= outcome%pending) return
-         if (scene%march%aim <= 0.0_wp .and. any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])) return
+         if (by_cvode_alone) return
       end if
-      call follow_in_steps(scene, law_dofs, watch, again, trouble, start)
+      call follow_in_steps(scene, law_dofs, watch, 2.0_wp*scene%march%work_limit - settled%work, again, trouble, start)
       again%work = again%work + settled%work
       settled%work = again%work
       if (.not. is_fast .and. (allocated(trouble) .or. again%status == outcome%pending)) return
@@ -97,22 +99,24 @@ contains
       settled = again
    end subroutine settle
 
-   !> Marches by a method of fixed steps; to an accuracy also with steps half as long from where that has ended, until the motion
+   !> Marches by a method of fixed steps and with steps half as long from where that has ended, to an accuracy until the motion
    !> no longer changes by more than is allowed. The answer is that of the shortest steps; the last change counts as its error.
-   subroutine follow_in_steps(scene, law_dofs, watch, settled, error, start)
+   subroutine follow_in_steps(scene, law_dofs, watch, budget, settled, error, start)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: law_dofs(:)
       class(watch_t), intent(inout) :: watch
+      real(wp), intent(in) :: budget                                  !! of work
       type(settled_t), intent(out) :: settled
       type(error_t), allocatable, intent(out) :: error
       type(march_state_t), intent(in), optional :: start
       type(march_state_t) :: last, now
       type(scene_t) :: stepped
       type(settled_t) :: coarse
-      real(wp) :: budget, change, work
+      real(wp) :: change
       integer :: i
+      logical :: is_aimed
 
-      budget = 2.0_wp*scene%march%work_limit                          ! cvode has mostly spent none of it
+      is_aimed = scene%march%aim > 0.0_wp
       stepped = scene
       if (any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])) then
          stepped%march%method = march_method%central_differences
@@ -120,37 +124,28 @@ contains
       else
          stepped%march%method = march_method%generalized_alpha
          stepped%march%spectral_radius = 0.0_wp
-         if (scene%march%aim > 0.0_wp) then
-            stepped%march%substeps = more_steps
-         else
-            stepped%march%step = scene%march%step/more_steps
-            stepped%march%steps_per_period = scene%march%steps_per_period*more_steps
-         end if
+         stepped%march%substeps = merge(more_steps, coarse_steps, is_aimed)
       end if
       call follow(stepped, law_dofs, watch, settled, last, error, start)
-      if (scene%march%aim <= 0.0_wp) then
-         if (allocated(settled%message)) settled%message = settled%message//"; implicit steps"
-         return
-      end if
       do i = 1, most_halvings
-         if (allocated(error) .or. settled%status /= outcome%marched) exit
+         if (allocated(error) .or. (is_aimed .and. settled%status /= outcome%marched)) exit
          coarse = settled
-         work = settled%work
          stepped%march%substeps = 2*stepped%march%substeps
-         stepped%march%work_limit = max(0.0_wp, budget - work)
+         stepped%march%work_limit = max(0.0_wp, budget - coarse%work)
          now = last
          call follow(stepped, law_dofs, watch, settled, last, error, now)
-         settled%work = settled%work + work
-         if (allocated(error) .or. settled%status /= outcome%marched) exit
+         settled%work = settled%work + coarse%work
+         if (allocated(error)) exit
+         settled%message = settled%message//merge("; implicit steps", "; fixed steps   ", &
+                                                  stepped%march%method == march_method%generalized_alpha)
+         if (settled%status /= outcome%marched) exit
+         if (coarse%status /= outcome%marched) cycle
          change = maxval(distance_of(settled%averages, coarse%averages, 0.1_wp*allowed_of(scene)))
          settled%spread = hypot(settled%spread, change)
-         settled%message = settled%message//merge("; implicit", "; fixed   ", &
-                                                  stepped%march%method == march_method%generalized_alpha)
-         settled%message = trim(settled%message)//" steps, half as long ones change it by "//rounded(change)
+         settled%message = trim(settled%message)//", half as long ones change it by "//rounded(change)
          if (settled%spread <= allowed_of(scene)) return
       end do
-      if (settled%status /= outcome%marched) return
-      settled%status = outcome%pending
+      if (settled%status == outcome%marched) settled%status = outcome%pending
    end subroutine follow_in_steps
 
    !> Frequency of the fastest mode of the structure without damping [rad/s], 0 where it is not known.
@@ -219,9 +214,9 @@ contains
       complex(wp), allocatable :: before(:, :), now(:, :)
       real(wp), allocatable :: remainder(:, :), z(:, :)
       real(wp) :: allowed, look, period, rate, spread, spread_before, step
-      integer :: i, n_first, window
+      integer :: i, n_first, status_before, window
       integer, allocatable :: dofs(:)
-      logical :: finds_lines, has_forgotten, is_disordered
+      logical :: finds_lines, has_forgotten
 
       finds_lines = scene%march%aim > 0.0_wp
       associate (omega => scene%tones%omega, frequencies => scene%harmonics%frequencies(scene%tones%omega))
@@ -246,7 +241,6 @@ contains
          dofs = [(i, i=1, system%n_dofs)]
          rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)
          has_forgotten = .false.
-         is_disordered = .false.
          n_first = periods_of_first(scene)
          if (present(start)) n_first = max(n_first, other_window)
          spread = huge(1.0_wp)
@@ -257,7 +251,8 @@ contains
             call march_from(system, config, step, dofs, state, next, error, watch=watch)
             settled%is_out_of_work = next%is_out_of_work
             if (next%is_out_of_work .and. allocated(settled%message)) then
-               deallocate (error)                                     ! what there is may be enough
+               deallocate (error)                                     ! what there is may be enough, unless it was told but once
+               if (settled%status /= outcome%marched) settled%status = outcome%pending
                exit
             end if
             if (allocated(error)) return
@@ -287,15 +282,15 @@ contains
                if (window < least_windows .and. spread > aim*allowed) cycle
                remainder = remainder_of(z, now, record, frequencies)
             end if
+            status_before = settled%status
             call tell(scene, settled, z, remainder, record, allowed, has_forgotten, window == most_windows)
-            if (settled%status == outcome%subharmonic) exit
             if (settled%status == outcome%marched .and. finds_lines) then
                if (spread <= scene%march%aim .or. spread > gaining*spread_before) exit
             else if (settled%status == outcome%marched) then
                if (spread <= close*allowed) exit
             end if
-            if (settled%status == outcome%broadband .and. (spread > falling*spread_before .or. is_disordered)) exit
-            is_disordered = settled%status == outcome%broadband
+            if (any(settled%status == [outcome%subharmonic, outcome%broadband]) .and. settled%status == status_before .and. &
+                (spread > falling*spread_before .or. spread <= aim*allowed)) exit
          end do
          if (.not. allocated(settled%message)) settled%message = "marching: a window of "//to_text(n_first)// &
             " periods has too many samples"
@@ -338,7 +333,7 @@ contains
       logical, intent(in) :: is_last                                  !! there is no longer window
       real(wp) :: left_out, repeats(most_parts), scale(size(z, 2)), turns(scene%tones%n_tones)
       character(:), allocatable :: marched_for
-      integer :: k, part
+      integer :: part
 
       marched_for = "marched for "//to_text(settled%n_periods)//" periods of the slowest tone"
       scale = scale_of(z)

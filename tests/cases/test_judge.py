@@ -1,5 +1,5 @@
-"""tests/judge: its marching begins where it is told to, otherwise what it calls an error is one of its own; its tables come from
-what is kept of a campaign that was stopped."""
+"""tests/judge and tests/marched: their marching begins where it is told to, otherwise what it calls an error is one of its own;
+what a file says wrongly is told; tables come from what is kept of a campaign that was stopped."""
 
 from __future__ import annotations
 
@@ -15,8 +15,11 @@ import pytest
 TESTS = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(TESTS))
 
+import h5py  # noqa: E402
+from judge_parts import pieces  # noqa: E402
 from judge_parts.scenes import Law, Scene  # noqa: E402
 from judge_parts.truth import Motion, build, error_of, neighbours_part  # noqa: E402
+from program import run  # noqa: E402
 
 
 def test_an_exact_motion_has_no_error(tmp_path):
@@ -50,6 +53,54 @@ def test_a_coordinate_at_rest_is_measured_by_the_whole_motion(tmp_path):
     scene.loads = [((1,), np.array([0.0, 1.0]), np.zeros(2))]
     amplitudes = np.array([[1e-15, 1.0 / (2.0 - w**2 + 0.1j * w)]])
     assert error_of(build(tmp_path), scene, Motion(np.array([w]), amplitudes)) < 1e-9
+
+
+def test_a_mass_leaves_a_stop_when_it_should():
+    """x'' + x + 10 max(x, 0) = 0 from x' = 1: halves of sines of two frequencies."""
+    one, root = np.eye(1), np.sqrt(11.0)
+    scene = pieces.Stops(one, 0 * one, one, np.ones(1), [(0.5, np.zeros(1))], [(1.0, 10.0, 0.0)])
+    march = pieces.Marching(pieces.build(), scene, 1e6)
+    march.x[1] = 1.0
+    times, z = march.record(0.01, 400)
+    inside = times < np.pi / root
+    assert np.abs(z - np.where(inside, np.sin(root * times) / root, -np.sin(times - np.pi / root))).max() < 1e-9
+
+
+def test_marching_gets_past_a_corner_between_two_stops():
+    """Both stops touch at one place, that of the mass; a march goes on, and ends at its bound of steps."""
+    one = np.eye(1)
+    scene = pieces.Stops(one, 0.2 * one, one, np.ones(1), [(0.8, np.array([0.4]))], [(1.0, 294.0, -0.3), (-1.0, 6.0, 0.3)])
+    march = pieces.Marching(pieces.build(), scene, 1e5)
+    march.x[:] = -0.3, -0.1
+    assert march.record(0.1, 1000) is not None
+    assert march.record(0.1, 100_000) is None
+
+
+SCENE = """&structure type = 'beam', length = 1.0, bending_stiffness = 1750.0, mass_per_length = 7.8, n_elements = 2,
+   damping_diagonal = 9.0 /
+&tones frequency = 25.0, 40.3 /
+&accuracy tolerance = 1e-3 /
+&load dof = 'v2', tuple = 1, 0, cos = 100.0 /
+&load dof = 'v2', tuple = 0, 1, cos = 100.0 /
+&law type = 'elastic_stop', label = 'stop', dof = 'v2', stiffness = 2e4, gap = 1e-3 /
+&sweep parameter = 'law(stop)%gap', values = 1e-3, 2e-3 /
+"""
+
+
+def test_what_a_file_says_wrongly_is_told(tmp_path):
+    """Points of a beam agree with exact marching; one whose coefficients are changed by 2 % does not."""
+    (tmp_path / "scene.nml").write_text(SCENE)
+    result = tmp_path / "scene.h5"
+    assert run("solve", "scene.nml", "--quiet", cwd=tmp_path).status == 0
+    words = [sys.executable, TESTS / "marched", result, "--state", tmp_path / "rows.jsonl"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "| `converged` | 2 | lines | agrees |" in done.stdout, done.stdout + done.stderr
+    with h5py.File(result, "r+") as file:
+        file["coefficients"][1] *= 1.02
+    assert subprocess.run(words, capture_output=True, check=False).returncode == 0, "rows are kept"
+    (tmp_path / "rows.jsonl").unlink()
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "| `converged` | 1 | lines | differs |" in done.stdout, done.stdout + done.stderr
 
 
 def test_a_campaign_goes_on_from_what_it_kept(tmp_path):

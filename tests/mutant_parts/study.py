@@ -61,6 +61,20 @@ MUTANTS = [
             "if (settled%is_out_of_work .or.",
         ),
         (
+            "marched_again",
+            "test_hb_marched_motion",
+            "what repeats after several periods for a while is taken for a motion of these",
+            "settled%status == status_before .and. &",
+            ".true. .and. &",
+        ),
+        (
+            "marched_steps",
+            "test_hb_marched_motion",
+            "the error of implicit steps is not in the spread",
+            "settled%spread = hypot(settled%spread, change)",
+            "continue",
+        ),
+        (
             "marched_budget",
             "test_hb_marched_motion",
             "a march has no budget of work",
