@@ -64,8 +64,8 @@ MUTANTS = [
             "curve_orientation",
             "test_hb_curve",
             "the sign of the determinant is ignored",
-            "if (self%orientation*sign_now < 0.0_wp .and.",
-            "if (self%orientation*sign_now < -2.0_wp .and.",
+            "is_other = self%orientation*sign_now < 0.0_wp",
+            "is_other = self%orientation*sign_now < -2.0_wp",
         ),
         (
             "curve_branch_points",
