@@ -318,7 +318,7 @@ contains
    subroutine verify_marched(scene, system, tuples, amplitudes, start, spread, result, error)
       type(scene_t), intent(in) :: scene
       type(march_system_t), intent(in) :: system
-      integer, intent(in) :: tuples(:, :)                             !! of the file, (n_tones, n_harmonics): the point may have fewer
+      integer, intent(in) :: tuples(:, :)                             !! of the file, (n_tones, n_harmonics); a point may have fewer
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin [m], (n_dofs, n_harmonics)
       type(march_state_t), intent(in) :: start
       real(wp), intent(in) :: spread                                  !! of the averages, relative
