@@ -33,7 +33,7 @@ module hb_judge
       complex(wp), allocatable :: averages(:, :)                      !! likewise at the coordinates, (n_harmonics, n_coordinates)
       real(wp) :: amplitude = 0.0_wp                                  !! of the same root mean square, of the largest coordinate [m]
       real(wp) :: spread = 0.0_wp                                     !! of the coordinates of the laws between windows, relative;
-                                                                      !! of fits to candidates, what they leave of what follows
+                                                                      !! of fits to candidates, what they leave of a record
       integer :: n_periods = 0                                        !! of the slowest tone, in all
       logical :: is_out_of_work = .false.                             !! before anything was known
       real(wp) :: work = 0.0_wp                                       !! in about a nanosecond, from counts

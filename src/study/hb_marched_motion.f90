@@ -30,7 +30,7 @@ module hb_marched_motion
    use hb_watch, only: watch_t
    implicit none
    private
-   public :: settle
+   public :: largest_in_parts, settle
 
    integer, parameter :: first_window = 50                            ! periods of the slowest tone
    integer, parameter :: other_window = 70                            ! likewise, from a given state: averages of its own
@@ -43,9 +43,10 @@ module hb_marched_motion
    integer, parameter :: least_windows = 4                            ! before the spread counts as one that does not fall
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one in its period, at least
    integer, parameter :: samples_of_candidate = 4                     ! likewise, where most of the highest ones carry nothing
-   real(wp), parameter :: share_of_fit = 0.03_wp                      ! of the error aimed at: what a product must gain
+   real(wp), parameter :: share_of_fit = 0.01_wp                      ! of the error aimed at: what a product must gain
    real(wp), parameter :: work_of_product = 60.0_wp                   ! [ns] for each sample
-   real(wp), parameter :: seen = 0.75_wp                              ! of a record by a fit; the rest is what it is held against
+   real(wp), parameter :: seen = 0.75_wp                              ! of a record by a fit
+   integer, parameter :: parts = 4                                    ! of a record, the worst of which tells the error of a series
    real(wp), parameter :: numbers_of_unknown = 1.5_wp                 ! of the record that a fit sees first, below its highest
                                                                       ! frequency
    real(wp), parameter :: gaining = 0.8_wp                            ! error of a fit, relative to the one before
@@ -268,7 +269,7 @@ contains
             spread_before = spread
             if (finds_lines) then
                remainder = reshape([(z(:, i) - fit%series(now(:, i)), i=1, size(z, 2))], shape(z))
-               spread = largest_share(remainder(nint(seen*size(z, 1)):, :), z)
+               spread = largest_in_parts(remainder, z)
             else if (window > 1) then
                spread = maxval(distance_of(now, before, 0.0_wp))
             end if
@@ -352,7 +353,7 @@ contains
       select case (settled%status)
       case (outcome%marched)
          if (scene%march%aim > 0.0_wp) then
-            settled%message = marched_for//": the series leaves "//rounded(settled%spread)//" of what follows"
+            settled%message = marched_for//": the series leaves "//rounded(settled%spread)//" of the worst quarter"
          else
             settled%message = marched_for//": the averages spread by "//rounded(settled%spread)// &
                               ", harmonics beyond the set carry "//rounded(left_out)//" of the motion"
@@ -375,6 +376,20 @@ contains
 
       share = maxval(norm2(remainder, 1)/scale_of(z))/sqrt(real(size(remainder, 1), wp))
    end function largest_share
+
+   !> Gives the largest such share of the parts of a record, each as long as what a fit has not seen: the phases of several tones
+   !> in which a series is worst may be in any of them, and of the beginning a fit sees little.
+   pure real(wp) function largest_in_parts(remainder, z) result(share)
+      real(wp), intent(in) :: remainder(:, :), z(:, :)                !! (n_samples, n_coordinates)
+      integer :: part
+
+      share = 0.0_wp
+      associate (n => size(z, 1))
+         do part = 1, parts
+            share = max(share, largest_share(remainder((part - 1)*n/parts + 1:part*n/parts, :), z))
+         end do
+      end associate
+   end function largest_in_parts
 
    !> Root mean squares of a record without the means; 1 of what rests.
    pure function scale_of(z) result(scale)

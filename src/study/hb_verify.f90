@@ -236,7 +236,7 @@ contains
          call place_state(system, amplitudes, frequencies, -periods_of_sliders*length%period, step, state)
          if (any(stored%status(point) == [outcome%marched, outcome%several]) .and. .not. scene%accuracy%grows_set) then
             scene%march%tolerance = config%tolerance
-            call verify_marched(scene, system, transpose(amplitudes), state, stored%truncation(point), result, error)
+            call verify_marched(scene, system, tuples, transpose(amplitudes), state, stored%truncation(point), result, error)
             return
          end if
          other = state
@@ -314,11 +314,11 @@ contains
    end subroutine verify_point
 
    !> Verdict on a motion that was marched: another march, from the motion itself and with its own tolerance, until it is
-   !> steady. What
-   !> the set cannot hold of the motion is not part of its coefficients, so that these are compared.
-   subroutine verify_marched(scene, system, amplitudes, start, spread, result, error)
+   !> steady. What the set cannot hold of the motion is not part of its coefficients, so that these are compared.
+   subroutine verify_marched(scene, system, tuples, amplitudes, start, spread, result, error)
       type(scene_t), intent(in) :: scene
       type(march_system_t), intent(in) :: system
+      integer, intent(in) :: tuples(:, :)                             !! of the file, (n_tones, n_harmonics); a point may have fewer
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin [m], (n_dofs, n_harmonics)
       type(march_state_t), intent(in) :: start
       real(wp), intent(in) :: spread                                  !! of the averages, relative
@@ -329,7 +329,7 @@ contains
       real(wp), allocatable :: difference(:), scale(:)
       type(settled_t) :: settled
       type(watch_t) :: watch
-      integer :: i
+      integer :: i, k
 
       call settle(scene, law_dofs_of(scene%laws), watch, settled, error, start)
       if (allocated(error)) return
@@ -344,8 +344,12 @@ contains
          allocate (items(n + size(shape, 2), size(amplitudes, 2)), others(n + size(shape, 2), size(amplitudes, 2)))
          items(:n, :) = amplitudes
          items(n + 1:, :) = matmul(transpose(shape), amplitudes)
-         others(:n, :) = settled%amplitudes
-         others(n + 1:, :) = matmul(transpose(shape), settled%amplitudes)
+         others = (0.0_wp, 0.0_wp)
+         do i = 1, size(tuples, 2)
+            k = scene%harmonics%index_of(tuples(:, i))
+            if (k > 0) others(:n, i) = settled%amplitudes(:, k)
+         end do
+         others(n + 1:, :) = matmul(transpose(shape), others(:n, :))
          scale = norm2(abs(items), dim=2)
          scale(:n) = [(maxval(scale(:n), mask=units == units(i)), i=1, n)]
       end associate

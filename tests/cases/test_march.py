@@ -342,6 +342,16 @@ def test_verify_agrees_with_a_converged_motion(tmp_path):
     assert found["march_difference"][0] < 1e-9
 
 
+def test_verify_marches_again_what_was_marched_with_a_set_of_its_own(tmp_path):
+    """Ueda's oscillator without a balance: the file has as many places as its largest set, the first point fills six of ten."""
+    text = "&structure type='matrices', n_dofs=1, mass=1, damping=0.1, stiffness=0 /\n&tones frequency=1 /\n&harmonics order=9 /\n"
+    text += "&load dof='x1', tuple=1, cos=1 /\n&law type='cubic_spring', dof='x1', stiffness=1 /\n"
+    text += "&solver max_iterations=0, homotopy_iterations=0 /\n&sweep parameter='harmonics%order', values=5, 9 /\n"
+    result = solve(text, tmp_path, status=None)
+    assert (read(result, "status")[0] == 18).all()  # marched
+    assert (verified(result)["march_verdict"] == AGREES).all()
+
+
 def test_verify_sees_a_coefficient_that_is_wrong_by_a_thousandth(tmp_path):
     result = solve(CONVERGED_CUBIC, tmp_path)
     with h5py.File(result, "r+") as file:

@@ -14,6 +14,37 @@ MUTANTS = [
         ),
     ),
     *of(
+        "march/hb_line_fit.f90",
+        (
+            "line_fit_seen",
+            "test_hb_line_fit",
+            "a fit sees all samples",
+            "self%window = [bump_weights(n_seen), (0.0_wp, k=n_seen + 1, n_samples)]",
+            "self%window = bump_weights(n_samples)",
+        ),
+        (
+            "line_fit_importance",
+            "test_hb_line_fit",
+            "all lines are alike",
+            "self%importance = importance/maxval(importance)",
+            "self%importance = 1.0_wp + 0.0_wp*importance",
+        ),
+        (
+            "line_fit_conjugate",
+            "test_hb_line_fit",
+            "directions are not conjugate",
+            "direction = left + after/before*direction",
+            "direction = left",
+        ),
+        (
+            "line_fit_fold",
+            "test_hb_line_fit",
+            "lines near zero are not folded back",
+            "sums(h) = sums(h) + self%kernel(k, h)*conjg(spectrum(1 - place))",
+            "sums(h) = sums(h) + self%kernel(k, h)*spectrum(1 - place)",
+        ),
+    ),
+    *of(
         "march/hb_march_starts.f90",
         (
             "starts_apart",

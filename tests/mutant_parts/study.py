@@ -33,6 +33,13 @@ MUTANTS = [
     *of(
         "study/hb_marched_motion.f90",
         (
+            "marched_unseen",
+            "test_hb_marched_motion",
+            "only what a fit has not seen tells its error",
+            "do part = 1, parts",
+            "do part = parts, parts",
+        ),
+        (
             "marched_repeats",
             "test_hb_marched_motion",
             "a motion of several periods is one of the tones",
