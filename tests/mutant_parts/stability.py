@@ -97,13 +97,6 @@ MUTANTS = [
     *of(
         "stability/hb_period_map.f90",
         (
-            "period_map_distance",
-            "test_hb_period_map",
-            "differences are taken for those of half the distance",
-            "matrix(:, k) = (above - below)/(2.0_wp*distance)",
-            "matrix(:, k) = (above - below)/distance",
-        ),
-        (
             "period_map_still",
             "test_hb_period_map",
             "places that friction holds for ever stay among the multipliers",
@@ -117,12 +110,56 @@ MUTANTS = [
             "         self%matrix = matmul(self%matrix, self%matrix)",
             "         continue",
         ),
+    ),
+    *of(
+        "stability/hb_state_map.f90",
         (
-            "period_map_restitution",
+            "state_map_distance",
             "test_hb_period_map",
+            "differences are taken for those of half the distance",
+            "changes(:, k) = (above - below)/(2.0_wp*distance)",
+            "changes(:, k) = (above - below)/distance",
+        ),
+        (
+            "state_map_restitution",
+            "test_hb_marched_laps",
             "blows take all of the speed",
             "self%config%restitution = restitution",
             "self%config%restitution = 0.0_wp",
+        ),
+    ),
+    *of(
+        "stability/hb_marched_laps.f90",
+        (
+            "marched_laps_left",
+            "test_hb_marched_laps",
+            "a march that leaves the motion tells its exponents",
+            "is_done = maxval(abs(after(:n) - there(:n))) <= same_motion",
+            "is_done = maxval(abs(after(:n) - there(:n))) < huge(1.0_wp)",
+        ),
+        (
+            "marched_laps_still",
+            "test_hb_marched_laps",
+            "places that friction holds for ever stay among the disturbances",
+            "is_still = .not. rigid%is_wall",
+            "is_still = rigid%is_wall",
+        ),
+        (
+            "marched_laps_time",
+            "test_hb_marched_laps",
+            "disturbances of each lap are those of a lap later",
+            "call self%march%differences(self%time,",
+            "call self%march%differences(self%time + self%length,",
+        ),
+    ),
+    *of(
+        "stability/hb_linear_laps.f90",
+        (
+            "linear_laps_shifts",
+            "test_hb_exponents",
+            "what shifts a phase of the motion's own is not taken out",
+            "      call remove_shifts(self, x)",
+            "      continue",
         ),
     ),
     *of(
