@@ -14,6 +14,7 @@ module hb_marched_laps
 
    real(wp), parameter :: distance = 1.0e-5_wp                        ! of the marches beside the motion, scaled: kinks and jumps
                                                                       ! within it are rare, and rounding is small beside it
+   integer, parameter :: fewest_steps = 200                           ! in a period of the fastest tone, where they are fixed
    real(wp), parameter :: same_motion = 0.1_wp                        ! farthest place of the march from the motion, scaled
    real(wp), parameter :: unmoved = 1.0e-9_wp                         ! change of a place that friction never lets go, scaled
 
@@ -40,6 +41,7 @@ contains
 
       call new_state_map(self%march, system, motion, restitution, tolerance, error)
       if (allocated(error)) return
+      self%march%fewest_steps = fewest_steps
       self%size = size(self%march%scale)
       self%n_begun = 2*system%n_dofs
       self%n_followed = self%n_begun

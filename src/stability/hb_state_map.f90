@@ -21,7 +21,6 @@ module hb_state_map
    real(wp), parameter :: most_accurate = 1.0e-13_wp                  ! tolerance of marching with variable steps
    real(wp), parameter :: least_accurate = 1.0e-11_wp
    real(wp), parameter :: finer = 1.0e-4_wp                           ! that of marching relative to that of what is made of it
-   integer, parameter :: fewest_steps = 1000                          ! of marching with fixed ones, in a period
    integer, parameter :: steps_a_radian = 20                          ! of the fastest motion, likewise
    real(wp), parameter :: usual_looks = 1500.0_wp                     ! at the motion in a period, with variable steps
    real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind: what
@@ -33,7 +32,8 @@ module hb_state_map
       type(hold_t), allocatable :: rigid(:)                           !! laws
       real(wp), allocatable :: scale(:)                               !! of (q, v, states of laws), > 0
       logical :: has_own_steps = .true.                               !! the method chooses them
-      integer :: level = 1                                            !! else each has half the steps of the one before
+      integer :: fewest_steps = 1000                                  !! else, in a period of the fastest tone
+      integer :: level = 1                                            !! each has twice the steps of the one before
       type(march_config_t), private :: config
    contains
       procedure :: state_at => state_map_state_at
@@ -206,7 +206,7 @@ contains
          do i = 1, self%system%n_dofs
             fastest = max(fastest, sqrt(abs(structure%stiffness(i, i)/structure%mass(i, i))))
          end do
-         n_steps = max(ceiling(fewest_steps*maxval(omega)/minval(omega)), &
+         n_steps = max(ceiling(self%fewest_steps*maxval(omega)/minval(omega)), &
                        ceiling(min(steps_a_radian*fastest*two_pi/minval(omega), 1.0e6_wp)))*2**(level - 1)
       end associate
    end function n_steps_of
