@@ -205,6 +205,13 @@ MUTANTS = [
             "if (self%verdict /= better%verdict) self%verdict = verdict%unknown",
             "if (.false.) self%verdict = verdict%unknown",
         ),
+        (
+            "stability_neighbours",
+            "test_hb_stability",
+            "pairs may turn until they reach the unit circle, although others are near",
+            "room = max(room, minval(abs(m - others)))",
+            "room = max(room, 1.0_wp)",
+        ),
     ),
     *of(
         "stability/hb_variation_pieces.f90",
