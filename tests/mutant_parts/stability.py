@@ -145,11 +145,11 @@ MUTANTS = [
             "is_still = rigid%is_wall",
         ),
         (
-            "marched_laps_time",
+            "marched_laps_distance",
             "test_hb_marched_laps",
-            "disturbances of each lap are those of a lap later",
-            "call self%march%differences(self%time,",
-            "call self%march%differences(self%time + self%length,",
+            "disturbances are so small that rounding is left of them",
+            "distance = 1.0e-5_wp",
+            "distance = 1.0e-12_wp",
         ),
     ),
     *of(
