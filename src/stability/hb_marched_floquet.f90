@@ -71,7 +71,9 @@ contains
       work = work_of_exponents(laps%work, config%fewest_laps)
       if (config%method == stability_method%auto .and. work > max(config%patience*work_allowed, config%work_spent)) return
       self%method = stability_method%march
-      call judge_exponents(self, laps, max(work, work_allowed), config%fewest_laps)
+      work = max(work, work_allowed)
+      if (config%method /= stability_method%auto) work = max(work, work_on_demand)
+      call judge_exponents(self, laps, work, config%fewest_laps)
    end subroutine march_laps
 
    !> By marching a period of one tone from the motion and from beside it, for laws that ask for it: multipliers are those of the
