@@ -235,30 +235,36 @@ contains
    subroutine hit_wall(self, i, side)
       class(march_cvode_t), intent(inout) :: self
       integer, intent(in) :: i, side
-      real(wp), allocatable :: jump(:)
       real(wp) :: back
-      integer :: info, k, n
 
-      n = self%system%n_dofs
-      associate (equations => self%equations, v => self%cvode%values(self%system%n_dofs + 1:), &
-                 shape => self%system%laws%shape)
+      associate (equations => self%equations)
          associate (speed => self%system%laws%z_rate(equations%rigid(i)%coordinate))
             back = -self%restitution*speed
-            if (abs(speed) <= slow*maxval(equations%scale(n + 1:))) back = 0.0_wp
+            if (abs(speed) <= slow*maxval(equations%scale(self%system%n_dofs + 1:))) back = 0.0_wp
          end associate
          where (.not. equations%rigid%is_wall) equations%mode = sign(1, equations%mode*2 + 1)   ! friction gives no impulse
          equations%mode(i) = side
          call equations%hold_active()
-         allocate (jump(size(equations%active)))
-         do k = 1, size(jump)
-            jump(k) = dot_product(shape(:, equations%rigid(equations%active(k))%coordinate), v)
-            if (equations%active(k) == i) jump(k) = jump(k) - back
-         end do
-         call dgetrs("N", size(jump), 1, equations%factor, size(jump), equations%pivots, jump, size(jump), info)
-         v = v - matmul(equations%kick(:, equations%active), jump)
+         call stop_active(self, merge(back, 0.0_wp, equations%active == i))
          if (abs(back) > 0.0_wp) equations%mode(i) = 0
       end associate
    end subroutine hit_wall
+
+   !> Gives the coordinates that are held the rates told, by an impulse on each.
+   subroutine stop_active(self, rates)
+      class(march_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: rates(:)                                !! [m/s], of the active ones
+      real(wp) :: jump(size(rates))
+      integer :: info, k
+
+      associate (equations => self%equations, v => self%cvode%values(self%system%n_dofs + 1:))
+         do k = 1, size(jump)
+            jump(k) = dot_product(self%system%laws%shape(:, equations%rigid(equations%active(k))%coordinate), v) - rates(k)
+         end do
+         call dgetrs("N", size(jump), 1, equations%factor, size(jump), equations%pivots, jump, size(jump), info)
+         v = v - matmul(equations%kick(:, equations%active), jump)
+      end associate
+   end subroutine stop_active
 
    !> Modes of the rigid laws that are consistent in the present state: walls push, friction keeps its limit or slips against it.
    subroutine settle_rigid(self, t)
@@ -322,6 +328,7 @@ contains
             end associate
          end do
          call equations%hold_active()
+         if (size(equations%active) > 0) call stop_active(self, 0.0_wp*equations%active)   ! what is held does not creep on
          call look_ahead(self, t, ahead)
          call equations%gather(t, y)
          call self%system%laws%switches_here(now)

@@ -2,27 +2,50 @@
 !>
 !> Disturbances are followed lap by lap, a period of the slowest tone each, and made orthogonal after each (Benettin). The
 !> logarithms of what they have grown by are averaged with a smooth window, which converges faster than any power of the length
-!> where the linear equations can be reduced to constant ones; what both halves of the record say apart is the spread. A phase of
-!> the motion's own can be shifted: such disturbances, known at each time, are taken out.
+!> where the linear equations can be reduced to constant ones; what both halves of the record say apart is the spread.
 !> Sources: G. Benettin, L. Galgani, A. Giorgilli and J.-M. Strelcyn, Meccanica 15 (1980) 9-20; S. Das, Y. Saiki, E. Sander and
 !> J. A. Yorke, Nonlinearity 30 (2017) 4111-4140.
 module hb_exponents
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_birkhoff, only: bump_weights
-   use hb_kinds, only: two_pi, wp
-   use hb_koopman_hill, only: hill_t
-   use hb_monodromy, only: find_transfer, monodromy_t, n_looks_of, work_of_transfer
-   use hb_variation, only: piece_t, variation_t
-   use hb_variation_pieces, only: cut_time
+   use hb_kinds, only: wp
    implicit none
    private
-   public :: exponents_t, find_exponents, work_of_exponents
+   public :: exponents_t, find_exponents, laps_t, orthogonalise, work_of_exponents
 
    integer, parameter :: n_laps = 100                                 ! on which averages are taken
    integer, parameter :: most_laps = 800                              ! doubled up to that many, while the spread decides
    real(wp), parameter :: clear = 3.0_wp, clear_early = 10.0_wp       ! of the spread: from zero, after fewer laps than `n_laps`
 
-   real(wp), parameter :: most_of_usual = 100.0_wp                    ! work of a lap
+   !> Somebody who carries disturbances along a motion.
+   type, abstract :: laps_t
+      integer :: size = 0                                             !! of a disturbance
+      integer :: n_begun = 0                                          !! its first entries, places and velocities
+      integer :: n_followed = 0                                       !! disturbances without those that are known to stay
+      real(wp) :: length = 0.0_wp                                     !! of a lap [s]
+      real(wp) :: work = 0.0_wp                                       !! of a lap, in about a nanosecond
+   contains
+      procedure(settle_memory), deferred :: settle
+      procedure(carry_disturbances), deferred :: carry
+   end type laps_t
+
+   abstract interface
+      !> Goes some laps along the motion before the first one counts: what remembers finds its place.
+      subroutine settle_memory(self, n_laps, is_done)
+         import :: laps_t
+         class(laps_t), intent(inout) :: self
+         integer, intent(in) :: n_laps
+         logical, intent(out) :: is_done                              !! else the motion was lost
+      end subroutine settle_memory
+
+      !> Carries disturbances through the next lap.
+      subroutine carry_disturbances(self, x, is_done)
+         import :: laps_t, wp
+         class(laps_t), intent(inout) :: self
+         real(wp), intent(inout), contiguous :: x(:, :)               !! (size, n_followed)
+         logical, intent(out) :: is_done                              !! else the motion was lost
+      end subroutine carry_disturbances
+   end interface
 
    type :: exponents_t
       real(wp), allocatable :: rate(:)                                !! [1/s], the largest first; not allocated where lost
@@ -33,74 +56,54 @@ module hb_exponents
 contains
 
    !> Follows disturbances until the largest exponent is further from zero than its spread is wide, or the work is done.
-   subroutine find_exponents(self, variation, shifts, tolerance, work_limit, hill, fewest_laps)
+   subroutine find_exponents(self, laps, work_limit, fewest_laps)
       type(exponents_t), intent(out) :: self
-      type(variation_t), intent(inout) :: variation
-      complex(wp), intent(in) :: shifts(:, :, :)                      !! disturbances by shifts of phases as series in the tones,
-                                                                      !! cos - i sin, (size, n_harmonics, n_shifts)
-      real(wp), intent(in) :: tolerance                               !! of a lap, relative
+      class(laps_t), intent(inout) :: laps
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
-      type(hill_t), intent(inout), optional :: hill                   !! follows them by Hill's problem
       integer, intent(in), optional :: fewest_laps                    !! on which averages are taken, default `n_laps`
-      type(monodromy_t) :: lap
-      type(piece_t), allocatable :: pieces(:)
+      type(exponents_t) :: found
       real(wp), allocatable :: growth(:, :), longer(:, :), x(:, :)
-      real(wp) :: length, time, usual, work
-      integer :: forgotten, i, k, n, n_all
+      integer :: forgotten, i, k, n_all
+      logical :: is_done
 
-      length = two_pi/minval(variation%motion%omega)
-      usual = work_of_transfer(variation, length)
-      n = 2*variation%n_dofs - size(shifts, 3)
-      if (n < 1) return
-      allocate (x(variation%size, n), source=0.0_wp)
-      do i = 1, n
-         do k = 1, 2*variation%n_dofs                                 ! in no special directions
+      call laps%settle(n_forgotten_of(n_laps), is_done)
+      if (.not. is_done .or. laps%n_followed < 1) return
+      allocate (x(laps%size, laps%n_followed), source=0.0_wp)
+      do i = 1, laps%n_followed
+         do k = 1, laps%n_begun                                       ! in no special directions
             x(k, i) = cos(real(3*i*k + k + i, wp)) + merge(2.0_wp, 0.0_wp, i == k)
          end do
       end do
-      if (variation%n_states > 0) then                                ! sliders find their places
-         do i = -n_forgotten_of(n_laps), -1
-            call cut_time(variation, i*length, (i + 1)*length, n_looks_of(variation, length), pieces)
-         end do
-      end if
-      allocate (growth(n, 0))
-      work = 0.0_wp
-      time = 0.0_wp
-      self%n_laps = n_laps
-      if (present(fewest_laps)) self%n_laps = fewest_laps
+      allocate (growth(laps%n_followed, 0))
+      found%n_laps = n_laps
+      if (present(fewest_laps)) found%n_laps = fewest_laps
       do
-         forgotten = n_forgotten_of(self%n_laps)
-         n_all = self%n_laps + forgotten
-         allocate (longer(n, n_all))
+         forgotten = n_forgotten_of(found%n_laps)
+         n_all = found%n_laps + forgotten
+         allocate (longer(laps%n_followed, n_all))
          longer(:, :size(growth, 2)) = growth
          k = size(growth, 2) + 1
          call move_alloc(longer, growth)
          do i = k, n_all
-            if (present(hill)) then
-               call hill%transfer(time, length, tolerance, lap%matrix, lap%estimate)
-            else
-               call find_transfer(lap, variation, time, time + length, tolerance, most_of_usual*usual)
-            end if
-            work = work + usual
-            x = matmul(lap%matrix, x)
-            time = time + length
-            call remove_shifts(variation, shifts, time, x)
+            call laps%carry(x, is_done)
+            if (.not. is_done) return
             call orthogonalise(x, growth(:, i))
             if (.not. all(ieee_is_finite(growth(:, i)))) return
          end do
-         call average(growth(:, forgotten + 1:), length, self%rate, self%spread)
-         if (abs(self%rate(1)) > merge(clear_early, clear, self%n_laps < n_laps)*self%spread(1)) exit
-         if (2.0_wp*work > work_limit .or. 2*self%n_laps > most_laps) exit
-         self%n_laps = 2*self%n_laps
+         call average(growth(:, forgotten + 1:), laps%length, found%rate, found%spread)
+         if (abs(found%rate(1)) > merge(clear_early, clear, found%n_laps < n_laps)*found%spread(1)) exit
+         if (2.0_wp*n_all*laps%work > work_limit .or. 2*found%n_laps > most_laps) exit
+         found%n_laps = 2*found%n_laps
       end do
+      self = found
    end subroutine find_exponents
 
    !> About how many nanoseconds they take, with averages on as many laps as are asked for.
-   pure real(wp) function work_of_exponents(variation, fewest_laps) result(work)
-      type(variation_t), intent(in) :: variation
+   pure real(wp) function work_of_exponents(work_of_lap, fewest_laps) result(work)
+      real(wp), intent(in) :: work_of_lap
       integer, intent(in) :: fewest_laps
 
-      work = (fewest_laps + n_forgotten_of(fewest_laps))*work_of_transfer(variation, two_pi/minval(variation%motion%omega))
+      work = (fewest_laps + n_forgotten_of(fewest_laps))*work_of_lap
    end function work_of_exponents
 
    !> Laps in which disturbances find their directions, before so many on which averages are taken.
@@ -110,25 +113,6 @@ contains
 
       n_forgotten_of = min(most, n_laps/5)
    end function n_forgotten_of
-
-   !> Takes out of disturbances what shifts phases of the motion.
-   subroutine remove_shifts(variation, shifts, time, x)
-      type(variation_t), intent(in) :: variation
-      complex(wp), intent(in) :: shifts(:, :, :)
-      real(wp), intent(in) :: time
-      real(wp), intent(inout) :: x(:, :)
-      real(wp) :: basis(size(x, 1), size(shifts, 3)), lost(size(shifts, 3)), waves(2, size(shifts, 2))
-      integer :: k
-
-      if (size(shifts, 3) == 0) return
-      waves(1, :) = cos(variation%motion%frequencies*time)
-      waves(2, :) = sin(variation%motion%frequencies*time)
-      do k = 1, size(shifts, 3)
-         basis(:, k) = matmul(real(shifts(:, :, k)), waves(1, :)) - matmul(aimag(shifts(:, :, k)), waves(2, :))
-      end do
-      call orthogonalise(basis, lost)
-      x = x - matmul(basis, matmul(transpose(basis), x))
-   end subroutine remove_shifts
 
    !> Columns made orthogonal and of length 1 from left to right, twice over; logarithms of what they were longer.
    pure subroutine orthogonalise(x, growth)

@@ -3,12 +3,13 @@
 module hb_floquet
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
-   use hb_exponents, only: exponents_t, find_exponents, work_of_exponents
+   use hb_exponents, only: exponents_t, find_exponents, laps_t, work_of_exponents
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
    use hb_koopman_hill, only: hill_t, new_hill
    use hb_law, only: law_box_t
-   use hb_monodromy, only: find_monodromy, monodromy_t, work_of_monodromy
+   use hb_linear_laps, only: linear_laps_t, new_linear_laps
+   use hb_monodromy, only: find_monodromy, monodromy_t, work_of_monodromy, work_of_transfer
    use hb_multipliers, only: deflate, eigenvalues_of
    use hb_stability, only: excitation_t, harmonic_motion_t, most_multipliers, stability_config_t, stability_finder_t, &
       stability_method, stability_t, verdict
@@ -16,7 +17,7 @@ module hb_floquet
    use hb_variation, only: least_work, new_variation, variation_t
    implicit none
    private
-   public :: floquet_t, has_to_be_marched, judge_matrix, work_on_demand
+   public :: floquet_t, has_to_be_marched, judge_exponents, judge_matrix, work_on_demand
 
    real(wp), parameter :: smallest_margin = 1.0e-9_wp                 ! of a multiplier from 1 that is sure
    real(wp), parameter :: safety = 10.0_wp                            ! on the estimate of the error
@@ -42,7 +43,7 @@ contains
       type(law_box_t), intent(in) :: laws(:)
       type(excitation_t), intent(in) :: excitation
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
-      type(variation_t) :: variation
+      type(variation_t), target :: variation
       type(hill_t), allocatable :: hill
       type(error_t), allocatable :: error
       real(wp) :: limit, work
@@ -54,8 +55,11 @@ contains
       if (least_work(structure%n_dofs) > limit) return                ! however the motion is: the mass is not divided by
       call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
-      work = work_of_exponents(variation, config%fewest_laps)
-      if (motion%tones%n_tones == 1) work = work_of_monodromy(variation)
+      if (motion%tones%n_tones == 1) then
+         work = work_of_monodromy(variation)
+      else
+         work = work_of_exponents(work_of_transfer(variation, two_pi/minval(motion%tones%omega)), config%fewest_laps)
+      end if
       if (work > limit) return
       stability%method = stability_method%march
       if (config%method == stability_method%hill .and. variation%is_smooth()) then
@@ -109,27 +113,39 @@ contains
    subroutine judge_torus(self, config, variation, amplitudes, is_unknown, work_limit, hill)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
-      type(variation_t), intent(inout) :: variation
+      type(variation_t), intent(inout), target :: variation
       complex(wp), intent(in) :: amplitudes(:, :)
       logical, intent(in) :: is_unknown(:)
       real(wp), intent(in) :: work_limit
       type(hill_t), allocatable, intent(inout) :: hill
+      type(linear_laps_t) :: laps
+
+      call new_linear_laps(laps, variation, shifts_of(variation, amplitudes, is_unknown), config%tolerance)
+      call move_alloc(hill, laps%hill)
+      call judge_exponents(self, laps, work_limit, config%fewest_laps)
+   end subroutine judge_torus
+
+   !> Follows disturbances lap by lap, and tells what their growth says.
+   subroutine judge_exponents(self, laps, work_limit, fewest_laps)
+      type(stability_t), intent(inout) :: self
+      class(laps_t), intent(inout) :: laps
+      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      integer, intent(in) :: fewest_laps
       type(exponents_t) :: found
       real(wp) :: margin
 
-      call find_exponents(found, variation, shifts_of(variation, amplitudes, is_unknown), config%tolerance, work_limit, hill, &
-                          config%fewest_laps)
+      call find_exponents(found, laps, work_limit, fewest_laps)
       if (.not. allocated(found%rate)) return
       self%exponents = found%rate(:min(size(found%rate), most_multipliers))
       self%estimate = found%spread(1)
-      margin = max(safety_of_spread*found%spread(1), smallest_margin*minval(abs(variation%motion%omega)))
+      margin = max(safety_of_spread*found%spread(1), smallest_margin*two_pi/laps%length)
       self%n_unstable = count(found%rate > safety_of_spread*found%spread .and. found%rate > margin)
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable
       else if (maxval(found%rate) < -margin) then
          self%verdict = verdict%stable
       end if
-   end subroutine judge_torus
+   end subroutine judge_exponents
 
    !> Multipliers of a periodic motion.
    subroutine judge_period(self, config, variation, amplitudes, is_free, hill)

@@ -1,11 +1,13 @@
-!> Floquet multipliers by marching a period, where laws lead through events that have no linearised equations: the map from one
-!> period to the next, by differences. Source: docs/user/theory.md, section 8.
+!> Floquet multipliers and Lyapunov exponents by marching, where laws lead through events that have no linearised equations: the
+!> map from one period, or one lap, to the next, by differences. Source: docs/user/theory.md, section 8.
 module hb_marched_floquet
    use hb_error, only: error_t
-   use hb_floquet, only: floquet_t, has_to_be_marched, judge_matrix, work_on_demand
+   use hb_exponents, only: work_of_exponents
+   use hb_floquet, only: floquet_t, has_to_be_marched, judge_exponents, judge_matrix, work_on_demand
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_march_system, only: march_system_t, new_march_system
+   use hb_marched_laps, only: marched_laps_t, new_marched_laps
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_multipliers, only: deflate
    use hb_period_map, only: find_period_map, new_period_map, period_map_t, work_of_period_map
@@ -33,49 +35,74 @@ contains
       type(excitation_t), intent(in) :: excitation
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(march_system_t), target :: system
+      type(motion_series_t) :: series
+      type(error_t), allocatable :: error
+      real(wp) :: limit
 
       if (.not. (config%is_marched .or. has_to_be_marched(laws))) then
          call self%floquet_t%find(stability, config, motion, structure, laws, excitation, work_allowed)
-      else if (config%method /= stability_method%off .and. motion%tones%n_tones == 1) then
+      else if (config%method /= stability_method%off) then
+         call structure%refuse_large("stability", most_dense, error)
+         if (allocated(error)) return
          call new_march_system(system, structure, laws, excitation%loads%whole(), excitation%frequencies, motion%tones%omega)
+         call new_motion_series(series, motion%tuples, motion%tones%omega, motion%amplitudes)
          stability%is_marched = .true.
-         call find_marched_stability(stability, config, system, motion, excitation%restitution, &
-                                     self%work_limit(config, work_allowed))
+         limit = self%work_limit(config, work_allowed)
+         if (motion%tones%n_tones == 1) then
+            call march_period(stability, config, system, series, motion%tones%is_unknown(1), excitation%restitution, limit)
+         else if (.not. any(motion%tones%is_unknown)) then            ! with tones of its own it would drift along itself
+            call march_laps(stability, config, system, series, excitation%restitution, limit)
+         end if
       end if
    end subroutine marched_floquet_find
 
-   !> By marching a period of one tone from the motion and from beside it, for laws that ask for it: multipliers are those of the
-   !> motion that repeats there, their change from the motion given is the least of the estimate.
-   subroutine find_marched_stability(self, config, system, motion, restitution, work_limit)
+   !> By marching from a torus and from beside it, lap by lap.
+   subroutine march_laps(self, config, system, motion, restitution, work_limit)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(march_system_t), intent(inout), target :: system
-      type(harmonic_motion_t), intent(in) :: motion
+      type(motion_series_t), intent(in) :: motion
+      real(wp), intent(in) :: restitution                             !! of rigid walls
+      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      type(marched_laps_t) :: laps
+      type(error_t), allocatable :: error
+
+      call new_marched_laps(laps, system, motion, restitution, config%tolerance, error)
+      if (allocated(error)) return
+      if (work_of_exponents(laps%work, config%fewest_laps) > work_limit) return
+      self%method = stability_method%march
+      call judge_exponents(self, laps, min(work_limit, work_on_demand), config%fewest_laps)
+   end subroutine march_laps
+
+   !> By marching a period of one tone from the motion and from beside it, for laws that ask for it: multipliers are those of the
+   !> motion that repeats there, their change from the motion given is the least of the estimate.
+   subroutine march_period(self, config, system, series, is_free, restitution, work_limit)
+      type(stability_t), intent(inout) :: self
+      type(stability_config_t), intent(in) :: config
+      type(march_system_t), intent(inout), target :: system
+      type(motion_series_t), intent(in) :: series                     !! of the motion
+      logical, intent(in) :: is_free                                  !! the tone is the motion's own
       real(wp), intent(in) :: restitution                             !! of rigid walls
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
       type(error_t), allocatable :: error
-      type(motion_series_t) :: series
       type(period_map_t) :: map
       type(stability_t) :: before
 
-      call system%structure%refuse_large("stability", most_dense, error)
-      if (allocated(error)) return
-      call new_motion_series(series, motion%tuples, motion%tones%omega, motion%amplitudes)
       call new_period_map(map, system, series, restitution, config%tolerance, error)
       if (allocated(error)) return
-      if (work_of_period_map(map, system) > work_limit) return
+      if (work_of_period_map(map) > work_limit) return
       self%method = stability_method%march
-      call find_period_map(map, system, motion%tones%is_unknown(1), work_on_demand)
+      call find_period_map(map, is_free, work_on_demand)
       if (.not. map%is_found) return
       self%estimate = map%estimate
-      if (motion%tones%is_unknown(1)) then
+      if (is_free) then
          self%estimate = max(self%estimate, norm2(matmul(map%matrix, map%shift) - map%shift)/norm2(map%shift))
          call deflate(map%matrix, map%shift)
          call deflate(map%first, map%shift)
       end if
-      call judge_matrix(self, map%matrix, motion%tones%omega(1))
+      call judge_matrix(self, map%matrix, series%omega(1))
       before%estimate = map%estimate
-      call judge_matrix(before, map%first, motion%tones%omega(1))
+      call judge_matrix(before, map%first, series%omega(1))
       call self%hold_against(before)
-   end subroutine find_marched_stability
+   end subroutine march_period
 end module hb_marched_floquet

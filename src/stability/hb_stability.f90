@@ -102,7 +102,7 @@ contains
    end function n_multipliers_of
 
    !> Compares with what was found along a better motion: a verdict on which both do not agree, or which lies within twice the
-   !> change of the largest multiplier, is not known.
+   !> change of the largest multiplier, is not known; nor is one of stability where multipliers move too far.
    pure subroutine stability_hold_against(self, better)
       class(stability_t), intent(inout) :: self
       type(stability_t), intent(in) :: better
@@ -117,6 +117,23 @@ contains
          if (self%verdict == verdict%stable .and. max(here, there) >= 1.0_wp - 2.0_wp*abs(here - there)) &
             self%verdict = verdict%unknown
       end associate
+      if (self%verdict == verdict%stable .and. move_far(self%multipliers, better%multipliers)) self%verdict = verdict%unknown
    end subroutine stability_hold_against
 
+   !> Whether twice the change of a multiplier takes it to the unit circle and, of a complex one, to its next neighbour: light
+   !> damping leaves pairs on a circle inside, however far they turn on it, until they meet others.
+   pure logical function move_far(multipliers, better)
+      complex(wp), intent(in) :: multipliers(:), better(:)
+      real(wp) :: room
+      integer :: i
+
+      move_far = .false.
+      do i = 1, size(multipliers)
+         associate (m => multipliers(i), others => [multipliers(:i - 1), multipliers(i + 1:)])
+            room = 1.0_wp - abs(m)
+            if (abs(aimag(m)) > 0.0_wp .and. size(others) > 0) room = max(room, minval(abs(m - others)))
+            move_far = move_far .or. 2.0_wp*minval(abs(m - better)) >= room
+         end associate
+      end do
+   end function move_far
 end module hb_stability

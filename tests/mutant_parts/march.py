@@ -45,6 +45,16 @@ MUTANTS = [
         ),
     ),
     *of(
+        "march/hb_march_cvode.f90",
+        (
+            "cvode_creeping",
+            "test_hb_march",
+            "what friction holds keeps the speed that it had",
+            "if (size(equations%active) > 0) call stop_active(",
+            "if (size(equations%active) > huge(1)) call stop_active(",
+        ),
+    ),
+    *of(
         "march/hb_march_starts.f90",
         (
             "starts_apart",

@@ -104,13 +104,6 @@ MUTANTS = [
     *of(
         "stability/hb_period_map.f90",
         (
-            "period_map_distance",
-            "test_hb_period_map",
-            "differences are taken for those of half the distance",
-            "matrix(:, k) = (above - below)/(2.0_wp*distance)",
-            "matrix(:, k) = (above - below)/distance",
-        ),
-        (
             "period_map_still",
             "test_hb_period_map",
             "places that friction holds for ever stay among the multipliers",
@@ -124,12 +117,56 @@ MUTANTS = [
             "         self%matrix = matmul(self%matrix, self%matrix)",
             "         continue",
         ),
+    ),
+    *of(
+        "stability/hb_state_map.f90",
         (
-            "period_map_restitution",
+            "state_map_distance",
             "test_hb_period_map",
+            "differences are taken for those of half the distance",
+            "changes(:, k) = (above - below)/(2.0_wp*distance)",
+            "changes(:, k) = (above - below)/distance",
+        ),
+        (
+            "state_map_restitution",
+            "test_hb_marched_laps",
             "blows take all of the speed",
             "self%config%restitution = restitution",
             "self%config%restitution = 0.0_wp",
+        ),
+    ),
+    *of(
+        "stability/hb_marched_laps.f90",
+        (
+            "marched_laps_left",
+            "test_hb_marched_laps",
+            "a march that leaves the motion tells its exponents",
+            "same_motion = 0.1_wp",
+            "same_motion = 1.0e3_wp",
+        ),
+        (
+            "marched_laps_still",
+            "test_hb_marched_laps",
+            "places that friction holds for ever stay among the disturbances",
+            "is_still = .not. rigid%is_wall",
+            "is_still = rigid%is_wall",
+        ),
+        (
+            "marched_laps_distance",
+            "test_hb_marched_laps",
+            "disturbances are so small that rounding is left of them",
+            "distance = 1.0e-5_wp",
+            "distance = 1.0e-12_wp",
+        ),
+    ),
+    *of(
+        "stability/hb_linear_laps.f90",
+        (
+            "linear_laps_shifts",
+            "test_hb_exponents",
+            "what shifts a phase of the motion's own is not taken out",
+            "      call remove_shifts(self, x)",
+            "      continue",
         ),
     ),
     *of(
@@ -155,8 +192,15 @@ MUTANTS = [
             "stability_work_spent",
             "test_hb_stability",
             "stability of a motion that was dear to find may not be dear",
-            "work > max(config%patience*work_allowed, config%work_spent)",
-            "work > config%patience*work_allowed",
+            "limit = max(config%patience*work_allowed, config%work_spent, self%work_in_any_case)",
+            "limit = max(config%patience*work_allowed, self%work_in_any_case)",
+        ),
+        (
+            "stability_in_any_case",
+            "test_hb_stability",
+            "a run has no second for the stability of its points",
+            "limit = max(config%patience*work_allowed, config%work_spent, self%work_in_any_case)",
+            "limit = max(config%patience*work_allowed, config%work_spent)",
         ),
         (
             "stability_own_phase",
@@ -174,6 +218,13 @@ MUTANTS = [
             "what a better motion says of the multipliers counts for nothing",
             "if (self%verdict /= better%verdict) self%verdict = verdict%unknown",
             "if (.false.) self%verdict = verdict%unknown",
+        ),
+        (
+            "stability_neighbours",
+            "test_hb_stability",
+            "pairs may turn until they reach the unit circle, although others are near",
+            "room = max(room, minval(abs(m - others)))",
+            "room = max(room, 1.0_wp)",
         ),
     ),
     *of(

@@ -85,8 +85,8 @@ MUTANTS = [
             "marched_budget",
             "test_hb_marched_motion",
             "a march has no budget of work",
-            "config%most_looks = int(min(scene%solver",
-            "config%most_looks = int(min(1.0e9_wp*scene%solver",
+            "config%most_looks = int(min(scene%march",
+            "config%most_looks = int(min(1.0e9_wp*scene%march",
         ),
     ),
     *of(
