@@ -15,16 +15,13 @@ module hb_marched_laps
    real(wp), parameter :: distance = 1.0e-5_wp                        ! of the marches beside the motion, scaled: kinks and jumps
                                                                       ! within it are rare, and rounding is small beside it
    integer, parameter :: fewest_steps = 200                           ! in a period of the fastest tone, where they are fixed
-   real(wp), parameter :: same_motion = 0.1_wp                        ! farthest place of the march from the motion, scaled, and of
-                                                                      ! the coordinates of the laws relative to their own motion
-   real(wp), parameter :: smallest_motion = 2.0e-2_wp                 ! of these, relative to the largest reach
+   real(wp), parameter :: same_motion = 0.1_wp                        ! farthest place of the march from the motion, scaled
    real(wp), parameter :: unmoved = 1.0e-9_wp                         ! change of a place that friction never lets go, scaled
 
    type, extends(laps_t) :: marched_laps_t
       type(state_map_t), private :: march
       real(wp), private :: time = 0.0_wp                              ! [s]
       real(wp), allocatable, private :: x(:)                          ! state of the march, scaled
-      real(wp), allocatable, private :: own(:)                        ! motion of the coordinates of the laws [m]
       real(wp), allocatable, private :: still(:, :)                   ! orthonormal, places held for ever, (size, any)
    contains
       procedure :: settle => marched_laps_settle
@@ -49,9 +46,6 @@ contains
       self%n_begun = 2*system%n_dofs
       self%n_followed = self%n_begun
       self%length = two_pi/minval(motion%omega)
-      associate (a => matmul(transpose(system%laws%shape), motion%amplitudes))
-         self%own = max(sqrt(sum(abs(a)**2, dim=2)), smallest_motion*maxval(self%march%scale(:system%n_dofs)))
-      end associate
       self%work = (2*self%n_followed + 1)*self%march%work_of(1)
    end subroutine new_marched_laps
 
@@ -96,9 +90,8 @@ contains
       if (.not. is_done) return
       self%time = self%time + self%length
       self%x = after
-      associate (n => self%march%system%n_dofs, away => after - self%march%state_at(self%time))
-         is_done = maxval(abs(away(:n))) <= same_motion .and. &
-                   all(abs(matmul(self%march%scale(:n)*away(:n), self%march%system%laws%shape)) <= same_motion*self%own)
+      associate (n => self%march%system%n_dofs, there => self%march%state_at(self%time))
+         is_done = maxval(abs(after(:n) - there(:n))) <= same_motion
       end associate
    end subroutine go_on
 

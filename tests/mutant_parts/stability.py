@@ -141,8 +141,8 @@ MUTANTS = [
             "marched_laps_left",
             "test_hb_marched_laps",
             "a march that leaves the motion tells its exponents",
-            "same_motion = 0.1_wp",
-            "same_motion = 1.0e3_wp",
+            "is_done = maxval(abs(after(:n) - there(:n))) <= same_motion",
+            "is_done = maxval(abs(after(:n) - there(:n))) < huge(1.0_wp)",
         ),
         (
             "marched_laps_still",
