@@ -22,7 +22,7 @@ module hb_accurate_motion
       put_on_rung, reliable, rung_t, trim_set, with_caution
    use hb_scene, only: accuracy_t, scene_t
    use hb_solver_types, only: nanoseconds_of_work
-   use hb_stability, only: stability_method
+   use hb_stability, only: stability_method, stability_verdict => verdict
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
    use hb_watch, only: watch_t
@@ -38,6 +38,10 @@ module hb_accurate_motion
    real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
    integer, parameter :: laps_of_verdict = 25                         ! for exponents, where they are far from zero
    integer, parameter :: patience_with_products = 40                  ! until the preconditioner gets stronger: rungs are many
+   integer, parameter :: most_refinements = 2                         ! for a verdict on stability
+   real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers by the errors of the motion
+   real(wp), parameter :: work_of_verdict = 4.0_wp                    ! that each may take, times that of the motion
+   real(wp), parameter :: least_work_of_verdict = 5.0e8_wp
    integer, parameter :: patience = 3                                 ! steps from the rung below that gain nothing
    real(wp), parameter :: clearly = 1.25_wp                           ! larger set
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
@@ -62,10 +66,68 @@ contains
       type(rung_t), intent(in), optional :: start                     !! of a neighbour
       class(watch_t), intent(inout), target :: watch
       class(judge_t), intent(in), optional :: judge
+      type(account_t) :: account
+      integer :: i
+
+      call climb(scene, account, result, error, top, start, watch, judge)
+      if (allocated(error) .or. .not. scene%accuracy%grows_set) return
+      do i = 1, most_refinements
+         if (.not. is_denied(result)) exit
+         call refine_for_verdict(scene, 10.0_wp**(-i), account, result, top, watch)
+      end do
+   end subroutine solve_to_tolerance
+
+   !> Whether the errors of the motion leave open whether it is stable: they move its largest multiplier as far as the unit circle.
+   pure logical function is_denied(result)
+      type(motion_result_t), intent(in) :: result
+      real(wp), parameter :: twice = 2.0_wp
+
+      is_denied = .false.
+      if (result%status /= outcome%converged .or. .not. allocated(result%stability%multipliers)) return
+      associate (found => result%stability)
+         is_denied = found%estimate > clear_change .and. (found%verdict == stability_verdict%unknown .or. &
+                     (found%verdict == stability_verdict%unstable .and. abs(found%multipliers(1)) - 1.0_wp < twice*found%estimate))
+      end associate
+   end function is_denied
+
+   !> Climbs on to a part of the tolerance for as much work as the motion has taken so far, for the sake of a verdict on its
+   !> stability; without one it stays as it is.
+   subroutine refine_for_verdict(scene, part, account, result, top, watch)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: part                                    !! of the tolerance
+      type(account_t), intent(inout) :: account
+      type(motion_result_t), intent(inout) :: result
+      type(rung_t), intent(inout) :: top
+      class(watch_t), intent(inout), target :: watch
+      type(scene_t) :: sharper
+      type(motion_result_t) :: finer
+      type(rung_t) :: finer_top
+      type(error_t), allocatable :: trouble
+
+      sharper = scene
+      sharper%accuracy%tolerance = part*scene%accuracy%tolerance
+      sharper%accuracy%max_work = min(scene%accuracy%max_work, max(least_work_of_verdict, work_of_verdict*account%work))
+      call climb(sharper, account, finer, trouble, finer_top, top, watch)
+      result%work = account%work
+      if (allocated(trouble) .or. finer%status /= outcome%converged) return
+      if (finer%stability%verdict == stability_verdict%unknown) return
+      result = finer
+      top = finer_top
+   end subroutine refine_for_verdict
+
+   !> One ladder, from the first rung to that of the tolerance.
+   subroutine climb(scene, account, result, error, top, start, watch, judge)
+      type(scene_t), intent(in) :: scene
+      type(account_t), intent(inout) :: account                       !! of all ladders of the point
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(rung_t), intent(out) :: top                                !! as of `solve_to_tolerance`
+      type(rung_t), intent(in), optional :: start
+      class(watch_t), intent(inout), target :: watch
+      class(judge_t), intent(in), optional :: judge
       type(scene_t) :: here                                           ! the scene on the set of a rung
       type(rung_t) :: best_top, next
       type(motion_result_t) :: best, trial
-      type(account_t) :: account
       type(error_t), allocatable :: trouble
       real(wp) :: before, best_estimate, difference, estimate, goal, raw
       real(wp), allocatable :: outputs_before(:), outputs_raw(:)      ! estimates of outputs
@@ -150,7 +212,7 @@ contains
       call finish(scene, result, top, account, difference, watch)
       if (result%status == outcome%truncated .and. present(judge)) call march_from_balance(scene, result, top, watch, judge)
       if (scene%accuracy%grows_set .and. scene%chain%is_on .and. result%status == outcome%converged) call trim_set(scene, top)
-   end subroutine solve_to_tolerance
+   end subroutine climb
 
    !> Whether rungs have gained nothing for so long that none will: each of the last ones leaves nearly all of the estimate
    !> before it.
