@@ -44,6 +44,13 @@ MUTANTS = [
             "integer, parameter :: most_idle = 3",
         ),
         (
+            "accuracy_verdict",
+            "test_hb_accurate_motion",
+            "the ladder does not go on for a verdict on stability",
+            "integer, parameter :: most_refinements = 2",
+            "integer, parameter :: most_refinements = 0",
+        ),
+        (
             "accuracy_torus",
             "test_hb_accurate_motion",
             "stability of a torus found by tolerance may take no more than a usual point",
