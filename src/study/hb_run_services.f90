@@ -10,11 +10,11 @@ module hb_run_services
 
 contains
 
-   !> All services of a run. Stability may take a second in all, beside what it may take at each point.
+   !> All services of a run. Stability may take a fifth of a second in all, beside what it may take at each point.
    function run_services(n_points) result(services)
-      integer, intent(in), optional :: n_points                       !! of the run; default: so many that there is no second
+      integer, intent(in), optional :: n_points                       !! of the run; default: so many that nothing is left of it
       type(services_t) :: services
-      real(wp), parameter :: nanoseconds_of_run = 1.0e9_wp
+      real(wp), parameter :: nanoseconds_of_run = 2.0e8_wp
 
       allocate (services%models, source=model_file_t())
       allocate (services%finder, source=marched_floquet_t())

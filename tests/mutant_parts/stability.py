@@ -198,7 +198,7 @@ MUTANTS = [
         (
             "stability_in_any_case",
             "test_hb_stability",
-            "a run has no second for the stability of its points",
+            "a run has no time for the stability of its points",
             "limit = max(config%patience*work_allowed, config%work_spent, self%work_in_any_case)",
             "limit = max(config%patience*work_allowed, config%work_spent)",
         ),
