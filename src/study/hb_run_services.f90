@@ -14,10 +14,11 @@ contains
    function run_services(n_points) result(services)
       integer, intent(in), optional :: n_points                       !! of the run; default: so many that nothing is left of it
       type(services_t) :: services
+      type(marched_floquet_t) :: finder
       real(wp), parameter :: nanoseconds_of_run = 2.0e8_wp
 
       allocate (services%models, source=model_file_t())
-      allocate (services%finder, source=marched_floquet_t())
-      if (present(n_points)) services%finder = marched_floquet_t(work_in_any_case=nanoseconds_of_run/n_points)
+      if (present(n_points)) finder%work_in_any_case = nanoseconds_of_run/n_points
+      allocate (services%finder, source=finder)
    end function run_services
 end module hb_run_services
