@@ -40,7 +40,7 @@ module hb_accurate_motion
    integer, parameter :: patience_with_products = 40                  ! until the preconditioner gets stronger: rungs are many
    integer, parameter :: most_refinements = 2                         ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers by the errors of the motion
-   real(wp), parameter :: work_of_verdict = 4.0_wp                    ! that each may take, times that of the motion
+   real(wp), parameter :: work_of_verdict = 4.0_wp                    ! beyond which no rung is begun, times that so far
    real(wp), parameter :: least_work_of_verdict = 5.0e8_wp
    integer, parameter :: patience = 3                                 ! steps from the rung below that gain nothing
    real(wp), parameter :: clearly = 1.25_wp                           ! larger set
@@ -90,8 +90,8 @@ contains
       end associate
    end function is_denied
 
-   !> Climbs on to a part of the tolerance for as much work as the motion has taken so far, for the sake of a verdict on its
-   !> stability; without one it stays as it is.
+   !> Climbs on to a part of the tolerance for the sake of a verdict on stability, as far as `work_of_verdict` goes; without one the
+   !> motion stays as it is.
    subroutine refine_for_verdict(scene, part, account, result, top, watch)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: part                                    !! of the tolerance
