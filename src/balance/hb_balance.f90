@@ -47,6 +47,7 @@ module hb_balance
       real(wp), allocatable, private :: reaction(:, :), force(:, :)   ! (n_coefficients, n_dofs)
       real(wp), allocatable, private :: sampled(:, :)                 ! (n_coefficients, n_dofs) motion that law_set holds
       logical, private :: has_samples = .false.                       ! of it, at today's frequencies and loads
+      logical, private :: has_slopes = .false.                        ! and forces and slopes of the laws at these samples
       logical, private :: has_moved = .false.                         ! to other frequencies than it was made for
       integer, private :: effort = 0                                  ! one of hb_fftw%planning
       integer, private :: n_rounds = 1                                ! of sliders, which `tangent_work` counts
@@ -81,6 +82,8 @@ module hb_balance
       procedure :: stuck_solution => balance_stuck_solution
       procedure :: sample => balance_sample
       procedure, private :: sample_if_new => balance_sample_if_new
+      procedure :: differentiate => balance_differentiate
+      procedure :: residual_there => balance_residual_there
       procedure :: project => balance_project
       procedure :: project_one => balance_project_one
       procedure :: all_dofs => balance_all_dofs
@@ -346,11 +349,42 @@ contains
 
       call balance_sample(self, u)
       call self%law_set%evaluate()
+      call balance_forces(self, u, r)
+   end subroutine balance_residual_of
+
+   !> The residual at a motion to which `differentiate` has gone, without the laws.
+   subroutine balance_residual_there(self, u, r)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      real(wp), intent(out) :: r(self%harmonics%n_coefficients, self%n_dofs)   !! [N]
+
+      call self%stiffness%find_reaction(self%harmonics, u, self%load_factor, self%reaction)
+      call balance_forces(self, u, r)
+   end subroutine balance_residual_there
+
+   !> The residual from the sampled forces of the laws and the reaction.
+   subroutine balance_forces(self, u, r)
+      type(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(:, :)
+      real(wp), intent(out) :: r(:, :)
+
       call self%law_set%transform%to_coefficients(self%law_set%samples%f%values, self%force)
       if (.not. all(ieee_is_finite(self%force(1, :)))) call self%law_set%listen()
       r = self%law_set%factor*self%force - self%reaction
       if (self%stiffness%has_supports) call self%stiffness%add_supports(self%harmonics, u, r)
-   end subroutine balance_residual_of
+   end subroutine balance_forces
+
+   !> Brings samples, forces and slopes of the laws to a motion, unless they are there; the laws are those of the last time.
+   subroutine balance_differentiate(self, u, error)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      type(error_t), allocatable, intent(out) :: error
+
+      call self%sample_if_new(u)
+      if (self%has_slopes) return
+      call self%law_set%differentiate(error)
+      self%has_slopes = .not. allocated(error)
+   end subroutine balance_differentiate
 
    !> Brings the motion onto the torus: q, and v and s where a law asks for them.
    subroutine balance_sample(self, u)
@@ -361,6 +395,7 @@ contains
       call self%law_set%bring_to(self%law_set%samples, u, self%reaction, self%frequencies)
       self%sampled = u
       self%has_samples = .true.
+      self%has_slopes = .false.
    end subroutine balance_sample
 
    !> Samples a motion unless its samples are there: a tangent is mostly asked for where the residual was.

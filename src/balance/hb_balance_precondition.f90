@@ -38,8 +38,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), dimension(self%n_dofs, self%n_dofs) :: df_dq, df_dv, df_ds
 
-      call self%sample_if_new(u)
-      call self%law_set%differentiate(error)
+      call self%differentiate(u, error)
       if (allocated(error)) return
       call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
       step = 0.0_wp
@@ -60,8 +59,7 @@ contains
       logical, allocatable :: is_held(:)
       integer :: i
 
-      call self%sample_if_new(u)
-      call self%law_set%differentiate(error)
+      call self%differentiate(u, error)
       if (allocated(error)) return
       is_held = self%law_set%held()
       step = 0.0_wp

@@ -109,6 +109,7 @@ contains
       call choose_wider(balance%harmonics, torus, set, grid, error, looks_near)
       if (allocated(error)) return
       call make_wide_balance()
+      if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
       if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, n_steps, error, phase, curve)
       if (.not. allocated(error)) then
          if (.not. (present(phase) .or. present(curve)) .and. (any(is_unknown([self%truncation, self%aliasing])) .or. &
@@ -118,7 +119,6 @@ contains
          if (is_unknown(self%aliasing)) self%aliasing = unknown
       end if
       if (.not. allocated(error)) then
-         call check_contact(self, structure, balance, wide, u)
          allocate (c(structure%n_dofs, balance%harmonics%n_harmonics))
          call balance%all_dofs(u, c)
          call find_structure_powers(self, structure, balance%frequencies, loads, c)
@@ -333,7 +333,9 @@ contains
       end if
       if (is_singular) return
       call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
-      call residual_of(wide, big, defect)
+      call wide%differentiate(big, error)                              ! `solve_mean_tangent` needs its slopes
+      if (allocated(error)) return
+      call wide%residual_there(big, defect)
       if (.not. all(ieee_is_finite(defect))) return                   ! out of the range of a law, between samples
       unbalanced = restricted(defect, big)
       alias = unbalanced
@@ -533,20 +535,21 @@ contains
    end subroutine compare_with_half
 
    !> Rigid contact and friction on the finer grid, and the power that each law takes there.
-   subroutine check_contact(self, structure, balance, wide, u)
+   subroutine check_contact(self, structure, balance, wide, u, error)
       type(certificate_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)
+      type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: big(:, :), force(:), motion(:, :)
       real(wp), pointer, contiguous :: samples(:, :)
       integer :: c, i
 
       allocate (big(wide%harmonics%n_coefficients, wide%n_dofs), force(wide%harmonics%n_coefficients))
       call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
-      call wide%sample(big)
-      call wide%law_set%evaluate()
+      call wide%differentiate(big, error)
+      if (allocated(error)) return
       self%defects = wide%law_set%defects()
       allocate (self%power_laws(size(wide%law_set%laws)), source=0.0_wp)
       do i = 1, size(self%power_laws)

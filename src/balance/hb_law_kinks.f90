@@ -141,9 +141,8 @@ contains
       samples = 0.0_wp
       associate (slopes => self%lines(i)%slopes)
          do k = 1, slopes%n
-            if (slopes%part(k) /= part) cycle
-            samples(slopes%row(k)) = samples(slopes%row(k)) + slopes%value(k)
-            is_any = .true.
+            samples(slopes%row(k)) = slopes%value(part, k)
+            is_any = is_any .or. abs(slopes%value(part, k)) > 0.0_wp
          end do
       end associate
    end subroutine law_kinks_fill_part
@@ -161,8 +160,9 @@ contains
                do a = 1, size(line%columns)
                   associate (pair => pair_at(line%columns(a), line%columns(b)), weight => line%force(a)*line%motion(b))
                      do k = 1, slopes%n
-                        if (slopes%part(k) == 0) df_dq%values(slopes%row(k), pair) = df_dq%values(slopes%row(k), pair) &
-                                                                                     + weight*slopes%value(k)
+                        associate (slope => df_dq%values(slopes%row(k), pair))
+                           slope = slope + weight*slopes%value(0, k)
+                        end associate
                      end do
                   end associate
                end do
@@ -174,23 +174,27 @@ contains
    !> Adds the derivative of the forces along a direction by the motion at the neighbours of each sample to its `f`; see
    !> `add_own_slopes` for the rest.
    subroutine law_kinks_add_along(self, along)
-      class(law_kinks_t), intent(inout) :: self
+      class(law_kinks_t), intent(in) :: self
       type(law_samples_t), intent(inout) :: along
-      integer :: i, k
+      real(wp) :: response
+      integer :: a, b, i, k, part
 
       do i = 1, size(self%lines)
-         associate (line => self%lines(i), slopes => self%lines(i)%slopes, f => along%f%values)
-            if (slopes%n == 0) cycle
-            call combine(line, along%q, self%z)
-            self%f = 0.0_wp
-            do k = 1, slopes%n
-               if (slopes%part(k) == 0) cycle
-               associate (force => self%f(slopes%row(k)), column => slopes%column(k))
-                  force = force + slopes%value(k)*sign(1, column)*self%z(abs(column))
-               end associate
-            end do
-            do k = 1, size(line%columns)
-               f(:, line%columns(k)) = f(:, line%columns(k)) + line%force(k)*self%f
+         associate (line => self%lines(i), slopes => self%lines(i)%slopes, f => along%f%values, q => along%q%values)
+            do b = 1, size(line%columns)
+               do a = 1, size(line%columns)
+                  associate (weight => line%force(a)*line%motion(b), to => line%columns(a), from => line%columns(b))
+                     do k = 1, slopes%n                               ! few of the samples are beside a kink
+                        response = 0.0_wp
+                        do part = 1, self%grid%n_parts
+                           associate (column => slopes%column(part, k))
+                              response = response + slopes%value(part, k)*sign(1, column)*q(abs(column), from)
+                           end associate
+                        end do
+                        f(slopes%row(k), to) = f(slopes%row(k), to) + weight*response
+                     end do
+                  end associate
+               end do
             end do
          end associate
       end do

@@ -205,7 +205,8 @@ contains
       kept = pack([(h, h=1, size(values))], values > highest)
    end function strongest
 
-   !> The tangent between the chosen harmonics, term by term as in hb_dense_tangent, and its factors.
+   !> The tangent between the chosen harmonics, term by term as in hb_dense_tangent, and its factors. What samples miss of kinks is
+   !> left out: it costs more than the products that it saves.
    subroutine fill_coupled(self, linear, laws, frequencies)
       type(preconditioner_t), intent(inout) :: self
       type(linear_part_t), intent(in) :: linear
@@ -264,39 +265,10 @@ contains
                end do
             end associate
          end do
-         if (laws%kinks%are_met()) call add_kinks()
          call coupled%factorise()
       end associate
 
    contains
-
-      subroutine add_kinks()
-         logical :: is_any
-         integer :: a, b, line, part
-         real(wp) :: angle(size(frequencies))
-
-         do line = 1, size(laws%kinks%lines)
-            do part = 1, laws%kinks%grid%n_parts
-               call laws%tabulate_kinks(line, part, angle, is_any)
-               if (.not. is_any) cycle
-               do h = 1, self%coupled%set%n_harmonics
-                  call find_columns(h, slope%by_motion)
-                  associate (set => self%coupled%set, ahead => angle(self%coupled%kept(h)))
-                     block(:, set%cos_at(h)) = cos(ahead)*cosine - sin(ahead)*sine
-                     if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = cos(ahead)*sine + sin(ahead)*cosine
-                  end associate
-               end do
-               associate (columns => laws%kinks%lines(line)%columns, force => laws%kinks%lines(line)%force, &
-                          motion => laws%kinks%lines(line)%motion)
-                  do b = 1, size(columns)
-                     do a = 1, size(columns)
-                        if (force(a)*motion(b) /= 0.0_wp) call self%coupled%add(columns(a), columns(b), force(a)*motion(b)*block)
-                     end do
-                  end do
-               end associate
-            end do
-         end do
-      end subroutine add_kinks
 
       subroutine find_columns(h, part)
          integer, intent(in) :: h                                     ! within those chosen

@@ -22,16 +22,18 @@ module hb_kinks
    integer, parameter :: most_tones = 24                              ! of a grid of three samples each that can be held
    integer, parameter :: before = 1, left = 2, right = 3, beyond = 4  ! samples around a cell, from left to right
 
-   !> Derivatives of the corrections: that at sample `row` by the sample `column`.
+   !> Derivatives of the corrections, by the sample itself and by its neighbours.
    type :: kink_slopes_t
-      integer :: n = 0                                                !! entries in use of the arrays
-      integer, allocatable :: row(:)                                  !! (any)
-      integer, allocatable :: column(:)                               !! the sample, negative where it counts with the other sign
-      integer, allocatable :: part(:)                                 !! which neighbour it is: 0 the sample itself, else as `shift`
-      real(wp), allocatable :: value(:)                               !! slope [N/m]
+      integer :: n = 0                                                !! samples with corrections, in use of the arrays
+      integer, allocatable :: row(:)                                  !! the sample, (any)
+      integer, allocatable :: column(:, :)                            !! which one a neighbour is, negative where it counts with the
+                                                                      !! other sign; (0:n_parts, any), 0 the sample itself, others
+                                                                      !! as `shift`
+      real(wp), allocatable :: value(:, :)                            !! slope [N/m], as column; not by its sign
+      integer, allocatable, private :: place(:)                       ! of each sample in the arrays, 0: none; (n_samples)
    contains
       procedure :: forget => kink_slopes_forget
-      procedure, private :: add => kink_slopes_add
+      procedure, private :: find => kink_slopes_find
    end type kink_slopes_t
 
    !> The neighbours on a grid.
@@ -48,8 +50,8 @@ module hb_kinks
       procedure :: shift => kink_grid_shift
       procedure, private :: scan => kink_grid_scan
       procedure, private :: neighbour => kink_grid_neighbour
+      procedure, private :: place_along => kink_grid_place_along
       procedure, private :: add_cell => kink_grid_add_cell
-      procedure, private :: find_share => kink_grid_find_share
    end type kink_grid_t
 
    !> A sample near another one, the sign with which it counts.
@@ -115,7 +117,7 @@ contains
          do first = 1, size(z), n(1)                                  ! along the first tone a line is one piece
             self%line(0:n(1) - 1) = z(first:first + n(1) - 1)
             do j = -1, n(1) + 1
-               if (j < 0 .or. j >= n(1)) self%line(j) = value_at(self%neighbour(first, 1, j))
+               if (j < 0 .or. j >= n(1)) self%line(j) = value_at(self%neighbour(first, 0, 1, j))
             end do
             call self%scan(1, first, self%line(-1:n(1) - 2), self%line(0:n(1) - 1), self%line(1:n(1)), self%line(2:n(1) + 1), &
                            z, places, jumps, f, slopes)
@@ -171,22 +173,30 @@ contains
       turns = (j - modulo(j, n))/n
    end function turns
 
+   !> Place of a sample along tone m, from 0.
+   pure integer function kink_grid_place_along(self, sample, m) result(place)
+      class(kink_grid_t), intent(in) :: self
+      integer, intent(in) :: sample, m
+
+      place = sample - 1
+      if (m > 1) place = place/self%stride(m)
+      if (m < size(self%n)) place = modulo(place, self%n(m))
+   end function kink_grid_place_along
+
    !> The sample `steps` along tone m from a sample.
-   pure type(neighbour_t) function kink_grid_neighbour(self, sample, m, steps) result(there)
+   pure type(neighbour_t) function kink_grid_neighbour(self, sample, place, m, steps) result(there)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: sample
+      integer, intent(in) :: place                                    !! of the sample along tone m
       integer, intent(in) :: m
       integer, intent(in) :: steps
-      integer :: from, j, lower
+      integer :: j, lower
 
       associate (stride => self%stride(m), n => self%n(m))
-         from = sample - 1
-         if (m > 1) from = from/stride
-         if (m < size(self%n)) from = modulo(from, n)
-         j = from + steps
+         j = place + steps
          there%sample = sample + steps*stride
          if (j >= 0 .and. j < n) return
-         there%sample = sample + (modulo(j, n) - from)*stride
+         there%sample = sample + (modulo(j, n) - place)*stride
          if (.not. self%is_half .or. m < size(self%n)) return
          if (modulo(turns(j, n), 2) == 0) return
          there%sign = -1.0_wp
@@ -206,36 +216,41 @@ contains
       real(wp), intent(inout), contiguous :: f(:)
       type(kink_slopes_t), intent(inout), optional :: slopes
       integer, parameter :: block_size = 64                           ! cells that are looked at together
-      integer :: first_cell, i, k, last
+      integer(int64) :: is_near(block_size)
+      integer :: first_cell, i, k, n
 
       do k = 1, size(places)
          do first_cell = 1, size(b), block_size
-            last = min(first_cell + block_size - 1, size(b))
-            if (n_near(a(first_cell:last), b(first_cell:last), c(first_cell:last), d(first_cell:last), places(k)) == 0) cycle
-            do i = first_cell, last
-               if (n_near(a(i:i), b(i:i), c(i:i), d(i:i), places(k)) > 0) &
+            n = min(block_size, size(b) - first_cell + 1)
+            associate (last => first_cell + n - 1)
+               call find_near(a(first_cell:last), b(first_cell:last), c(first_cell:last), d(first_cell:last), places(k), &
+                              is_near(:n))
+            end associate
+            if (sum(is_near(:n)) == 0) cycle
+            do i = first_cell, first_cell + n - 1
+               if (is_near(i - first_cell + 1) > 0) &
                   call self%add_cell(m, first + i - 1, [a(i), b(i), c(i), d(i)] - places(k), jumps(k), z, f, slopes)
             end do
          end do
       end do
    end subroutine kink_grid_scan
 
-   !> Number of cells whose cubic may pass a place: it stands between their ends, or as near as the cubic can be to their chord.
-   pure integer(int64) function n_near(a, b, c, d, place) result(n)
+   !> Cells whose cubic may pass a place, 1, else 0: it stands between their ends, or as near as the cubic can be to their chord.
+   pure subroutine find_near(a, b, c, d, place, is_near)
       real(wp), intent(in), contiguous :: a(:), b(:), c(:), d(:)      !! values before, at, after and beyond each cell [m]
       real(wp), intent(in) :: place                                   !! [m]
+      integer(int64), intent(out), contiguous :: is_near(:)
       real(wp), parameter :: furthest = 2.0_wp/27.0_wp
       real(wp) :: at_left, at_right, reach
       integer :: i
 
-      n = 0
       do i = 1, size(b)                                               ! no way out at the first: several run at once
          at_left = b(i) - place
          at_right = c(i) - place
          reach = furthest*(abs(a(i) - 2.0_wp*b(i) + c(i)) + abs(b(i) - 2.0_wp*c(i) + d(i)))
-         n = n + merge(1_int64, 0_int64, min(at_left, at_right) <= reach .and. max(at_left, at_right) >= -reach)
+         is_near(i) = merge(1_int64, 0_int64, min(at_left, at_right) <= reach .and. max(at_left, at_right) >= -reach)
       end do
-   end function n_near
+   end subroutine find_near
 
    !> Adds the corrections of the roots between a sample and its next one along tone m, where there are any.
    subroutine kink_grid_add_cell(self, m, sample, values, jump, z, f, slopes)
@@ -247,36 +262,54 @@ contains
       real(wp), intent(in), contiguous :: z(:)
       real(wp), intent(inout), contiguous :: f(:)
       type(kink_slopes_t), intent(inout), optional :: slopes
-      real(wp) :: added(left:right), by_values(before:beyond, left:right), share, share_slopes(most_tones), step
-      type(neighbour_t) :: around(before:beyond), beside
+      real(wp) :: added(left:right), by_values(before:beyond, left:right), share, share_slopes(most_tones)
+      type(neighbour_t) :: around(before:beyond), beside(-1:1, most_tones)
       logical :: has_kink
-      integer :: k, row, tone
+      integer :: at, k, place, row, tone
 
       call correct_cell(values, jump, present(slopes), added, by_values, has_kink)
       if (.not. has_kink) return
+      place = self%place_along(sample, m)
       do k = before, beyond
-         around(k) = self%neighbour(sample, m, k - left)
+         around(k) = self%neighbour(sample, place, m, k - left)
       end do
       do row = left, right
          share = 1.0_wp
-         if (size(self%n) > 1) call self%find_share(m, around(row)%sample, z, share, share_slopes)
          associate (here => around(row))
+            if (size(self%n) > 1) then
+               do tone = 1, size(self%n)
+                  place = self%place_along(here%sample, tone)
+                  do k = -1, 1, 2
+                     beside(k, tone) = self%neighbour(here%sample, place, tone, k)
+                  end do
+               end do
+               call find_share(m, beside(:, :size(self%n)), z, share, share_slopes)
+            end if
             f(here%sample) = f(here%sample) + here%sign*share*added(row)
             if (.not. present(slopes)) cycle
+            call slopes%find(here%sample, self%n_parts, size(z), at)
             do k = before, beyond
-               call slopes%add(here%sample, around(k)%sample, here%sign*around(k)%sign, part_of(m, k - row), &
-                               share*by_values(k, row))
+               call add(part_of(m, k - row), around(k)%sample, here%sign*around(k)%sign, share*by_values(k, row))
             end do
             if (size(self%n) == 1) cycle
             do tone = 1, size(self%n)                                 ! what the share depends on changes its sign with `added`
                do k = -1, 1, 2
-                  beside = self%neighbour(here%sample, tone, k)
-                  step = 0.5_wp*k*here%sign*added(row)*share_slopes(tone)
-                  call slopes%add(here%sample, beside%sample, beside%sign, part_of(tone, k), step)
+                  call add(part_of(tone, k), beside(k, tone)%sample, beside(k, tone)%sign, &
+                           0.5_wp*k*here%sign*added(row)*share_slopes(tone))
                end do
             end do
          end associate
       end do
+
+   contains
+
+      subroutine add(part, column, sign, value)
+         integer, intent(in) :: part, column
+         real(wp), intent(in) :: sign, value
+
+         slopes%column(part, at) = merge(column, -column, sign > 0.0_wp)
+         slopes%value(part, at) = slopes%value(part, at) + value
+      end subroutine add
    end subroutine kink_grid_add_cell
 
    !> Number of the neighbour that stands `steps` along tone m; see `shift`.
@@ -289,22 +322,21 @@ contains
    end function part_of
 
    !> Share of tone m in the corrections at a sample, and how it depends on half the differences of neighbours, 1 for each tone.
-   pure subroutine kink_grid_find_share(self, m, sample, z, share, slopes)
-      class(kink_grid_t), intent(in) :: self
-      integer, intent(in) :: m, sample
+   pure subroutine find_share(m, beside, z, share, slopes)
+      integer, intent(in) :: m
+      type(neighbour_t), intent(in) :: beside(-1:, :)                 !! next to the sample along each tone, (-1:1, n_tones)
       real(wp), intent(in) :: z(:)
       real(wp), intent(out) :: share
       real(wp), intent(out) :: slopes(most_tones)                     !! [1/m], (n_tones) of them
       real(wp) :: rates(most_tones), largest, total
-      type(neighbour_t) :: next, previous
       integer :: tone
 
-      do tone = 1, size(self%n)
-         next = self%neighbour(sample, tone, 1)
-         previous = self%neighbour(sample, tone, -1)
-         rates(tone) = 0.5_wp*(next%sign*z(next%sample) - previous%sign*z(previous%sample))
+      do tone = 1, size(beside, 2)
+         associate (next => beside(1, tone), previous => beside(-1, tone))
+            rates(tone) = 0.5_wp*(next%sign*z(next%sample) - previous%sign*z(previous%sample))
+         end associate
       end do
-      associate (d => size(self%n))
+      associate (d => size(beside, 2))
          largest = maxval(abs(rates(:d)))
          share = 1.0_wp/d
          slopes(:d) = 0.0_wp
@@ -316,7 +348,7 @@ contains
          slopes(m) = slopes(m) + 2.0_wp*rates(m)
          slopes(:d) = slopes(:d)/(total*largest)
       end associate
-   end subroutine kink_grid_find_share
+   end subroutine find_share
 
    !> Corrections of the roots of the cubic in one cell, with their derivatives by the four values; see the head of this module.
    pure subroutine correct_cell(values, jump, with_slopes, added, by_values, has_kink)
@@ -468,30 +500,39 @@ contains
    pure subroutine kink_slopes_forget(self)
       class(kink_slopes_t), intent(inout) :: self
 
+      if (self%n > 0) self%place(self%row(:self%n)) = 0
       self%n = 0
    end subroutine kink_slopes_forget
 
-   !> Adds the slope at sample `row` by sample `column`, which counts with `sign`.
-   pure subroutine kink_slopes_add(self, row, column, sign, part, value)
+   !> Place of a sample in the arrays; a new one begins with slopes of zero, by itself.
+   pure subroutine kink_slopes_find(self, row, n_parts, n_samples, place)
       class(kink_slopes_t), intent(inout) :: self
-      integer, intent(in) :: row, column
-      real(wp), intent(in) :: sign
-      integer, intent(in) :: part
-      real(wp), intent(in) :: value
+      integer, intent(in) :: row, n_parts
+      integer, intent(in) :: n_samples                                !! the same each time
+      integer, intent(out) :: place
       integer, parameter :: first_size = 256
+      integer, allocatable :: column(:, :)
+      real(wp), allocatable :: value(:, :)
 
-      if (.not. allocated(self%row)) allocate (self%row(first_size), self%column(first_size), self%part(first_size), &
-                                               self%value(first_size))
+      if (.not. allocated(self%row)) then
+         allocate (self%row(first_size), self%column(0:n_parts, first_size), self%value(0:n_parts, first_size))
+         allocate (self%place(n_samples), source=0)
+      end if
+      place = self%place(row)
+      if (place > 0) return
       if (self%n == size(self%row)) then
+         allocate (column(0:n_parts, 2*self%n), value(0:n_parts, 2*self%n))
+         column(:, :self%n) = self%column
+         value(:, :self%n) = self%value
+         call move_alloc(column, self%column)
+         call move_alloc(value, self%value)
          self%row = [self%row, self%row]
-         self%column = [self%column, self%column]
-         self%part = [self%part, self%part]
-         self%value = [self%value, self%value]
       end if
       self%n = self%n + 1
-      self%row(self%n) = row
-      self%column(self%n) = merge(column, -column, sign > 0.0_wp)
-      self%part(self%n) = part
-      self%value(self%n) = value
-   end subroutine kink_slopes_add
+      place = self%n
+      self%place(row) = place
+      self%row(place) = row
+      self%column(:, place) = row
+      self%value(:, place) = 0.0_wp
+   end subroutine kink_slopes_find
 end module hb_kinks

@@ -37,7 +37,8 @@ module hb_accurate_motion
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
    integer, parameter :: laps_of_verdict = 25                         ! for exponents, where they are far from zero
-   integer, parameter :: patience_with_products = 40                  ! until the preconditioner gets stronger: rungs are many
+   integer, parameter :: patience_with_products = 16                  ! until the preconditioner gets stronger: rungs are many
+   real(wp), parameter :: share_of_residual = 1.0e-4_wp               ! of the tolerance: where equations are solved well enough
    integer, parameter :: most_refinements = 2                         ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers by the errors of the motion
    real(wp), parameter :: work_of_verdict = 4.0_wp                    ! beyond which no rung is begun, times that so far
@@ -150,6 +151,7 @@ contains
       here%certificate%is_on = .true.
       here%certificate%looks_near = .true.
       here%stability%method = stability_method%off
+      here%solver%tolerance = solver_tolerance(scene)
       here%certificate%improvement_steps = 0
       if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
       call find_first(here, scene, result, error, top, start, account, watch, judge)
@@ -346,6 +348,14 @@ contains
       result%n_samples = top%n_samples
    end subroutine find_first
 
+   !> Residual at which the equations of a rung are solved: far below what its motion may be off by, unless one was asked for.
+   pure real(wp) function solver_tolerance(scene) result(tolerance)
+      type(scene_t), intent(in) :: scene
+
+      tolerance = scene%solver%tolerance
+      if (.not. scene%solver%has_tolerance) tolerance = max(tolerance, share_of_residual*scene%accuracy%tolerance)
+   end function solver_tolerance
+
    !> Whether the point has ended.
    pure logical function is_over(result)
       type(motion_result_t), intent(in) :: result
@@ -427,6 +437,7 @@ contains
       if (scene%stability%method /= stability_method%off .or. size(scene%output%samples) > 0) then
          here = scene
          here%certificate%is_on = .false.
+         here%solver%tolerance = solver_tolerance(scene)
          here%stability%work_spent = nanoseconds_of_work*account%work + account%work_beside
          if (here%stability%method == stability_method%auto) here%stability%fewest_laps = laps_of_verdict
          call put_on_rung(here, scene, top, error)

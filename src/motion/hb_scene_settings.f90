@@ -37,6 +37,7 @@ contains
          first_jacobian = trim(start_names(merge(2, 1, solver%start_with_tangent)))
          first_guess = "auto"
          call group%get("method", name, choices=method_names)
+         solver%has_tolerance = group%given("tolerance")
          call group%get("tolerance", solver%tolerance, unit="1", limits=limits_t(above=0.0_wp))
          call group%get("max_iterations", solver%max_iterations, limits=limits_t(minimum=0))
          call group%get("line_search", solver%line_search)

@@ -107,23 +107,28 @@ contains
    end function motion_series_phases
 
    !> Coordinates and their rates at several phases; a motion goes through those of its times.
-   pure subroutine motion_series_at(self, phases, z, v)
+   pure subroutine motion_series_at(self, phases, z, v, with_rates)
       class(motion_series_t), intent(in) :: self
       real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, n_times)
       real(wp), intent(out) :: z(:, :), v(:, :)                       !! (n_times, n_coordinates)
+      logical, intent(in), optional :: with_rates                     !! false: v is 0, for half the work; default true
       integer :: first, last
+      logical :: has_rates
 
+      has_rates = .true.
+      if (present(with_rates)) has_rates = with_rates
       do first = 1, size(phases, 2), n_together
          last = min(first + n_together - 1, size(phases, 2))
-         call sum_up(self, phases(:, first:last), z(first:last, :), v(first:last, :))
+         call sum_up(self, phases(:, first:last), has_rates, z(first:last, :), v(first:last, :))
       end do
    end subroutine motion_series_at
 
    !> Coordinates and their rates at a few phases, side by side: multiples of each phase from the one before, rows from those of the
    !> last tone.
-   pure subroutine sum_up(self, phases, z, v)
+   pure subroutine sum_up(self, phases, has_rates, z, v)
       type(motion_series_t), intent(in) :: self
       real(wp), intent(in) :: phases(:, :)                            !! tau [rad], (n_tones, n_times), at most `n_together`
+      logical, intent(in) :: has_rates
       real(wp), intent(out) :: z(:, :), v(:, :)                       !! (n_times, n_coordinates)
       real(wp), dimension(size(phases, 2), 0:self%highest, size(self%omega)) :: cosine, sine
       real(wp), dimension(size(phases, 2)) :: a, b, c, s
@@ -161,6 +166,9 @@ contains
                   do i = 1, size(phases, 2)
                      sums(i, 1) = sums(i, 1) + (part(1)*cosine(i, k, last) + part(3)*sine(i, k, last))
                      sums(i, 2) = sums(i, 2) + (part(2)*cosine(i, k, last) + part(4)*sine(i, k, last))
+                  end do
+                  if (.not. has_rates) cycle
+                  do i = 1, size(phases, 2)
                      sums(i, 3) = sums(i, 3) + (part(5)*cosine(i, k, last) + part(7)*sine(i, k, last))
                      sums(i, 4) = sums(i, 4) + (part(6)*cosine(i, k, last) + part(8)*sine(i, k, last))
                   end do

@@ -6,6 +6,7 @@
 module hb_variation_pieces
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
+   use hb_law, only: law_t
    use hb_variation, only: piece_t, variation_t
    implicit none
    private
@@ -55,7 +56,8 @@ contains
       if (.not. self%is_smooth()) then
          times = [(start + (finish - start)*i/n_looks, i=0, n_looks)]
          allocate (z(size(times), self%n_coordinates), v(size(times), self%n_coordinates))
-         call self%motion%at(self%motion%phases(times), z, v)
+         call self%motion%at(self%motion%phases(times), z, v, &
+                             any([(needs_rates(self%laws(i)%law), i=1, size(self%laws))]))
          do i = 1, size(self%laws)
             if (self%laws(i)%law%n_switches > 0) then
                call find_switching(self, i, times, z, v, found)
@@ -70,6 +72,13 @@ contains
       end if
       call make_pieces(self, start, finish, first_slip, first_held, events, pieces)
    end subroutine cut_time
+
+   !> Whether switches or sliders of a law depend on rates.
+   pure logical function needs_rates(law)
+      class(law_t), intent(in) :: law
+
+      needs_rates = law%needs_velocity .or. law%n_states > 0
+   end function needs_rates
 
    !> Follows sliders round a period until they repeat their places.
    subroutine settle_sliders(self, start, finish, n_looks)
@@ -129,7 +138,7 @@ contains
          real(wp) :: there(size(values, 1), size(wide))
 
          associate (middles => brackets(wide)%middle)
-            call self%motion%at(self%motion%phases(middles), z_there, v_there)
+            call self%motion%at(self%motion%phases(middles), z_there, v_there, needs_rates(self%laws(i)%law))
             call switches_at(self, i, middles, z_there, v_there, there)
          end associate
          do k = 1, size(wide)

@@ -4,6 +4,16 @@ from mutant_parts.mutant import of
 
 MUTANTS = [
     *of(
+        "balance/hb_balance.f90",
+        (
+            "balance_slopes",
+            "test_hb_balance",
+            "forces and slopes of another motion serve",
+            "self%has_samples = .true.\n      self%has_slopes = .false.",
+            "self%has_samples = .true.",
+        ),
+    ),
+    *of(
         "balance/hb_balance_precondition.f90",
         (
             "response_held",

@@ -78,6 +78,13 @@ MUTANTS = [
             "psi_3*b4/24.0_wp",
         ),
         (
+            "kinks_sum",
+            "test_hb_kinks",
+            "of two kinks beside a sample one counts",
+            "slopes%value(part, at) = slopes%value(part, at) + value",
+            "slopes%value(part, at) = value",
+        ),
+        (
             "kinks_half",
             "test_hb_kinks",
             "half a grid goes on with its own sign",

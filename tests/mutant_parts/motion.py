@@ -23,6 +23,13 @@ MUTANTS = [
             "correction = 1.0_wp",
         ),
         (
+            "accuracy_residual",
+            "test_hb_accurate_motion",
+            "equations are solved to rounding, whatever is asked for",
+            "share_of_residual = 1.0e-4_wp",
+            "share_of_residual = 1.0e-16_wp",
+        ),
+        (
             "accuracy_converged",
             "test_hb_accurate_motion",
             "a point whose budget is spent counts as converged",
