@@ -13,7 +13,7 @@
 !> the share w_m = d_m**2/sum d_n**2 of the sample that it adds to, with d_n half the difference of the neighbours along tone n.
 !> Source: docs/user/theory.md, section 5.7.
 module hb_kinks
-   use hb_kinds, only: int64, wp
+   use hb_kinds, only: wp
    use hb_torus, only: torus_t
    implicit none
    private
@@ -47,6 +47,7 @@ module hb_kinks
       procedure :: correct => kink_grid_correct
       procedure :: shift => kink_grid_shift
       procedure, private :: scan => kink_grid_scan
+      procedure, private :: place => kink_grid_place
       procedure, private :: neighbour => kink_grid_neighbour
       procedure, private :: add_cell => kink_grid_add_cell
       procedure, private :: find_share => kink_grid_find_share
@@ -54,8 +55,8 @@ module hb_kinks
 
    !> A sample near another one, the sign with which it counts.
    type :: neighbour_t
-      integer :: sample = 0
-      real(wp) :: sign = 1.0_wp
+      integer :: sample
+      real(wp) :: sign
    end type neighbour_t
 
 contains
@@ -115,7 +116,7 @@ contains
          do first = 1, size(z), n(1)                                  ! along the first tone a line is one piece
             self%line(0:n(1) - 1) = z(first:first + n(1) - 1)
             do j = -1, n(1) + 1
-               if (j < 0 .or. j >= n(1)) self%line(j) = value_at(self%neighbour(first, 1, j))
+               if (j < 0 .or. j >= n(1)) self%line(j) = value_at(self%neighbour(first, 0, 1, j))
             end do
             call self%scan(1, first, self%line(-1:n(1) - 2), self%line(0:n(1) - 1), self%line(1:n(1)), self%line(2:n(1) + 1), &
                            z, places, jumps, f, slopes)
@@ -171,18 +172,32 @@ contains
       turns = (j - modulo(j, n))/n
    end function turns
 
-   !> The sample `steps` along tone m from a sample.
-   pure type(neighbour_t) function kink_grid_neighbour(self, sample, m, steps) result(there)
+   !> Places of a sample along the tones, from 0: divisions of integers take longer than all that its neighbours are asked for.
+   pure subroutine kink_grid_place(self, sample, from)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: sample
+      integer, intent(out) :: from(most_tones)                        !! (n_tones) of them
+      integer :: left_over, m
+
+      left_over = sample - 1
+      do m = size(self%n), 2, -1
+         from(m) = left_over/self%stride(m)
+         left_over = left_over - from(m)*self%stride(m)
+      end do
+      from(1) = left_over
+   end subroutine kink_grid_place
+
+   !> The sample `steps` along tone m from a sample.
+   pure type(neighbour_t) function kink_grid_neighbour(self, sample, from, m, steps) result(there)
+      class(kink_grid_t), intent(in) :: self
+      integer, intent(in) :: sample
+      integer, intent(in) :: from                                     !! its place along tone m, see `place`
       integer, intent(in) :: m
       integer, intent(in) :: steps
-      integer :: from, j, lower
+      integer :: j, lower
 
       associate (stride => self%stride(m), n => self%n(m))
-         from = sample - 1
-         if (m > 1) from = from/stride
-         if (m < size(self%n)) from = modulo(from, n)
+         there%sign = 1.0_wp
          j = from + steps
          there%sample = sample + steps*stride
          if (j >= 0 .and. j < n) return
@@ -206,36 +221,43 @@ contains
       real(wp), intent(inout), contiguous :: f(:)
       type(kink_slopes_t), intent(inout), optional :: slopes
       integer, parameter :: block_size = 64                           ! cells that are looked at together
-      integer :: first_cell, i, k, last
+      real(wp) :: distance(block_size)
+      integer :: first_cell, i, k, n
 
       do k = 1, size(places)
-         do first_cell = 1, size(b), block_size
-            last = min(first_cell + block_size - 1, size(b))
-            if (n_near(a(first_cell:last), b(first_cell:last), c(first_cell:last), d(first_cell:last), places(k)) == 0) cycle
-            do i = first_cell, last
-               if (n_near(a(i:i), b(i:i), c(i:i), d(i:i), places(k)) > 0) &
-                  call self%add_cell(m, first + i - 1, [a(i), b(i), c(i), d(i)] - places(k), jumps(k), z, f, slopes)
+         do first_cell = 0, size(b) - 1, block_size
+            n = min(block_size, size(b) - first_cell)
+            associate (from => first_cell + 1)
+               call find_distances(n, a(from:), b(from:), c(from:), d(from:), places(k), distance)
+            end associate
+            do i = 1, n
+               if (.not. distance(i) <= 0.0_wp) cycle
+               associate (at => first_cell + i)
+                  call self%add_cell(m, first + at - 1, [a(at), b(at), c(at), d(at)] - places(k), jumps(k), z, f, slopes)
+               end associate
             end do
          end do
       end do
    end subroutine kink_grid_scan
 
-   !> Number of cells whose cubic may pass a place: it stands between their ends, or as near as the cubic can be to their chord.
-   pure integer(int64) function n_near(a, b, c, d, place) result(n)
-      real(wp), intent(in), contiguous :: a(:), b(:), c(:), d(:)      !! values before, at, after and beyond each cell [m]
+   !> Finds how far a place is from where the cubics of cells may pass. Not above zero: it stands between their ends, or as near as
+   !> a cubic can be to its chord.
+   pure subroutine find_distances(n, a, b, c, d, place, distance)
+      integer, intent(in) :: n                                        !! cells
+      real(wp), intent(in) :: a(n), b(n), c(n), d(n)                  !! values before, at, after and beyond each cell [m]
       real(wp), intent(in) :: place                                   !! [m]
+      real(wp), intent(out) :: distance(n)                            !! [m]
       real(wp), parameter :: furthest = 2.0_wp/27.0_wp
-      real(wp) :: at_left, at_right, reach
+      real(wp) :: at_left, at_right
       integer :: i
 
-      n = 0
-      do i = 1, size(b)                                               ! no way out at the first: several run at once
+      do i = 1, n                                                     ! without a branch: several run at once
          at_left = b(i) - place
          at_right = c(i) - place
-         reach = furthest*(abs(a(i) - 2.0_wp*b(i) + c(i)) + abs(b(i) - 2.0_wp*c(i) + d(i)))
-         n = n + merge(1_int64, 0_int64, min(at_left, at_right) <= reach .and. max(at_left, at_right) >= -reach)
+         distance(i) = max(min(at_left, at_right), -max(at_left, at_right)) &
+                       - furthest*(abs(a(i) - 2.0_wp*b(i) + c(i)) + abs(b(i) - 2.0_wp*c(i) + d(i)))
       end do
-   end function n_near
+   end subroutine find_distances
 
    !> Adds the corrections of the roots between a sample and its next one along tone m, where there are any.
    subroutine kink_grid_add_cell(self, m, sample, values, jump, z, f, slopes)
@@ -248,18 +270,22 @@ contains
       real(wp), intent(inout), contiguous :: f(:)
       type(kink_slopes_t), intent(inout), optional :: slopes
       real(wp) :: added(left:right), by_values(before:beyond, left:right), share, share_slopes(most_tones), step
-      type(neighbour_t) :: around(before:beyond), beside
+      type(neighbour_t) :: around(before:beyond), beside(-1:1, most_tones)
       logical :: has_kink
-      integer :: k, row, tone
+      integer :: from(most_tones), k, row, tone
 
       call correct_cell(values, jump, present(slopes), added, by_values, has_kink)
       if (.not. has_kink) return
+      call self%place(sample, from)
       do k = before, beyond
-         around(k) = self%neighbour(sample, m, k - left)
+         around(k) = self%neighbour(sample, from(m), m, k - left)
       end do
       do row = left, right
          share = 1.0_wp
-         if (size(self%n) > 1) call self%find_share(m, around(row)%sample, z, share, share_slopes)
+         if (size(self%n) > 1) then
+            if (row == right) call self%place(around(row)%sample, from)
+            call self%find_share(m, around(row)%sample, from, z, present(slopes), share, share_slopes, beside)
+         end if
          associate (here => around(row))
             f(here%sample) = f(here%sample) + here%sign*share*added(row)
             if (.not. present(slopes)) cycle
@@ -270,9 +296,8 @@ contains
             if (size(self%n) == 1) cycle
             do tone = 1, size(self%n)                                 ! what the share depends on changes its sign with `added`
                do k = -1, 1, 2
-                  beside = self%neighbour(here%sample, tone, k)
                   step = 0.5_wp*k*here%sign*added(row)*share_slopes(tone)
-                  call slopes%add(here%sample, beside%sample, beside%sign, part_of(tone, k), step)
+                  call slopes%add(here%sample, beside(k, tone)%sample, beside(k, tone)%sign, part_of(tone, k), step)
                end do
             end do
          end associate
@@ -289,20 +314,24 @@ contains
    end function part_of
 
    !> Share of tone m in the corrections at a sample, and how it depends on half the differences of neighbours, 1 for each tone.
-   pure subroutine kink_grid_find_share(self, m, sample, z, share, slopes)
+   pure subroutine kink_grid_find_share(self, m, sample, from, z, with_slopes, share, slopes, beside)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: m, sample
+      integer, intent(in) :: from(most_tones)                         !! see `place`
       real(wp), intent(in) :: z(:)
+      logical, intent(in) :: with_slopes                              !! else these are not found
       real(wp), intent(out) :: share
       real(wp), intent(out) :: slopes(most_tones)                     !! [1/m], (n_tones) of them
+      type(neighbour_t), intent(out) :: beside(-1:1, most_tones)      !! before and after the sample along each tone
       real(wp) :: rates(most_tones), largest, total
-      type(neighbour_t) :: next, previous
       integer :: tone
 
       do tone = 1, size(self%n)
-         next = self%neighbour(sample, tone, 1)
-         previous = self%neighbour(sample, tone, -1)
-         rates(tone) = 0.5_wp*(next%sign*z(next%sample) - previous%sign*z(previous%sample))
+         associate (next => beside(1, tone), previous => beside(-1, tone))
+            next = self%neighbour(sample, from(tone), tone, 1)
+            previous = self%neighbour(sample, from(tone), tone, -1)
+            rates(tone) = 0.5_wp*(next%sign*z(next%sample) - previous%sign*z(previous%sample))
+         end associate
       end do
       associate (d => size(self%n))
          largest = maxval(abs(rates(:d)))
@@ -312,6 +341,7 @@ contains
          rates(:d) = rates(:d)/largest
          total = sum(rates(:d)**2)
          share = rates(m)**2/total
+         if (.not. with_slopes) return
          slopes(:d) = -2.0_wp*share*rates(:d)
          slopes(m) = slopes(m) + 2.0_wp*rates(m)
          slopes(:d) = slopes(:d)/(total*largest)
