@@ -13,7 +13,7 @@
 !> the share w_m = d_m**2/sum d_n**2 of the sample that it adds to, with d_n half the difference of the neighbours along tone n.
 !> Source: docs/user/theory.md, section 5.7.
 module hb_kinks
-   use hb_kinds, only: int64, wp
+   use hb_kinds, only: wp
    use hb_torus, only: torus_t
    implicit none
    private
@@ -49,15 +49,16 @@ module hb_kinks
       procedure :: correct => kink_grid_correct
       procedure :: shift => kink_grid_shift
       procedure, private :: scan => kink_grid_scan
+      procedure, private :: place => kink_grid_place
       procedure, private :: neighbour => kink_grid_neighbour
-      procedure, private :: place_along => kink_grid_place_along
       procedure, private :: add_cell => kink_grid_add_cell
+      procedure, private :: find_share => kink_grid_find_share
    end type kink_grid_t
 
    !> A sample near another one, the sign with which it counts.
    type :: neighbour_t
-      integer :: sample = 0
-      real(wp) :: sign = 1.0_wp
+      integer :: sample
+      real(wp) :: sign
    end type neighbour_t
 
 contains
@@ -173,30 +174,36 @@ contains
       turns = (j - modulo(j, n))/n
    end function turns
 
-   !> Place of a sample along tone m, from 0.
-   pure integer function kink_grid_place_along(self, sample, m) result(place)
-      class(kink_grid_t), intent(in) :: self
-      integer, intent(in) :: sample, m
-
-      place = sample - 1
-      if (m > 1) place = place/self%stride(m)
-      if (m < size(self%n)) place = modulo(place, self%n(m))
-   end function kink_grid_place_along
-
-   !> The sample `steps` along tone m from a sample.
-   pure type(neighbour_t) function kink_grid_neighbour(self, sample, place, m, steps) result(there)
+   !> Places of a sample along the tones, from 0: divisions of integers take longer than all that its neighbours are asked for.
+   pure subroutine kink_grid_place(self, sample, from)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: sample
-      integer, intent(in) :: place                                    !! of the sample along tone m
+      integer, intent(out) :: from(most_tones)                        !! (n_tones) of them
+      integer :: left_over, m
+
+      left_over = sample - 1
+      do m = size(self%n), 2, -1
+         from(m) = left_over/self%stride(m)
+         left_over = left_over - from(m)*self%stride(m)
+      end do
+      from(1) = left_over
+   end subroutine kink_grid_place
+
+   !> The sample `steps` along tone m from a sample.
+   pure type(neighbour_t) function kink_grid_neighbour(self, sample, from, m, steps) result(there)
+      class(kink_grid_t), intent(in) :: self
+      integer, intent(in) :: sample
+      integer, intent(in) :: from                                     !! its place along tone m, see `place`
       integer, intent(in) :: m
       integer, intent(in) :: steps
       integer :: j, lower
 
       associate (stride => self%stride(m), n => self%n(m))
-         j = place + steps
+         there%sign = 1.0_wp
+         j = from + steps
          there%sample = sample + steps*stride
          if (j >= 0 .and. j < n) return
-         there%sample = sample + (modulo(j, n) - place)*stride
+         there%sample = sample + (modulo(j, n) - from)*stride
          if (.not. self%is_half .or. m < size(self%n)) return
          if (modulo(turns(j, n), 2) == 0) return
          there%sign = -1.0_wp
@@ -216,41 +223,43 @@ contains
       real(wp), intent(inout), contiguous :: f(:)
       type(kink_slopes_t), intent(inout), optional :: slopes
       integer, parameter :: block_size = 64                           ! cells that are looked at together
-      integer(int64) :: is_near(block_size)
+      real(wp) :: distance(block_size)
       integer :: first_cell, i, k, n
 
       do k = 1, size(places)
-         do first_cell = 1, size(b), block_size
-            n = min(block_size, size(b) - first_cell + 1)
-            associate (last => first_cell + n - 1)
-               call find_near(a(first_cell:last), b(first_cell:last), c(first_cell:last), d(first_cell:last), places(k), &
-                              is_near(:n))
+         do first_cell = 0, size(b) - 1, block_size
+            n = min(block_size, size(b) - first_cell)
+            associate (from => first_cell + 1)
+               call find_distances(n, a(from:), b(from:), c(from:), d(from:), places(k), distance)
             end associate
-            if (sum(is_near(:n)) == 0) cycle
-            do i = first_cell, first_cell + n - 1
-               if (is_near(i - first_cell + 1) > 0) &
-                  call self%add_cell(m, first + i - 1, [a(i), b(i), c(i), d(i)] - places(k), jumps(k), z, f, slopes)
+            do i = 1, n
+               if (.not. distance(i) <= 0.0_wp) cycle
+               associate (at => first_cell + i)
+                  call self%add_cell(m, first + at - 1, [a(at), b(at), c(at), d(at)] - places(k), jumps(k), z, f, slopes)
+               end associate
             end do
          end do
       end do
    end subroutine kink_grid_scan
 
-   !> Cells whose cubic may pass a place, 1, else 0: it stands between their ends, or as near as the cubic can be to their chord.
-   pure subroutine find_near(a, b, c, d, place, is_near)
-      real(wp), intent(in), contiguous :: a(:), b(:), c(:), d(:)      !! values before, at, after and beyond each cell [m]
+   !> Finds how far a place is from where the cubics of cells may pass. Not above zero: it stands between their ends, or as near as
+   !> a cubic can be to its chord.
+   pure subroutine find_distances(n, a, b, c, d, place, distance)
+      integer, intent(in) :: n                                        !! cells
+      real(wp), intent(in) :: a(n), b(n), c(n), d(n)                  !! values before, at, after and beyond each cell [m]
       real(wp), intent(in) :: place                                   !! [m]
-      integer(int64), intent(out), contiguous :: is_near(:)
+      real(wp), intent(out) :: distance(n)                            !! [m]
       real(wp), parameter :: furthest = 2.0_wp/27.0_wp
-      real(wp) :: at_left, at_right, reach
+      real(wp) :: at_left, at_right
       integer :: i
 
-      do i = 1, size(b)                                               ! no way out at the first: several run at once
+      do i = 1, n                                                     ! without a branch: several run at once
          at_left = b(i) - place
          at_right = c(i) - place
-         reach = furthest*(abs(a(i) - 2.0_wp*b(i) + c(i)) + abs(b(i) - 2.0_wp*c(i) + d(i)))
-         is_near(i) = merge(1_int64, 0_int64, min(at_left, at_right) <= reach .and. max(at_left, at_right) >= -reach)
+         distance(i) = max(min(at_left, at_right), -max(at_left, at_right)) &
+                       - furthest*(abs(a(i) - 2.0_wp*b(i) + c(i)) + abs(b(i) - 2.0_wp*c(i) + d(i)))
       end do
-   end subroutine find_near
+   end subroutine find_distances
 
    !> Adds the corrections of the roots between a sample and its next one along tone m, where there are any.
    subroutine kink_grid_add_cell(self, m, sample, values, jump, z, f, slopes)
@@ -265,26 +274,21 @@ contains
       real(wp) :: added(left:right), by_values(before:beyond, left:right), share, share_slopes(most_tones)
       type(neighbour_t) :: around(before:beyond), beside(-1:1, most_tones)
       logical :: has_kink
-      integer :: at, k, place, row, tone
+      integer :: at, from(most_tones), k, row, tone
 
       call correct_cell(values, jump, present(slopes), added, by_values, has_kink)
       if (.not. has_kink) return
-      place = self%place_along(sample, m)
+      call self%place(sample, from)
       do k = before, beyond
-         around(k) = self%neighbour(sample, place, m, k - left)
+         around(k) = self%neighbour(sample, from(m), m, k - left)
       end do
       do row = left, right
          share = 1.0_wp
+         if (size(self%n) > 1) then
+            if (row == right) call self%place(around(row)%sample, from)
+            call self%find_share(m, around(row)%sample, from, z, present(slopes), share, share_slopes, beside)
+         end if
          associate (here => around(row))
-            if (size(self%n) > 1) then
-               do tone = 1, size(self%n)
-                  place = self%place_along(here%sample, tone)
-                  do k = -1, 1, 2
-                     beside(k, tone) = self%neighbour(here%sample, place, tone, k)
-                  end do
-               end do
-               call find_share(m, beside(:, :size(self%n)), z, share, share_slopes)
-            end if
             f(here%sample) = f(here%sample) + here%sign*share*added(row)
             if (.not. present(slopes)) cycle
             call slopes%find(here%sample, self%n_parts, size(z), at)
@@ -322,21 +326,26 @@ contains
    end function part_of
 
    !> Share of tone m in the corrections at a sample, and how it depends on half the differences of neighbours, 1 for each tone.
-   pure subroutine find_share(m, beside, z, share, slopes)
-      integer, intent(in) :: m
-      type(neighbour_t), intent(in) :: beside(-1:, :)                 !! next to the sample along each tone, (-1:1, n_tones)
+   pure subroutine kink_grid_find_share(self, m, sample, from, z, with_slopes, share, slopes, beside)
+      class(kink_grid_t), intent(in) :: self
+      integer, intent(in) :: m, sample
+      integer, intent(in) :: from(most_tones)                         !! see `place`
       real(wp), intent(in) :: z(:)
+      logical, intent(in) :: with_slopes                              !! else these are not found
       real(wp), intent(out) :: share
       real(wp), intent(out) :: slopes(most_tones)                     !! [1/m], (n_tones) of them
+      type(neighbour_t), intent(out) :: beside(-1:1, most_tones)      !! before and after the sample along each tone
       real(wp) :: rates(most_tones), largest, total
       integer :: tone
 
-      do tone = 1, size(beside, 2)
+      do tone = 1, size(self%n)
          associate (next => beside(1, tone), previous => beside(-1, tone))
+            next = self%neighbour(sample, from(tone), tone, 1)
+            previous = self%neighbour(sample, from(tone), tone, -1)
             rates(tone) = 0.5_wp*(next%sign*z(next%sample) - previous%sign*z(previous%sample))
          end associate
       end do
-      associate (d => size(beside, 2))
+      associate (d => size(self%n))
          largest = maxval(abs(rates(:d)))
          share = 1.0_wp/d
          slopes(:d) = 0.0_wp
@@ -344,11 +353,12 @@ contains
          rates(:d) = rates(:d)/largest
          total = sum(rates(:d)**2)
          share = rates(m)**2/total
+         if (.not. with_slopes) return
          slopes(:d) = -2.0_wp*share*rates(:d)
          slopes(m) = slopes(m) + 2.0_wp*rates(m)
          slopes(:d) = slopes(:d)/(total*largest)
       end associate
-   end subroutine find_share
+   end subroutine kink_grid_find_share
 
    !> Corrections of the roots of the cubic in one cell, with their derivatives by the four values; see the head of this module.
    pure subroutine correct_cell(values, jump, with_slopes, added, by_values, has_kink)

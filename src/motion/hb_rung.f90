@@ -23,7 +23,7 @@ module hb_rung
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
    real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates were up to 1.6 times too small
    real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
-   real(wp), parameter :: near = 0.02_wp                              ! estimate with which first-order errors can be taken out
+   real(wp), parameter :: near = 0.02_wp                              ! errors of first order that can be taken out
    real(wp), parameter :: largest_amplification = 5.0_wp              ! of what is neglected, by what answers it
    real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, from one rung to the next
    real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that does not hold the motion
@@ -64,8 +64,8 @@ contains
       is_there = .false.
       next%set = top%set
       next%n_samples = top%n_samples
-      if (scene%accuracy%grows_set) call choose_set(scene, result, top, goal, &
-         result%certificate%truncation >= reliable .or. n_failures == most_failures - 1, next%set, error)
+      if (scene%accuracy%grows_set) call choose_set(scene, result, top, goal, n_failures == most_failures - 1 .or. &
+         result%certificate%truncation >= merge(reliable, near, n_failures == 0), next%set, error)
       if (allocated(error)) return
       if (scene%accuracy%refines_grid) then
          least = needed_samples(next%set%highest, degree_of(scene))
@@ -89,13 +89,25 @@ contains
           result%certificate%truncation > result%certificate%aliasing) return ! other tuples, no more of them
       if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
       next%unknowns = on_other_set(top, next%set)
-      if (result%certificate%truncation < near .and. allocated(result%certificate%first_order) .and. n_failures == 0 .and. &
-          .not. any(scene%tones%is_unknown)) &
-         next%unknowns = carry(result%certificate%around, next%set, [result%certificate%first_order, &
-                                                                    top%unknowns(size(top%unknowns) - top%set%n_tones + 1:)], &
-                               top%set%n_tones)
+      if (allocated(result%certificate%first_order) .and. n_failures == 0 .and. .not. any(scene%tones%is_unknown)) &
+         call take_errors_out(result, top, next)
       is_there = .true.
    end subroutine choose_next
+
+   !> Takes first-order errors out of the start on a rung, where they are small, whatever the estimate says. It may have been
+   !> lowered by the rung below because they come from a tangent that is almost singular, and lead away from the motion.
+   subroutine take_errors_out(result, top, next)
+      type(motion_result_t), intent(in) :: result                     !! on `top`
+      type(rung_t), intent(in) :: top
+      type(rung_t), intent(inout) :: next                             !! with the motion of `top`
+      type(rung_t) :: corrected
+
+      corrected%set = next%set
+      corrected%unknowns = carry(result%certificate%around, next%set, [result%certificate%first_order, &
+                                                            top%unknowns(size(top%unknowns) - top%set%n_tones + 1:)], &
+                                 top%set%n_tones)
+      if (distance(next, corrected, .false.) < near) next%unknowns = corrected%unknowns
+   end subroutine take_errors_out
 
    !> Chooses the set of the next rung.
    subroutine choose_set(scene, result, top, goal, as_box, set, error)

@@ -15,8 +15,8 @@ module hb_solver
 
    real(wp), parameter :: shares(8) = [0.5_wp, 0.2_wp, 0.1_wp, 0.05_wp, 0.02_wp, -0.5_wp, 1.5_wp, -0.1_wp] ! of the linear solution
 
-   integer, parameter :: kinds(9) = [rescue%other_guess, rescue%fewer_harmonics, rescue%damping, rescue%none, & ! in this order
-                                    rescue%nonlinearity, rescue%other_method, rescue%both_other, rescue%load, &
+   integer, parameter :: kinds(9) = [rescue%other_guess, rescue%fewer_harmonics, rescue%damping, & ! in this order
+                                    rescue%nonlinearity, rescue%none, rescue%other_method, rescue%both_other, rescue%load, &
                                     rescue%several_guesses]
    integer, parameter :: n_ways_without_matrix = 2
    integer, parameter :: patience = 10                                ! with an attempt, where other ways are left
@@ -26,10 +26,10 @@ module hb_solver
 contains
 
    !> Solves r(x) = 0 from the given x: by climbing from a smaller problem where that pays as the first way, else by a direct
-   !> attempt. When that fails and rescue is on: another first guess, climbing, artificial damping that fades, the direct attempt
-   !> with more patience, homotopy in the nonlinearity from the linear solution, the other method, the other guess with it, homotopy
-   !> in the load from zero, several guesses. The report adds up all attempts and says which one succeeded; if none did, x and the
-   !> status are those of the direct attempt, unless the time was up.
+   !> attempt. When that fails and rescue is on: another first guess, climbing, artificial damping that fades, homotopy in the
+   !> nonlinearity from the linear solution, the direct attempt with more patience, the other method, the other guess with it,
+   !> homotopy in the load from zero, several guesses. The report adds up all attempts and says which one succeeded; if none did, x
+   !> and the status are those of the direct attempt, unless the time was up.
    !>
    !> The rescues together may take the work that the settings allow, or some times that of the direct attempt; each at most half
    !> of what is left, so that none takes it from all that follow.

@@ -98,6 +98,13 @@ MUTANTS = [
             "furthest = 2.0_wp/27.0_wp",
             "furthest = 0.0_wp",
         ),
+        (
+            "kinks_place",
+            "test_hb_kinks",
+            "no sample knows how far along its line it is",
+            "from(1) = left_over",
+            "from(1) = 1",
+        ),
     ),
     *of(
         "hypertime/hb_packed_fft.f90",

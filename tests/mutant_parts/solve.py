@@ -179,6 +179,13 @@ MUTANTS = [
     *of(
         "solve/hb_homotopy.f90",
         (
+            "homotopy_rough",
+            "test_hb_solver",
+            "walks its way as carefully as it ends",
+            "loose_tolerance = 1.0e-4_wp",
+            "loose_tolerance = 1.0e-12_wp",
+        ),
+        (
             "homotopy_sense",
             "test_hb_curve",
             "sets out away from the problem asked for",
