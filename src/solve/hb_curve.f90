@@ -392,29 +392,51 @@ contains
    end subroutine tangent_of_part
 
    !> Turns the direction at a kink so sharp that no plane across the direction meets what follows. What follows has
-   !> the tangent of the next piece, in the sense that keeps the sign of the determinant: of `part`, where there is one, since what
-   !> leaves it may change the sign at the same kink.
+   !> the tangent of the next piece, in the sense that keeps the sign of the determinant. How far beyond the kink that piece is seen
+   !> is tried: straight on there may be others, which the curve never enters, and their tangent leads back the way it came. So a
+   !> point is found that way, where the sign has to be the same again.
    subroutine curve_turn_at_kink(self, is_possible)
       class(curve_t), intent(inout) :: self
       logical, intent(out) :: is_possible
-      real(wp), dimension(size(self%x)) :: next, same
+      real(wp), parameter :: shares(4) = [1.0_wp, 10.0_wp, 0.1_wp, 100.0_wp]   ! of `kink_step`
+      real(wp), dimension(size(self%x)) :: direction, next, x
       real(wp) :: sign_before, sign_beyond
-      logical :: is_singular
+      integer :: i
+      logical :: is_on_curve, is_singular
 
       is_possible = .false.
-      if (allocated(self%part)) then
-         call tangent_of_part(self, self%x, same, sign_before, is_singular)
-         if (.not. is_singular) &
-            call tangent_of_part(self, self%x + self%config%kink_step*self%direction, next, sign_beyond, is_singular)
-      else
-         call self%tangent_at(self%x, same, sign_before, is_singular)
-         if (.not. is_singular) &
-            call self%tangent_at(self%x + self%config%kink_step*self%direction, next, sign_beyond, is_singular)
-      end if
-      if (is_singular) return
-      is_possible = sign_before*sign_beyond < 0.0_wp
-      if (.not. is_possible) return
-      self%direction = -next
-      self%step = self%config%kink_step
+      direction = self%direction
+      call corrected_tangent(self, self%x, next, sign_before, is_singular)
+      do i = 1, merge(0, size(shares), is_singular)
+         self%direction = direction
+         self%step = shares(i)*self%config%kink_step
+         call corrected_tangent(self, self%x + self%step*direction, next, sign_beyond, is_singular)
+         if (is_singular .or. .not. sign_before*sign_beyond < 0.0_wp) cycle
+         self%last_direction = -next
+         call self%point_at(self%step, x, is_on_curve)
+         if (self%status /= outcome%pending) exit
+         if (.not. is_on_curve) cycle
+         self%direction = -next
+         call corrected_tangent(self, x, next, sign_beyond, is_singular)
+         is_possible = .not. is_singular .and. sign_before*sign_beyond > 0.0_wp
+         if (is_possible) return
+      end do
+      self%direction = direction
    end subroutine curve_turn_at_kink
+
+   !> The tangent of the problem whose motions are corrected: of `part`, where there is one, since what leaves it may change the
+   !> sign of the determinant at the same kink.
+   subroutine corrected_tangent(self, x, tangent, determinant_sign, is_singular)
+      type(curve_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(out), contiguous :: tangent(:)
+      real(wp), intent(out) :: determinant_sign
+      logical, intent(out) :: is_singular
+
+      if (allocated(self%part)) then
+         call tangent_of_part(self, x, tangent, determinant_sign, is_singular)
+      else
+         call self%tangent_at(x, tangent, determinant_sign, is_singular)
+      end if
+   end subroutine corrected_tangent
 end module hb_curve
