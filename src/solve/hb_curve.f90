@@ -190,9 +190,9 @@ contains
       real(wp) :: direction(size(self%x)), sign_before, sign_now
       logical :: is_singular
 
-      call tangent_of_part(self, self%last_x, direction, sign_before, is_singular)
+      call corrected_tangent(self, self%last_x, direction, sign_before, is_singular)
       if (is_singular) return
-      call tangent_of_part(self, self%x, direction, sign_now, is_singular)
+      call corrected_tangent(self, self%x, direction, sign_now, is_singular)
       if (.not. is_singular) is_changed = sign_before*sign_now < 0.0_wp
    end subroutine look_at_part
 
@@ -218,9 +218,7 @@ contains
       call self%put_plane(self%last_x, self%last_direction, step)
       x = self%last_x + step*self%last_direction
       if (allocated(self%part)) then
-         self%part%forms = self%problem%forms(self%kept, :)
-         self%part%values = self%problem%values
-         call self%part%rescale()
+         call put_part_plane(self)
          y = x(self%kept)
          call solve_next_to(self%part, limited, y, report)
          x = 0.0_wp
@@ -328,6 +326,15 @@ contains
       call self%problem%rescale()
    end subroutine curve_put_plane
 
+   !> Gives `part` the forms of the whole problem.
+   subroutine put_part_plane(self)
+      type(curve_t), intent(inout) :: self
+
+      self%part%forms = self%problem%forms(self%kept, :)
+      self%part%values = self%problem%values
+      call self%part%rescale()
+   end subroutine put_part_plane
+
    !> The tangent at a point of the curve, towards the direction, and the sign of the determinant; 0 where that is not known.
    subroutine curve_tangent_at(self, x, tangent, determinant_sign, is_singular)
       class(curve_t), intent(inout) :: self
@@ -367,30 +374,6 @@ contains
       call solver%solve(problem, tangent, is_singular)
    end subroutine find_tangent
 
-   !> As `tangent_at`, of the problem whose motions are corrected.
-   subroutine tangent_of_part(self, x, tangent, determinant_sign, is_singular)
-      type(curve_t), intent(inout) :: self
-      real(wp), intent(in) :: x(:)
-      real(wp), intent(out), contiguous :: tangent(:)
-      real(wp), intent(out) :: determinant_sign
-      logical, intent(out) :: is_singular
-      real(wp) :: y(size(self%kept))
-      logical :: is_possible
-
-      determinant_sign = 0.0_wp
-      call self%part%move_to(x(self%kept), is_possible)
-      is_singular = .not. is_possible
-      if (is_singular) return
-      call self%put_plane(x, self%direction, 0.0_wp)
-      self%part%forms = self%problem%forms(self%kept, :)
-      self%part%values = self%problem%values
-      call self%part%rescale()
-      call find_tangent(self%part, x(self%kept), self%report, y, determinant_sign, is_singular)
-      tangent = 0.0_wp
-      tangent(self%kept) = y
-      if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
-   end subroutine tangent_of_part
-
    !> Turns the direction at a kink so sharp that no plane across the direction meets what follows. What follows has
    !> the tangent of the next piece, in the sense that keeps the sign of the determinant. How far beyond the kink that piece is seen
    !> is tried: straight on there may be others, which the curve never enters, and their tangent leads back the way it came. So a
@@ -424,19 +407,31 @@ contains
       self%direction = direction
    end subroutine curve_turn_at_kink
 
-   !> The tangent of the problem whose motions are corrected: of `part`, where there is one, since what leaves it may change the
-   !> sign of the determinant at the same kink.
+   !> As `tangent_at`, of the problem whose motions are corrected: of `part`, where there is one, since what leaves it may change
+   !> the sign of the determinant at the same kink.
    subroutine corrected_tangent(self, x, tangent, determinant_sign, is_singular)
       type(curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       real(wp), intent(out), contiguous :: tangent(:)
       real(wp), intent(out) :: determinant_sign
       logical, intent(out) :: is_singular
+      real(wp), allocatable :: y(:)
+      logical :: is_possible
 
-      if (allocated(self%part)) then
-         call tangent_of_part(self, x, tangent, determinant_sign, is_singular)
-      else
+      if (.not. allocated(self%part)) then
          call self%tangent_at(x, tangent, determinant_sign, is_singular)
+         return
       end if
+      determinant_sign = 0.0_wp
+      call self%part%move_to(x(self%kept), is_possible)
+      is_singular = .not. is_possible
+      if (is_singular) return
+      call self%put_plane(x, self%direction, 0.0_wp)
+      call put_part_plane(self)
+      allocate (y(size(self%kept)))
+      call find_tangent(self%part, x(self%kept), self%report, y, determinant_sign, is_singular)
+      tangent = 0.0_wp
+      tangent(self%kept) = y
+      if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
    end subroutine corrected_tangent
 end module hb_curve

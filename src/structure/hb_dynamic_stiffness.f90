@@ -285,7 +285,8 @@ contains
          is_full = n_law > 1 .and. .not. self%pattern%is_banded .and. lr%n_entries > mostly*n_law*n_interior
          if (is_full) allocate (of_lr(n_law, n_interior), source=(0.0_wp, 0.0_wp))
          allocate (s_ll(ll%n_entries), s_rl(rl%n_entries), magnitude(ll%n_entries))
-         call make_room(parts)
+         if (.not. allocated(parts%slope)) allocate (parts%s_lr(lr%n_entries), parts%load_slope(parts%loads%n_dofs), &
+            parts%slope(max(ll%n_entries, lr%n_entries, rl%n_entries, parts%rr%n_entries)))
          do h = 1, self%n_harmonics
             call rl%evaluate(frequencies(h), drives(h), s_rl)
             solver%rhs(:, :n_law) = (0.0_wp, 0.0_wp)
@@ -339,17 +340,6 @@ contains
          end do
       end associate
    end subroutine condense_all
-
-   !> Makes room for what is found anew for each harmonic.
-   subroutine make_room(parts)
-      type(parts_t), intent(inout) :: parts
-
-      if (allocated(parts%slope)) return
-      associate (ll => parts%ll, lr => parts%lr, rl => parts%rl, rr => parts%rr)
-         allocate (parts%slope(max(ll%n_entries, lr%n_entries, rl%n_entries, rr%n_entries)), parts%s_lr(lr%n_entries))
-      end associate
-      allocate (parts%load_slope(parts%loads%n_dofs))
-   end subroutine make_room
 
    !> Derivatives of S_c and P_c of harmonic h by the frequency or by the drive, from its T and y and with the factors that
    !> gave these.

@@ -81,16 +81,8 @@ contains
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
 
-      self%path = path
-      call check_layout(layout, error)
-      if (.not. allocated(error)) then
-         self%n_points = layout%n_points
-         self%has_accuracy = layout%has_accuracy
-         self%has_own_tuples = layout%has_own_tuples
-         call new_plan(self%plan, layout)
-         if (allocated(layout%curve_parameter)) self%curve_variable = identifier(layout%curve_parameter)
-         if (rank_of(comm) == 0) call make_file(path, layout, self%plan, overwrite, error)
-      end if
+      call take_layout(self, path, layout, error)
+      if (rank_of(comm) == 0 .and. .not. allocated(error)) call make_file(path, layout, self%plan, overwrite, error)
       call share_error(comm, error)
       if (.not. allocated(error)) call open_datasets(self, layout, comm, error)
       call annotate(error, "result file '"//path//"'")
@@ -105,20 +97,29 @@ contains
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
 
-      self%path = path
       self%is_resumed = .true.
-      call check_layout(layout, error)
-      if (.not. allocated(error)) then
-         self%n_points = layout%n_points
-         self%has_accuracy = layout%has_accuracy
-         self%has_own_tuples = layout%has_own_tuples
-         call new_plan(self%plan, layout)
-         if (allocated(layout%curve_parameter)) self%curve_variable = identifier(layout%curve_parameter)
-      end if
+      call take_layout(self, path, layout, error)
       call share_error(comm, error)
       if (.not. allocated(error)) call open_datasets(self, layout, comm, error)
       call annotate(error, "result file '"//path//"'")
    end subroutine open_results
+
+   !> Plans the file.
+   subroutine take_layout(self, path, layout, error)
+      type(results_t), intent(inout) :: self
+      character(*), intent(in) :: path
+      type(results_layout_t), intent(in) :: layout
+      type(error_t), allocatable, intent(out) :: error
+
+      self%path = path
+      call check_layout(layout, error)
+      if (allocated(error)) return
+      self%n_points = layout%n_points
+      self%has_accuracy = layout%has_accuracy
+      self%has_own_tuples = layout%has_own_tuples
+      call new_plan(self%plan, layout)
+      if (allocated(layout%curve_parameter)) self%curve_variable = identifier(layout%curve_parameter)
+   end subroutine take_layout
 
    !> Opens the file on all ranks, and makes room for the rows that are held back; refuses datasets of other extents than
    !> those of the plan.

@@ -113,8 +113,8 @@ MUTANTS = [
             "curve_kink_part",
             "test_hb_motion_curve",
             "an odd curve turns by the determinant of all motions",
-            "      if (allocated(self%part)) then\n         call tangent_of_part(self, x, tangent",
-            "      if (.not. allocated(self%problem%forms)) then\n         call tangent_of_part(self, x, tangent",
+            "      if (.not. allocated(self%part)) then\n         call self%tangent_at(x, tangent",
+            "      if (allocated(self%problem%forms)) then\n         call self%tangent_at(x, tangent",
         ),
         (
             "curve_sense_part",
