@@ -285,7 +285,8 @@ contains
          is_full = n_law > 1 .and. .not. self%pattern%is_banded .and. lr%n_entries > mostly*n_law*n_interior
          if (is_full) allocate (of_lr(n_law, n_interior), source=(0.0_wp, 0.0_wp))
          allocate (s_ll(ll%n_entries), s_rl(rl%n_entries), magnitude(ll%n_entries))
-         if (.not. allocated(parts%slope)) allocate (parts%s_lr(lr%n_entries), parts%load_slope(parts%loads%n_dofs), &
+         if (.not. allocated(parts%s_lr)) allocate (parts%s_lr(lr%n_entries))
+         if (allocated(self%condensed_slope) .and. .not. allocated(parts%slope)) allocate (parts%load_slope(self%n_dofs), &
             parts%slope(max(ll%n_entries, lr%n_entries, rl%n_entries, parts%rr%n_entries)))
          do h = 1, self%n_harmonics
             call rl%evaluate(frequencies(h), drives(h), s_rl)
