@@ -31,9 +31,10 @@ def _legend_texts(ax):
     return ax.get_legend().get_texts() if ax.get_legend() else []
 
 
-@pytest.mark.parametrize("n_tones", [1, 2, 3])
-@pytest.mark.parametrize("view", ["surface", "map"])
-@pytest.mark.parametrize("is_stored", [True, False])
+@pytest.mark.parametrize(
+    "n_tones, view, is_stored",  # each pair of choices once
+    [(1, "surface", True), (2, "surface", False), (3, "surface", True), (1, "map", False), (2, "map", True), (3, "map", False)],
+)
 def test_correction(tmp_path, n_tones, view, is_stored):
     path = walled(tmp_path / "a.h5", n_tones, has_samples=is_stored)
     with Results(path) as results:

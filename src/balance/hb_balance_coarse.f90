@@ -16,13 +16,7 @@ submodule (hb_balance) hb_balance_coarse
 
 contains
 
-   module subroutine balance_coarse_guess(self, share, config, x, report, is_found)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: share
-      type(solver_config_t), intent(in) :: config
-      real(wp), intent(inout), contiguous :: x(:)
-      type(report_t), intent(out) :: report
-      logical, intent(out) :: is_found
+   module procedure balance_coarse_guess
       type(balance_t) :: coarse
       type(solver_config_t) :: loose
       integer, allocatable :: kept(:)
@@ -44,12 +38,10 @@ contains
          if (is_found) call copy_kept(self, coarse, kept, x, y, to_coarse=.false.)
       end if
       call coarse%destroy()
-   end subroutine balance_coarse_guess
+   end procedure balance_coarse_guess
 
    !> The share of the orders that leaves the lowest order in the tone of highest order, and all that drives the motion.
-   pure module function balance_lowest_rung(self) result(share)
-      class(balance_t), intent(in) :: self
-      real(wp) :: share
+   module procedure balance_lowest_rung
       integer :: h
 
       share = 1.0_wp
@@ -61,7 +53,7 @@ contains
                share = max(share, maxval(real(abs(set%tuples(:, h)), wp)/max(1, set%highest)))
          end do
       end associate
-   end function balance_lowest_rung
+   end procedure balance_lowest_rung
 
    !> Harmonics of a smaller set, those of a share of the orders; none where that is no smaller.
    pure function rung_of(self, share) result(kept)

@@ -10,10 +10,7 @@ submodule (hb_balance) hb_balance_frequency
 
 contains
 
-   pure module function balance_parameters(self, which) result(values)
-      class(balance_t), intent(in) :: self
-      integer, intent(in) :: which(:)
-      real(wp) :: values(size(which))
+   module procedure balance_parameters
       integer :: i
 
       values = deformation_places(self, which)
@@ -24,27 +21,20 @@ contains
             values(i) = self%omega(which(i))
          end if
       end do
-   end function balance_parameters
+   end procedure balance_parameters
 
    !> Of a frequency and of the artificial damping of its tone: the frequency.
-   pure module function balance_parameter_scales(self, which) result(scales)
-      class(balance_t), intent(in) :: self
-      integer, intent(in) :: which(:)
-      real(wp) :: scales(size(which))
+   module procedure balance_parameter_scales
       integer :: i
 
       scales = 1.0_wp
       do i = 1, size(which)
          if (which(i) > 0) scales(i) = self%omega(1 + modulo(which(i) - 1, size(self%omega)))
       end do
-   end function balance_parameter_scales
+   end procedure balance_parameter_scales
 
    !> Not possible are frequencies that are not positive, and those at which the structure has no condensed stiffness.
-   module subroutine balance_set_parameters(self, which, values, is_possible)
-      class(balance_t), intent(inout) :: self
-      integer, intent(in) :: which(:)
-      real(wp), intent(in) :: values(:)
-      logical, intent(out) :: is_possible
+   module procedure balance_set_parameters
       type(error_t), allocatable :: error
       real(wp), dimension(size(self%omega)) :: omega, xi
       integer :: i
@@ -66,14 +56,10 @@ contains
          call self%move(omega, xi, error)
          is_possible = .not. allocated(error)
       end associate
-   end subroutine balance_set_parameters
+   end procedure balance_set_parameters
 
    !> Exact; zero, with the reason in `trouble`, where there is none.
-   module subroutine balance_parameter_derivative(self, x, which, derivative)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: x(:)
-      integer, intent(in) :: which
-      real(wp), intent(out), contiguous :: derivative(:)
+   module procedure balance_parameter_derivative
       type(error_t), allocatable :: error
       real(wp), dimension(self%harmonics%n_coefficients, self%n_dofs) :: u, column
 
@@ -93,15 +79,11 @@ contains
       else
          derivative = reshape(column, [size(column)])
       end if
-   end subroutine balance_parameter_derivative
+   end procedure balance_parameter_derivative
 
    !> Made with a trace of damping of the tones whose frequencies are unknown: at a solution the tangent is singular along the shift
    !> of an unknown phase.
-   module subroutine balance_update_regular_preconditioner(self, which, level, is_strongest)
-      class(balance_t), intent(inout) :: self
-      integer, intent(in) :: which(:)
-      integer, intent(in) :: level
-      logical, intent(out) :: is_strongest
+   module procedure balance_update_regular_preconditioner
       type(error_t), allocatable :: error, error_of_return
       real(wp) :: omega(size(self%omega)), xi(size(self%xi)), xi_damped(size(self%xi))
       integer :: i
@@ -118,17 +100,13 @@ contains
       call self%update_preconditioner(level, is_strongest)
       if (.not. allocated(error)) call self%move(omega, xi, error)
       if (allocated(error)) call move_alloc(error, self%trouble)
-   end subroutine balance_update_regular_preconditioner
+   end procedure balance_update_regular_preconditioner
 
    !> Changes base frequencies and artificial damping; scales, first Jacobian and what laws were told by the structure stay, and
    !> so does a preconditioner until its next update. Products need `linearise` anew.
    !>
    !> Fails where the stiffness was made without slopes or its interior is singular at the new frequencies.
-   module subroutine balance_move(self, omega, xi, error)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones), > 0
-      real(wp), intent(in) :: xi(:)                                   !! [1/s], (n_tones)
-      type(error_t), allocatable, intent(out) :: error
+   module procedure balance_move
       logical :: is_same(2)
 
       is_same = [all(omega == self%omega), all(xi == self%xi)]
@@ -141,25 +119,18 @@ contains
       if (.not. is_same(1)) call self%law_set%move(self%law_set%transform%torus, omega)
       call self%stiffness%move(self%frequencies, self%drives(), error)
       if (allocated(error)) self%omega = -1.0_wp                      ! what is kept fits no frequencies
-   end subroutine balance_move
+   end procedure balance_move
 
    !> The drive of each harmonic, sum over the tones of xi_m j_m omega_m [rad**2/s**2]: the artificial forces
    !> -M sum_m xi_m omega_m dx/dtau_m on the left-hand side. Source: docs/user/theory.md, section 6.5.
-   pure module function balance_drives(self) result(drives)
-      class(balance_t), intent(in) :: self
-      real(wp) :: drives(self%harmonics%n_harmonics)
+   module procedure balance_drives
 
       drives = self%harmonics%frequencies(self%xi*self%omega)
-   end function balance_drives
+   end procedure balance_drives
 
    !> Derivative of the residual by the artificial damping of tone m at fixed coefficients and frequencies. Fails as
    !> `frequency_derivative` does.
-   module subroutine balance_damping_derivative(self, u, m, derivative, error)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
-      integer, intent(in) :: m                                        !! tone
-      real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)   !! [N s]
-      type(error_t), allocatable, intent(out) :: error
+   module procedure balance_damping_derivative
       real(wp) :: reaction(self%harmonics%n_coefficients, self%n_dofs)
 
       call prepare_slopes(self, u, m, derivative, error)
@@ -177,7 +148,7 @@ contains
          end if
       end associate
       derivative = derivative - reaction
-   end subroutine balance_damping_derivative
+   end procedure balance_damping_derivative
 
    !> What both derivatives begin with: refuses what cannot be answered, evaluates the laws with derivatives.
    subroutine prepare_slopes(self, u, m, derivative, error)
@@ -205,12 +176,7 @@ contains
    !>
    !> What laws were told by the structure (`prepare`) stays. Fails where the stiffness was made without slopes, for a tone
    !> that does not exist, where the states of a law with memory do not repeat, and out of memory. docs/user/theory.md, section 5.6.
-   module subroutine balance_frequency_derivative(self, u, m, derivative, error)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
-      integer, intent(in) :: m                                        !! tone
-      real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)   !! [N s]
-      type(error_t), allocatable, intent(out) :: error
+   module procedure balance_frequency_derivative
       real(wp) :: turns(self%harmonics%n_harmonics)                   ! j_m, the derivative of j.omega
       real(wp) :: reaction(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), allocatable :: weight_slope(:)
@@ -230,6 +196,6 @@ contains
          call self%law_set%transform%to_coefficients(along%f%values, self%force)
       end associate
       derivative = self%law_set%factor*self%force - reaction
-   end subroutine balance_frequency_derivative
+   end procedure balance_frequency_derivative
 
 end submodule hb_balance_frequency

@@ -7,9 +7,7 @@ contains
    !> Tells law i what it feels at its first coordinate: the stiffness 1/|w.S^-1 w| in the first harmonic in which the
    !> structure is not free to move (the static one, unless the set has no zero tuple or the structure no support), and the
    !> impedance, this stiffness over |j.omega| in the fastest harmonic.
-   module subroutine prepare_law(self, i)
-      type(balance_t), intent(inout) :: self
-      integer, intent(in) :: i
+   module procedure prepare_law
       integer :: fastest
       real(wp) :: compliance, mobility
 
@@ -22,22 +20,18 @@ contains
             if (mobility > 0.0_wp) call law%prepare_rate(1.0_wp/mobility, frequency)
          end associate
       end associate
-   end subroutine prepare_law
+   end procedure prepare_law
 
-   module function balance_compliance_of_law(self, i) result(compliance)
-      class(balance_t), intent(inout) :: self
-      integer, intent(in) :: i
-      real(wp) :: compliance
+   module procedure balance_compliance_of_law
 
       associate (law => self%law_set%laws(i)%law)
          compliance = self%stiffness%compliance(law%dofs, law%shape(:, 1))
       end associate
-   end function balance_compliance_of_law
+   end procedure balance_compliance_of_law
 
    !> Scales of unknowns and equations, one each per degree of freedom: linear motion and loads; where these vanish, gaps and
    !> the forces at rest.
-   module subroutine choose_scales(self)
-      type(balance_t), intent(inout) :: self
+   module procedure choose_scales
       real(wp) :: motion(self%n_dofs), load(self%n_dofs)
       real(wp) :: u(self%harmonics%n_coefficients, self%n_dofs), r(self%n_unknowns)
       real(wp) :: loads(self%harmonics%n_harmonics)
@@ -70,14 +64,11 @@ contains
       where (motion <= epsilon(1.0_wp)*maxval(motion)) motion = maxval(motion)
       where (load <= epsilon(1.0_wp)*maxval(load)) load = maxval(load)
       call self%set_scales(motion, load)
-   end subroutine choose_scales
+   end procedure choose_scales
 
    !> The motion of the structure with its laws as they answer at rest, sliders stuck to it, in place of `u`, the motion without any
    !> law: where sliders slip in this one, near a resonance by far, but none does in that. Else `u` stays.
-   module subroutine balance_stuck_solution(self, u, is_better)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(inout) :: u(self%harmonics%n_coefficients, self%n_dofs)
-      logical, intent(out) :: is_better
+   module procedure balance_stuck_solution
       real(wp), dimension(self%harmonics%n_coefficients, self%n_dofs) :: at_rest, stuck
       real(wp) :: r(self%n_unknowns)
       type(error_t), allocatable :: error
@@ -99,15 +90,12 @@ contains
       call self%law_set%evaluate()
       is_better = .not. self%law_set%all_stick()
       if (is_better) u = stuck
-   end subroutine balance_stuck_solution
+   end procedure balance_stuck_solution
 
-   module function balance_rounding_level(self, x) result(level)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: x(:)
-      real(wp) :: level
+   module procedure balance_rounding_level
 
       level = rounding_level_of(self, x)
-   end function balance_rounding_level
+   end procedure balance_rounding_level
 
    !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|, and what an error of one unit
    !> in the motion does to the forces of stiff laws. Where frequencies move, the condensation rounds anew at each of them: units in

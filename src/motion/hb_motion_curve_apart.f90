@@ -14,9 +14,7 @@ submodule (hb_motion_curve) hb_motion_curve_apart
 
 contains
 
-   module subroutine motion_curve_look_apart(self, error)
-      class(motion_curve_t), intent(inout), target :: self
-      type(error_t), allocatable, intent(out) :: error
+   module procedure motion_curve_look_apart
       type(origin_t), allocatable :: known(:), others(:)
       real(wp), allocatable :: x(:)
       integer :: i, k, n_spurious
@@ -41,7 +39,7 @@ contains
             end if
          end do
       end do
-   end subroutine motion_curve_look_apart
+   end procedure motion_curve_look_apart
 
    !> Looks for a motion at a value beside those that are known there, on a set that has the tuples of all of them.
    subroutine look_at(self, value, known, x, is_found, error)

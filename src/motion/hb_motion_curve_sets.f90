@@ -20,9 +20,7 @@ submodule (hb_motion_curve) hb_motion_curve_sets
 
 contains
 
-   module subroutine motion_curve_step_to_tolerance(self, error)
-      class(motion_curve_t), intent(inout), target :: self
-      type(error_t), allocatable, intent(out) :: error
+   module procedure motion_curve_step_to_tolerance
       type(standing_t) :: first, here
       type(scene_t) :: scene                                          ! in which all tuples of the lowest set are needed
       type(rung_t) :: next
@@ -88,7 +86,7 @@ contains
          end if
          self%n_rungs = self%n_rungs + 1
       end do
-   end subroutine motion_curve_step_to_tolerance
+   end procedure motion_curve_step_to_tolerance
 
    !> Goes over to a larger set or a finer grid where there is no way on, at the last point; the curve stays stalled where there is
    !> none.
@@ -146,10 +144,7 @@ contains
       top%unknowns = [x(:self%problem%n_unknowns), 0.0_wp*self%scene%tones%omega]
    end function top_at
 
-   module subroutine motion_curve_settle(self, x, direction, error)
-      class(motion_curve_t), intent(inout), target :: self
-      real(wp), allocatable, intent(inout) :: x(:), direction(:)
-      type(error_t), allocatable, intent(out) :: error
+   module procedure motion_curve_settle
       type(scene_t) :: scene                                          ! in which all tuples of the lowest set are needed
       type(motion_result_t), allocatable :: result
       type(rung_t) :: before, next
@@ -191,7 +186,7 @@ contains
          call move_alloc(moved_direction, direction)
          self%n_rungs = self%n_rungs + 1
       end do
-   end subroutine motion_curve_settle
+   end procedure motion_curve_settle
 
    !> Goes over to a smaller set or a coarser grid, if one will do.
    subroutine shrink(self, scene, error)
@@ -317,12 +312,11 @@ contains
       call self%look_here()
    end subroutine change_set
 
-   module subroutine motion_curve_carry_start(self)
-      class(motion_curve_t), intent(inout) :: self
+   module procedure motion_curve_carry_start
 
       self%x_start = carry(self%outset%rung%set, self%rung%set, self%outset%x, size(self%which))
       self%direction_start = carry(self%outset%rung%set, self%rung%set, self%outset%direction, size(self%which))
-   end subroutine motion_curve_carry_start
+   end procedure motion_curve_carry_start
 
    !> Loads every tuple, so that none of the set is left out as one that nothing needs.
    pure subroutine need_all_tuples(scene)

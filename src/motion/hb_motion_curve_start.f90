@@ -22,15 +22,7 @@ submodule (hb_motion_curve) hb_motion_curve_start
 
 contains
 
-   module subroutine motion_curve_begin(self, scene, document, request, result, error, watch, judge)
-      class(motion_curve_t), intent(inout), target :: self
-      type(scene_t), intent(inout) :: scene                           !! at the start
-      type(document_t), intent(in) :: document                        !! from which it was read
-      type(curve_request_t), intent(in) :: request
-      type(motion_result_t), intent(out) :: result
-      type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in), optional :: judge
+   module procedure motion_curve_begin
       real(wp), allocatable :: further(:), unknowns(:)
       type(rung_t) :: lowest, rung
       logical :: is_new
@@ -80,7 +72,7 @@ contains
          result%curve%n_samples = rung%n_samples
       end if
       self%is_done = allocated(error) .or. self%n_told >= request%n_points
-   end subroutine motion_curve_begin
+   end procedure motion_curve_begin
 
    !> Begins where the curve leaves another one, a small way along it: at the very point the tangent has no inverse.
    subroutine begin_at_origin(self, scene, document, result, error)
@@ -154,11 +146,7 @@ contains
                self%problem%parameter_scales(self%which)]
    end function units_at
 
-   module subroutine motion_curve_find_on_plane(self, x, direction, is_found)
-      class(motion_curve_t), intent(inout), target :: self
-      real(wp), intent(inout) :: x(:)
-      real(wp), intent(in) :: direction(:)
-      logical, intent(out) :: is_found
+   module procedure motion_curve_find_on_plane
       type(bordered_problem_t) :: bordered
       type(report_t) :: report
       type(solver_config_t) :: corrector
@@ -192,17 +180,9 @@ contains
          corrector%tolerance = 10.0_wp*corrector%tolerance
          x = self%curve%x
       end do
-   end subroutine motion_curve_find_on_plane
+   end procedure motion_curve_find_on_plane
 
-   module subroutine motion_curve_begin_next_to(self, scene, document, request, place, is_found, error, watch)
-      class(motion_curve_t), intent(inout), target :: self
-      type(scene_t), intent(in) :: scene
-      type(document_t), intent(in) :: document                        !! from which it was read
-      type(curve_request_t), intent(in) :: request
-      type(curve_place_t), intent(in) :: place
-      logical, intent(out) :: is_found
-      type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), target :: watch
+   module procedure motion_curve_begin_next_to
 
       self%request = request
       self%watch => watch
@@ -220,16 +200,9 @@ contains
       call self%find_on_plane(self%x_first, self%first_direction, is_found)
       if (is_found) call self%set_out(error)
       self%first_waiting = 1
-   end subroutine motion_curve_begin_next_to
+   end procedure motion_curve_begin_next_to
 
-   module subroutine motion_curve_go_on_from(self, scene, document, request, stored, error, watch)
-      class(motion_curve_t), intent(inout), target :: self
-      type(scene_t), intent(in) :: scene                              !! at the start
-      type(document_t), intent(in) :: document                        !! from which it was read
-      type(curve_request_t), intent(in) :: request
-      type(curve_place_t), intent(in) :: stored(:)                    !! all points up to the one to go on from
-      type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), target :: watch
+   module procedure motion_curve_go_on_from
       type(motion_result_t) :: result
       type(rung_t) :: rung
       integer :: i, n
@@ -282,7 +255,7 @@ contains
          end if
       end associate
       self%is_done = self%n_told >= request%n_points
-   end subroutine motion_curve_go_on_from
+   end procedure motion_curve_go_on_from
 
    !> Makes the curve ready to begin on a set and a grid.
    subroutine prepare(self, scene, document, further, rung, error)
@@ -312,10 +285,7 @@ contains
       call self%put_on(self%first_rung, error)
    end subroutine prepare
 
-   module subroutine motion_curve_put_on(self, rung, error)
-      class(motion_curve_t), intent(inout), target :: self
-      type(rung_t), intent(in) :: rung
-      type(error_t), allocatable, intent(out) :: error
+   module procedure motion_curve_put_on
       type(scene_t) :: found
       integer :: i, n_unknown
 
@@ -349,7 +319,7 @@ contains
             peak%column = self%problem%balance%stiffness%coordinates%number_of(peak%dof)
          end associate
       end do
-   end subroutine motion_curve_put_on
+   end procedure motion_curve_put_on
 
    !> The problem of odd motions alone on the set at hand, where a given frequency moves and the equations are odd: other values may
    !> break the symmetry. Sliders may be held off their middle by odd motions, whose forces then are not odd.
@@ -390,8 +360,7 @@ contains
       end associate
    end subroutine make_odd_problem
 
-   module subroutine motion_curve_keep_symmetry(self)
-      class(motion_curve_t), intent(inout), target :: self
+   module procedure motion_curve_keep_symmetry
       real(wp), parameter :: rounding = 1.0e-10_wp                    ! even part that counts as none
 
       associate (curve => self%curve)
@@ -414,11 +383,9 @@ contains
          odd(self%odd_places) = x(self%odd_places)
          even_part_of = norm2((x - odd)/self%curve%units)/norm2(x/self%curve%units)
       end function even_part_of
-   end subroutine motion_curve_keep_symmetry
+   end procedure motion_curve_keep_symmetry
 
-   module subroutine motion_curve_make_curve(self, x, direction)
-      class(motion_curve_t), intent(inout), target :: self
-      real(wp), intent(in) :: x(:), direction(:)
+   module procedure motion_curve_make_curve
       type(bordered_problem_t) :: bordered
       type(curve_config_t) :: config
       type(solver_config_t) :: corrector
@@ -445,11 +412,9 @@ contains
       if (self%is_uneven) config%shortest_step = 1.0e-3_wp*config%longest_step   ! no step is as short as to help
       call new_curve(self%curve, bordered, x, direction, units, config, corrector)
       call self%keep_symmetry()
-   end subroutine motion_curve_make_curve
+   end procedure motion_curve_make_curve
 
-   module subroutine motion_curve_set_out(self, error)
-      class(motion_curve_t), intent(inout), target :: self
-      type(error_t), allocatable, intent(out) :: error
+   module procedure motion_curve_set_out
       type(rung_t) :: rung
       real(wp), allocatable :: direction(:)
       logical :: is_possible, is_turning
@@ -491,7 +456,7 @@ contains
       self%outset = origin_t(x=self%x_start, direction=self%direction_start, rung=rung)
       call self%renew()
       call self%look_here()
-   end subroutine motion_curve_set_out
+   end procedure motion_curve_set_out
 
    !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve across this one,
    !> by inverse iteration. Its sense, which rounding would choose, is that of its first large entry.
@@ -537,13 +502,12 @@ contains
       end function across
    end subroutine turn_off
 
-   module subroutine motion_curve_put_start(self)
-      class(motion_curve_t), intent(inout) :: self
+   module procedure motion_curve_put_start
 
       if (allocated(self%waiting)) deallocate (self%waiting)
       allocate (self%waiting(1))
       self%waiting(1)%kind = curve_kind%start
       self%waiting(1)%x = self%x_start
       self%first_waiting = 1
-   end subroutine motion_curve_put_start
+   end procedure motion_curve_put_start
 end submodule hb_motion_curve_start

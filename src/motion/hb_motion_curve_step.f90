@@ -20,8 +20,7 @@ submodule (hb_motion_curve) hb_motion_curve_step
 
 contains
 
-   module subroutine motion_curve_step(self)
-      class(motion_curve_t), intent(inout), target :: self
+   module procedure motion_curve_step
       real(wp), allocatable :: extremes(:, :), slopes(:)
       type(stability_t) :: stability
       real(wp) :: largest, units(size(self%curve%x))
@@ -73,7 +72,7 @@ contains
          self%stability = stability
          call move_alloc(extremes, self%extremes)
       end associate
-   end subroutine motion_curve_step
+   end procedure motion_curve_step
 
    !> Lands on an end of the range that is ahead and so near that no step fits in between: there may be nothing beyond.
    subroutine try_end(self)

@@ -190,9 +190,9 @@ contains
       real(wp) :: direction(size(self%x)), sign_before, sign_now
       logical :: is_singular
 
-      call tangent_of_part(self, self%last_x, direction, sign_before, is_singular)
+      call corrected_tangent(self, self%last_x, direction, sign_before, is_singular)
       if (is_singular) return
-      call tangent_of_part(self, self%x, direction, sign_now, is_singular)
+      call corrected_tangent(self, self%x, direction, sign_now, is_singular)
       if (.not. is_singular) is_changed = sign_before*sign_now < 0.0_wp
    end subroutine look_at_part
 
@@ -218,9 +218,7 @@ contains
       call self%put_plane(self%last_x, self%last_direction, step)
       x = self%last_x + step*self%last_direction
       if (allocated(self%part)) then
-         self%part%forms = self%problem%forms(self%kept, :)
-         self%part%values = self%problem%values
-         call self%part%rescale()
+         call put_part_plane(self)
          y = x(self%kept)
          call solve_next_to(self%part, limited, y, report)
          x = 0.0_wp
@@ -328,6 +326,15 @@ contains
       call self%problem%rescale()
    end subroutine curve_put_plane
 
+   !> Gives `part` the forms of the whole problem.
+   subroutine put_part_plane(self)
+      type(curve_t), intent(inout) :: self
+
+      self%part%forms = self%problem%forms(self%kept, :)
+      self%part%values = self%problem%values
+      call self%part%rescale()
+   end subroutine put_part_plane
+
    !> The tangent at a point of the curve, towards the direction, and the sign of the determinant; 0 where that is not known.
    subroutine curve_tangent_at(self, x, tangent, determinant_sign, is_singular)
       class(curve_t), intent(inout) :: self
@@ -367,54 +374,64 @@ contains
       call solver%solve(problem, tangent, is_singular)
    end subroutine find_tangent
 
-   !> As `tangent_at`, of the problem whose motions are corrected.
-   subroutine tangent_of_part(self, x, tangent, determinant_sign, is_singular)
+   !> Turns the direction at a kink so sharp that no plane across the direction meets what follows. What follows has
+   !> the tangent of the next piece, in the sense that keeps the sign of the determinant. How far beyond the kink that piece is seen
+   !> is tried: straight on there may be others, which the curve never enters, and their tangent leads back the way it came. So a
+   !> point is found that way, where the sign has to be the same again.
+   subroutine curve_turn_at_kink(self, is_possible)
+      class(curve_t), intent(inout) :: self
+      logical, intent(out) :: is_possible
+      real(wp), parameter :: shares(4) = [1.0_wp, 10.0_wp, 0.1_wp, 100.0_wp]   ! of `kink_step`
+      real(wp), dimension(size(self%x)) :: direction, next, x
+      real(wp) :: sign_before, sign_beyond
+      integer :: i
+      logical :: is_on_curve, is_singular
+
+      is_possible = .false.
+      direction = self%direction
+      call corrected_tangent(self, self%x, next, sign_before, is_singular)
+      do i = 1, merge(0, size(shares), is_singular)
+         self%direction = direction
+         self%step = shares(i)*self%config%kink_step
+         call corrected_tangent(self, self%x + self%step*direction, next, sign_beyond, is_singular)
+         if (is_singular .or. .not. sign_before*sign_beyond < 0.0_wp) cycle
+         self%last_direction = -next
+         call self%point_at(self%step, x, is_on_curve)
+         if (self%status /= outcome%pending) exit
+         if (.not. is_on_curve) cycle
+         self%direction = -next
+         call corrected_tangent(self, x, next, sign_beyond, is_singular)
+         is_possible = .not. is_singular .and. sign_before*sign_beyond > 0.0_wp
+         if (is_possible) return
+      end do
+      self%direction = direction
+   end subroutine curve_turn_at_kink
+
+   !> As `tangent_at`, of the problem whose motions are corrected: of `part`, where there is one, since what leaves it may change
+   !> the sign of the determinant at the same kink.
+   subroutine corrected_tangent(self, x, tangent, determinant_sign, is_singular)
       type(curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       real(wp), intent(out), contiguous :: tangent(:)
       real(wp), intent(out) :: determinant_sign
       logical, intent(out) :: is_singular
-      real(wp) :: y(size(self%kept))
+      real(wp), allocatable :: y(:)
       logical :: is_possible
 
+      if (.not. allocated(self%part)) then
+         call self%tangent_at(x, tangent, determinant_sign, is_singular)
+         return
+      end if
       determinant_sign = 0.0_wp
       call self%part%move_to(x(self%kept), is_possible)
       is_singular = .not. is_possible
       if (is_singular) return
       call self%put_plane(x, self%direction, 0.0_wp)
-      self%part%forms = self%problem%forms(self%kept, :)
-      self%part%values = self%problem%values
-      call self%part%rescale()
+      call put_part_plane(self)
+      allocate (y(size(self%kept)))
       call find_tangent(self%part, x(self%kept), self%report, y, determinant_sign, is_singular)
       tangent = 0.0_wp
       tangent(self%kept) = y
       if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
-   end subroutine tangent_of_part
-
-   !> Turns the direction at a kink so sharp that no plane across the direction meets what follows. What follows has
-   !> the tangent of the next piece, in the sense that keeps the sign of the determinant: of `part`, where there is one, since what
-   !> leaves it may change the sign at the same kink.
-   subroutine curve_turn_at_kink(self, is_possible)
-      class(curve_t), intent(inout) :: self
-      logical, intent(out) :: is_possible
-      real(wp), dimension(size(self%x)) :: next, same
-      real(wp) :: sign_before, sign_beyond
-      logical :: is_singular
-
-      is_possible = .false.
-      if (allocated(self%part)) then
-         call tangent_of_part(self, self%x, same, sign_before, is_singular)
-         if (.not. is_singular) &
-            call tangent_of_part(self, self%x + self%config%kink_step*self%direction, next, sign_beyond, is_singular)
-      else
-         call self%tangent_at(self%x, same, sign_before, is_singular)
-         if (.not. is_singular) &
-            call self%tangent_at(self%x + self%config%kink_step*self%direction, next, sign_beyond, is_singular)
-      end if
-      if (is_singular) return
-      is_possible = sign_before*sign_beyond < 0.0_wp
-      if (.not. is_possible) return
-      self%direction = -next
-      self%step = self%config%kink_step
-   end subroutine curve_turn_at_kink
+   end subroutine corrected_tangent
 end module hb_curve

@@ -46,9 +46,8 @@ contains
    !> Puts tuples that differ in their last entry alone side by side: those of k and -k share cosine and sine of k times the phase.
    pure subroutine gather_rows(self)
       type(motion_series_t), intent(inout) :: self
-      complex(wp), parameter :: i = (0.0_wp, 1.0_wp)
       integer :: part(0:self%highest), row(size(self%frequencies))
-      integer :: h, k, n, n_rows, r
+      integer :: coordinate, h, k, n, n_rows, r
 
       associate (n_tones => size(self%omega), tuples => self%tuples)
          allocate (self%rows(n_tones - 1, size(row)), self%first(size(row) + 1), self%orders(size(row)))
@@ -74,24 +73,17 @@ contains
                   part(k) = n
                   self%orders(n) = k
                end if
-               call add(self%parts(1:4, :, part(k)), self%amplitudes(:, h))
-               call add(self%parts(5:8, :, part(k)), i*self%frequencies(h)*self%amplitudes(:, h))
+               do coordinate = 1, self%n_coordinates
+                  associate (values => self%parts(:, coordinate, part(k)), a => self%amplitudes(coordinate, h), &
+                             sense => sign(1, tuples(n_tones, h)), rate => self%frequencies(h))
+                     values(1:4) = values(1:4) + [real(a), aimag(a), -sense*aimag(a), sense*real(a)]
+                     values(5:8) = values(5:8) + rate*[-aimag(a), real(a), -sense*real(a), -sense*aimag(a)]
+                  end associate
+               end do
             end do
          end do
          self%first = [self%first(:n_rows), n + 1]
       end associate
-
-   contains
-
-      pure subroutine add(part, amplitudes)
-         real(wp), intent(inout) :: part(:, :)
-         complex(wp), intent(in) :: amplitudes(:)
-         complex(wp) :: of_sine(size(amplitudes))
-
-         of_sine = i*sign(1, self%tuples(size(self%omega), h))*amplitudes
-         part = part + transpose(reshape([real(amplitudes), aimag(amplitudes), real(of_sine), aimag(of_sine)], &
-                                         [size(amplitudes), 4]))
-      end subroutine add
    end subroutine gather_rows
 
    !> Phases of all tones at several times, (n_tones, n_times).

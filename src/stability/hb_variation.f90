@@ -126,12 +126,11 @@ contains
       integer, parameter :: n_parts = 64
       integer :: c, part
 
-      associate (frequencies => abs(self%motion%frequencies))
+      associate (frequencies => abs(self%motion%frequencies), amplitudes => abs(self%motion%amplitudes))
          do part = n_parts, 1, -1
             frequency = maxval(frequencies)*part/n_parts
             do c = 1, self%n_coordinates
-               if (sum(abs(self%motion%amplitudes(c, :)), mask=frequencies > maxval(frequencies)*(part - 1)/n_parts) > &
-                   faint*self%reach(c)) return
+               if (sum(amplitudes(c, :), mask=frequencies > maxval(frequencies)*(part - 1)/n_parts) > faint*self%reach(c)) return
             end do
          end do
       end associate

@@ -248,13 +248,13 @@ contains
                do pass = 1, most_passes
                   margin = 8.0_wp*epsilon(1.0_wp)*max(abs(lower(s)), abs(upper(s)))
                   if (self%slip(slider) == 0 .and. self%held(slider) < lower(s) - margin) then
-                     call note(1, slip_time(1))
+                     call note(1, time_of(1, .false.))
                   else if (self%slip(slider) == 0 .and. self%held(slider) > upper(s) + margin) then
-                     call note(-1, slip_time(-1))
+                     call note(-1, time_of(-1, .false.))
                   else if (self%slip(slider) == 1 .and. lower_rate(s) < 0.0_wp) then
-                     call note(0, stop_time(1))
+                     call note(0, time_of(1, .true.))
                   else if (self%slip(slider) == -1 .and. upper_rate(s) > 0.0_wp) then
-                     call note(0, stop_time(-1))
+                     call note(0, time_of(-1, .true.))
                   else
                      exit
                   end if
@@ -287,58 +287,42 @@ contains
          list(n)%time = time
          list(n)%slider = slider
          list(n)%slip = slip
-         if (slip == 0) self%held(slider) = merge(lower(s), upper(s), self%slip(slider) == 1)   ! as `stop_time` left them
+         if (slip == 0) self%held(slider) = merge(lower(s), upper(s), self%slip(slider) == 1)   ! as `time_of` left them
          list(n)%held = self%held(slider)
          self%slip(slider) = slip
          if (slip /= 0) self%has_slipped(slider) = .true.
       end subroutine note
 
-      !> When a bound reaches the slider.
-      real(wp) function slip_time(side)
+      !> When a bound reaches the slider or, where that `stops`, the bound that pushes it turns back; leaves the bounds as they
+      !> are then.
+      real(wp) function time_of(side, stops)
          integer, intent(in) :: side
+         logical, intent(in) :: stops
          type(bracket_t) :: bracket
 
          bracket = bracket_t(low=earliest(), high=times(k))
-         bracket%value_high = beyond(bracket%high, side)
-         bracket%value_low = beyond(bracket%low, side)
+         bracket%value_high = beyond(bracket%high, side, stops)
+         bracket%value_low = beyond(bracket%low, side, stops)
          do while (bracket%is_wide())
-            call bracket%narrow(beyond(bracket%middle, side))
+            call bracket%narrow(beyond(bracket%middle, side, stops))
          end do
-         slip_time = bracket%middle
-      end function slip_time
+         time_of = bracket%middle
+         if (stops) call look(time_of)
+      end function time_of
 
-      !> When the bound that pushes the slider turns back; leaves the bounds as they are then.
-      real(wp) function stop_time(side)
-         integer, intent(in) :: side
-         type(bracket_t) :: bracket
-
-         bracket = bracket_t(low=earliest(), high=times(k))
-         bracket%value_high = receding(bracket%high, side)
-         bracket%value_low = receding(bracket%low, side)
-         do while (bracket%is_wide())
-            call bracket%narrow(receding(bracket%middle, side))
-         end do
-         stop_time = bracket%middle
-         call look(stop_time)
-      end function stop_time
-
-      !> How far the bound has pushed the slider at a time, or would have.
-      real(wp) function beyond(time, side)
+      !> How far the bound has pushed the slider at a time, or would have; where that `stops`, how fast it moves away.
+      real(wp) function beyond(time, side, stops)
          real(wp), intent(in) :: time
          integer, intent(in) :: side
+         logical, intent(in) :: stops
 
          call look(time)
-         beyond = merge(lower(s) - self%held(slider), self%held(slider) - upper(s), side == 1)
+         if (stops) then
+            beyond = merge(-lower_rate(s), upper_rate(s), side == 1)
+         else
+            beyond = merge(lower(s) - self%held(slider), self%held(slider) - upper(s), side == 1)
+         end if
       end function beyond
-
-      !> How fast the bound moves away from the slider.
-      real(wp) function receding(time, side)
-         real(wp), intent(in) :: time
-         integer, intent(in) :: side
-
-         call look(time)
-         receding = merge(-lower_rate(s), upper_rate(s), side == 1)
-      end function receding
 
       !> The last event of this slider, or the last look.
       real(wp) function earliest()

@@ -88,11 +88,22 @@ contains
       do i = 0, ubound(stiffness, 1) - 2, 2
          call exponential_of_two(0.0_wp, 0.5_wp*h*self%scale, near*stiffness(i) + middle*stiffness(i + 1) + far*stiffness(i + 2), &
                                  near*damping(i) + middle*damping(i + 1) + far*damping(i + 2), e)
-         x = matmul(e, x)
+         call turn()
          call exponential_of_two(0.0_wp, 0.5_wp*h*self%scale, far*stiffness(i) + middle*stiffness(i + 1) + near*stiffness(i + 2), &
                                  far*damping(i) + middle*damping(i + 1) + near*damping(i + 2), e)
-         x = matmul(e, x)
+         call turn()
       end do
+
+   contains
+
+      !> x = e x, which `matmul` would make room for.
+      subroutine turn()
+         integer :: j
+
+         do j = 1, size(x, 2)
+            x(:, j) = [e(1, 1)*x(1, j) + e(1, 2)*x(2, j), e(2, 1)*x(1, j) + e(2, 2)*x(2, j)]
+         end do
+      end subroutine turn
    end subroutine propagate_two
 
    !> Sees to it that the slopes at the ends and in the middle of each step are known; those of half as many steps are used again.

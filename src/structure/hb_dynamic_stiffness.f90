@@ -46,6 +46,8 @@ module hb_dynamic_stiffness
       type(amplitudes_t) :: loads                            ! [N]
       type(amplitudes_t) :: load_slopes                      ! dP/dw [N s]
       type(reach_t) :: reach                                 ! of the frequencies
+      ! of the harmonic that is condensed: y, T, entries of S_lr, room for slopes of entries and of loads
+      complex(wp), allocatable :: held_motion(:), transfer(:, :), s_lr(:), slope(:), load_slope(:)
    end type parts_t
 
    type :: dynamic_stiffness_t
@@ -271,7 +273,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       complex(wp), parameter :: one = (1.0_wp, 0.0_wp)
       real(wp), parameter :: mostly = 0.5_wp                          ! of the places of a matrix that hold an entry
-      complex(wp), allocatable :: held_motion(:), of_lr(:, :), s_ll(:), s_lr(:), s_rl(:), transfer(:, :)
+      complex(wp), allocatable :: of_lr(:, :), s_ll(:), s_rl(:)
       real(wp), allocatable :: magnitude(:)
       real(wp) :: reciprocal_condition
       integer :: e, h, k, n_interior, n_law
@@ -282,7 +284,10 @@ contains
       associate (ll => parts%ll, lr => parts%lr, rl => parts%rl, solver => parts%solver)
          is_full = n_law > 1 .and. .not. self%pattern%is_banded .and. lr%n_entries > mostly*n_law*n_interior
          if (is_full) allocate (of_lr(n_law, n_interior), source=(0.0_wp, 0.0_wp))
-         allocate (s_ll(ll%n_entries), s_lr(lr%n_entries), s_rl(rl%n_entries), magnitude(ll%n_entries))
+         allocate (s_ll(ll%n_entries), s_rl(rl%n_entries), magnitude(ll%n_entries))
+         if (.not. allocated(parts%s_lr)) allocate (parts%s_lr(lr%n_entries))
+         if (allocated(self%condensed_slope) .and. .not. allocated(parts%slope)) allocate (parts%load_slope(self%n_dofs), &
+            parts%slope(max(ll%n_entries, lr%n_entries, rl%n_entries, parts%rr%n_entries)))
          do h = 1, self%n_harmonics
             call rl%evaluate(frequencies(h), drives(h), s_rl)
             solver%rhs(:, :n_law) = (0.0_wp, 0.0_wp)
@@ -298,11 +303,12 @@ contains
                return
             end if
 
-            transfer = solver%rhs(:, :n_law)
-            held_motion = solver%rhs(:, n_law + 1)
-            if (allocated(self%transfer)) self%transfer(:, :, h) = transfer
-            if (k > 0) self%held_motion%values(:, k) = held_motion
-            associate (condensed => self%condensed(:, :, h), load => self%load(:, h))
+            parts%transfer = solver%rhs(:, :n_law)
+            parts%held_motion = solver%rhs(:, n_law + 1)
+            if (allocated(self%transfer)) self%transfer(:, :, h) = parts%transfer
+            if (k > 0) self%held_motion%values(:, k) = parts%held_motion
+            associate (condensed => self%condensed(:, :, h), load => self%load(:, h), held_motion => parts%held_motion, &
+                       transfer => parts%transfer, s_lr => parts%s_lr)
                call ll%evaluate(frequencies(h), drives(h), s_ll)
                call ll%magnitude(frequencies(h), magnitude)
                condensed = (0.0_wp, 0.0_wp)
@@ -326,10 +332,9 @@ contains
                end do
             end associate
             if (allocated(self%condensed_slope)) then
-               call find_slopes(self, h, frequencies(h), drives(h), parts, .false., self%condensed_slope(:, :, h), &
-                                self%load_slope(:, h))
+               call find_slopes(self, h, frequencies(h), parts, .false., self%condensed_slope(:, :, h), self%load_slope(:, h))
                if (allocated(self%motion_slope)) self%motion_slope(:, :, 1, h) = solver%rhs(:, :n_law + 1)
-               call find_slopes(self, h, frequencies(h), drives(h), parts, .true., self%condensed_drive_slope(:, :, h), &
+               call find_slopes(self, h, frequencies(h), parts, .true., self%condensed_drive_slope(:, :, h), &
                                 self%load_drive_slope(:, h))
                if (allocated(self%motion_slope)) self%motion_slope(:, :, 2, h) = solver%rhs(:, :n_law + 1)
             end if
@@ -339,30 +344,33 @@ contains
 
    !> Derivatives of S_c and P_c of harmonic h by the frequency or by the drive, from its T and y and with the factors that
    !> gave these.
-   subroutine find_slopes(self, h, frequency, drive, parts, by_drive, condensed, load)
+   subroutine find_slopes(self, h, frequency, parts, by_drive, condensed, load)
       class(dynamic_stiffness_t), intent(in) :: self
       integer, intent(in) :: h
       real(wp), intent(in) :: frequency                               !! [rad/s]
-      real(wp), intent(in) :: drive                                   !! [rad**2/s**2]
       type(parts_t), intent(inout) :: parts                           !! after `solve` of harmonic h
       logical, intent(in) :: by_drive
       complex(wp), intent(out) :: condensed(:, :), load(:)
-      complex(wp) :: load_slope(self%n_dofs), s_lr(parts%lr%n_entries)
-      integer :: e, n
+      integer :: e, k, n
 
       n = self%n_law
-      load_slope = (0.0_wp, 0.0_wp)
-      if (.not. by_drive) load_slope = parts%load_slopes%of(h)
-      associate (transfer => self%transfer(:, :, h), held_motion => self%held_motion%of(h), lr => parts%lr, solver => parts%solver)
+      k = 0
+      if (.not. by_drive) k = findloc(parts%load_slopes%harmonics, h, dim=1)
+      parts%load_slope = (0.0_wp, 0.0_wp)
+      if (k > 0) parts%load_slope = parts%load_slopes%values(:, k)
+      associate (transfer => parts%transfer, held_motion => parts%held_motion, s_lr => parts%s_lr, slope => parts%slope, &
+                 load_slope => parts%load_slope, lr => parts%lr, solver => parts%solver)
          ! dT = S_rr^-1 (dS_rl - dS_rr T), dy = S_rr^-1 (dP_r - dS_rr y)
          solver%rhs = (0.0_wp, 0.0_wp)
          solver%rhs(:, n + 1) = load_slope(self%interior)
-         associate (rl => parts%rl, slope => slope_of(parts%rl))
+         call find_slope(parts%rl)
+         associate (rl => parts%rl)
             do e = 1, rl%n_entries
                solver%rhs(rl%row(e), rl%column(e)) = slope(e)
             end do
          end associate
-         associate (rr => parts%rr, slope => slope_of(parts%rr))
+         call find_slope(parts%rr)
+         associate (rr => parts%rr)
             do e = 1, rr%n_entries
                solver%rhs(rr%row(e), :n) = solver%rhs(rr%row(e), :n) - slope(e)*transfer(rr%column(e), :)
                solver%rhs(rr%row(e), n + 1) = solver%rhs(rr%row(e), n + 1) - slope(e)*held_motion(rr%column(e))
@@ -373,34 +381,32 @@ contains
          ! dS_c = dS_ll - dS_lr T - S_lr dT, dP_c = dP_l - dS_lr y - S_lr dy
          condensed = (0.0_wp, 0.0_wp)
          load = load_slope(self%coordinates%places)
-         associate (ll => parts%ll, slope => slope_of(parts%ll))
+         call find_slope(parts%ll)
+         associate (ll => parts%ll)
             do e = 1, ll%n_entries
                condensed(self%pattern%shift(ll%column(e)) + ll%row(e), ll%column(e)) = slope(e)
             end do
          end associate
-         call lr%evaluate(frequency, drive, s_lr)
-         associate (slope => slope_of(lr))
-            do e = 1, lr%n_entries
-               call subtract_row(self%pattern, condensed, lr%row(e), slope(e), transfer(lr%column(e), :))
-               call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), solver%rhs(lr%column(e), :n))
-               load(lr%row(e)) = load(lr%row(e)) - slope(e)*held_motion(lr%column(e)) &
-                                 - s_lr(e)*solver%rhs(lr%column(e), n + 1)
-            end do
-         end associate
+         call find_slope(lr)
+         do e = 1, lr%n_entries
+            call subtract_row(self%pattern, condensed, lr%row(e), slope(e), transfer(lr%column(e), :))
+            call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), solver%rhs(lr%column(e), :n))
+            load(lr%row(e)) = load(lr%row(e)) - slope(e)*held_motion(lr%column(e)) &
+                              - s_lr(e)*solver%rhs(lr%column(e), n + 1)
+         end do
       end associate
 
    contains
 
-      pure function slope_of(block) result(slope)
+      subroutine find_slope(block)
          type(structure_block_t), intent(in) :: block
-         complex(wp) :: slope(block%n_entries)
 
          if (by_drive) then
-            call block%drive_slope(slope)
+            call block%drive_slope(parts%slope(:block%n_entries))
          else
-            call block%slope(frequency, slope)
+            call block%slope(frequency, parts%slope(:block%n_entries))
          end if
-      end function slope_of
+      end subroutine find_slope
    end subroutine find_slopes
 
    !> Subtracts factor*values from row i of a block; outside of its pattern the values are zero.

@@ -151,6 +151,7 @@ contains
       source%plan = study%plan
       source%layout = layout
       source%available_memory = study%available_memory
+      source%services = study%services
       resident = memory_resident()
       call reset_memory_peak(has_peak)
       call cpu_time(cpu_begun)

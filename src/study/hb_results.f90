@@ -38,6 +38,8 @@ module hb_results
       type(plan_t) :: plan
       character(:), allocatable :: curve_variable       ! name of the value that moves along curves
       integer :: n_points = 0
+      integer :: i_put = 0                              ! variable of the plan that was put last
+      logical :: has_accuracy = .false., has_own_tuples = .false.     ! as the layout says
       logical :: is_resumed = .false.                   !! rows may hold what a run before has left
       type(row_buffer_t), allocatable :: held(:)         ! for each variable of the plan
       logical, allocatable :: is_checked(:)             ! same; whether the checksum goes over it
@@ -79,14 +81,8 @@ contains
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
 
-      self%path = path
-      call check_layout(layout, error)
-      if (.not. allocated(error)) then
-         self%n_points = layout%n_points
-         call new_plan(self%plan, layout)
-         if (allocated(layout%curve_parameter)) self%curve_variable = identifier(layout%curve_parameter)
-         if (rank_of(comm) == 0) call make_file(path, layout, self%plan, overwrite, error)
-      end if
+      call take_layout(self, path, layout, error)
+      if (rank_of(comm) == 0 .and. .not. allocated(error)) call make_file(path, layout, self%plan, overwrite, error)
       call share_error(comm, error)
       if (.not. allocated(error)) call open_datasets(self, layout, comm, error)
       call annotate(error, "result file '"//path//"'")
@@ -101,18 +97,29 @@ contains
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
 
-      self%path = path
       self%is_resumed = .true.
-      call check_layout(layout, error)
-      if (.not. allocated(error)) then
-         self%n_points = layout%n_points
-         call new_plan(self%plan, layout)
-         if (allocated(layout%curve_parameter)) self%curve_variable = identifier(layout%curve_parameter)
-      end if
+      call take_layout(self, path, layout, error)
       call share_error(comm, error)
       if (.not. allocated(error)) call open_datasets(self, layout, comm, error)
       call annotate(error, "result file '"//path//"'")
    end subroutine open_results
+
+   !> Plans the file.
+   subroutine take_layout(self, path, layout, error)
+      type(results_t), intent(inout) :: self
+      character(*), intent(in) :: path
+      type(results_layout_t), intent(in) :: layout
+      type(error_t), allocatable, intent(out) :: error
+
+      self%path = path
+      call check_layout(layout, error)
+      if (allocated(error)) return
+      self%n_points = layout%n_points
+      self%has_accuracy = layout%has_accuracy
+      self%has_own_tuples = layout%has_own_tuples
+      call new_plan(self%plan, layout)
+      if (allocated(layout%curve_parameter)) self%curve_variable = identifier(layout%curve_parameter)
+   end subroutine take_layout
 
    !> Opens the file on all ranks, and makes room for the rows that are held back; refuses datasets of other extents than
    !> those of the plan.
@@ -200,6 +207,7 @@ contains
       self%hold = hold_seconds(n_ranks, n_datasets)
       self%flushed = wall_clock()
       self%is_checked = is_checked(self%plan%variables)
+      self%i_put = index_of(self, "status")
       allocate (self%held(size(self%plan%variables)))
       do i = 1, size(self%held)
          associate (axes => self%plan%variables(i)%axes)
@@ -247,7 +255,7 @@ contains
       call put(self, "is_marched_first", [merge(1, 0, point%is_marched_first)], error)
       if (allocated(point%frequency)) call put(self, "frequency", point%frequency, error)
       if (allocated(point%artificial_damping)) call put(self, "artificial_damping", point%artificial_damping, error)
-      if (index_of(self, "n_rungs") > 0) then
+      if (self%has_accuracy) then
          call put(self, "n_rungs", [point%n_rungs], error)
          call put(self, "rung_difference", [point%rung_difference], error)
          if (allocated(point%n_samples)) call put(self, "grid", point%n_samples, error)
@@ -256,8 +264,8 @@ contains
       call put_coefficients(self, point, error)
       if (allocated(point%improved_coefficients)) call put(self, "improved_coefficients", point%improved_coefficients, error)
       if (allocated(point%certificate%combination)) call put_certificate(self, point, error)
-      if (allocated(point%curve)) call put_curve(self, point%curve, error)
       call put_stability(self, point%stability, error)
+      if (allocated(point%curve)) call put_curve(self, point%curve, error)
       if (allocated(point%displacement_samples)) call put(self, "displacement_samples", point%displacement_samples, error)
       if (allocated(point%corrected_samples)) call put(self, "corrected_samples", point%corrected_samples, error)
       if (allocated(point%force_samples)) call put(self, "force_samples", point%force_samples, error)
@@ -513,17 +521,15 @@ contains
       class(results_t), intent(inout) :: self
       type(motion_result_t), intent(in) :: point
       type(error_t), allocatable, intent(inout) :: error
-      integer :: i
 
-      i = index_of(self, "tuples")
-      if (i == 0) then
+      if (.not. self%has_own_tuples) then
          if (allocated(point%coefficients)) call put(self, "coefficients", point%coefficients, error)
          if (allocated(point%force_coefficients)) call put(self, "force_coefficients", point%force_coefficients, error)
          if (allocated(point%corrected_coefficients)) call put(self, "corrected_coefficients", point%corrected_coefficients, error)
          return
       end if
       if (allocated(point%harmonics%tuples) .and. .not. allocated(error)) &
-         call self%held(i)%put_part(self%n_held, point%harmonics%tuples, error)
+         call self%held(index_of(self, "tuples"))%put_part(self%n_held, point%harmonics%tuples, error)
       call put_part(self, "coefficients", point%coefficients, error)
       call put_part(self, "force_coefficients", point%force_coefficients, error)
       call put_part(self, "corrected_coefficients", point%corrected_coefficients, error)
@@ -629,8 +635,9 @@ contains
       type(error_t), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
-      call self%held(index_of(self, name))%put(self%n_held, values, error)
-      call annotate(error, "'"//name//"'")
+      self%i_put = index_of(self, name, self%i_put)
+      call self%held(self%i_put)%put(self%n_held, values, error)
+      if (allocated(error)) call annotate(error, "'"//name//"'")
    end subroutine put_integer
 
    subroutine put_real(self, name, values, error)
@@ -638,16 +645,15 @@ contains
       character(*), intent(in) :: name
       real(wp), intent(in), contiguous :: values(..)
       type(error_t), allocatable, intent(inout) :: error
-      integer :: j
 
       if (allocated(error)) return
-      j = index_of(self, name)
-      if (j == 0) then
+      self%i_put = index_of(self, name, self%i_put)
+      if (self%i_put == 0) then
          call fail(error, "'"//name//"' given, but the layout has no room for it")
          return
       end if
-      call self%held(j)%put(self%n_held, values, error)
-      call annotate(error, "'"//name//"'")
+      call self%held(self%i_put)%put(self%n_held, values, error)
+      if (allocated(error)) call annotate(error, "'"//name//"'")
    end subroutine put_real
 
    subroutine put_message(self, message, error)
@@ -663,12 +669,19 @@ contains
    end subroutine put_message
 
    !> Gives the index of the variable called `name`, 0 when the file has none.
-   pure integer function index_of(self, name)
+   pure integer function index_of(self, name, from)
       class(results_t), intent(in) :: self
       character(*), intent(in) :: name
+      integer, intent(in), optional :: from            !! variable that is looked at last: the next one comes first
+      integer :: i, n, shift
 
-      do index_of = size(self%plan%variables), 1, -1
+      n = size(self%plan%variables)
+      shift = 0
+      if (present(from)) shift = from
+      do i = 1, n
+         index_of = modulo(shift + i - 1, n) + 1
          if (self%plan%variables(index_of)%name == name) return
       end do
+      index_of = 0
    end function index_of
 end module hb_results

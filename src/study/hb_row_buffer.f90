@@ -18,7 +18,7 @@ module hb_row_buffer
    real(wp), parameter :: writes_per_second = 5.0e4_wp                ! of all ranks, half of what a large file system takes
    real(wp), parameter :: shortest = 0.01_wp                          ! [s], for points that take less than that
    real(wp), parameter :: most_bytes = 1.6e7_wp                       ! [B] held by a rank
-   integer, parameter :: most_rows = 32                               ! as points in the largest block of hb_schedule
+   integer, parameter :: most_rows = 128                              ! what a further one saves is below a hundredth of its writing
 
    !> Rows of one dataset, for consecutive points.
    type :: row_buffer_t

@@ -12,7 +12,7 @@ module hb_study
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row, new_plan, plan_t
    use hb_run_services, only: run_services
-   use hb_scene, only: scene_t, share_of_marched
+   use hb_scene, only: scene_t, share_of_marched, services_t
    use hb_scene_coordinates, only: coordinates_of
    use hb_scene_reader, only: group_names, read_scene
    use hb_scene_tones, only: read_tones
@@ -36,6 +36,7 @@ module hb_study
       character(:), allocatable :: input_overrides                    !! path=value, a line each
       character(:), allocatable :: input_complete                     !! the input after defaults
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes for this process
+      type(services_t) :: services                                    !! for the scenes of its points
    contains
       procedure :: n_chains => study_n_chains
       procedure :: read_point => study_read_point
@@ -73,7 +74,8 @@ contains
       call refuse_hidden(self%plan, self%document, overrides, error)
       if (allocated(error)) return
       call self%plan%apply(1, first)
-      call read_scene(self%scene, first, error, self%available_memory, run_services(self%plan%n_points))
+      self%services = run_services(self%plan%n_points)
+      call read_scene(self%scene, first, error, self%available_memory, self%services)
       if (allocated(error)) return
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then
@@ -84,8 +86,7 @@ contains
          call set_text(self%document, "solver%first_guess", "'neighbour'", error)
          first = self%document
          call self%plan%apply(1, first)
-         if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory, &
-                                                     run_services(self%plan%n_points))
+         if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory, self%services)
          if (allocated(error)) return
       end if
       self%input_complete = complete_text(first)
@@ -106,7 +107,7 @@ contains
 
       document = self%document
       call self%plan%apply(point, document)
-      call read_scene(scene, document, error, self%available_memory, run_services(self%plan%n_points))
+      call read_scene(scene, document, error, self%available_memory, self%services)
       call annotate(error, "point "//to_text(point)//" ("//self%plan%describe(point)//")")
    end subroutine study_read_point
 

@@ -87,6 +87,7 @@ contains
       run%source%document = self%document
       run%source%plan = self%plan
       run%source%available_memory = self%available_memory
+      run%source%services = self%services
       call prepare_wisdom(self, comm, error)
       if (allocated(error)) return
       call describe_layout(self, size_of(comm), run%source%layout)

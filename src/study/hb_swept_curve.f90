@@ -14,7 +14,6 @@ module hb_swept_curve
    use hb_outcome, only: is_solved, outcome
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t, results_t
-   use hb_run_services, only: run_services
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
    use hb_swept_point, only: check_layout, spread_result
@@ -60,7 +59,7 @@ contains
 
       self%document = source%document
       call source%plan%apply(first, self%document)
-      call update_scene(self%scene, self%document, is_new, failure, source%available_memory, run_services(source%plan%n_points))
+      call update_scene(self%scene, self%document, is_new, failure, source%available_memory, source%services)
       if (.not. allocated(failure)) call check_layout(self%scene, source%layout, failure)
       if (.not. allocated(failure)) call source%plan%curve%make_request(self%scene, self%document, self%request, failure)
       self%request%available_memory = source%available_memory

@@ -16,7 +16,6 @@ module hb_swept_point
    use hb_outcome, only: outcome
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t
-   use hb_run_services, only: run_services
    use hb_rung, only: rung_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
@@ -45,7 +44,7 @@ contains
 
       started = wall_clock()
       call source%plan%apply(point, source%document)
-      call update_scene(source%scene, source%document, is_new, error, source%available_memory, run_services(source%plan%n_points))
+      call update_scene(source%scene, source%document, is_new, error, source%available_memory, source%services)
       if (is_new .and. .not. allocated(error)) call check_layout(source%scene, source%layout, error)
       read = wall_clock()
       value = source%plan%fastest_value(point)

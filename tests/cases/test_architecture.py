@@ -200,7 +200,8 @@ def test_procedures_have_few_arguments(path):
 
 def _documented() -> set[str]:
     """Procedures with a line of documentation on top, in any file: bodies of submodules have theirs in the interface."""
-    named = re.compile(r"^\s*!>.*\n\s*(?:[\w()=*:]+\s+)*?(?:subroutine|function)\s+(\w+)", re.MULTILINE | re.IGNORECASE)
+    heads = r"(?:subroutine|function|module\s+procedure)"
+    named = re.compile(rf"^\s*!>.*\n\s*(?:[\w()=*:]+\s+)*?{heads}\s+(\w+)", re.MULTILINE | re.IGNORECASE)
     return {name.lower() for path in sources() for name in named.findall(path.read_text(encoding="utf-8"))}
 
 

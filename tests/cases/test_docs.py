@@ -7,6 +7,7 @@ In the tables the first column names the key.
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -63,10 +64,12 @@ def names_in(path: Path, constant: str) -> list[str]:
     return [word.strip() for word in re.findall(r"\"([^\"]*)\"", match.group(1))]
 
 
+@cache
 def groups_of_program() -> list[str]:
     return names_in(SRC / "motion" / "hb_scene_reader.f90", "group_names") + ["sweep", "curve"]
 
 
+@cache
 def kinds_of_program() -> set[tuple[str, str]]:
     laws = names_in(SRC / "laws" / "hb_law_catalogue.f90", "law_names")
     structures = names_in(SRC / "structure" / "hb_structure_catalogue.f90", "known_structures")
@@ -87,6 +90,7 @@ def sections_of(path: Path, procedure: str) -> list[tuple[str, str]]:
     return [(procedure.removeprefix("read_"), "")]
 
 
+@cache
 def keys_of_program() -> dict[tuple[str, str], dict[str, str]]:
     """Keys by section, each with the place where it is read."""
     keys: dict[tuple[str, str], dict[str, str]] = {}
@@ -103,6 +107,7 @@ def keys_of_program() -> dict[tuple[str, str], dict[str, str]]:
     return keys
 
 
+@cache
 def keys_of_page() -> dict[tuple[str, str], set[str]]:
     """Keys in the first column of the tables under each heading."""
     keys: dict[tuple[str, str], set[str]] = {}

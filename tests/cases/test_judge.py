@@ -22,7 +22,7 @@ from judge_parts.truth import Motion, build, error_of, neighbours_part  # noqa: 
 from program import run  # noqa: E402
 
 
-def test_an_exact_motion_has_no_error(tmp_path):
+def test_an_exact_motion_has_no_error():
     """Two masses, hardly damped: what the march begins with is still there in the end. The stop is out of reach."""
     mass, stiffness = np.eye(2), np.array([[2.0, -1.0], [-1.0, 2.0]])
     damping, force, w = 1e-4 * mass, np.array([0.0, 1.0]), 0.6
@@ -30,11 +30,11 @@ def test_an_exact_motion_has_no_error(tmp_path):
     scene.laws = [Law(1, np.array([1.0, 0.0]), (10.0, 1e3, 0.0))]
     scene.loads = [((1,), force, np.zeros(2))]
     amplitudes = np.linalg.solve(stiffness - w**2 * mass + 1j * w * damping, force)
-    assert error_of(build(tmp_path), scene, Motion(np.array([w]), amplitudes[None, :])) < 1e-5
+    assert error_of(build(), scene, Motion(np.array([w]), amplitudes[None, :])) < 1e-5
 
 
 @pytest.mark.parametrize(("growth", "parts"), [(5e-3, True), (-5e-3, False)])
-def test_neighbours_of_an_unstable_motion_part(tmp_path, growth, parts):
+def test_neighbours_of_an_unstable_motion_part(growth, parts):
     """What is slow to come and what is slow to go have the same error in the first periods."""
     mass, stiffness, w = np.eye(2), np.diag([1.0, 2.0]), 0.6
     scene = Scene("", mass, np.diag([-2 * growth, 0.01]), stiffness, ["x1", "x2"], np.array([w]), 1)
@@ -42,17 +42,17 @@ def test_neighbours_of_an_unstable_motion_part(tmp_path, growth, parts):
     scene.loads = [((1,), np.array([1.0, 0.0]), np.zeros(2))]
     exact = 1.0 / (1.0 - w**2 - 2j * w * growth)
     motion = Motion(np.array([w]), np.array([[exact + 1e-4, 0.0]]))
-    assert neighbours_part(build(tmp_path), scene, motion) == parts
+    assert neighbours_part(build(), scene, motion) == parts
 
 
-def test_a_coordinate_at_rest_is_measured_by_the_whole_motion(tmp_path):
+def test_a_coordinate_at_rest_is_measured_by_the_whole_motion():
     """A slider that holds its mass: rounding is all that moves there, and no measure of anything."""
     mass, stiffness, w = np.eye(2), np.array([[2.0, 0.0], [0.0, 2.0]]), 0.6
     scene = Scene("", mass, 0.1 * mass, stiffness, ["x1", "x2"], np.array([w]), 1)
     scene.laws = [Law(5, np.array([1.0, 0.0]), (10.0, 0.0, 0.0))]
     scene.loads = [((1,), np.array([0.0, 1.0]), np.zeros(2))]
     amplitudes = np.array([[1e-15, 1.0 / (2.0 - w**2 + 0.1j * w)]])
-    assert error_of(build(tmp_path), scene, Motion(np.array([w]), amplitudes)) < 1e-9
+    assert error_of(build(), scene, Motion(np.array([w]), amplitudes)) < 1e-9
 
 
 def test_a_mass_leaves_a_stop_when_it_should():

@@ -4,16 +4,13 @@ of a result says of it."""
 from __future__ import annotations
 
 import ctypes
-import os
 import re
-import subprocess
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-SOURCE = Path(__file__).with_name("pieces.c")
+from judge_parts.compiled import compiled
+
 SHORTEST = 0.1  # step, in radians of the fastest mode
 
 
@@ -38,13 +35,7 @@ class Stops:
 
 
 def build() -> ctypes.CDLL:
-    with tempfile.TemporaryDirectory() as folder:
-        library = Path(folder) / "pieces.so"
-        compiler = os.environ.get("CC", "cc")
-        subprocess.run([compiler, "-O2", "-fcx-limited-range", "-shared", "-fPIC", "-o", library, SOURCE, "-lm"], check=True)
-        loaded = ctypes.CDLL(str(library))
-    loaded.pieces_march.restype = ctypes.c_long
-    return loaded
+    return compiled("pieces", "pieces_march", "-fcx-limited-range")
 
 
 class Marching:

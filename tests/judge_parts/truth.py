@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import ctypes
-import os
-import subprocess
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
+from judge_parts.compiled import compiled
 from judge_parts.scenes import RIGID, Scene
 
-SOURCE = Path(__file__).with_name("marching.c")
 NEARNESS = 1e-3  # of the second start, relative to the motion
 PERIODS_OF_SLIDERS = 20
 FIRST_ORDER = (*RIGID, 10)  # kinds: Moreau's rule, and sliders in a plane, which stay where they are for a step
@@ -45,13 +42,8 @@ class Motion:
         return (np.exp(1j * np.outer(t, self.frequencies)) @ (1j * self.frequencies[:, None] * self.amplitudes)).real
 
 
-def build(folder: Path) -> ctypes.CDLL:
-    library = folder / "marching.so"
-    compiler = os.environ.get("CC", "cc")
-    subprocess.run([compiler, "-O2", "-shared", "-fPIC", "-o", library, SOURCE, "-lm"], check=True)
-    loaded = ctypes.CDLL(str(library))
-    loaded.judge_march.restype = ctypes.c_long
-    return loaded
+def build() -> ctypes.CDLL:
+    return compiled("marching", "judge_march")
 
 
 def farthest(library: ctypes.CDLL, scene: Scene, motion: Motion, seed: int) -> float:

@@ -61,6 +61,20 @@ MUTANTS = [
             "self%direction = next",
         ),
         (
+            "curve_kink_back",
+            "test_hb_curve",
+            "a curve comes back from a kink along itself",
+            "is_possible = .not. is_singular .and. sign_before*sign_beyond > 0.0_wp",
+            "is_possible = .not. is_singular",
+        ),
+        (
+            "curve_kink_shares",
+            "test_hb_curve",
+            "what follows a kink is looked for at one distance alone",
+            "do i = 1, merge(0, size(shares), is_singular)",
+            "do i = 1, merge(0, 1, is_singular)",
+        ),
+        (
             "curve_orientation",
             "test_hb_curve",
             "the sign of the determinant is ignored",
@@ -99,8 +113,8 @@ MUTANTS = [
             "curve_kink_part",
             "test_hb_motion_curve",
             "an odd curve turns by the determinant of all motions",
-            "      if (allocated(self%part)) then\n         call tangent_of_part(self, self%x, same",
-            "      if (.not. allocated(self%problem%forms)) then\n         call tangent_of_part(self, self%x, same",
+            "      if (.not. allocated(self%part)) then\n         call self%tangent_at(x, tangent",
+            "      if (allocated(self%problem%forms)) then\n         call self%tangent_at(x, tangent",
         ),
         (
             "curve_sense_part",

@@ -97,8 +97,8 @@ MUTANTS = [
             "series_side_by_side",
             "test_hb_motion_series",
             "of two tuples that differ in the sign of their last entry alone both turn the same way",
-            "of_sine = i*sign(1, self%tuples(size(self%omega), h))*amplitudes",
-            "of_sine = i*amplitudes",
+            "sense => sign(1, tuples(n_tones, h))",
+            "sense => sign(1, n_tones)",
         ),
     ),
     *of(

@@ -9,9 +9,12 @@ module curve_problems
    type :: curve_kind_t
       integer :: folded = 1                                           !! f = x**3 - 3 x: folds at x = -1 and 1, where p = 2 and -2
       integer :: kinked = 2                                           !! f = 10 |x|: a corner of less than a right angle at x = 0
+      integer :: hidden = 4                                           !! as `kinked`, but straight on behind the corner, beside
+                                                                      !! the curve at p < -3e-4, r2 has another piece
       integer :: way = 3                                              !! r1 = -t + amount/(t**2 - 3 t + 2.35), t = easy - x1
    end type curve_kind_t
    type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
+   real(wp), parameter :: hidden_from = 3.0e-4_wp
 
    type, extends(problem_t) :: parametric_t
       integer :: kind = 0
@@ -60,10 +63,11 @@ contains
 
       select case (self%kind)
       case (curve_kind%folded); r(1) = self%p - (x(1)**3 - 3.0_wp*x(1))
-      case (curve_kind%kinked); r(1) = self%p - 10.0_wp*abs(x(1))
+      case (curve_kind%kinked, curve_kind%hidden); r(1) = self%p - 10.0_wp*abs(x(1))
       case default; r(1) = x(1) - self%easy + self%amount/denominator(self%easy - x(1))
       end select
       r(2) = x(2) - 0.5_wp*x(1)
+      if (self%kind == curve_kind%hidden) r(2) = r(2) - 30.0_wp*max(0.0_wp, -self%p - hidden_from)
    end subroutine parametric_residual
 
    subroutine parametric_tangent(self, x, jacobian)
@@ -74,7 +78,7 @@ contains
       jacobian(1, :) = 0.0_wp
       select case (self%kind)
       case (curve_kind%folded); jacobian(1, 1) = 3.0_wp - 3.0_wp*x(1)**2
-      case (curve_kind%kinked); jacobian(1, 1) = -sign(10.0_wp, x(1))
+      case (curve_kind%kinked, curve_kind%hidden); jacobian(1, 1) = -sign(10.0_wp, x(1))
       case default; jacobian(1, 1) = 1.0_wp + self%amount*(2.0_wp*(self%easy - x(1)) - 3.0_wp)/ &
                                        denominator(self%easy - x(1))**2
       end select
@@ -152,6 +156,7 @@ contains
       real(wp), intent(out), contiguous :: derivative(:)
 
       derivative = [real(which, wp), 0.0_wp]
+      if (self%kind == curve_kind%hidden .and. self%p < -hidden_from) derivative(2) = 30.0_wp
    end subroutine parametric_derivative
 
    pure function deformed_parameters(self, which) result(values)
