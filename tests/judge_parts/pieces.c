@@ -26,7 +26,10 @@ typedef struct {
    const double *along;                    /* of a state: the coordinate, (n), one block for all */
 } pieces_t;
 
-typedef struct { double complex turned[n_levels][most_waves]; } levels_t;
+typedef struct {
+   double length[n_levels];                /* [s] */
+   double complex turned[n_levels][most_waves];
+} levels_t;
 
 static double complex turn(double phase) { return cos(phase) + sin(phase) * I; }
 
@@ -82,20 +85,21 @@ static int closed_at(const pieces_t *p, double z) {
    return closed;
 }
 
-static double length_of(const pieces_t *p, int closed, int level) { return ldexp(p->shortest[closed], level - halvings); }
-
 /* Marches from the state x at time `t` on, which returns the last one; the coordinate at t + i look goes to out(i), i < n_looks.
  * Gives the number of looks done: fewer where more than `most` steps are needed, which
  * returns how many are left. */
 long pieces_march(const pieces_t *p, double *x, double t, double look, long n_looks, long *most, double *out) {
-   double complex y[most_waves], next[most_waves];
+   double complex waves[2][most_waves], *y = waves[0], *next = waves[1], *swapped;
    levels_t levels[1 << most_stops];
    double z = 0.0;
    if (p->n > most_values || p->n_loads > most_loads || p->n_stops > most_stops) return -1;
    double complex unit[most_waves];
    for (int j = 0; j < n_waves(p); j++) unit[j] = 1.0;
    for (int closed = 0; closed < 1 << p->n_stops; closed++) {
-      for (int l = 0; l < n_levels; l++) advance(p, closed, length_of(p, closed, l), unit, levels[closed].turned[l]);
+      for (int l = 0; l < n_levels; l++) {
+         levels[closed].length[l] = ldexp(p->shortest[closed], l - halvings);
+         advance(p, closed, levels[closed].length[l], unit, levels[closed].turned[l]);
+      }
    }
    for (int i = 0; i < p->n; i++) z += p->along[i] * x[i];
    int closed = closed_at(p, z);
@@ -108,10 +112,13 @@ long pieces_march(const pieces_t *p, double *x, double t, double look, long n_lo
       while (since < look) {
          if (--*most < 0) return done;
          double near = HUGE_VAL, left = look - since;
-         for (int k = 0; k < p->n_stops; k++) near = fmin(near, fabs(p->side[k] * z - p->gap[k]));
+         for (int k = 0; k < p->n_stops; k++) {
+            double distance = fabs(p->side[k] * z - p->gap[k]);
+            if (distance < near) near = distance;
+         }
          double many = near / (speed * p->shortest[closed]);
          int level = halvings + (many < 2.0 ? 0 : many < ldexp(1.0, doublings) ? ilogb(many) : doublings);
-         double h = length_of(p, closed, level);
+         double h = levels[closed].length[level];
          if (h < left) {
             step(p, levels[closed].turned[level], y, next);
          } else {
@@ -123,13 +130,13 @@ long pieces_march(const pieces_t *p, double *x, double t, double look, long n_lo
          if (then != closed) {
             double past = h;
             for (h = 0.0, level--; level >= 0; level--) {
-               double further = length_of(p, closed, level);
+               double further = levels[closed].length[level];
                if (h + further >= past) continue;
                step(p, levels[closed].turned[level], y, next);
                int there = closed_at(p, coordinate(p, closed, next));
                if (there == closed) {
                   h += further;
-                  memcpy(y, next, sizeof y);
+                  swapped = y, y = next, next = swapped;
                } else {
                   then = there;
                   past = h + further;
@@ -143,7 +150,7 @@ long pieces_march(const pieces_t *p, double *x, double t, double look, long n_lo
             speed = bound_of_speed(p, closed, next);
             z = coordinate(p, closed, next);
          }
-         memcpy(y, next, sizeof y);
+         swapped = y, y = next, next = swapped;
          since = h >= left ? look : since + h;
       }
    }

@@ -65,10 +65,10 @@ class Marching:
             state_matrix = np.block([[zero, np.eye(n)], [-inverse @ stiffness, -inverse @ scene.damping]])
             systems.append((stiffness, held, *np.linalg.eig(state_matrix)))
         self.decay = min(-rate.real.max() for _, _, rate, _ in systems)
-        n_modes = max(np.sum(rate.imag >= 0) for _, _, rate, _ in systems)
-        for stiffness, held, rate, modes in systems:
-            kept = np.argsort(rate.imag < 0, kind="stable")[:n_modes]
-            weights = np.where(rate.imag > 0, 2.0, np.where(rate.imag < 0, 0.0, 1.0))
+        counted = [self._counted(rate, modes, scene.shape) for _, _, rate, modes in systems]
+        n_modes = max(np.sum(weights > 0) for weights in counted)
+        for (stiffness, held, rate, modes), weights in zip(systems, counted):
+            kept = np.argsort(weights == 0, kind="stable")[:n_modes]
             driven = np.zeros((2 * n, len(scene.loads)), dtype=complex)
             for m, (w, force) in enumerate(scene.loads):
                 driven[:n, m] = np.linalg.solve(stiffness - w**2 * scene.mass + 1j * w * scene.damping, force)
@@ -86,6 +86,13 @@ class Marching:
         self.kept |= {name: np.array(value, dtype=complex) for name, value in blocks.items()}
         pointers = {name: value.ctypes.data for name, value in self.kept.items()}
         self.problem = _Pieces(n=2 * n, n_modes=n_modes, n_loads=len(scene.loads), n_stops=len(scene.stops), **pointers)
+
+    @staticmethod
+    def _counted(rate, modes, shape) -> np.ndarray:
+        """How often a mode counts: once or, for its conjugate, twice; not at all where the coordinate does not see it, which is
+        a mode then whatever is closed."""
+        is_seen = np.abs(shape @ modes[: len(shape)]) > 1e-9 * np.linalg.norm(modes[: len(shape)], axis=0)
+        return np.where(is_seen & (rate.imag >= 0), np.where(rate.imag > 0, 2.0, 1.0), 0.0)
 
     def record(self, look: float, n_looks: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Times and places of the coordinate, n_looks of them; none where that takes too many steps."""
