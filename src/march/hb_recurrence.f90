@@ -7,62 +7,119 @@
 !> does. With one tone this is the stroboscopic section. Source: J.-P. Eckmann, S. Oliffson Kamphorst and D. Ruelle, Recurrence
 !> plots
 !> of dynamical systems, Europhysics Letters 4 (1987) 973-977.
+!>
+!> Tones whose ratio is nearly that of small whole numbers return well after these, and badly after anything else for a long time.
+!> So the defect of a return counts, beside another that misses less, as much as that would have of it.
 module hb_recurrence
    use hb_kinds, only: wp
    implicit none
    private
-   public :: defect_of, find_return
+   public :: defect_of, find_return, repetition, turns_to_repeat
 
+   !> What a record shows beside a number of turns after which it repeats.
+   type :: repetition_t
+      integer :: none = 0                                             !! it repeats nowhere
+      integer :: not_known = -1
+   end type repetition_t
+   type(repetition_t), parameter :: repetition = repetition_t()
+
+   integer, parameter :: most_parts = 8                               ! turns after which a motion may repeat
    real(wp), parameter :: least_gain = 0.7_wp                         ! what is missing to whole turns, beside a shorter shift
    real(wp), parameter :: exact = 1.0e-9_wp                           ! turns
    real(wp), parameter :: farthest = 0.05_wp                          ! turns that may be missing
+   real(wp), parameter :: near = 1.0e-4_wp                            ! likewise: of no account
+   real(wp), parameter :: clearly = 0.3_wp                            ! below which one part of the motion is none of another
+   real(wp), parameter :: mostly = 0.7_wp                             ! above which it is another
 
 contains
 
-   !> Largest defect of the record over all ways in which numbers of turns can be odd multiples of `part`: the root mean square of
-   !> what the record differs from the mean of itself before and after, relative. Negative where the record is too short to tell.
-   function defect_of(x, scale, turns, part) result(defect)
+   !> Turns of the tones after which a record repeats: 1 for a motion of them, 2 to 8 for one that takes several; else a
+   !> `repetition`.
+   function turns_to_repeat(x, scale, turns, share, allowed) result(part)
       real(wp), intent(in) :: x(:, :)                                 !! record, (n_samples, any)
       real(wp), intent(in) :: scale(:)                                !! of each column
       real(wp), intent(in) :: turns(:)                                !! of each tone from one sample to the next
+      real(wp), intent(in) :: share                                   !! largest root mean square of a column, relative
+      real(wp), intent(in) :: allowed                                 !! defect of a motion that repeats
+      integer :: part
+      real(wp), dimension(2**size(turns) - 1, most_parts) :: defect, missing
+      real(wp) :: in_one, largest(most_parts), least, within
+      logical :: returns(2**size(turns) - 1, most_parts)
+
+      do part = 1, most_parts
+         call find_defects(x, scale, turns, part, defect(:, part), missing(:, part))
+      end do
+      returns = defect >= 0.0_wp
+      largest = merge(maxval(defect, dim=1), 1.0_wp, any(returns, dim=1))
+      least = minval(largest(2:))
+      part = findloc(largest <= max(allowed, 2.0_wp*least), .true., dim=1)
+      if (share > allowed .and. part > 1) then
+         within = max(near, maxval(missing(:, part), mask=returns(:, part)))
+         in_one = maxval(defect(:, 1)*(within/max(within, missing(:, 1)))**2, mask=returns(:, 1))
+         if (least <= clearly*min(in_one, share)) return
+      end if
+      part = repetition%not_known
+      if (share <= allowed .or. largest(1) <= max(allowed, clearly*share)) then
+         part = 1
+      else if (any(returns(:, 1)) .and. all(defect(:, 1) >= mostly*share .or. .not. returns(:, 1))) then
+         part = repetition%none
+      end if
+   end function turns_to_repeat
+
+   !> Largest defect of the record over all ways in which numbers of turns can be odd multiples of `part`, negative where the record
+   !> is too short to tell.
+   real(wp) function defect_of(x, scale, turns, part)
+      real(wp), intent(in) :: x(:, :), scale(:), turns(:)             !! as in `turns_to_repeat`
       integer, intent(in) :: part                                     !! turns in which the motion may repeat
-      real(wp) :: defect
+      real(wp), dimension(2**size(turns) - 1) :: defect, missing
+
+      call find_defects(x, scale, turns, part, defect, missing)
+      defect_of = maxval(defect)
+   end function defect_of
+
+   !> Finds, for each way in which numbers of turns can be odd multiples of `part`, the root mean square of
+   !> what the record differs from the mean of itself before and after, relative: -1 where the record is too short to tell.
+   subroutine find_defects(x, scale, turns, part, defect, missing)
+      real(wp), intent(in) :: x(:, :), scale(:), turns(:)             !! as in `turns_to_repeat`
+      integer, intent(in) :: part
+      real(wp), intent(out) :: defect(:), missing(:)                  !! and turns missing to whole ones, (2**n_tones - 1)
       integer :: class, k, n, shift
 
       n = size(x, 1)
       defect = -1.0_wp
-      do class = 1, 2**size(turns) - 1
-         call find_return(turns, part, class, n/3, shift)
+      do class = 1, size(defect)
+         call find_return(turns, part, class, n/3, shift, missing(class))
          if (shift == 0) cycle
          do k = 1, size(x, 2)
             associate (between => 0.5_wp*(x(:n - 2*shift, k) + x(2*shift + 1:, k)) - x(shift + 1:n - shift, k))
-               defect = max(defect, norm2(between)/(scale(k)*sqrt(real(n - 2*shift, wp))))
+               defect(class) = max(defect(class), norm2(between)/(scale(k)*sqrt(real(n - 2*shift, wp))))
             end associate
          end do
       end do
-   end function defect_of
+   end subroutine find_defects
 
    !> Finds the shift after which all tones have made nearly a multiple of `part` turns, an odd one where the bit of the tone in
    !> `class` is set, an even one elsewhere; 0 where there is none. Of equally good ones the shortest.
-   pure subroutine find_return(turns, part, class, longest, shift)
+   pure subroutine find_return(turns, part, class, longest, shift, nearest)
       real(wp), intent(in) :: turns(:)                                !! of each tone from one sample to the next
       integer, intent(in) :: part, class
       integer, intent(in) :: longest                                  !! samples
       integer, intent(out) :: shift                                   !! samples
-      real(wp) :: best, missing, whole
+      real(wp), intent(out) :: nearest                                !! turns missing then, of the tone that misses most
+      real(wp) :: missing, whole
       integer :: i, m
 
       shift = 0
-      best = farthest/least_gain
+      nearest = farthest/least_gain
       do i = 1, longest
          missing = 0.0_wp
          do m = 1, size(turns)
             whole = real(merge(part, 0, btest(class, m - 1)), wp)
             missing = max(missing, abs(modulo(i*turns(m) - whole + part, 2.0_wp*part) - part))
-            if (missing >= least_gain*best - exact) exit
+            if (missing >= least_gain*nearest - exact) exit
          end do
-         if (missing >= least_gain*best - exact) cycle
-         best = missing
+         if (missing >= least_gain*nearest - exact) cycle
+         nearest = missing
          shift = i
       end do
    end subroutine find_return

@@ -22,7 +22,7 @@ module hb_marched_motion
    use hb_march_system, only: march_system_t, new_march_system
    use hb_modes, only: modes_t, new_modes, slowest_decay
    use hb_outcome, only: outcome
-   use hb_recurrence, only: defect_of
+   use hb_recurrence, only: repetition, turns_to_repeat
    use hb_scene, only: scene_t
    use hb_scene_coordinates, only: coordinates_of
    use hb_structure, only: most_dense, structure_t
@@ -50,14 +50,11 @@ module hb_marched_motion
    real(wp), parameter :: numbers_of_unknown = 1.5_wp                 ! of the record that a fit sees first, below its highest
                                                                       ! frequency
    real(wp), parameter :: gaining = 0.8_wp                            ! error of a fit, relative to the one before
-   integer, parameter :: most_parts = 8                               ! periods that a subharmonic motion may take
    real(wp), parameter :: largest_record = 1.0e7_wp                   ! numbers
    real(wp), parameter :: most_terms = 2.0e9_wp                       ! of the averages over one window
    real(wp), parameter :: largest_spread = 1.0e-2_wp                  ! of a steady motion, relative
    real(wp), parameter :: aim = 1.0e-2_wp                             ! spread at which the march ends, relative to that allowed
    real(wp), parameter :: close = 0.1_wp                              ! likewise, after `least_windows`
-   real(wp), parameter :: clearly = 0.3_wp                            ! below which one part of the motion is none of another
-   real(wp), parameter :: mostly = 0.7_wp                             ! above which it is another
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
    real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the one before
    real(wp), parameter :: kick = 1.0e-6_wp                            ! of the length of the system, at the start
@@ -332,22 +329,19 @@ contains
       real(wp), intent(in) :: allowed                                 !! largest spread of a steady motion
       logical, intent(in) :: has_forgotten                            !! how it began, as far as damping tells
       logical, intent(in) :: is_last                                  !! there is no longer window
-      real(wp) :: left_out, repeats(most_parts), scale(size(z, 2)), turns(scene%tones%n_tones)
+      real(wp) :: left_out
       character(:), allocatable :: marched_for
       integer :: part
 
       marched_for = "marched for "//to_text(settled%n_periods)//" periods of the slowest tone"
-      scale = scale_of(z)
       left_out = largest_share(remainder, z)
-      turns = scene%tones%omega*record%step/two_pi
+      part = turns_to_repeat(remainder, scale_of(z), scene%tones%omega*record%step/two_pi, left_out, allowed)
       settled%status = outcome%pending
-      repeats = [(abs(defect_of(remainder, scale, turns, part)), part=1, most_parts)] ! 1 where that cannot be told
-      part = findloc(repeats <= max(allowed, 2.0_wp*minval(repeats(2:))), .true., dim=1)
-      if (left_out > allowed .and. part > 1 .and. minval(repeats(2:)) <= clearly*min(repeats(1), left_out)) then
-         if (has_forgotten) settled%status = outcome%subharmonic
-      else if (left_out <= allowed .or. repeats(1) <= max(allowed, clearly*left_out)) then
+      if (part == 1) then
          if (settled%spread <= allowed) settled%status = outcome%marched
-      else if (has_forgotten .and. (is_last .or. repeats(1) >= mostly*left_out)) then
+      else if (has_forgotten .and. part > 1) then
+         settled%status = outcome%subharmonic
+      else if (has_forgotten .and. (is_last .or. part == repetition%none)) then
          settled%status = outcome%broadband
       end if
       select case (settled%status)

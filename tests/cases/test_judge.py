@@ -94,7 +94,7 @@ def test_what_a_file_says_wrongly_is_told(tmp_path):
     assert run("solve", "scene.nml", "--quiet", cwd=tmp_path).status == 0
     words = [sys.executable, TESTS / "marched", result, "--state", tmp_path / "rows.jsonl"]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and "| `converged` | 2 | lines | agrees |" in done.stdout, done.stdout + done.stderr
+    assert done.returncode == 0 and "| `converged` | 2 | motion | agrees |" in done.stdout, done.stdout + done.stderr
     with h5py.File(result, "r+") as file:
         file["coefficients"][1] *= 1.02
     assert subprocess.run(words, capture_output=True, check=False).returncode == 0, "rows are kept"

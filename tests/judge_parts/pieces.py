@@ -15,10 +15,9 @@ SHORTEST = 0.1  # step, in radians of the fastest mode
 
 
 class _Pieces(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_int) for name in ("n", "n_loads", "n_stops")] + [
+    _fields_ = [(name, ctypes.c_int) for name in ("n", "n_modes", "n_loads", "n_stops")] + [
         (name, ctypes.c_void_p)
-        for name in ("frequency", "side", "gap", "rate", "modes", "inverse", "driven", "at_rest", "seen", "seen_load", "seen_rest",
-                     "shortest", "along")
+        for name in ("frequency", "side", "gap", "rate", "shapes", "inverse", "at_rest", "seen", "seen_rest", "shortest", "along")
     ]  # fmt: skip
 
 
@@ -47,30 +46,44 @@ class Marching:
         self.x = np.zeros(2 * n)
         inverse, zero = np.linalg.inv(scene.mass), np.zeros((n, n))
         along = np.concatenate([scene.shape, np.zeros(n)])
-        blocks: dict[str, list] = {name: [] for name in ("rate", "modes", "inverse", "driven", "at_rest", "seen", "seen_load",
-                                                         "seen_rest", "shortest")}  # fmt: skip
+        blocks: dict[str, list] = {name: [] for name in ("rate", "shapes", "inverse", "at_rest", "seen", "seen_rest", "shortest")}
+        turning = 1j * np.array([w for w, _ in scene.loads])
+        systems = []
         for closed in range(2 ** len(scene.stops)):
             shut = [stop for k, stop in enumerate(scene.stops) if closed >> k & 1]
             stiffness = scene.stiffness + sum(k for _, k, _ in shut) * np.outer(scene.shape, scene.shape)
             held = sum(side * k * gap for side, k, gap in shut) * scene.shape
-            rate, modes = np.linalg.eig(np.block([[zero, np.eye(n)], [-inverse @ stiffness, -inverse @ scene.damping]]))
+            state_matrix = np.block([[zero, np.eye(n)], [-inverse @ stiffness, -inverse @ scene.damping]])
+            systems.append((stiffness, held, *np.linalg.eig(state_matrix)))
+        self.decay = min(-rate.real.max() for _, _, rate, _ in systems)
+        counted = [self._counted(rate, modes, scene.shape) for _, _, rate, modes in systems]
+        n_modes = max(np.sum(weights > 0) for weights in counted)
+        for (stiffness, held, rate, modes), weights in zip(systems, counted):
+            kept = np.argsort(weights == 0, kind="stable")[:n_modes]
             driven = np.zeros((2 * n, len(scene.loads)), dtype=complex)
             for m, (w, force) in enumerate(scene.loads):
                 driven[:n, m] = np.linalg.solve(stiffness - w**2 * scene.mass + 1j * w * scene.damping, force)
                 driven[n:, m] = 1j * w * driven[:n, m]
+            shapes = np.hstack([(modes * weights)[:, kept], driven])
             at_rest = np.concatenate([np.linalg.solve(stiffness, held), np.zeros(n)])
-            values = (rate, modes, np.linalg.inv(modes), driven, at_rest, along @ modes, along @ driven, [along @ at_rest],
-                      [SHORTEST / np.abs(rate).max()])  # fmt: skip
+            values = (np.concatenate([rate[kept], turning]), shapes, np.linalg.inv(modes)[kept], at_rest, along @ shapes,
+                      [along @ at_rest], [SHORTEST / np.abs(rate).max()])  # fmt: skip
             for name, value in zip(blocks, values):
                 blocks[name].append(value)
-        self.decay = min(-rate.real.max() for rate in blocks["rate"])
         real = {"frequency": [w for w, _ in scene.loads], "side": [side for side, _, _ in scene.stops],
                 "gap": [gap for _, _, gap in scene.stops], "along": along} | {
                     name: blocks.pop(name) for name in ("at_rest", "seen_rest", "shortest")}  # fmt: skip
         self.kept = {name: np.array(value, dtype=float) for name, value in real.items()}
         self.kept |= {name: np.array(value, dtype=complex) for name, value in blocks.items()}
         pointers = {name: value.ctypes.data for name, value in self.kept.items()}
-        self.problem = _Pieces(n=2 * n, n_loads=len(scene.loads), n_stops=len(scene.stops), **pointers)
+        self.problem = _Pieces(n=2 * n, n_modes=n_modes, n_loads=len(scene.loads), n_stops=len(scene.stops), **pointers)
+
+    @staticmethod
+    def _counted(rate, modes, shape) -> np.ndarray:
+        """How often a mode counts: once or, for its conjugate, twice; not at all where the coordinate does not see it, which is
+        a mode then whatever is closed."""
+        is_seen = np.abs(shape @ modes[: len(shape)]) > 1e-9 * np.linalg.norm(modes[: len(shape)], axis=0)
+        return np.where(is_seen & (rate.imag >= 0), np.where(rate.imag > 0, 2.0, 1.0), 0.0)
 
     def record(self, look: float, n_looks: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Times and places of the coordinate, n_looks of them; none where that takes too many steps."""
