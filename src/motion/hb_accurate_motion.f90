@@ -188,7 +188,7 @@ contains
          raw = estimate_of(trial)
          outputs_raw = estimates_of_outputs(trial)
          if (is_checked) call calibrate(trial%certificate, result%certificate, before, difference, &
-                                          next%set%n_harmonics > clearly*top%set%n_harmonics)
+                                          next%set%n_harmonics > clearly*top%set%n_harmonics, margin*scene%accuracy%tolerance)
          if (is_rigid(scene)) trial%certificate%truncation = max(trial%certificate%truncation, min(1.0_wp, &
             difference*left_after(top%set%n_harmonics, next%set%n_harmonics, scene%tones%n_tones)))
          call calibrate_outputs(scene, trial, next%set, result, top%set, outputs_before)
@@ -228,15 +228,21 @@ contains
    !> Corrects the estimates of a rung by what the rung below shows. Its motion was off by the difference of the two: an estimate
    !> that was below that is raised by as much here. What the upper rung is off by is less than the difference by as much as it
    !> neglects less, but not below what it neglects, where its set is clearly larger: one linear step
-   !> from a set with ragged ends may say far more.
-   pure subroutine calibrate(upper, lower, estimate_below, difference, is_clear)
+   !> from a set with ragged ends may say far more. Such a step is none of a series that converges: what is neglected answers the
+   !> motion after it by many times what it answered before. Where it is not, the ladder ends with an estimate that is lowered by a
+   !> quarter at most.
+   pure subroutine calibrate(upper, lower, estimate_below, difference, is_clear, enough)
       type(certificate_t), intent(inout) :: upper
       type(certificate_t), intent(in) :: lower
       real(wp), intent(in) :: estimate_below                          !! of the lower rung, as its certificate had it
       real(wp), intent(in) :: difference                              !! of their motions, relative
       logical, intent(in) :: is_clear                                 !! the upper set is clearly larger
+      real(wp), intent(in) :: enough                                  !! estimate with which the ladder ends
       real(wp), parameter :: safety = 2.0_wp
-      real(wp) :: above, below, correction
+      real(wp), parameter :: leads_away = 10.0_wp                     ! answer to one step, relative to that before
+      real(wp), parameter :: most_lowered = 0.75_wp                   ! of the estimate of another step
+      real(wp), parameter :: nearly = 0.999_wp
+      real(wp) :: above, below, correction, ending, lowered
 
       correction = max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction))
       upper%truncation = min(1.0_wp, correction*upper%truncation)
@@ -245,7 +251,11 @@ contains
       if (.not. (is_clear .and. allocated(upper%neglected) .and. allocated(lower%neglected))) return
       above = norm2(upper%neglected)
       below = norm2(lower%neglected)
-      upper%truncation = min(upper%truncation, max(safety*above, difference*min(1.0_wp, above/below)))
+      lowered = max(safety*above, difference*min(1.0_wp, above/below))
+      ending = nearly*sqrt(max(0.0_wp, enough**2 - upper%aliasing**2))
+      if (lowered <= ending .and. upper%next_answer < leads_away) &
+         lowered = max(min(ending, upper%truncation), most_lowered*upper%truncation)
+      upper%truncation = min(upper%truncation, lowered)
    end subroutine calibrate
 
    pure function estimates_of_outputs(result) result(estimates)
