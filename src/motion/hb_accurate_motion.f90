@@ -142,7 +142,7 @@ contains
             call march_to_tolerance(scene, result, watch, judge, is_done)
             top%set = scene%harmonics
             top%n_samples = scene%torus%n_samples
-            if (is_done) return
+            if (is_done .and. (result%status /= outcome%truncated .or. scene%first_way == first_way%march)) return
          end if
       end if
       here = scene
@@ -153,8 +153,13 @@ contains
       here%certificate%improvement_steps = 0
       if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
       call find_first(here, scene, result, error, top, start, account, watch, judge)
-      if (.not. allocated(error) .and. any(result%status == [outcome%marched, outcome%several])) & ! on the lowest set
+      if (.not. allocated(error) .and. any(result%status == [outcome%marched, outcome%several])) then ! on the lowest set
          call march_to_tolerance(scene, result, watch, judge, is_done)
+         if (scene%accuracy%grows_set .and. .not. is_done) then       ! of which averages say nothing
+            result%status = outcome%truncated
+            result%certificate%truncation = 1.0_wp
+         end if
+      end if
       if (allocated(error) .or. .not. allocated(top%unknowns)) return
       is_checked = .false.
       if (present(start)) is_checked = allocated(start%unknowns) .and. account%n_rungs == 1 ! as the neighbour was
