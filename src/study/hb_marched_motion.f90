@@ -322,8 +322,8 @@ contains
       state%q = state%q + kick*system%length*[(2.0_wp*modulo(i*0.6180339887498949_wp, 1.0_wp) - 1.0_wp, i=1, system%n_dofs)]
    end subroutine begin
 
-   !> Says what a steady record is. What a fit to candidates leaves of a motion that repeats is lines beyond them, and so may be what
-   !> little it leaves of any: such lines turn faster than returns are told. The motion is known to that then.
+   !> Says what a steady record is. What a fit to candidates leaves of a motion that repeats is lines beyond them, and so may be
+   !> what little it leaves of any: such lines turn faster than returns are told. The motion is known to that then.
    subroutine tell(scene, settled, z, remainder, record, allowed, has_forgotten, is_last)
       type(scene_t), intent(in) :: scene
       type(settled_t), intent(inout) :: settled
