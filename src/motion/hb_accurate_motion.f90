@@ -14,6 +14,7 @@ module hb_accurate_motion
    use hb_judge, only: judge_t
    use hb_kinds, only: wp
    use hb_march_to_tolerance, only: loaded_tuples, march_from_balance, march_to_tolerance, marches_first
+   use hb_marched_result, only: is_lost
    use hb_motion, only: solve_motion
    use hb_motion_description, only: compare_with_refined
    use hb_motion_result, only: motion_result_t
@@ -153,13 +154,7 @@ contains
       here%certificate%improvement_steps = 0
       if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
       call find_first(here, scene, result, error, top, start, account, watch, judge)
-      if (.not. allocated(error) .and. any(result%status == [outcome%marched, outcome%several])) then ! on the lowest set
-         call march_to_tolerance(scene, result, watch, judge, is_done)
-         if (scene%accuracy%grows_set .and. .not. is_done) then       ! of which averages say nothing
-            result%status = outcome%truncated
-            result%certificate%truncation = 1.0_wp
-         end if
-      end if
+      if (.not. allocated(error) .and. present(judge)) call march_lost(scene, result, watch, judge)
       if (allocated(error) .or. .not. allocated(top%unknowns)) return
       is_checked = .false.
       if (present(start)) is_checked = allocated(start%unknowns) .and. account%n_rungs == 1 ! as the neighbour was
@@ -218,6 +213,25 @@ contains
       if (result%status == outcome%truncated .and. present(judge)) call march_from_balance(scene, result, top, watch, judge)
       if (scene%accuracy%grows_set .and. scene%chain%is_on .and. result%status == outcome%converged) call trim_set(scene, top)
    end subroutine climb
+
+   !> Marches to the tolerance what was marched on the lowest set, of whose harmonics beyond averages say nothing, and what was not
+   !> found at all: lines that averages do not part, or only in hours, a fit may.
+   subroutine march_lost(scene, result, watch, judge)
+      type(scene_t), intent(in) :: scene
+      type(motion_result_t), intent(inout) :: result
+      class(watch_t), intent(inout), target :: watch
+      class(judge_t), intent(in) :: judge
+      logical :: is_done, is_marched
+
+      is_marched = any(result%status == [outcome%marched, outcome%several])
+      if (.not. is_marched) then
+         if (.not. (is_lost(result%status) .and. scene%solver%rescue .and. scene%solver%rescue_by_march)) return
+      end if
+      call march_to_tolerance(scene, result, watch, judge, is_done)
+      if (is_done .or. .not. (is_marched .and. scene%accuracy%grows_set)) return
+      result%status = outcome%truncated
+      result%certificate%truncation = 1.0_wp
+   end subroutine march_lost
 
    !> Whether rungs have gained nothing for so long that none will: each of the last ones leaves nearly all of the estimate
    !> before it.

@@ -23,6 +23,13 @@ MUTANTS = [
             "correction = 1.0_wp",
         ),
         (
+            "accuracy_lost",
+            "test_hb_marched_motion",
+            "what averages lose is not fitted",
+            "if (.not. (is_lost(result%status) .and. scene%solver%rescue .and. scene%solver%rescue_by_march)) return",
+            "return",
+        ),
+        (
             "accuracy_believed",
             "test_hb_accurate_motion",
             "an estimate of a step that does not lead away is lowered as others are",
