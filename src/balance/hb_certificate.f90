@@ -64,6 +64,10 @@ module hb_certificate
       type(harmonics_t) :: around                                     !! the wider set in which the motion was looked at
       real(wp), allocatable :: neglected(:)                           !! first-order answer of each of its tuples that is not kept,
                                                                       !! relative to the motion; not allocated where not known
+      real(wp) :: next_answer = 0.0_wp                                !! of those tuples to the motion with its first-order errors
+                                                                      !! taken out, relative to `neglected`: where it is large,
+                                                                      !! further steps would lead away, and the estimate of
+                                                                      !! truncation says too much; found for `looks_near`
       real(wp), allocatable :: first_order(:, :)                      !! motion with its first-order errors taken out [m],
                                                                       !! (n_coefficients of `around`, n_dofs of the balance)
       real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_law_dofs);
@@ -348,13 +352,8 @@ contains
       end if
       self%aliasing = aliasing
 
-      call clear_kept(balance%harmonics, wide%harmonics, defect)
-      call wide%solve_mean_tangent(big, defect, answer, error)
+      call find_answer(answer)
       if (allocated(error)) return
-      is_rigid = acts_rigidly(balance, wide)
-      if (is_rigid .and. .not. has_multipliers(balance)) call wide%mean_response(big, defect, answer, error)
-      if (allocated(error)) return
-      call clear_kept(balance%harmonics, wide%harmonics, answer)
       self%around = wide%harmonics
       self%neglected = amplitudes(wide%harmonics, answer)/size_of_motion
       call residual_of(wide, big - answer, defect)
@@ -366,6 +365,8 @@ contains
          change = change*min(1.0_wp, most_given_way*norm2(answer)/max(norm2(change(:size(u))), tiny(1.0_wp)))
       self%truncation = sqrt(norm2(change(:size(u)))**2 + norm2(answer)**2)/size_of_motion
       call find_first_order()
+      if (self%accuracy > accuracy_of_estimates) call find_next_answer()
+      if (allocated(error)) return
       if (keeps_all(self, balance)) call keep_refined()
       if (present(phase)) then
          associate (first => size(u) + 1, last => size(u) + size(phase%tones))
@@ -414,6 +415,28 @@ contains
          is_there = norm2(unbalanced(:size(u))) < nearer*before
          if (is_there) call solve_tangent(alias)
       end subroutine start_from_finer_grid
+
+      !> Answer of the tuples that are not kept to `defect`.
+      subroutine find_answer(its_answer)
+         real(wp), intent(out) :: its_answer(:, :)
+
+         call clear_kept(balance%harmonics, wide%harmonics, defect)
+         call wide%solve_mean_tangent(big, defect, its_answer, error)
+         if (allocated(error)) return
+         is_rigid = acts_rigidly(balance, wide)
+         if (is_rigid .and. .not. has_multipliers(balance)) call wide%mean_response(big, defect, its_answer, error)
+         if (.not. allocated(error)) call clear_kept(balance%harmonics, wide%harmonics, its_answer)
+      end subroutine find_answer
+
+      subroutine find_next_answer()
+         real(wp) :: next(size(big, 1), size(big, 2))
+
+         self%next_answer = huge(1.0_wp)
+         call residual_of(wide, self%first_order, defect)
+         if (.not. all(ieee_is_finite(defect))) return
+         call find_answer(next)
+         if (.not. allocated(error)) self%next_answer = norm2(next)/max(norm2(answer), tiny(1.0_wp))
+      end subroutine find_next_answer
 
       subroutine find_first_order()
          real(wp) :: kept(size(u))

@@ -14,6 +14,7 @@ module hb_accurate_motion
    use hb_judge, only: judge_t
    use hb_kinds, only: wp
    use hb_march_to_tolerance, only: loaded_tuples, march_from_balance, march_to_tolerance, marches_first
+   use hb_marched_result, only: is_lost
    use hb_motion, only: solve_motion
    use hb_motion_description, only: compare_with_refined
    use hb_motion_result, only: motion_result_t
@@ -143,7 +144,7 @@ contains
             call march_to_tolerance(scene, result, watch, judge, is_done)
             top%set = scene%harmonics
             top%n_samples = scene%torus%n_samples
-            if (is_done) return
+            if (is_done .and. (result%status /= outcome%truncated .or. scene%first_way == first_way%march)) return
          end if
       end if
       here = scene
@@ -155,8 +156,7 @@ contains
       here%certificate%improvement_steps = 0
       if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
       call find_first(here, scene, result, error, top, start, account, watch, judge)
-      if (.not. allocated(error) .and. any(result%status == [outcome%marched, outcome%several])) & ! on the lowest set
-         call march_to_tolerance(scene, result, watch, judge, is_done)
+      if (.not. allocated(error) .and. present(judge)) call march_lost(scene, result, watch, judge)
       if (allocated(error) .or. .not. allocated(top%unknowns)) return
       is_checked = .false.
       if (present(start)) is_checked = allocated(start%unknowns) .and. account%n_rungs == 1 ! as the neighbour was
@@ -190,7 +190,7 @@ contains
          raw = estimate_of(trial)
          outputs_raw = estimates_of_outputs(trial)
          if (is_checked) call calibrate(trial%certificate, result%certificate, before, difference, &
-                                          next%set%n_harmonics > clearly*top%set%n_harmonics)
+                                          next%set%n_harmonics > clearly*top%set%n_harmonics, margin*scene%accuracy%tolerance)
          if (is_rigid(scene)) trial%certificate%truncation = max(trial%certificate%truncation, min(1.0_wp, &
             difference*left_after(top%set%n_harmonics, next%set%n_harmonics, scene%tones%n_tones)))
          call calibrate_outputs(scene, trial, next%set, result, top%set, outputs_before)
@@ -216,6 +216,25 @@ contains
       if (scene%accuracy%grows_set .and. scene%chain%is_on .and. result%status == outcome%converged) call trim_set(scene, top)
    end subroutine climb
 
+   !> Marches to the tolerance what was marched on the lowest set, of whose harmonics beyond averages say nothing, and what was not
+   !> found at all: lines that averages do not part, or only in hours, a fit may.
+   subroutine march_lost(scene, result, watch, judge)
+      type(scene_t), intent(in) :: scene
+      type(motion_result_t), intent(inout) :: result
+      class(watch_t), intent(inout), target :: watch
+      class(judge_t), intent(in) :: judge
+      logical :: is_done, is_marched
+
+      is_marched = any(result%status == [outcome%marched, outcome%several])
+      if (.not. is_marched) then
+         if (.not. (is_lost(result%status) .and. scene%solver%rescue .and. scene%solver%rescue_by_march)) return
+      end if
+      call march_to_tolerance(scene, result, watch, judge, is_done)
+      if (is_done .or. .not. (is_marched .and. scene%accuracy%grows_set)) return
+      result%status = outcome%truncated
+      result%certificate%truncation = 1.0_wp
+   end subroutine march_lost
+
    !> Whether rungs have gained nothing for so long that none will: each of the last ones leaves nearly all of the estimate
    !> before it.
    pure logical function gains_nothing(estimates)
@@ -230,15 +249,21 @@ contains
    !> Corrects the estimates of a rung by what the rung below shows. Its motion was off by the difference of the two: an estimate
    !> that was below that is raised by as much here. What the upper rung is off by is less than the difference by as much as it
    !> neglects less, but not below what it neglects, where its set is clearly larger: one linear step
-   !> from a set with ragged ends may say far more.
-   pure subroutine calibrate(upper, lower, estimate_below, difference, is_clear)
+   !> from a set with ragged ends may say far more. Such a step is none of a series that converges: what is neglected answers the
+   !> motion after it by many times what it answered before. Where it is not, the ladder ends with an estimate that is lowered by a
+   !> quarter at most.
+   pure subroutine calibrate(upper, lower, estimate_below, difference, is_clear, enough)
       type(certificate_t), intent(inout) :: upper
       type(certificate_t), intent(in) :: lower
       real(wp), intent(in) :: estimate_below                          !! of the lower rung, as its certificate had it
       real(wp), intent(in) :: difference                              !! of their motions, relative
       logical, intent(in) :: is_clear                                 !! the upper set is clearly larger
+      real(wp), intent(in) :: enough                                  !! estimate with which the ladder ends
       real(wp), parameter :: safety = 2.0_wp
-      real(wp) :: above, below, correction
+      real(wp), parameter :: leads_away = 10.0_wp                     ! answer to one step, relative to that before
+      real(wp), parameter :: most_lowered = 0.75_wp                   ! of the estimate of another step
+      real(wp), parameter :: nearly = 0.999_wp
+      real(wp) :: above, below, correction, ending, lowered
 
       correction = max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction))
       upper%truncation = min(1.0_wp, correction*upper%truncation)
@@ -247,7 +272,11 @@ contains
       if (.not. (is_clear .and. allocated(upper%neglected) .and. allocated(lower%neglected))) return
       above = norm2(upper%neglected)
       below = norm2(lower%neglected)
-      upper%truncation = min(upper%truncation, max(safety*above, difference*min(1.0_wp, above/below)))
+      lowered = max(safety*above, difference*min(1.0_wp, above/below))
+      ending = nearly*sqrt(max(0.0_wp, enough**2 - upper%aliasing**2))
+      if (lowered <= ending .and. upper%next_answer < leads_away) &
+         lowered = max(min(ending, upper%truncation), most_lowered*upper%truncation)
+      upper%truncation = min(upper%truncation, lowered)
    end subroutine calibrate
 
    pure function estimates_of_outputs(result) result(estimates)

@@ -141,7 +141,7 @@ contains
          change = maxval(distance_of(settled%averages, coarse%averages, 0.1_wp*allowed_of(scene)))
          settled%spread = hypot(settled%spread, change)
          settled%message = trim(settled%message)//", half as long ones change it by "//rounded(change)
-         if (settled%spread <= allowed_of(scene)) return
+         if (merge(change, settled%spread, is_aimed) <= allowed_of(scene)) return
       end do
       if (settled%status == outcome%marched) settled%status = outcome%pending
    end subroutine follow_in_steps
@@ -319,7 +319,8 @@ contains
       state%q = state%q + kick*system%length*[(2.0_wp*modulo(i*0.6180339887498949_wp, 1.0_wp) - 1.0_wp, i=1, system%n_dofs)]
    end subroutine begin
 
-   !> Says what a steady record is.
+   !> Says what a steady record is. What a fit to candidates leaves of a motion that repeats is lines beyond them, and so may be
+   !> what little it leaves of any: such lines turn faster than returns are told. The motion is known to that then.
    subroutine tell(scene, settled, z, remainder, record, allowed, has_forgotten, is_last)
       type(scene_t), intent(in) :: scene
       type(settled_t), intent(inout) :: settled
@@ -332,21 +333,23 @@ contains
       real(wp) :: left_out
       character(:), allocatable :: marched_for
       integer :: part
+      logical :: finds_lines
 
       marched_for = "marched for "//to_text(settled%n_periods)//" periods of the slowest tone"
       left_out = largest_share(remainder, z)
+      finds_lines = scene%march%aim > 0.0_wp
       part = turns_to_repeat(remainder, scale_of(z), scene%tones%omega*record%step/two_pi, left_out, allowed)
       settled%status = outcome%pending
       if (part == 1) then
-         if (settled%spread <= allowed) settled%status = outcome%marched
+         if (settled%spread <= allowed .or. (finds_lines .and. has_forgotten)) settled%status = outcome%marched
       else if (has_forgotten .and. part > 1) then
          settled%status = outcome%subharmonic
       else if (has_forgotten .and. (is_last .or. part == repetition%none)) then
-         settled%status = outcome%broadband
+         settled%status = merge(outcome%marched, outcome%broadband, finds_lines .and. left_out <= largest_spread)
       end if
       select case (settled%status)
       case (outcome%marched)
-         if (scene%march%aim > 0.0_wp) then
+         if (finds_lines) then
             settled%message = marched_for//": the series leaves "//rounded(settled%spread)//" of the worst quarter"
          else
             settled%message = marched_for//": the averages spread by "//rounded(settled%spread)// &

@@ -14,7 +14,7 @@ from runs import Balance, Refused, Scene, march, nhbm, rms, series
 SETTLED = 1.3
 TRIES = 3
 MARCHED = 18  # status of a point
-TOO_LONG = 20.0  # processor seconds of a motion by tolerance, after which no finer one is asked for
+TOO_LONG = 100.0  # processor seconds of a motion by tolerance, after which no finer one is asked for
 LONG_ENOUGH = 0.1  # processor seconds from which a march is timed once
 WINDOW_PERIODS = 10.0  # of the slowest tone
 

@@ -47,6 +47,13 @@ MUTANTS = [
             "accuracy_of_choice = 1.0e-1_wp",
         ),
         (
+            "certificate_next",
+            "test_hb_certificate",
+            "the next answer is that to the motion as it is",
+            "call residual_of(wide, self%first_order, defect)",
+            "call residual_of(wide, big, defect)",
+        ),
+        (
             "certificate_linear",
             "test_hb_certificate",
             "motions without laws have no energies",

@@ -30,6 +30,27 @@ MUTANTS = [
             "share_of_residual = 1.0e-16_wp",
         ),
         (
+            "accuracy_lost",
+            "test_hb_marched_motion",
+            "what averages lose is not fitted",
+            "if (.not. (is_lost(result%status) .and. scene%solver%rescue .and. scene%solver%rescue_by_march)) return",
+            "return",
+        ),
+        (
+            "accuracy_believed",
+            "test_hb_accurate_motion",
+            "an estimate of a step that does not lead away is lowered as others are",
+            "leads_away = 10.0_wp",
+            "leads_away = 0.0_wp",
+        ),
+        (
+            "accuracy_ending",
+            "test_hb_accurate_motion",
+            "what aliasing leaves of the error with which the ladder ends is not looked at",
+            "ending = nearly*sqrt(max(0.0_wp, enough**2 - upper%aliasing**2))",
+            "ending = enough",
+        ),
+        (
             "accuracy_converged",
             "test_hb_accurate_motion",
             "a point whose budget is spent counts as converged",

@@ -40,6 +40,20 @@ MUTANTS = [
             "do part = parts, parts",
         ),
         (
+            "marched_candidates",
+            "test_hb_marched_motion",
+            "candidates that are too few for a motion leave it without an answer",
+            "if (settled%spread <= allowed .or. (finds_lines .and. has_forgotten)) settled",
+            "if (settled%spread <= allowed) settled",
+        ),
+        (
+            "marched_noise",
+            "test_hb_marched_motion",
+            "what little a fit leaves is noise",
+            "finds_lines .and. left_out <= largest_spread)",
+            "finds_lines .and. left_out <= 0.0_wp)",
+        ),
+        (
             "marched_transient",
             "test_hb_marched_motion",
             "what is left of the start is a motion of several periods",
