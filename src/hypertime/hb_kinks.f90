@@ -286,7 +286,7 @@ contains
          share = 1.0_wp
          if (size(self%n) > 1) then
             if (row == right) call self%place(around(row)%sample, from)
-            call self%find_share(m, around(row)%sample, from, z, present(slopes), share, share_slopes, beside)
+            call self%find_share(m, around(row)%sample, from, z, share, share_slopes, beside)
          end if
          associate (here => around(row))
             f(here%sample) = f(here%sample) + here%sign*share*added(row)
@@ -326,12 +326,11 @@ contains
    end function part_of
 
    !> Share of tone m in the corrections at a sample, and how it depends on half the differences of neighbours, 1 for each tone.
-   pure subroutine kink_grid_find_share(self, m, sample, from, z, with_slopes, share, slopes, beside)
+   pure subroutine kink_grid_find_share(self, m, sample, from, z, share, slopes, beside)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: m, sample
       integer, intent(in) :: from(most_tones)                         !! see `place`
       real(wp), intent(in) :: z(:)
-      logical, intent(in) :: with_slopes                              !! else these are not found
       real(wp), intent(out) :: share
       real(wp), intent(out) :: slopes(most_tones)                     !! [1/m], (n_tones) of them
       type(neighbour_t), intent(out) :: beside(-1:1, most_tones)      !! before and after the sample along each tone
@@ -353,7 +352,6 @@ contains
          rates(:d) = rates(:d)/largest
          total = sum(rates(:d)**2)
          share = rates(m)**2/total
-         if (.not. with_slopes) return
          slopes(:d) = -2.0_wp*share*rates(:d)
          slopes(m) = slopes(m) + 2.0_wp*rates(m)
          slopes(:d) = slopes(:d)/(total*largest)
