@@ -30,7 +30,7 @@ module hb_motion_ridge
       logical :: is_done = .false.                                    !! there is no further point
       type(curve_request_t), private :: request
       type(curve_request_t), private :: inner                         ! of the curves along the first value
-      type(motion_curve_t), private :: curve
+      class(motion_curve_t), allocatable, private :: curve            ! a class: else its copy is written out here once more
       type(scene_t), private :: scene
       type(document_t), private :: document
       type(curve_place_t), private :: last                            ! the last point, with the tangent of the curve there
@@ -128,6 +128,7 @@ contains
       self%scene = scene
       self%document = document
       self%watch => watch
+      if (.not. allocated(self%curve)) allocate (self%curve)
       self%step = 0.25_wp*request%longest_step
       self%inner%moving = request%over%moving
       self%inner%from = request%over%from
@@ -264,6 +265,6 @@ contains
    subroutine motion_ridge_destroy(self)
       class(motion_ridge_t), intent(inout) :: self
 
-      call self%curve%destroy()
+      if (allocated(self%curve)) call self%curve%destroy()
    end subroutine motion_ridge_destroy
 end module hb_motion_ridge

@@ -26,8 +26,8 @@ module hb_swept_curve
    type :: swept_curve_t
       integer, allocatable :: stored(:)                               !! statuses of the points of the file behind which it goes on
       logical :: is_done = .false.                                    !! there is no further point
-      type(motion_curve_t), private :: curve
-      type(motion_ridge_t), private :: ridge                          ! in its place where a peak or fold is followed
+      class(motion_curve_t), allocatable, private :: curve            ! a class: else its copy is written out here once more
+      class(motion_ridge_t), allocatable, private :: ridge            ! in its place where a peak or fold is followed
       type(curve_request_t), private :: request
       type(scene_t), private :: scene
       type(document_t), private :: document
@@ -63,7 +63,7 @@ contains
       if (.not. allocated(failure)) call check_layout(self%scene, source%layout, failure)
       if (.not. allocated(failure)) call source%plan%curve%make_request(self%scene, self%document, self%request, failure)
       self%request%available_memory = source%available_memory
-      allocate (self%stored(0))
+      allocate (self%stored(0), self%curve, self%ridge)
       self%is_done = allocated(failure)
       self%last_parameter = source%plan%curve%start
       if (self%is_done .or. .not. is_resumed) return
@@ -139,7 +139,7 @@ contains
    subroutine swept_curve_destroy(self)
       class(swept_curve_t), intent(inout) :: self
 
-      call self%curve%destroy()
-      call self%ridge%destroy()
+      if (allocated(self%curve)) call self%curve%destroy()
+      if (allocated(self%ridge)) call self%ridge%destroy()
    end subroutine swept_curve_destroy
 end module hb_swept_curve

@@ -28,6 +28,23 @@ MUTANTS = [
         ),
     ),
     *of(
+        "structure/hb_dynamic_stiffness.f90",
+        (
+            "stiffness_load_slope",
+            "test_hb_dynamic_stiffness",
+            "loads that grow with the frequency have no slope",
+            "if (.not. by_drive) k = findloc(parts%load_slopes%harmonics, h, dim=1)",
+            "if (by_drive) k = findloc(parts%load_slopes%harmonics, h, dim=1)",
+        ),
+        (
+            "stiffness_slope_of_rest",
+            "test_hb_dynamic_stiffness",
+            "slopes of the interior are those of the coordinates' block",
+            "call find_slope(parts%rr)",
+            "call find_slope(parts%rl)",
+        ),
+    ),
+    *of(
         "structure/hb_narrow_band.f90",
         (
             "narrow_band_exchange",
