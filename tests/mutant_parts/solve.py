@@ -288,8 +288,8 @@ MUTANTS = [
             "solver_no_homotopy",
             "test_hb_solver",
             "the homotopy in the laws is left out",
-            "rescue%nonlinearity, rescue%other_method, rescue%both_other",
-            "rescue%both_other, rescue%other_method, rescue%both_other",
+            "rescue%nonlinearity, rescue%none, rescue%other_method",
+            "rescue%other_method, rescue%none, rescue%other_method",
         ),
         (
             "solver_damping",
