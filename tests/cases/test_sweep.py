@@ -248,10 +248,10 @@ def test_chains_give_the_same_bits_on_any_ranks(ranks, chained, tmp_path):
 
 
 def test_neighbours_save_iterations(chained, tmp_path):
-    """Less than a third of the iterations; where the alone and the neighbour's guess lead to one branch, to one motion."""
+    """Less than four tenths of the iterations; where the alone and the neighbour's guess lead to one branch, to one motion."""
     alone = solve(DUFFING + "&solver first_guess = 'linear' /\n", tmp_path)
     a, b = read(alone, "coefficients"), read(chained, "coefficients")
-    assert 3 * read(chained, "iterations").sum() < read(alone, "iterations").sum()
+    assert 5 * read(chained, "iterations").sum() < 2 * read(alone, "iterations").sum()
     is_same = np.abs(a - b).max(axis=(1, 2, 3)) < 1e-9
     assert is_same.sum() > 150 and is_same[::16].all(), "points that begin a chain start as ever"
 
