@@ -37,6 +37,7 @@ module hb_accurate_motion
    real(wp), parameter :: step = 0.03_wp                              ! of the error, from one rung to the next
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
+   real(wp), parameter :: work_of_stability = 1.5_wp                  ! at most, times that of all rungs
    integer, parameter :: laps_of_verdict = 25                         ! for exponents, where they are far from zero
    integer, parameter :: patience_with_products = 16                  ! until the preconditioner gets stronger: rungs are many
    real(wp), parameter :: share_of_residual = 1.0e-4_wp               ! of the tolerance: where equations are solved well enough
@@ -467,7 +468,7 @@ contains
          here = scene
          here%certificate%is_on = .false.
          here%solver%tolerance = solver_tolerance(scene)
-         here%stability%work_spent = nanoseconds_of_work*account%work + account%work_beside
+         here%stability%work_spent = work_of_stability*(nanoseconds_of_work*account%work + account%work_beside)
          if (here%stability%method == stability_method%auto) here%stability%fewest_laps = laps_of_verdict
          call put_on_rung(here, scene, top, error)
          if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns, watch=watch)

@@ -82,7 +82,7 @@ MUTANTS = [
             "accuracy_torus",
             "test_hb_accurate_motion",
             "stability of a torus found by tolerance may take no more than a usual point",
-            "here%stability%work_spent = nanoseconds_of_work*account%work + account%work_beside",
+            "here%stability%work_spent = work_of_stability*(nanoseconds_of_work*account%work + account%work_beside)",
             "here%stability%work_spent = 0.0_wp",
         ),
         (
