@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from nhbm_post.reader import Results
 
-from program import solve
+from program import NOT_ALL_CONVERGED, solve
 
 # One mass at an elastic stop under two tones, inputs/gallery/elastic_stop_two_tones.nml.
 SCENE = """
@@ -39,7 +39,7 @@ LARGEST_ERROR_AT_5 = 1.2e-2
 
 @pytest.mark.long
 def test_elastic_stop_tends_to_the_marched_motion(tmp_path):
-    with Results(solve(SCENE, tmp_path)) as results:
+    with Results(solve(SCENE, tmp_path, status=NOT_ALL_CONVERGED)) as results:  # orders 5 and 9 are truncated
         orders = results.parameter("harmonics%order").values
         for point, order in enumerate(orders):
             found = np.array([results.coefficients(point, "x1", j) for j in MARCHED])
