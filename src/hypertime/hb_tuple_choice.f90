@@ -80,14 +80,15 @@ contains
    end function chosen_tuples
 
    !> Makes the set that reaches twice as far as another in all directions: all tuples j of which j/2, with each entry rounded
-   !> up or down, is in it, and the next ones around each. Both, because a set of odd tuples has (2, 3) but not (3, 3) for (5, 6).
-   !> A box of order N becomes one of order 2 N.
+   !> up or down, is in it, and all within two steps of each. Both, because a set of odd tuples has (2, 3) but not (3, 3) for (5, 6).
+   !> Two steps, because odd laws answer a tuple j in the next odd ones, j + k with an even sum of |k|: within one step of {0, 1} is
+   !> no third harmonic, and an estimate without it is 0 for good. A box of order N > 1 becomes one of order 2 N.
    subroutine new_doubled_set(self, set, error)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
       type(error_t), allocatable, intent(out) :: error
       type(tuple_union_t) :: union
-      integer :: h, j(set%n_tones), k, m
+      integer :: h, j(set%n_tones), k, m, s
 
       call union%add(set%tuples)
       do h = 1, set%n_harmonics
@@ -95,11 +96,14 @@ contains
             j = [(2*set%tuples(m, h) + modulo(k/3**(m - 1), 3) - 1, m=1, set%n_tones)]
             if (all(abs(j) <= 2*set%highest)) call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
          end do
-         do m = 1, set%n_tones
-            do k = -1, 1, 2
-               j = set%tuples(:, h)
-               j(m) = j(m) + k
-               call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
+         do m = 1, set%n_tones                                        ! two steps, or one
+            do k = 1, set%n_tones
+               do s = 0, 5
+                  j = set%tuples(:, h)
+                  j(m) = j(m) + modulo(s, 2)*2 - 1
+                  j(k) = j(k) + s/2 - 1
+                  call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
+               end do
             end do
          end do
       end do

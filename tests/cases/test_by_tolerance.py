@@ -133,3 +133,50 @@ def test_a_given_order_stays(tmp_path):
     done, path = _solve(SCENE + "&harmonics order = 3 /\n&accuracy tolerance = 1e-6 /", tmp_path)
     with h5py.File(path) as file:
         assert file["n_harmonics"][0] == 25 and file["status"][0] == 7
+
+
+ODD_SWEEP = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,
+   damping_mass = 0.1 /
+&tones frequency = 0.2 /
+&load dof = 'x1', tuple = 1, cos = 0.3 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /
+&sweep parameter = 'tones%frequency', from = 3.0, to = 0.15, n = 40 /
+"""
+
+
+def _duffing_near(w, x):
+    """Motion x'' + .1 x' + x + .5 x**3 = .3 cos w t of order (x.size - 1)/2, by Newton's method from [mean, cosines, sines]."""
+    n = x.size // 2
+    angle = 2.0 * np.pi / (8 * n) * np.outer(np.arange(8 * n), np.arange(1, n + 1))
+    at = np.hstack([np.ones((8 * n, 1)), np.cos(angle), np.sin(angle)])
+    back = np.linalg.pinv(at)
+    k = np.arange(1, n + 1) * w
+    linear = np.diag([1.0, *(1.0 - k**2), *(1.0 - k**2)])
+    linear[1 : n + 1, n + 1 :], linear[n + 1 :, 1 : n + 1] = np.diag(0.1 * k), np.diag(-0.1 * k)
+    load = np.zeros(x.size)
+    load[1] = 0.3
+    for _ in range(20):
+        change = np.linalg.solve(
+            linear + back @ ((1.5 * (at @ x) ** 2)[:, None] * at), linear @ x + back @ (0.5 * (at @ x) ** 3) - load
+        )
+        x = x - change
+    assert np.linalg.norm(change) < 1e-10 * np.linalg.norm(x)
+    return x
+
+
+def test_points_of_a_sweep_are_within_the_tolerance(tmp_path):
+    done, path = _solve(ODD_SWEEP, tmp_path)
+    assert done.status == 0, done.stderr
+    n = 20
+    with h5py.File(path) as file:
+        errors = []
+        for i, w in enumerate(np.linspace(3.0, 0.15, 40)):
+            found = np.zeros(2 * n + 1)
+            for h in range(file["n_harmonics"][i]):
+                j = file["tuples"][i, h, 0]
+                found[[j, n + j] if j else [0]] = file["coefficients"][i, 0, h, : 2 if j else 1]
+            errors.append(np.linalg.norm(_duffing_near(w, found) - found) / np.linalg.norm(found))
+        assert max(errors) < 1e-2
+        estimates = np.hypot(file["truncation_estimate"][()], file["aliasing_estimate"][()])
+        assert np.all(np.array(errors) < 3.0 * estimates + 1e-5)
