@@ -10,7 +10,8 @@ enum { most_dofs = 8, most_laws = 4 };
 enum kind {
    cubic_spring = 0, elastic_stop = 1, jenkins = 2, coulomb_tanh = 3, rigid_wall = 4, coulomb_rigid = 5,
    quadratic_damping = 6, cubic_damping = 7, polynomial = 8, piecewise_linear = 9,
-   plane_x = 10, plane_y = 11, ring_x = 12, ring_y = 13   /* jenkins_2d, annular_clearance: two laws, x before y */
+   plane_x = 10, plane_y = 11, ring_x = 12, ring_y = 13,  /* jenkins_2d, annular_clearance: two laws, x before y */
+   van_der_pol = 14
 };
 
 /* All arrays by rows; what acts on the structure is divided by its mass. */
@@ -63,6 +64,7 @@ static double force(const problem_t *p, int k, double z, double beside, double r
    case plane_y: return q[0] * (z - s);
    case ring_x:
    case ring_y: return radius > q[1] ? q[0] * (radius - q[1]) * z / radius : 0.0;
+   case van_der_pol: return -q[0] * (1.0 - z * z / (q[1] * q[1])) * rate;
    default: return 0.0;
    }
 }

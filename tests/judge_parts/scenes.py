@@ -9,7 +9,7 @@ import numpy as np
 KINDS = (
     "cubic_spring", "elastic_stop", "jenkins", "coulomb_tanh", "rigid_wall", "coulomb_rigid",
     "quadratic_damping", "cubic_damping", "polynomial", "piecewise_linear",
-    "jenkins_2d", "jenkins_2d", "annular_clearance", "annular_clearance",
+    "jenkins_2d", "jenkins_2d", "annular_clearance", "annular_clearance", "van_der_pol",
 )  # fmt: skip
 RIGID = (4, 5)
 N_SOFT = 4  # kinds of a second law
@@ -47,6 +47,7 @@ class Law:
             "quadratic_damping": f"coefficient={first!r}",
             "cubic_damping": f"coefficient={first!r}",
             "polynomial": f"stiffness=0,{second!r},{first!r}",
+            "van_der_pol": f"strength={first!r}, threshold={second!r}",
             "piecewise_linear": f"breakpoints={-second!r},{second!r}, slopes={sides!r},0,{first!r}",
         }[KINDS[self.kind]]
         return f"&law type='{KINDS[self.kind]}', {place}, {keys} /\n"

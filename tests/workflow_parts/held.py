@@ -1,0 +1,232 @@
+"""Runs a workflow and holds each point of its result against a motion of a high order and against integration in time."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from judge_parts.truth import Motion, error_of, neighbours_part
+from program import command, environment
+
+from workflow_parts.reference import Answer, Box, Mode, System, autonomous, forced, on_curve
+from workflow_parts.scenes import Workflow
+
+TOLERANCE = 1e-2  # the default of `&accuracy`
+TIME_LIMIT = 30.0  # processor seconds of a run
+ORDERS = {1: (45, 90, 180), 2: (9, 13, 18)}  # of the reference, one after the other until it has nothing to speak of beyond
+SAMPLES = {1: 16, 2: 8}  # of the reference, times the order of each tone
+BEYOND = 0.1  # largest tail of a reference, relative to the tolerance
+BEYOND_TWO = 0.5
+SHARE_OF_CURVE = 30  # points of a curve that are looked at
+ONE_OF_MANY = "one of many"
+RESUMED_AFTER = (0.02, 0.4)  # seconds until a run is stopped
+MOST_RESUMES = 20
+
+
+@dataclass
+class Point:
+    """What a point says and what it is."""
+
+    number: int
+    status: str
+    estimate: float = 0.0
+    error: float = np.nan  # against the motion of a high order, relative; NaN where none was found
+    time_error: float = np.nan  # against integration in time
+    said: str = ""  # of stability
+    leaves: bool = False  # integration in time leaves it since neighbours part
+    value: float = np.nan  # of the fastest swept parameter
+
+    @property
+    def off(self) -> float:
+        """Error over tolerance: by the motion of high order, where there is none by integration in time."""
+        error = self.error if np.isfinite(self.error) or self.leaves else self.time_error
+        return error / TOLERANCE
+
+
+@dataclass
+class Case:
+    """What came of a workflow."""
+
+    number: int
+    kind: str
+    title: str
+    points: list[Point]
+    seconds: float = 0.0  # of processor, of the program
+    note: str = ""
+
+    def as_json(self) -> dict:
+        return asdict(self)
+
+    @staticmethod
+    def of_json(line: dict) -> Case:
+        return Case(**{**line, "points": [Point(**point) for point in line["points"]]})
+
+
+def hold(library, folder: Path, seed: int, number: int, workflow: Workflow, n_marches: int) -> Case:
+    """Runs workflow `number` in `folder` and looks at all its points."""
+    source = folder / f"workflow_{seed}_{number}.nml"
+    result = source.with_suffix(".h5")
+    source.write_text(f"! tests/workflows --seed {seed} --first {number} --count 1: {workflow.title}\n" + workflow.text())
+    result.unlink(missing_ok=True)
+    case = Case(number, workflow.kind, workflow.title, [])
+    draw = np.random.default_rng([seed, number, 1])
+    case.seconds, case.note = _run(workflow, source, result, draw)
+    if not result.exists():
+        return case
+    with h5py.File(result) as file:
+        look_at(library, workflow, file, case, draw, n_marches)
+    return case
+
+
+def _run(workflow: Workflow, source: Path, result: Path, draw) -> tuple[float, str]:
+    """Processor seconds, and what went wrong."""
+    if workflow.kind != "resumed":
+        return _process("solve", source, "-o", result, "--quiet", ranks=workflow.n_ranks)
+    if draw.random() < 0.5:  # ends by itself, in the order of a user who asks for a limit
+        seconds, note = _process("solve", source, "-o", result, "--quiet", "--time-limit", "0.05")
+    else:
+        after = float(np.exp(draw.uniform(*np.log(RESUMED_AFTER))))
+        which = signal.SIGKILL if draw.random() < 0.5 else signal.SIGTERM
+        seconds, note = _process("solve", source, "-o", result, "--quiet", stopped=(after, which))
+    if not result.exists():  # stopped before there was anything
+        more, note = _process("solve", source, "-o", result, "--quiet")
+        return seconds + more, note
+    more, note = _process("resume", result, "--quiet")
+    return seconds + more, note
+
+
+def _process(*words, ranks: int | None = None, stopped: tuple[float, int] | None = None) -> tuple[float, str]:
+    limited = ["sh", "-c", f'ulimit -t {TIME_LIMIT:.0f}; exec "$@"', "sh", *command(*words, ranks=ranks)]
+    with tempfile.TemporaryDirectory(prefix="mpi-") as own, tempfile.TemporaryFile() as said:  # MPI clears its own under others
+        variables = {**environment(), "TMPDIR": own}
+        process = subprocess.Popen(limited, env=variables, stdout=subprocess.DEVNULL, stderr=said, start_new_session=True)
+        if stopped:
+            time.sleep(stopped[0])
+            process.send_signal(stopped[1])
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        seconds = usage.ru_utime + usage.ru_stime
+        if process.returncode in (0, 1) or stopped or "--time-limit" in words and process.returncode == 3:
+            return seconds, ""
+        said.seek(0)
+        text = said.read().decode(errors="replace").strip().splitlines()
+        late = seconds > 0.95 * TIME_LIMIT
+        return seconds, "no result in time" if late else f"exit status {process.returncode}: {text[-1] if text else ''}"
+
+
+def look_at(library, workflow: Workflow, file: h5py.File, case: Case, draw, n_marches: int) -> None:
+    """Fills in the points of a case from a result file."""
+    names = file["status"].attrs["flag_meanings"].split()
+    statuses = [names[k] for k in file["status"][()]]
+    paths = {_text(data.attrs["parameter"]): data[()] for data in file.values() if "parameter" in data.attrs}
+    chosen = [i for i, status in enumerate(statuses) if status != "unused"]
+    if workflow.kind == "curve" and len(chosen) > SHARE_OF_CURVE:
+        chosen = sorted(draw.choice(chosen, SHARE_OF_CURVE, replace=False).tolist())
+    found = {}
+    for i in chosen:
+        values = {path: float(column[i]) for path, column in paths.items()}
+        point = Point(i, statuses[i], value=values.get(workflow.axes[-1].path, np.nan))
+        case.points.append(point)
+        if point.status != "converged":
+            continue
+        point.estimate = float(np.hypot(file["truncation_estimate"][i], file["aliasing_estimate"][i]))
+        stable = {1: "stable", 0: "not known", -1: "unstable"}[int(file["is_stable"][i])]
+        point.said = ONE_OF_MANY if file["n_full_stick"][i] > 0 else stable
+        if point.said == ONE_OF_MANY:
+            continue
+        found[i] = Stored(workflow, file, i, values)
+        point.error = found[i].error()
+    stable = [point for point in case.points if point.said == "stable"]
+    without = [point for point in stable if not np.isfinite(point.error)]
+    others = [point for point in stable if np.isfinite(point.error)]
+    if not workflow.is_autonomous and stable:
+        picked = draw.choice(len(others), min(n_marches, len(others)), replace=False) if others else []
+        for point in without + [others[k] for k in picked]:
+            point.time_error, point.leaves = found[point.number].error_in_time(library)
+
+
+def _text(value) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+class Stored:
+    """A stored motion, and motions near to it that are more accurate."""
+
+    def __init__(self, workflow: Workflow, file: h5py.File, i: int, values: dict[str, float]):
+        self.workflow, self.values = workflow, values
+        self.scene = workflow.at(values)
+        self.omega = file["frequency"][i]
+        n = int(file["n_harmonics"][i])
+        self.tuples = file["tuples"][i, :n] if "tuples" in file else file["tuple"][()]
+        self.coefficients = np.nan_to_num(file["coefficients"][i][:, : len(self.tuples)])  # (n_dofs, n, 2)
+        self.damping = float(np.nan_to_num(file["artificial_damping"][i, 0]))
+
+    def error(self) -> float:
+        """Relative to the motion at the coordinates of the laws, and of a frequency or a value that was found; NaN where no motion
+        of a high order was found."""
+        m = len(self.omega)
+        if m > 1 and any(law.kind == 2 for law in self.scene.laws) or any(law.kind == 4 for law in self.scene.laws):
+            return np.nan  # Jenkins elements on a torus, rigid walls
+        reach = np.abs(self.tuples).max(0) if len(self.tuples) else np.zeros(m, int)
+        for order in ORDERS[m]:
+            orders = tuple(int(max(order, 1.5 * n)) if m == 1 else int(max(order, n + 2)) for n in reach)
+            box = Box(orders, tuple(_fast(SAMPLES[m] * n) for n in orders))
+            start = box.of(self.tuples, self.coefficients[..., 0], self.coefficients[..., 1])
+            system = System(self.scene, box)
+            answer, change = self._answer(system, start)
+            if not answer.is_solved:
+                return np.nan
+            if self.workflow.is_autonomous:
+                z, stored = system.shapes @ answer.z, system.shapes @ start
+            else:
+                z, stored = answer.z, system.shapes @ start
+            if box.tail(z) < TOLERANCE * (BEYOND if m == 1 else BEYOND_TWO):
+                return float(np.hypot(box.norm(z - stored) / max(box.norm(z), 1e-300), change))
+        return np.nan
+
+    def _answer(self, system: System, start) -> tuple[Answer, float]:
+        workflow = self.workflow
+        if workflow.is_autonomous:
+            mode = None
+            if workflow.mode_dof is not None:
+                value = self.values[workflow.axes[0].path]
+                mode = Mode(workflow.mode_dof, **{workflow.measure: value})
+            answer = autonomous(system, start, float(self.omega[0]), mode, self.damping)
+            return answer, abs(float(answer.omega[0] / self.omega[0]) - 1)
+        z = system.shapes @ start
+        if workflow.kind != "curve":
+            return forced(system, z, self.omega), 0.0
+        path = workflow.axes[0].path
+        value = self.values[path]
+
+        def system_at(there):
+            scene = workflow.at({path: there})
+            return System(scene, system.box), scene.omega
+
+        answer = on_curve(system_at, z, value, abs(value))
+        return answer, abs(answer.value / value - 1)
+
+    def error_in_time(self, library) -> tuple[float, bool]:
+        """Of integration in time from the motion, and whether neighbours part from it."""
+        values = self.coefficients
+        motion = Motion(self.tuples @ self.omega, (values[..., 0] - 1j * values[..., 1]).T.copy())
+        error = error_of(library, self.scene, motion)
+        return error, error > TOLERANCE and neighbours_part(library, self.scene, motion)
+
+
+def _fast(n: int) -> int:
+    while True:
+        rest = n
+        for prime in (2, 3, 5):
+            while rest % prime == 0:
+                rest //= prime
+        if rest == 1:
+            return n
+        n += 1
