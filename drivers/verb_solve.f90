@@ -24,7 +24,7 @@ module verb_solve
    use hb_sweep, only: run_options_t, run_study
    use hb_sweep_plan, only: sweep_plan_t
    use hb_switched_input, only: switched_input
-   use hb_system, only: file_kind, kind_of_file, remove_file
+   use hb_system, only: file_kind, folder_of, kind_of_file, remove_file
    use hb_text, only: join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
    use hb_timing, only: timing_lines
@@ -154,7 +154,8 @@ contains
             call load_stored_study(where, comm, switched, error)
          else
             call switched_input(study, plan, path, from, text, overrides, error)
-            if (.not. allocated(error)) call new_study(switched, place, text, overrides, error, memory_share(comm))
+            if (.not. allocated(error)) call new_study(switched, folder_of(study%document%file_name)// &
+               place_of(last_name(path), from%point), text, overrides, error, memory_share(comm))
          end if
          if (allocated(error)) then                                   ! the curve itself is there
             if (rank_of(comm) == 0) call say(place//" was not switched: "//error%message)
@@ -175,7 +176,7 @@ contains
       character(*), intent(in) :: path
       type(record_t) :: old, switched
       type(error_t), allocatable :: error
-      character(:), allocatable :: prefix, where
+      character(:), allocatable :: where
       integer :: i
 
       if (kind_of_file(path) == file_kind%none) return
@@ -187,20 +188,17 @@ contains
          if (kind_of_file(where) == file_kind%none) cycle
          call read_record(switched, where, error)
          if (allocated(error)) cycle
-         prefix = place_of("", i)
-         if (index(switched%input_name, prefix) /= 1) cycle
-         if (last_name(switched%input_name(len(prefix) + 1:)) == last_name(path)) call remove_file(where)
+         if (last_name(switched%input_name) == place_of(last_name(path), i)) call remove_file(where)
       end do
-
-   contains
-
-      function last_name(of_path)
-         character(*), intent(in) :: of_path
-         character(:), allocatable :: last_name
-
-         last_name = of_path(index(of_path, "/", back=.true.) + 1:)
-      end function last_name
    end subroutine remove_switched
+
+   !> A path without its folder.
+   pure function last_name(path)
+      character(*), intent(in) :: path
+      character(:), allocatable :: last_name
+
+      last_name = path(index(path, "/", back=.true.) + 1:)
+   end function last_name
 
    !> Where the motions that leave a curve at a point, from 1, are stored.
    function switched_path(path, point) result(where)

@@ -2,7 +2,7 @@
 module hb_path
    implicit none
    private
-   public :: beside
+   public :: beside, library_place
 
 contains
 
@@ -20,4 +20,16 @@ contains
       inquire (file=path, exist=exists)
       if (.not. exists) path = name
    end function beside
+
+   !> Path of a shared library that an input names. Code is never taken from the folder that the program happens to run in: what is
+   !> not beside the input is left to the loader as a name alone, which it looks for where the system keeps libraries.
+   function library_place(input, name) result(path)
+      character(*), intent(in) :: input                               !! path of the input file
+      character(*), intent(in) :: name                                !! as the input has it
+      character(:), allocatable :: path
+
+      path = beside(input, name)
+      if (index(name, "/") <= 1 .or. path /= name) return
+      path = input(:index(input, "/", back=.true.))//name
+   end function library_place
 end module hb_path

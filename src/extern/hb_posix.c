@@ -152,6 +152,16 @@ int hb_read_link(const char *path, char *target, int n_bytes)
    return length < n_bytes ? (int)length : -1;
 }
 
+int hb_full_folder(const char *path, char *full, int n_bytes)
+{
+   char *const found = realpath(path, NULL);
+   const size_t length = found == NULL ? 0 : strlen(found);
+   const int fits = length > 0 && length <= (size_t)n_bytes;
+   if (fits) memcpy(full, found, length);
+   free(found);
+   return fits ? (int)length : -1;
+}
+
 /* Whether the file of that name is the one that is open: its maker may have given it another name meanwhile. */
 static int is_named(int descriptor, const char *path)
 {

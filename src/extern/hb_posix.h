@@ -50,6 +50,10 @@ int hb_is_same_file(const char *one, const char *other);
 /* Writes what a link says, without a null at its end; returns its length, or -1 where the name is no link or there is no room. */
 int hb_read_link(const char *path, char *target, int n_bytes);
 
+/* Writes the absolute path of a folder, links followed, without a null at its end; returns its length, or -1 where there is no such
+   folder or there is no room. */
+int hb_full_folder(const char *path, char *full, int n_bytes);
+
 /* Makes the file unless it is there and locks it for this process; the lock ends with the process at the latest. Returns a
    descriptor for hb_release_file, -1 where the file cannot be made, -2 where another process has the lock, -3 where what has
    the name is no regular file. On a file system without locks the file counts as locked. */

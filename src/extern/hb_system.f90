@@ -5,7 +5,7 @@ module hb_system
    use hb_error, only: error_t, fail
    implicit none
    private
-   public :: check_held, empty_file, exists, file_kind, follow_links, has_space, held_file_t, hold_file, is_same_file
+   public :: check_held, empty_file, exists, file_kind, folder_of, follow_links, has_space, held_file_t, hold_file, is_same_file
    public :: is_terminal, kind_of_file, link_file, process_id, release_file, remove_file, rename_file, survive_failed_writes
    public :: sync_file, take_file, utc_now
 
@@ -69,6 +69,13 @@ module hb_system
          character(c_char), intent(out) :: target(*)
          integer(c_int), value :: n_bytes
       end function hb_read_link
+
+      integer(c_int) function hb_full_folder(path, full, n_bytes) bind(c, name="hb_full_folder")
+         import :: c_char, c_int
+         character(c_char), intent(in) :: path(*)
+         character(c_char), intent(out) :: full(*)
+         integer(c_int), value :: n_bytes
+      end function hb_full_folder
 
       integer(c_int) function hb_take_file(path) bind(c, name="hb_take_file")
          import :: c_char, c_int
@@ -275,6 +282,20 @@ contains
 
       ok = hb_sync_file(c_path(path)) == 0
    end subroutine sync_file
+
+   !> Gives the absolute path of the folder that a file stands in, with a slash at its end; empty where there is none.
+   function folder_of(path) result(folder)
+      character(*), intent(in) :: path                                !! of the file
+      character(:), allocatable :: folder
+      integer, parameter :: longest = 4096
+      character(longest, c_char) :: words
+      integer :: length
+
+      folder = ""
+      length = int(hb_full_folder(c_path(path(:index(path, "/", back=.true.))//"."), words, int(longest, c_int)))
+      if (length == 1) folder = "/"
+      if (length > 1) folder = words(:length)//"/"
+   end function folder_of
 
    !> Gives the number by which the system knows this process.
    integer function process_id()

@@ -7,7 +7,7 @@ module hb_law_user
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs, read_place
-   use hb_path, only: beside
+   use hb_path, only: library_place
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
@@ -74,7 +74,7 @@ contains
       call group%get("parameters", parameters)
       call group%get("odd", self%is_odd)                              ! nobody else can see it
       if (.not. (allocated(library) .and. allocated(name))) return
-      call load_user_law(self, beside(group%file_name, library), name, parameters, error)
+      call load_user_law(self, library_place(group%file_name, library), name, parameters, error)
       if (allocated(error)) then
          call group%problem("library", error%message)
       else if (allocated(self%shape)) then

@@ -211,6 +211,7 @@ contains
       end if
       call file%put("input_text", or_empty(layout%input_text), "the input as given", error, dataset)
       if (.not. allocated(error)) call dataset%set_attribute("file_name", or_empty(layout%input_name), error)
+      if (.not. allocated(error)) call dataset%set_attribute("folder", or_empty(layout%input_folder), error)
       call file%put("input_overrides", or_empty(layout%input_overrides), "path=value of each --set, a line each", error)
       call file%put("input_complete", or_empty(layout%input_complete), "the input after defaults", error)
       call file%put("input_libraries", or_empty(layout%input_libraries), &

@@ -36,6 +36,7 @@ module hb_results_layout
       type(swept_parameter_t), allocatable :: parameters(:)
       character(:), allocatable :: title
       character(:), allocatable :: input_name           !! name of the input file, for messages
+      character(:), allocatable :: input_folder         !! absolute, in which files stand that it names, with a slash at its end
       character(:), allocatable :: input_text           !! the input as given
       character(:), allocatable :: input_overrides      !! changes of it: path=value, a line each
       character(:), allocatable :: input_complete       !! the input after defaults

@@ -21,6 +21,7 @@ module hb_results_record
       integer :: n_ranks = 0                            !! of the run that made the file
       integer :: n_points = 0
       character(:), allocatable :: input_name           !! name of the input file, for messages
+      character(:), allocatable :: input_folder         !! in which files stand that it names; empty where the file does not tell
       character(:), allocatable :: input_text           !! the input as given
       type(string_t), allocatable :: overrides(:)       !! path=value
       character(:), allocatable :: input_complete       !! the input after defaults
@@ -140,6 +141,7 @@ contains
       type(record_t), intent(inout) :: self
       type(h5_file_t), intent(in) :: file
       type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: without_folder
       type(h5_dataset_t) :: dataset
       character(:), allocatable :: overrides
       integer, allocatable :: extents(:)
@@ -150,6 +152,8 @@ contains
       call file%open_dataset("input_text", dataset, error)
       if (.not. allocated(error)) call dataset%get_attribute("file_name", self%input_name, error)
       if (allocated(error)) return
+      call dataset%get_attribute("folder", self%input_folder, without_folder)
+      if (allocated(without_folder)) self%input_folder = ""           ! of an older version
       call read_one(file, "input_overrides", overrides, error)
       if (allocated(error)) return
       call read_overrides(overrides, self%overrides)

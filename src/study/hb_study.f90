@@ -19,6 +19,7 @@ module hb_study
    use hb_stability, only: n_multipliers_of, stability_method
    use hb_sweep_harmonics, only: tuples_of_sweep
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
+   use hb_system, only: folder_of
    use hb_text, only: join, string_t, to_text
    use hb_tones, only: tones_t
    use hb_version, only: git_commit, program_version
@@ -38,6 +39,7 @@ module hb_study
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes for this process
       type(services_t) :: services                                    !! for the scenes of its points
    contains
+      procedure :: libraries => study_libraries
       procedure :: n_chains => study_n_chains
       procedure :: read_point => study_read_point
    end type study_t
@@ -264,10 +266,11 @@ contains
          if (scene%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure%n_dofs)
          layout%title = scene%output%title
          layout%input_name = self%document%file_name
+         layout%input_folder = folder_of(self%document%file_name)
          layout%input_text = self%input_text
          layout%input_overrides = self%input_overrides
          layout%input_complete = self%input_complete
-         layout%input_libraries = libraries_of(scene)
+         layout%input_libraries = self%libraries()
          layout%n_ranks = n_ranks
          layout%program_version = program_version
          layout%git_commit = git_commit
@@ -286,20 +289,20 @@ contains
       end associate
    end subroutine describe_rows
 
-   !> Libraries of the laws of the user's own and what marks them, a line each.
-   function libraries_of(scene) result(text)
-      type(scene_t), intent(in) :: scene
+   !> Libraries of the laws of the first point that are the user's own, and what marks them, a line each.
+   function study_libraries(self) result(text)
+      class(study_t), intent(in) :: self
       character(:), allocatable :: mark, text
       integer :: i
 
       text = ""
-      do i = 1, size(scene%laws)
-         mark = scene%laws(i)%law%mark()
+      do i = 1, size(self%scene%laws)
+         mark = self%scene%laws(i)%law%mark()
          if (len(mark) == 0) cycle
          if (len(text) > 0) text = text//new_line("a")
-         text = text//scene%laws(i)%law%label//": "//mark
+         text = text//self%scene%laws(i)%law%label//": "//mark
       end do
-   end function libraries_of
+   end function study_libraries
 
    !> What one point takes in the result file, and to how many datasets it is written.
    subroutine row_of_study(self, n_bytes, n_datasets, n_places)

@@ -160,6 +160,7 @@ contains
       type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
       type(h5_dataset_t) :: dataset
+      character(:), allocatable :: folder
 
       call read_record(stored%record_t, path, error)
       if (allocated(error)) return
@@ -180,8 +181,14 @@ contains
       end if
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
-      if (.not. allocated(error)) &
-         call new_study(stored%study, path//": input_complete", stored%input_complete, [string_t ::], error)
+      folder = stored%input_folder                                    ! files that the input names are those of the run
+      if (len(folder) == 0) folder = stored%input_name(:index(stored%input_name, "/", back=.true.))
+      if (.not. allocated(error)) call new_study(stored%study, &
+         folder//path(index(path, "/", back=.true.) + 1:)//": input_complete", stored%input_complete, [string_t ::], error)
+      if (allocated(error)) return
+      if (stored%study%libraries() /= stored%input_libraries) call fail(error, "'"//path// &
+         "' was made with another library of a law, which is needed to verify it"//new_line("a")//"now:"//new_line("a")// &
+         stored%study%libraries()//new_line("a")//"in the file:"//new_line("a")//stored%input_libraries)
       if (.not. allocated(error)) call note_curve_values(path, stored%study%plan, error)
    end subroutine read_stored
 

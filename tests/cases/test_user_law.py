@@ -96,6 +96,48 @@ def test_library_is_named_when_it_is_missing(tmp_path):
     assert "cannot load the library: cubic_f.so" in done.stderr
 
 
+# Two springs to tell from each other; the second one leaves a mark where it is loaded.
+SPRING = {"force": "z[i]"}
+OTHER_SPRING = {
+    "force": "2 * z[i]",
+    "constructor": '''#include <stdio.h>
+__attribute__((constructor)) static void begin(void) { FILE *f = fopen("loaded", "w"); if (f) fclose(f); }''',
+}
+
+
+@pytest.mark.parametrize("name", ["sub/rogue.so", "./rogue.so", "rogue.so"])
+def test_library_is_not_taken_from_the_current_folder(name, tmp_path):
+    """Code that happens to lie where somebody solves an input from elsewhere is not run."""
+    here, there = tmp_path / "here", tmp_path / "there"
+    (here / "sub").mkdir(parents=True)
+    there.mkdir()
+    rogue(here, **OTHER_SPRING)
+    shutil.copy(here / "rogue.so", here / "sub")
+    (there / "mine.nml").write_text(ROGUE_SCENE.replace("rogue.so", name))
+    done = run("check", there / "mine.nml", cwd=here)
+    assert not (here / "loaded").exists()
+    assert done.status == BAD_INPUT and "cannot load the library" in done.stderr, done.stderr
+
+
+def test_verify_takes_the_library_of_the_run(tmp_path):
+    folder, elsewhere = tmp_path / "input", tmp_path / "elsewhere"
+    for place in (folder, elsewhere):
+        place.mkdir()
+    rogue(folder, **SPRING)
+    rogue(elsewhere, **OTHER_SPRING)
+    result = elsewhere / "rogue.h5"
+    assert run("solve", "input/rogue.nml", "-o", result, "--set", "law(1)%odd=.true.", cwd=tmp_path).status == ALL_CONVERGED
+    done = run("verify", result, cwd=elsewhere)
+    assert done.status == ALL_CONVERGED and "agrees" in done.stdout, done.stdout + done.stderr
+    assert not (elsewhere / "loaded").exists()
+    shutil.copy(elsewhere / "rogue.so", folder)
+    done = run("verify", result, cwd=elsewhere)
+    assert done.status == BAD_INPUT and "made with another library of a law" in done.stderr, done.stdout + done.stderr
+    (folder / "rogue.so").unlink()
+    done = run("verify", result, cwd=elsewhere)
+    assert done.status == BAD_INPUT and "cannot load the library" in done.stderr, done.stdout + done.stderr
+
+
 def test_check_finds_a_wrong_sign(wrong_law):
     done = run("check", "one_mass.nml", cwd=wrong_law)
     assert done.status == NOT_ALL_CONVERGED
