@@ -2,7 +2,7 @@
 !>
 !> A watch knows the processor time that a point may take. Whoever has other reasons to end a point, such as a signal, extends
 !> it and answers `wants_end`; whoever shows progress has `note_progress`. A verdict stays until the next point begins, so that
-!> all that is under way ends soon.
+!> all that is under way ends soon; that the run ends stays for good, so that no later step of the same work hides it.
 module hb_watch
    use hb_kinds, only: wp
    implicit none
@@ -35,7 +35,7 @@ contains
       real(wp), intent(in) :: time_limit                              !! of the processor [s], huge for any
       real(wp) :: now
 
-      self%verdict = verdict%go_on
+      if (self%verdict /= verdict%interrupted) self%verdict = verdict%go_on
       self%is_patient = .false.
       self%cpu_end = huge(1.0_wp)
       if (time_limit >= huge(1.0_wp)) return

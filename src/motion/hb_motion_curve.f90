@@ -352,7 +352,8 @@ contains
       end associate
    end subroutine motion_curve_renew
 
-   !> The next point. Its status tells where there is no way on; `interrupted`: nothing was found out, and the curve is done.
+   !> The next point. Its status tells where there is no way on; `interrupted`: nothing was found out, and the curve goes on here in
+   !> another run.
    subroutine motion_curve_next(self, result, error)
       class(motion_curve_t), intent(inout), target :: self
       type(motion_result_t), intent(out) :: result
@@ -368,14 +369,15 @@ contains
          call self%go(error)
          if (allocated(error)) return
       end if
-      if (self%curve%status /= outcome%pending) then
+      if (self%watch%verdict == verdict%interrupted) then             ! what was found on the step may not be all
+         result%status = outcome%interrupted
+         return
+      else if (self%curve%status /= outcome%pending) then
          result%status = self%curve%status
-         if (self%watch%verdict == verdict%interrupted) result%status = outcome%interrupted
          if (self%has_collapsed) result%status = outcome%collapsed
          result%message = lost_text(self)
          call count_work(self%curve%report, before, result)
          call leave(self, error)
-         if (result%status == outcome%interrupted) self%is_done = .true.
       else
          associate (point => self%waiting(self%first_waiting))
             call self%tell(point, result, error)
@@ -439,7 +441,7 @@ contains
          call self%look_apart(error)
          if (allocated(error)) return
       end if
-      self%is_done = self%way > 2*(1 + size(self%origins)) .and. self%watch%verdict == verdict%go_on
+      self%is_done = self%way > 2*(1 + size(self%origins))
       if (self%way > 2*(1 + size(self%origins))) return
       call self%set_out(error)
       if (self%way <= 2 .or. allocated(error)) return

@@ -37,6 +37,7 @@ module hb_sweep
    use hb_system, only: file_kind, kind_of_file
    use hb_text, only: to_text
    use hb_timing, only: rank_times_t
+   use hb_watch, only: verdict
    implicit none
    private
    public :: run_options_t, run_study
@@ -313,7 +314,10 @@ contains
 
       if (run%ending%is_due()) return
       call new_swept_curve(curve, run%source, run%results, first, run%before%is_there, failure, error, run%ending)
-      if (allocated(error)) return
+      if (allocated(error) .or. run%ending%verdict == verdict%interrupted) then
+         call curve%destroy()
+         return
+      end if
       do point = first, first + size(curve%stored) - 1
          summary%counts(curve%stored(point - first + 1)) = summary%counts(curve%stored(point - first + 1)) + 1
          call run%progress%note(curve%stored(point - first + 1) /= outcome%converged, is_report_due)

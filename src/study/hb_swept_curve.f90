@@ -17,7 +17,7 @@ module hb_swept_curve
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
    use hb_swept_point, only: check_layout, spread_result
-   use hb_watch, only: watch_t
+   use hb_watch, only: verdict, watch_t
    implicit none
    private
    public :: new_swept_curve, swept_curve_t
@@ -57,6 +57,7 @@ contains
       integer :: last
       logical :: is_new
 
+      call watch%begin(huge(1.0_wp))                                  ! what is known of a stored point is found to its end
       self%document = source%document
       call source%plan%apply(first, self%document)
       call update_scene(self%scene, self%document, is_new, failure, source%available_memory, source%services)
@@ -118,6 +119,11 @@ contains
       else
          call self%curve%begin(self%scene, self%document, self%request, result, error, watch, marching_judge_t())
          self%has_begun = .true.
+      end if
+      if (watch%verdict == verdict%interrupted) then                  ! also what looks like an error or an end may come of that
+         result%status = outcome%interrupted
+         self%is_done = .false.
+         return
       end if
       self%is_done = self%curve%is_done .or. self%ridge%is_done
       if (allocated(error)) then

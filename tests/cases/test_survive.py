@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
+from faults import run_with_fault
 from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, NOT_ALL_CONVERGED, command, environment, read, run
 
 PENDING, CONVERGED, OUT_OF_BUDGET, FAILED = 0, 1, 3, 6
@@ -541,6 +542,35 @@ def test_broken_chains_are_solved_again_from_their_beginning(disturbance, undist
     assert done.status == ALL_CONVERGED and f"{N_SWEPT} of {N_SWEPT} points converged" in done.stdout, done.stderr
     assert ((read(result, "rank") == 99) == is_kept).all()
     assert_same(result, undisturbed_chains)
+
+
+# Curves
+
+DUFFING = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,
+   damping_mass = 0.05 /
+&tones frequency = 1.0 /
+&harmonics order = 5 /
+&load dof = 'x1', tuple = 1, cos = 0.18 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /
+&curve parameter = 'tones%frequency', from = 1.0, to = 1.4, peak_of = 'x1 (1)', points = 200 /
+"""
+
+
+@on_linux
+def test_curve_that_a_signal_ends_within_a_point_goes_on(tmp_path):
+    """The signal comes while a step is taken, twice; tests/interrupted tries a thousand moments."""
+    run("solve", write(tmp_path, DUFFING, "whole"), "--quiet", cwd=tmp_path)
+    result = tmp_path / "case.h5"
+    for at in (297, 608):
+        done = run_with_fault(
+            "solve", write(tmp_path, DUFFING), "--resume", "--quiet", cwd=tmp_path, call="clock", at=at, number=signal.SIGTERM
+        )
+        status = read(result, "status")
+        assert done.status == INCOMPLETE and "ended by SIGTERM" in done.stderr, (done.status, done.stderr)
+        assert (status == CONVERGED).any() and (status[status != CONVERGED] == PENDING).all()
+    assert run("resume", result, cwd=tmp_path).status == ALL_CONVERGED
+    assert_same(result, tmp_path / "whole.h5")
 
 
 # Any number of ranks
