@@ -25,22 +25,27 @@ def library() -> Path:
     return path
 
 
-def run_with_fault(*arguments, cwd, call, at=0, number=0, file=None, rank=None, ranks=None, count=None) -> Run:
-    """Runs the program; at its `at`-th `call` (0: at none) the fault happens: signal or error `number`."""
+def faulty_command(*arguments, call, at=0, number=0, file=None, rank=None, ranks=None, count=None):
+    """Command line and environment under which the fault, signal or error `number`, happens at the `at`-th `call` (0: at none)."""
     names = {"CALL": call, "AT": at, "NUMBER": int(number), "FILE": file, "RANK": rank, "COUNT": count}
     faults = {f"FAULT_{name}": str(value) for name, value in names.items() if value is not None}
-    words = command(*arguments, ranks=ranks)
-    of_ranks = {**faults, "LD_PRELOAD": str(library())}
-    if ranks is not None:  # mpirun itself stays as it is
-        words[3:3] = [word for name, value in of_ranks.items() for word in ("-x", f"{name}={value}")]
-        of_ranks = {}
+    words, of_ranks = command(*arguments, ranks=ranks), {**faults, "LD_PRELOAD": str(library())}
+    if ranks is None:
+        return words, of_ranks
+    words[3:3] = [word for name, value in of_ranks.items() for word in ("-x", f"{name}={value}")]  # mpirun itself stays as it is
+    return words, {}
+
+
+def run_with_fault(*arguments, cwd, **fault) -> Run:
+    """Runs the program with such a fault, and waits for its end."""
+    words, of_ranks = faulty_command(*arguments, **fault)
     done = subprocess.run(words, cwd=cwd, env={**environment(), **of_ranks}, capture_output=True, timeout=120.0)
     return Run(done.returncode, done.stdout.decode(errors="replace"), done.stderr.decode(errors="replace"))
 
 
-def count_calls(*arguments, cwd, call, file=None) -> int:
+def count_calls(*arguments, cwd, **fault) -> int:
     """How many such calls a run makes."""
     count = Path(_FOLDER.name) / "count"
     count.unlink(missing_ok=True)
-    run_with_fault(*arguments, cwd=cwd, call=call, file=file, count=count)
+    run_with_fault(*arguments, cwd=cwd, count=count, **fault)
     return int(count.read_text())
