@@ -12,6 +12,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from judge_parts.scenes import KINDS
 from judge_parts.truth import Motion, error_of, neighbours_part
 from program import command, environment
 
@@ -21,7 +22,10 @@ from workflow_parts.scenes import Workflow
 TOLERANCE = 1e-2  # the default of `&accuracy`
 TIME_LIMIT = 30.0  # processor seconds of a run
 ORDERS = {1: (45, 90, 180), 2: (9, 13, 18)}  # of the reference, one after the other until it has nothing to speak of beyond
+CLIMB = 1.2  # ratio of orders on the way to a reference that is not reached at once
 SAMPLES = {1: 16, 2: 8}  # of the reference, times the order of each tone
+FINER = (1.3, 4)  # times these samples, where Newton's method goes round between contacts of samples
+FEWEST_SAMPLES = {1: 600, 2: 72}
 BEYOND = 0.1  # largest tail of a reference, relative to the tolerance
 BEYOND_TWO = 0.5
 SHARE_OF_CURVE = 30  # points of a curve that are looked at
@@ -143,13 +147,15 @@ def look_at(library, workflow: Workflow, file: h5py.File, case: Case, draw, n_ma
             continue
         found[i] = Stored(workflow, file, i, values)
         point.error = found[i].error()
+    if workflow.is_autonomous:
+        return
     stable = [point for point in case.points if point.said == "stable"]
-    without = [point for point in stable if not np.isfinite(point.error)]
     others = [point for point in stable if np.isfinite(point.error)]
-    if not workflow.is_autonomous and stable:
-        picked = draw.choice(len(others), min(n_marches, len(others)), replace=False) if others else []
-        for point in without + [others[k] for k in picked]:
-            point.time_error, point.leaves = found[point.number].error_in_time(library)
+    picked = draw.choice(len(others), min(n_marches, len(others)), replace=False) if others else []
+    is_rigid = any(KINDS[law.kind] == "rigid_wall" for law in workflow.scene.laws)
+    without = [point for point in case.points if point.number in found and not np.isfinite(point.error)]
+    for point in [p for p in without if p.said == "stable" or is_rigid] + [others[k] for k in picked]:
+        point.time_error, point.leaves = found[point.number].error_in_time(library)
 
 
 def _text(value) -> str:
@@ -171,25 +177,55 @@ class Stored:
     def error(self) -> float:
         """Relative to the motion at the coordinates of the laws, and of a frequency or a value that was found; NaN where no motion
         of a high order was found."""
+        if not self.has_reference:
+            return np.nan
         m = len(self.omega)
-        if m > 1 and any(law.kind == 2 for law in self.scene.laws) or any(law.kind == 4 for law in self.scene.laws):
-            return np.nan  # Jenkins elements on a torus, rigid walls
-        reach = np.abs(self.tuples).max(0) if len(self.tuples) else np.zeros(m, int)
         for order in ORDERS[m]:
-            orders = tuple(int(max(order, 1.5 * n)) if m == 1 else int(max(order, n + 2)) for n in reach)
-            box = Box(orders, tuple(_fast(SAMPLES[m] * n) for n in orders))
-            start = box.of(self.tuples, self.coefficients[..., 0], self.coefficients[..., 1])
-            system = System(self.scene, box)
+            orders = tuple(int(max(order, 1.5 * n)) if m == 1 else int(max(order, n + 2)) for n in self.reach)
+            system, start = self._system(orders)
             answer, change = self._answer(system, start)
+            for times in FINER if m == 1 else ():
+                if not answer.is_solved:
+                    system, start = self._system(orders, times)
+                    answer, change = self._answer(system, start)
+            if not answer.is_solved and m == 1 and order == ORDERS[m][0] and not self.workflow.is_autonomous:
+                answer, change = self._climbed(system)
             if not answer.is_solved:
                 return np.nan
-            if self.workflow.is_autonomous:
-                z, stored = system.shapes @ answer.z, system.shapes @ start
-            else:
-                z, stored = answer.z, system.shapes @ start
-            if box.tail(z) < TOLERANCE * (BEYOND if m == 1 else BEYOND_TWO):
-                return float(np.hypot(box.norm(z - stored) / max(box.norm(z), 1e-300), change))
+            stored = system.shapes @ start
+            z = system.shapes @ answer.z if self.workflow.is_autonomous else answer.z
+            if system.box.tail(z) < TOLERANCE * (BEYOND if m == 1 else BEYOND_TWO):
+                return float(np.hypot(system.box.norm(z - stored) / max(system.box.norm(z), 1e-300), change))
         return np.nan
+
+    @property
+    def has_reference(self) -> bool:
+        """Not of rigid walls, nor of Jenkins elements on a torus."""
+        names = [KINDS[law.kind] for law in self.scene.laws]
+        return "rigid_wall" not in names and not (len(self.omega) > 1 and "jenkins" in names)
+
+    @property
+    def reach(self) -> np.ndarray:
+        """Largest entries of the tuples of each tone."""
+        return np.abs(self.tuples).max(0) if len(self.tuples) else np.zeros(len(self.omega), int)
+
+    def _system(self, orders: tuple[int, ...], times: float = 1) -> tuple[System, np.ndarray]:
+        """The scene in a box, and the stored motion there."""
+        m = len(orders)
+        box = Box(orders, tuple(_fast(int(times * max(SAMPLES[m] * n, FEWEST_SAMPLES[m]))) for n in orders))
+        return System(self.scene, box), box.of(self.tuples, self.coefficients[..., 0], self.coefficients[..., 1])
+
+    def _climbed(self, system: System) -> tuple[Answer, float]:
+        """The motion in the box of `system` by way of lower orders, from that of the stored motion on."""
+        below, q = self._system((max(int(self.reach[0]), 1),))
+        while True:
+            answer, change = self._answer(below, q)
+            order = min(int(CLIMB * below.box.orders[0]) + 1, system.box.orders[0])
+            if not answer.is_solved or order == below.box.orders[0]:
+                return answer, change
+            q = below.all_dofs(answer.z, answer.omega, below.scene.damping).T
+            above = self._system((order,))[0]
+            q, below = below.box.enlarged(q, above.box), above
 
     def _answer(self, system: System, start) -> tuple[Answer, float]:
         workflow = self.workflow
