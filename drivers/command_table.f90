@@ -153,7 +153,7 @@ contains
             options(i)%value, trim(verbs_before(options(i), is_one))//" "//options(i)%text, column_of_text)
       end do
       call say([character(120) :: "", &
-         "exit status: 0 all points converged, 1 some did not (their status is in the file), a derivative is wrong or", &
+         "exit status: 0 all points have their motion, 1 some do not (their status is in the file), a derivative is wrong or", &
          "             marching does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
          "             limit came first; resume solves them.", &
          "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run at the next step of a solver, a second one at once.", &

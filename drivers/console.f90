@@ -1,10 +1,13 @@
-!> Standard output, written through the standard library of C: that of Fortran does not tell when output is lost.
+!> What the program says. Standard output is written through the standard library of C: that of Fortran does not tell when output is
+!> lost. Titles, labels, names and options reach a terminal without their control characters.
 module console
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
+   use, intrinsic :: iso_fortran_env, only: error_unit
    use hb_error, only: error_t, fail
+   use hb_printable, only: printable
    implicit none
    private
-   public :: finish_output, say
+   public :: complain, finish_output, say
 
    interface
       integer(c_int) function hb_finish_output() bind(c, name="hb_finish_output")
@@ -27,7 +30,7 @@ contains
    subroutine say_line(text)
       character(*), intent(in) :: text
 
-      call hb_say(text//c_null_char)
+      call hb_say(printable(text)//c_null_char)
    end subroutine say_line
 
    !> Blanks at their ends are dropped.
@@ -39,6 +42,13 @@ contains
          call say_line(trim(texts(i)))
       end do
    end subroutine say_lines
+
+   !> Writes a message of the program to standard error.
+   subroutine complain(text)
+      character(*), intent(in) :: text
+
+      write (error_unit, "(a)") "nhbm: "//printable(text)
+   end subroutine complain
 
    !> Brings all that was said to where it goes; fails where something of it was lost. A reader who has closed the pipe wants
    !> no more, which is no failure.

@@ -4,7 +4,7 @@ program nhbm
    use, intrinsic :: iso_fortran_env, only: error_unit
    use arguments, only: argument_list, arguments_t, read_arguments
    use command_table, only: verb_names, write_help
-   use console, only: finish_output, say
+   use console, only: complain, finish_output, say
    use exit_status, only: bad_input, incomplete, not_all_right, success
    use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
    use hb_closest_word, only: closest_word
@@ -12,6 +12,7 @@ program nhbm
    use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, stop_mpi, world
    use hb_signals, only: catch_signals, wait_for_points
    use hb_memory, only: keep_freed_memory
+   use hb_printable, only: printable
    use hb_system, only: survive_failed_writes
    use hb_text, only: join
    use hb_version, only: git_commit, program_version
@@ -70,7 +71,7 @@ contains
       if (.not. (allocated(options%verb) .and. allocated(options%input))) return
       if (options%verb /= "solve" .and. options%verb /= "resume") return
       call catch_signals("nhbm: ended by a second signal; nhbm resume "// &
-         options%result_path()//" goes on", incomplete, error)
+         printable(options%result_path())//" goes on", incomplete, error)
    end subroutine expect_signals
 
    !> Says what went wrong, if anything did, and has the program end with this status.
@@ -79,7 +80,7 @@ contains
 
       if (.not. allocated(error)) return
       status = status_of_error
-      if (rank_of(comm) == 0) write (error_unit, "(a)") "nhbm: "//error%message
+      if (rank_of(comm) == 0) call complain(error%message)
    end subroutine tell_error
 
    subroutine run_verb()

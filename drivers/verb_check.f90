@@ -7,12 +7,14 @@ module verb_check
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t
    use hb_guard, only: lower_guard, raise_guard
-   use hb_kinds, only: wp
+   use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_law_check, only: check_derivatives, derivative_check_t
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text
    use hb_memory_sizes, only: sizes_of
    use hb_mpi, only: comm_t, rank_of
+   use hb_modes, only: modes_t, new_modes
+   use hb_natural_frequencies, only: natural_frequencies
    use hb_scene, only: scene_t
    use hb_scene_basis, only: find_basis
    use hb_scene_coordinates, only: coordinates_of
@@ -120,6 +122,7 @@ contains
          end do
          if (allocated(study%plan%curve)) call say("curve       "//study%plan%curve%describe())
          call describe_structure(scene%structure)
+         call describe_frequencies(scene%structure)
          tones = tone_text(scene, 1)
          samples = to_text(scene%torus%n_samples(1))
          do i = 2, scene%tones%n_tones
@@ -176,6 +179,61 @@ contains
          call say("            error of its flexibility "//trim(words))
       end associate
    end subroutine describe_structure
+
+   !> Lists the lowest natural frequencies of the linear structure, those of a reduced one as far as its error is known.
+   subroutine describe_frequencies(structure)
+      type(structure_t), intent(in) :: structure
+      integer, parameter :: most = 10
+      integer, parameter :: largest = 1500                            ! degrees of freedom: all are found at once, in some seconds
+      integer, parameter :: largest_gyroscopic = 200                  ! likewise, with gyroscopic terms
+      type(error_t), allocatable :: error
+      type(modes_t) :: modes
+      real(wp), allocatable :: frequencies(:)
+      character(:), allocatable :: note
+      integer :: n
+      logical :: is_gyroscopic
+
+      if (structure%n_dofs > largest .or. allocated(structure%sparse)) then
+         call say("natural     frequencies are not computed for more than "//to_text(largest)//" degrees of freedom")
+         return
+      end if
+      is_gyroscopic = any(abs(structure%damping - transpose(structure%damping)) > 0.0_wp)
+      if (is_gyroscopic .and. structure%n_dofs <= largest_gyroscopic) then
+         call new_modes(modes, structure%mass, 0.5_wp*(structure%damping - transpose(structure%damping)), &
+            structure%stiffness, error)
+         if (.not. allocated(error)) frequencies = modes%frequency
+      end if
+      is_gyroscopic = is_gyroscopic .and. .not. allocated(frequencies)
+      if (.not. allocated(frequencies)) frequencies = natural_frequencies(structure%mass, structure%stiffness)
+      n = min(size(frequencies), most)
+      note = ""
+      if (structure%reduction%n_full > 0) n = min(n, count(frequencies <= structure%reduction%reach%up_to))
+      if (n < size(frequencies)) note = "  (the "//to_text(n)//" lowest)"
+      if (is_gyroscopic) note = note//"  (without gyroscopic terms)"
+      if (size(frequencies) == 0) then
+         call say("natural     frequencies are not known: some part has no mass and nothing that holds it")
+      else if (n > 0) then
+         call say("natural     "//list_text(frequencies(:n), 1.0_wp)//" rad/s"//note)
+         call say("frequencies "//list_text(frequencies(:n), two_pi)//" Hz")
+         if (any(frequencies < 0.0_wp) .and. .not. is_gyroscopic) call say(&
+            "            negative: the structure at rest is not stable, what leaves it grows at this rate")
+      end if
+   end subroutine describe_frequencies
+
+   !> Numbers with six digits.
+   function list_text(values, unit) result(text)
+      real(wp), intent(in) :: values(:), unit
+      character(:), allocatable :: text
+      character(24) :: number
+      integer :: i
+
+      text = ""
+      do i = 1, size(values)
+         write (number, "(g0.6)") values(i)/unit
+         if (i > 1) text = text//", "
+         text = text//trim(number)
+      end do
+   end function list_text
 
    !> Says how many unknowns are left where the motion is sought among odd ones.
    subroutine describe_symmetry(scene, n_coordinates)

@@ -8,16 +8,17 @@ module verb_info
    use hb_curve_table, only: curve_lines, note_curve_values
    use hb_document, only: document_t
    use hb_error, only: error_t
+   use hb_failure_kinds, only: run_names_t, status_lines
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, max_over, rank_of, share_error
-   use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text
+   use hb_outcome, only: is_solved, outcome, outcome_text
    use hb_results_record, only: message_of, open_points, read_record, read_units, record_t
    use hb_row_checks, only: fail_where_damaged
    use hb_run_summary, only: count_kept, found_frequency, run_summary_t, stability_text
    use hb_scene_tones, only: read_tones
    use hb_study, only: read_input
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
-   use hb_text, only: number_of, to_text
+   use hb_text, only: number_of, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
    private
@@ -49,7 +50,7 @@ contains
             call note_curve_values(options%input, plan, error)
             call write_origin(record, options%input)
             call write_parameters(plan)
-            call write_statuses(record, options%input)
+            call write_statuses(record, options%input, plan, document)
             call write_found(record, tones%is_unknown)
             call write_stability(record)
             call write_jumps(record, plan, options%input)
@@ -97,24 +98,32 @@ contains
       if (size(plan%parameters) == 0) call write_fact("swept", "nothing")
    end subroutine write_parameters
 
-   !> How many points ended how, and what the first of those without a motion says.
-   subroutine write_statuses(record, path)
+   !> How many points ended how; of those without a motion what they say, and what to try.
+   subroutine write_statuses(record, path, plan, document)
       type(record_t), intent(in) :: record
       character(*), intent(in) :: path                  !! of the result file
-      integer :: n, status
+      type(sweep_plan_t), intent(in) :: plan
+      type(document_t), intent(in) :: document
+      type(run_names_t) :: names
+      type(string_t), allocatable :: lines(:)
+      integer :: i, n, status
 
-      call write_fact("points", to_text(record%n_points))
-      do status = outcome%pending, maxval(record%status)
+      call write_fact("points", to_text(count(record%status /= outcome%unused)))
+      do status = outcome%pending, outcome%converged
          n = count(record%status == status)
-         if (n == 0) cycle
-         call write_fact("", to_text(n)//" "//outcome_text(status)// &
-            first_of(outcome_name(status), findloc(record%status, status, dim=1)))
-         if (.not. is_solved(status) .or. status == outcome%several) call write_message(path, findloc(record%status, status, dim=1))
+         if (n > 0) call write_fact("", to_text(n)//" "//outcome_text(status))
+      end do
+      names%input = record%input_name
+      names%result = path
+      names%overrides = record%overrides
+      call status_lines(record%status, names, plan, document, lines)
+      do i = 1, size(lines)
+         call write_fact("", lines(i)%value)
       end do
       n = count(record%rescue > 0)
-      if (n > 0) call write_fact("", to_text(n)//" needed more than the direct attempt (see 'rescue')")
+      if (n > 0) call write_fact("", number_of(n, "point")//" needed more than the first attempt at a solution (see 'rescue')")
       n = count(record%is_near_commensurate > 0)
-      if (n > 0) call write_fact("", to_text(n)//" where a low-order combination of the tones nearly vanishes")
+      if (n > 0) call write_fact("", number_of(n, "point")//" where a low-order combination of the tones nearly vanishes")
    end subroutine write_statuses
 
    !> How many motions would be seen.
@@ -195,16 +204,6 @@ contains
       end do
    end subroutine write_found
 
-   !> Where to look first, for statuses that somebody will look for.
-   function first_of(name, point) result(text)
-      character(*), intent(in) :: name
-      integer, intent(in) :: point                      !! from 1
-      character(:), allocatable :: text
-
-      text = ""
-      if (name /= "converged" .and. name /= "pending") text = " (first: point "//to_text(point - 1)//")"
-   end function first_of
-
    !> The largest values of what certifies a point, each with its point.
    subroutine write_worst(record, plan)
       type(record_t), intent(in) :: record
@@ -282,9 +281,15 @@ contains
    subroutine write_fact(name, text)
       character(*), intent(in) :: name, text
       character(11) :: field
+      character(:), allocatable :: line
+      integer :: i
 
       field = name
-      call say(field//trim(text))
+      line = trim(text)
+      do i = 1, len(line)                               ! of a title, say: what looks like a further line is none
+         if (line(i:i) == new_line("a")) line(i:i) = " "
+      end do
+      call say(field//line)
    end subroutine write_fact
 
    pure function list_of(words) result(text)

@@ -1,21 +1,21 @@
 !> `nhbm solve`: solves all points of an input and writes the result file. `nhbm resume`: goes on with one.
 module verb_solve
-   use, intrinsic :: iso_fortran_env, only: error_unit
    use arguments, only: arguments_t
-   use console, only: say
+   use console, only: complain, say
    use exit_status, only: incomplete, not_all_right, success
    use hb_curve_request, only: curve_kind
    use hb_curve_table, only: curve_lines, find_leaving, leaving_t, note_curve_values
    use hb_error, only: error_t
+   use hb_failure_kinds, only: run_names_t, status_lines
    use hb_file_place, only: check_source
    use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_memory, only: available_memory
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
-   use hb_outcome, only: outcome, outcome_text
+   use hb_outcome, only: outcome
    use hb_progress, only: log_level
-   use hb_results_record, only: read_record, record_t
-   use hb_run_summary, only: found_frequency, number_solved, run_summary_t, stability_text
+   use hb_results_record, only: read_record, record_t, statuses_of
+   use hb_run_summary, only: answers_text, found_frequency, number_answered, number_solved, run_summary_t, stability_text
    use hb_scene, only: scene_t
    use hb_scene_warnings, only: commensurate_text
    use hb_signals, only: signal_caught, signal_name
@@ -99,17 +99,14 @@ contains
          "; a smaller &solver chain_length makes more of them")
       call run_study(study, how, comm, summary, error)
       if (allocated(error)) return
-      associate (n => summary%counts)
-         if (n(outcome%converged) + n(outcome%marched) + n(outcome%several) + n(outcome%unused) < summary%n_points) &
-            status = not_all_right
-      end associate
+      if (number_answered(summary) + summary%counts(outcome%unused) < summary%n_points) status = not_all_right
       if (summary%n_left > 0) status = incomplete
       if (present(n_rows)) n_rows = summary%n_points - summary%counts(outcome%unused)
       if (is_told) call write_summary(summary, study, path)
       if (is_told .and. options%level >= log_level%verbose) call write_times(summary)
-      if (rank_of(comm) == 0 .and. status == incomplete) write (error_unit, "(a)") "nhbm: "//reason(summary)//": "// &
+      if (rank_of(comm) == 0 .and. status == incomplete) call complain(reason(summary)//": "// &
          number_of(summary%n_left, "point")//trim(merge(" is ", " are", summary%n_left == 1))// &
-         " left; nhbm resume "//path//" solves "//merge("it  ", "them", summary%n_left == 1)
+         " left; nhbm resume "//path//" solves "//merge("it  ", "them", summary%n_left == 1))
    end subroutine run
 
    !> Follows the motions that leave the curves of a finished run, each in a result file of its own, if the input asks for that.
@@ -286,22 +283,18 @@ contains
       type(study_t), intent(in) :: study
       character(*), intent(in) :: path
       character(100) :: estimates
-      integer :: i, status
+      integer :: i
 
       if (allocated(summary%made_by)) call say("note: the file was made by "//summary%made_by// &
          ", this is nhbm "//program_version//" ("//git_commit//")")
       if (summary%n_damaged > 0) call say("note: the results of "//number_of(summary%n_damaged, "point")// &
          " were damaged in the file; solved again")
       if (summary%has_other_libraries) call say("note: a law comes from another library than in the run that made the file")
-      call say(to_text(summary%counts(outcome%converged))//" of "//to_text(summary%n_points - summary%counts(outcome%unused))// &
-         " points converged; results in "//path)
-      do status = outcome%converged + 1, ubound(summary%counts, 1)
-         if (summary%counts(status) == 0 .or. status == outcome%unused) cycle
-         call say(to_text(summary%counts(status))//" "//outcome_text(status))
-      end do
+      call say(answers_text(summary)//"; results in "//path)
+      call write_others(study, path)
       if (allocated(study%plan%curve)) call write_curves(study, path)
-      if (summary%n_rescued > 0) call say(to_text(summary%n_rescued)// &
-         " needed more than the direct attempt (see 'rescue' in the results)")
+      if (summary%n_rescued > 0) call say(number_of(summary%n_rescued, "point")// &
+         " needed more than the first attempt at a solution (see 'rescue' in the results)")
       do i = 1, study%scene%tones%n_tones
          if (study%scene%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i))
       end do
@@ -322,6 +315,28 @@ contains
          number_of(summary%n_near_commensurate, "point")//" a low-order combination of the tones nearly vanishes"// &
          " (see 'combination')"//near_text(study, summary%first_near_commensurate))
    end subroutine write_summary
+
+   !> How the points ended that are not converged, and what to try.
+   subroutine write_others(study, path)
+      type(study_t), intent(in) :: study
+      character(*), intent(in) :: path                                !! of the result file
+      type(run_names_t) :: names
+      type(sweep_plan_t) :: plan
+      type(error_t), allocatable :: error
+      type(string_t), allocatable :: lines(:)
+      integer :: i
+
+      plan = study%plan
+      call note_curve_values(path, plan, error)
+      names%input = study%document%file_name
+      names%result = path
+      allocate (names%overrides(0))
+      if (len(study%input_overrides) > 0) call split(study%input_overrides, new_line("a"), names%overrides)
+      call status_lines(statuses_of(path), names, plan, study%document, lines)
+      do i = 1, size(lines)
+         call say(lines(i)%value)
+      end do
+   end subroutine write_others
 
    !> What is to be said of the tones of a point, where they are given.
    function near_text(study, point) result(text)

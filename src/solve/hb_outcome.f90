@@ -55,16 +55,16 @@ module hb_outcome
       "penetrating: solved, but too far inside a rigid wall", &
       "collapsed: an unknown tone died out, the motion has fewer tones", &
       "no motion: no self-excited motion was found", &
-      "crashed: its solution has ended the process, see the message", &
+      "crashed: the process ended while this point was solved", &
       "diverged: the steps run away from the size of the problem", &
       "locked: the tones are multiples of one, the motion has one tone", &
-      "timed out: the point has had its processor time", &
+      "timed out: the point has used its limit of processor time", &
       "impact: solved, but a wall is struck: a law of impact is missing", &
       "unused: room for a point of a curve that has ended before", &
-      "marched: no balance was found, the motion is from marching", &
+      "marched: the motion is from time integration, no balance found", &
       "subharmonic: the motion takes several periods, see the message", &
-      "broadband: marching finds no motion of the tones", &
-      "several: marching ends in several motions, see the message"]
+      "broadband: time integration finds no motion of these tones", &
+      "several: time integration ends in different motions, see message"]
 
 contains
 

@@ -4,6 +4,7 @@ module hb_progress
    use, intrinsic :: iso_fortran_env, only: error_unit
    use hb_clock, only: wall_clock
    use hb_kinds, only: wp
+   use hb_printable, only: printable
    use hb_system, only: is_terminal
    use hb_text, only: to_text
    implicit none
@@ -112,7 +113,7 @@ contains
       class(progress_t), intent(in) :: self
       character(*), intent(in) :: text
 
-      if (self%is_debug) write (error_unit, "(a)") text
+      if (self%is_debug) write (error_unit, "(a)") printable(text)
    end subroutine progress_tell_point
 
    !> Says the final state, and ends the line on a terminal.

@@ -14,7 +14,7 @@ module hb_results_record
    use hb_text, only: split, string_t, to_text
    implicit none
    private
-   public :: message_of, open_points, read_record, read_units, record_t
+   public :: message_of, messages_of, open_points, read_record, read_units, record_t, statuses_of
 
    type :: record_t
       character(:), allocatable :: title, program_version, git_commit, created_utc
@@ -51,18 +51,51 @@ contains
       character(*), intent(in) :: path                  !! of the result file
       integer, intent(in) :: point                      !! from 1
       character(:), allocatable :: message
+      type(string_t), allocatable :: messages(:)
+
+      call messages_of(path, [point], messages)
+      message = messages(1)%value
+   end function message_of
+
+   !> Reads the messages of points, likewise.
+   subroutine messages_of(path, points, messages)
+      character(*), intent(in) :: path                  !! of the result file
+      integer, intent(in) :: points(:)                  !! from 1
+      type(string_t), allocatable, intent(out) :: messages(:)
       type(error_t), allocatable :: error
       type(h5_dataset_t) :: dataset
       type(h5_file_t) :: file
+      integer :: i
 
-      message = ""
+      allocate (messages(size(points)))
+      do i = 1, size(points)
+         messages(i)%value = ""
+      end do
       call guard_file(path)
       call open_file(file, path, error)
       if (.not. allocated(error)) call file%open_dataset("message", dataset, error)
-      if (.not. allocated(error)) call dataset%read_text_row(point, message, error)
+      do i = 1, size(points)
+         if (allocated(error)) exit
+         call dataset%read_text_row(points(i), messages(i)%value, error)
+      end do
       call file%close(error)
       call lower_guard()
-   end function message_of
+   end subroutine messages_of
+
+   !> Reads how the points of a file ended; none where it does not tell.
+   function statuses_of(path) result(status)
+      character(*), intent(in) :: path                  !! of the result file
+      integer, allocatable :: status(:)
+      type(error_t), allocatable :: error
+      type(h5_file_t) :: file
+
+      call guard_file(path)
+      call open_file(file, path, error)
+      if (.not. allocated(error)) call file%get("status", status, error)
+      if (.not. allocated(status)) allocate (status(0))
+      call file%close(error)
+      call lower_guard()
+   end function statuses_of
 
    !> Reads the file; it may be that of a run which is still going on.
    subroutine read_record(self, path, error)

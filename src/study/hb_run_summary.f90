@@ -5,14 +5,15 @@ module hb_run_summary
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: comm_t, max_over, sum_over
-   use hb_outcome, only: is_solved, outcome_names
+   use hb_outcome, only: is_solved, outcome, outcome_names
    use hb_results_record, only: record_t
    use hb_text, only: to_text
    use hb_tones, only: max_tones
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: count_kept, count_point, found_frequency, number_solved, run_summary_t, stability_text, sum_up
+   public :: answers_text, count_kept, count_point, found_frequency, has_answer, number_answered, number_solved, run_summary_t
+   public :: stability_text, sum_up
 
    !> What a run came to, over all ranks.
    type :: run_summary_t
@@ -119,7 +120,36 @@ contains
       if (lowest /= highest) text = "tone "//to_text(tone)//" from "//trim(lowest)//" to "//trim(highest)//" rad/s"
    end function found_frequency
 
-   !> Points that have a motion.
+   !> Whether a point has its motion, as exit status 0 wants of all of them: from the balance, within its thresholds, or from time
+   !> integration where no balance was found.
+   elemental logical function has_answer(status)
+      integer, intent(in) :: status
+
+      has_answer = any(status == [outcome%converged, outcome%marched, outcome%several])
+   end function has_answer
+
+   !> Points that have their motion.
+   pure integer function number_answered(summary)
+      type(run_summary_t), intent(in) :: summary
+      integer :: status
+
+      number_answered = sum(summary%counts, mask=has_answer([(status, status=0, ubound(summary%counts, 1))]))
+   end function number_answered
+
+   !> How many points converged, and how many have their motion from time integration.
+   pure function answers_text(summary) result(text)
+      type(run_summary_t), intent(in) :: summary
+      character(:), allocatable :: text
+      integer :: n
+
+      associate (counts => summary%counts)
+         text = to_text(counts(outcome%converged))//" of "//to_text(summary%n_points - counts(outcome%unused))//" points converged"
+         n = number_answered(summary) - counts(outcome%converged)
+      end associate
+      if (n > 0) text = text//", "//to_text(n)//" found by time integration"
+   end function answers_text
+
+   !> Points that have a motion, good enough or not.
    pure integer function number_solved(summary)
       type(run_summary_t), intent(in) :: summary
       integer :: status

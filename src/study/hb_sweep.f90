@@ -26,7 +26,7 @@ module hb_sweep
    use hb_results_record, only: read_record, record_t
    use hb_resume, only: choose_units, resumed_file_t, resumed_input_t
    use hb_row_checks, only: count_pending
-   use hb_run_summary, only: count_kept, count_point, run_summary_t, sum_up
+   use hb_run_summary, only: count_kept, count_point, has_answer, run_summary_t, sum_up
    use hb_scene, only: scene_t
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
    use hb_signals, only: wait_for_points
@@ -320,7 +320,7 @@ contains
       end if
       do point = first, first + size(curve%stored) - 1
          summary%counts(curve%stored(point - first + 1)) = summary%counts(curve%stored(point - first + 1)) + 1
-         call run%progress%note(curve%stored(point - first + 1) /= outcome%converged, is_report_due)
+         call run%progress%note(.not. has_answer(curve%stored(point - first + 1)), is_report_due)
       end do
       do while (point <= last .and. .not. curve%is_done)
          if (run%ending%is_due()) exit
@@ -380,7 +380,7 @@ contains
          run%n_unused = run%n_unused + 1
          return
       end if
-      call run%progress%note(result%status /= outcome%converged, is_report_due)
+      call run%progress%note(.not. has_answer(result%status), is_report_due)
       if (is_report_due) call report(run%counter, group, run%progress, run%times)
    end subroutine keep_point
 

@@ -25,16 +25,16 @@ TEXTS = {
     "penetrating": "penetrating: solved, but too far inside a rigid wall",
     "collapsed": "collapsed: an unknown tone died out, the motion has fewer tones",
     "no_motion": "no motion: no self-excited motion was found",
-    "crashed": "crashed: its solution has ended the process, see the message",
+    "crashed": "crashed: the process ended while this point was solved",
     "diverged": "diverged: the steps run away from the size of the problem",
     "locked": "locked: the tones are multiples of one, the motion has one tone",
-    "timed_out": "timed out: the point has had its processor time",
+    "timed_out": "timed out: the point has used its limit of processor time",
     "impact": "impact: solved, but a wall is struck: a law of impact is missing",
     "unused": "unused: room for a point of a curve that has ended before",
-    "marched": "marched: no balance was found, the motion is from marching",
+    "marched": "marched: the motion is from time integration, no balance found",
     "subharmonic": "subharmonic: the motion takes several periods, see the message",
-    "broadband": "broadband: marching finds no motion of the tones",
-    "several": "several: marching ends in several motions, see the message",
+    "broadband": "broadband: time integration finds no motion of these tones",
+    "several": "several: time integration ends in different motions, see message",
 }
 NAMES = dict(enumerate(TEXTS))
 

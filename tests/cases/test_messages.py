@@ -1,0 +1,150 @@
+"""What the program says to somebody who is new to it: why points have no motion, what to try, and words that lead on."""
+
+import os
+import re
+import shlex
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from program import ALL_CONVERGED, BAD_INPUT, NOT_ALL_CONVERGED, coefficients_by_tuple, run, solve
+
+ROOT = Path(__file__).resolve().parents[2]
+MASS = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0, damping_mass = 0.1 /
+&tones frequency = 0.2 /
+&load dof = 'x1', tuple = 1, cos = 0.3 /
+"""
+STOP = MASS + "&law type = 'elastic_stop', label = 'stop', dof = 'x1', stiffness = 1.0e4, gap = 0.1 /\n"
+HARD_STOP = STOP.replace("1.0e4", "1.0e5").replace("0.1 /\n", "0.01 /\n")
+FEW_STEPS = """
+&harmonics order = 9 /
+&solver max_iterations = 2, rescue = .false. /
+&sweep parameter = 'tones%frequency', from = 3.0, to = 0.15, n = 20 /
+"""
+
+
+def write(folder, text, name="case.nml"):
+    (folder / name).write_text(text)
+    return name
+
+
+def commands(text):
+    """What is said to be tried, without the remark behind it."""
+    return [line.partition("try: nhbm ")[2].partition("  (")[0].partition(";")[0] for line in text.splitlines() if "try: nhbm " in line]
+
+
+def test_each_failure_is_told_once_with_a_command_that_works(tmp_path):
+    done = run("solve", write(tmp_path, STOP + FEW_STEPS), cwd=tmp_path)
+    assert done.status == NOT_ALL_CONVERGED
+    told = [line for line in done.stdout.splitlines() if line.startswith("  point ")]
+    assert 1 <= len(told) <= 3 and "'stop' is 10000 times stiffer" in told[0] and "others" in told[0], done.stdout
+    assert "13 out of budget: the limit was met before the tolerance (first: point 7)" in done.stdout
+    tried = commands(done.stdout)
+    assert any("solver%rescue=.true." in command for command in tried), done.stdout
+    for command in tried:
+        words = shlex.split(command)
+        assert run("check", *[w for w in words[1:] if not w.endswith(".h5") and w != "-o"], cwd=tmp_path).status == ALL_CONVERGED
+    assert commands(run("info", "case.h5", cwd=tmp_path).stdout) == tried
+
+
+def test_answers_of_time_integration_count_as_the_exit_status_says(tmp_path):
+    """A balance of order 3 is not found, and the motion is that of time integration."""
+    text = STOP.replace("0.2 /", "1.4 /").replace("1.0e4", "1.0e2") + "&harmonics order = 3 /\n"
+    name = write(tmp_path, text)
+    done = run("solve", name, cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stdout + done.stderr
+    assert "0 of 1 points converged, 1 found by time integration; results in case.h5" in done.stdout
+    assert "not converged" not in done.stdout + done.stderr
+    (verify,) = commands(done.stdout)
+    assert verify == "verify case.h5 --points 0"
+    assert "not converge" not in run("info", "case.h5", cwd=tmp_path).stdout
+
+
+@pytest.mark.long
+def test_motion_of_several_periods_leads_to_its_scene(tmp_path):
+    """Its command has the tuples of the load and the order in the new tone."""
+    text = HARD_STOP.replace("0.2 /", "1.24 /") + "&harmonics order = 5 /\n&solver max_iterations = 3 /\n"
+    done = run("solve", write(tmp_path, text), cwd=tmp_path)
+    assert done.status == NOT_ALL_CONVERGED and "1 not converged" in done.stderr, done.stdout + done.stderr
+    (command,) = commands(done.stdout)
+    words = shlex.split(command)
+    n = int(re.search(r"repeats after (\d+) periods", done.stdout)[1])
+    assert {f"tones%subharmonic={n}", f"load(1)%tuple={n}", f"harmonics%order={5 * n}"} <= set(words)
+    assert run(*words, cwd=tmp_path).status in (ALL_CONVERGED, NOT_ALL_CONVERGED)
+    with h5py.File(tmp_path / "case_2.h5") as file:
+        assert np.isfinite(file["coefficients"][()]).all()
+
+
+def test_info_counts_points_not_room(tmp_path):
+    text = MASS + "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n&harmonics order = 3 /\n"
+    solve(text + "&curve parameter = 'tones%frequency', from = 0.15, to = 0.5 /\n", tmp_path)
+    with h5py.File(tmp_path / "case.h5") as file:
+        n, room = int((file["status"][()] == 1).sum()), file["status"].size
+    assert 0 < n < room
+    said = run("info", "case.h5", cwd=tmp_path).stdout
+    assert re.search(rf"^points     {n}$", said, re.MULTILINE) and "unused" not in said, said
+
+
+def test_check_prints_natural_frequencies(tmp_path):
+    row = "&structure type = 'chain', n_masses = 12, ends = 'fixed', mass = 1.0, coupling_stiffness = 1.0 /\n"
+    said = run("check", write(tmp_path, row + MASS.partition("\n&tones")[1] + MASS.partition("\n&tones")[2]), cwd=tmp_path).stdout
+    numbers = re.search(r"^natural +(.*) rad/s +\(the 10 lowest\)\nfrequencies (.*) Hz$", said, re.MULTILINE)
+    assert numbers, said
+    exact = 2.0 * np.sin(np.arange(1, 11) * np.pi / 26)
+    for text, values in zip(numbers.groups(), (exact, exact / (2 * np.pi))):
+        assert [float(word) for word in text.split(",")] == pytest.approx(values, rel=1e-5)
+
+
+@pytest.mark.parametrize("is_by_tolerance", [False, True], ids=["given", "tolerance"])
+def test_readme_reads_files(is_by_tolerance, tmp_path):
+    """The code that README gives, on a file of the kind it speaks of and on one of an input that asks for nothing."""
+    pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    beam = """
+&structure type = 'beam', length = 1.0, bending_stiffness = 1750.0, mass_per_length = 7.8, n_elements = 4, damping_diagonal = 1.0 /
+&tones frequency = 100.0, 61.8 /
+&load dof = 'v3', tuple = 1, 0, cos = 5.0 /
+&load dof = 'v3', tuple = 0, 1, cos = 5.0 /
+&law type = 'cubic_spring', dof = 'v3', stiffness = 1.0e10 /
+&sweep parameter = 'load(1)%cos', values = 0.5, 5.0 /
+"""
+    result = solve(beam + ("" if is_by_tolerance else "&harmonics order = 3 /\n"), tmp_path, name="wall")
+    code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL).group(1)
+    found, here = {}, os.getcwd()
+    os.chdir(tmp_path)
+    try:
+        exec(code, found)
+    finally:
+        os.chdir(here)
+    assert ("tuples" in found["run"]) == is_by_tolerance
+    cosine = found["c"].sel(component="cos").values
+    assert cosine.shape == (2,) and abs(cosine[0]) < abs(cosine[1])
+    if not is_by_tolerance:
+        exact = [coefficients_by_tuple(result, point=i, dof=list(found["run"]["dof"].values).index("v3"))[1, 0][0] for i in (0, 1)]
+        assert cosine.tolist() == exact
+    found["run"].close()
+
+
+CONTROLS = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202e"
+
+
+@pytest.mark.parametrize("verb", ["solve", "info", *(pytest.param(verb, marks=pytest.mark.long) for verb in ("check", "verify", "bench", "plan"))])
+def test_control_characters_do_not_reach_the_terminal(verb, tmp_path):
+    """In a title, in labels, in the name of the file and in options."""
+    name = "ca\x1b[31mse.nml"
+    text = STOP.replace("'stop'", f"'st{CONTROLS}op'") + f"&output title = 'a{CONTROLS}b' /\n&harmonics order = 3 /\n"
+    (tmp_path / name).write_text(text)
+    assert run("solve", name, "-o", "r.h5", cwd=tmp_path).status in (ALL_CONVERGED, NOT_ALL_CONVERGED, BAD_INPUT)
+    if not (tmp_path / "r.h5").exists():  # refused in a title or a label: tried without
+        (tmp_path / name).write_text(STOP + "&harmonics order = 3 /\n")
+        run("solve", name, "-o", "r.h5", cwd=tmp_path)
+    for words in ([verb, name], [verb, "r.h5"], [verb, name, "--set", f"law(1)%label='x{CONTROLS}'"], [verb, f"no{CONTROLS}.nml"],
+                  [f"{verb}{CONTROLS}"], [verb, name, f"--opt{CONTROLS}"], [verb, name, "--log-level", "debug"]):  # fmt: skip
+        done = run(*words, cwd=tmp_path)
+        said = done.stdout + done.stderr
+        bad = [c for c in said if c != "\n" and (ord(c) < 32 or 126 < ord(c) < 160 or c == "\u202e")]
+        assert not bad, (words, said)
+        assert "\ufffd" not in said, (words, said)
