@@ -132,8 +132,7 @@ contains
          if (allocated(error)) return
          status = max(status, its_status)
          if (status /= incomplete) cycle
-         if (rank_of(comm) == 0) write (error_unit, "(a)") &
-            "nhbm: nhbm resume "//path//" also follows the other motions that leave its curves"
+         if (rank_of(comm) == 0) call complain("nhbm resume "//path//" also follows the other motions that leave its curves")
          return
       end do
 
