@@ -1,6 +1,8 @@
 """The command line: what it prints, the files it names, and one line with status 2 for mistakes."""
 
+import errno
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -275,3 +277,29 @@ def test_what_goes_wrong_in_the_guarded_process_is_told(capfd):
     assert "ZeroDivisionError" in capfd.readouterr().err
     assert guarded(lambda: os.kill(os.getpid(), signal.SIGSEGV), "program") == 2
     assert capfd.readouterr().err.endswith("program: ended by SIGSEGV\n")
+
+
+def test_a_picture_that_cannot_be_written_leaves_the_old_one(sweep, tmp_path, monkeypatch, capsys):
+    path = tmp_path / "old.png"
+    path.write_bytes(b"old")
+
+    def fails(descriptor):
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(os, "fsync", fails)
+    assert main(["response", str(sweep), "-o", str(path)]) == 2
+    assert "Input/output error" in capsys.readouterr().err
+    assert path.read_bytes() == b"old" and sorted(os.listdir(tmp_path)) == ["old.png", "sweep.h5"]
+
+
+def test_titles_and_names_do_not_command_the_terminal(sweep, tmp_path):
+    path = tmp_path / "a\x1b[2Jb.h5"
+    shutil.copy(sweep, path)
+    with h5py.File(path, "a") as file:
+        file.attrs["title"] = "x\x1b]0;owned\x07\x9b31m\u202e\ny"
+    for words in (["info", str(path)], ["info", str(path), "--dof", "\x1b[31m"], ["peaks", str(path)], ["\x1b[2J"],
+                  ["info", os.fsdecode(b"no\x9b.h5")]):  # fmt: skip
+        done = subprocess.run([sys.executable, "-m", "nhbm_post", *words], capture_output=True, env={"PYTHONPATH": ":".join(sys.path)})
+        said = (done.stdout + done.stderr).decode()
+        assert not [c for c in said if c != "\n" and not c.isprintable()], (words, said)
+        assert "Traceback" not in said, said

@@ -9,6 +9,7 @@ from nhbm_post import ReaderError, Results
 from nhbm_post.cli import main
 from nhbm_post.draw import draw_response
 from nhbm_post.measure import Measure
+from nhbm_post.report import info
 
 KINDS = "none regular start fold peak value end branch flip torus split graze"
 START, REGULAR, FOLD, PEAK, END = 2, 1, 3, 4, 6
@@ -59,6 +60,12 @@ def test_a_curve_is_drawn_along_its_arc(tmp_path):
     assert [x for fold in lines(fig, "fold") for x in fold.get_xdata()] == [3.0, 2.0]
     assert [x for peak in lines(fig, "peak") for x in peak.get_xdata()] == [2.5]
     assert "2 folds" in legend_of(fig) and "1 peak" in legend_of(fig) and "unstable" not in legend_of(fig)
+
+
+def test_info_has_rows_of_points_not_of_room(tmp_path):
+    with Results(curve_file(tmp_path / "c.h5", stability=None)) as results:
+        assert results.n_points > 7
+        assert "more points" not in info(results) and info(results, max_points=5).endswith("... 2 more points; --points 7 shows all")
 
 
 def test_a_curve_followed_both_ways_is_one_line(tmp_path):

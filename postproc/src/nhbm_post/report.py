@@ -21,7 +21,7 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
     counts = ", ".join(f"{n} {name}" for name, n in results.status_counts(results.used).items())
     facts = [
         ("file", str(results.path)),
-        ("title", results.title or "-"),
+        ("title", " ".join(results.title.split("\n")) or "-"),
         ("written by", f"nhbm {results.program_version}, commit {results.git_commit}, {results.created_utc}"),
         ("run on", f"{results.n_ranks} MPI rank{'s' if results.n_ranks != 1 else ''}"),
         ("tones", str(results.n_tones)),
@@ -35,11 +35,12 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
         ("complete", _completeness(results)),
     ]
     lines = [f"{name:<11}{value}" for name, value in facts]
-    shown = min(max_points, results.n_points)
+    n = results.used.size
+    shown = min(max_points, n)
     if shown > 0:
-        lines += ["", *_table(_point_rows(results, dof, shown))]
-    if shown < results.n_points:
-        lines.append(f"... {results.n_points - shown} more points; --points {results.n_points} shows all")
+        lines += ["", *_table(_point_rows(results, dof, results.used[:shown]))]
+    if shown < n:
+        lines.append(f"... {n - shown} more points; --points {n} shows all")
     return "\n".join(lines)
 
 
@@ -103,7 +104,7 @@ def peaks(files: list[tuple[str, Results]], measure, dof: str | None = None) -> 
     return "\n".join(_table(rows))
 
 
-def _point_rows(results: Results, dof: str, shown: int) -> list[list[str]]:
+def _point_rows(results: Results, dof: str, points) -> list[list[str]]:
     parameters = list(results.parameters.values())
     units = results.units("motion", dof)
     unknown = results.unknown_tones()
@@ -111,7 +112,7 @@ def _point_rows(results: Results, dof: str, shown: int) -> list[list[str]]:
     heading += [f"tone {m + 1} [rad/s]" for m in unknown]
     rows = [[*heading, f"largest amplitudes of {dof}" + (f" [{units}]" if units not in ("", "1") else "")]]
     columns = [results.per_point(name) for name in ("iterations", "residual", "solve_seconds")]
-    for point in range(shown):
+    for point in points:
         row = [str(point), *(number_text(p.values[point]) for p in parameters), results.status_name(point)]
         if results.status[point] in (PENDING, CRASHED):
             row += ["-", "-", "-", *("-" for _ in unknown)]

@@ -11,6 +11,7 @@ import numpy as np
 
 from .complete_input import groups
 from .errors import ReaderError, UsageError
+from .guard import written
 from .reader import Results, open_file
 from .series import Series
 
@@ -226,7 +227,8 @@ def write_harmonics(
 
 def _write(mesh, path: Path) -> None:
     try:
-        mesh.write(path)
+        with written(path) as name:
+            mesh.write(name)
     except OSError as error:
         raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None
 
@@ -252,4 +254,8 @@ def write_motion(
         _write(structure.mesh(**fields, **more[i]), file)
         rows.append(f'<DataSet timestep="{t:.12g}" file="{folder.name}/{file.name}"/>')
     body = "\n".join(rows)
-    path.write_text(f'<VTKFile type="Collection" version="0.1">\n<Collection>\n{body}\n</Collection>\n</VTKFile>\n')
+    try:
+        with written(path) as name:
+            Path(name).write_text(f'<VTKFile type="Collection" version="0.1">\n<Collection>\n{body}\n</Collection>\n</VTKFile>\n')
+    except OSError as error:
+        raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None

@@ -37,6 +37,13 @@ def main(arguments=None) -> int:
     except OSError as error:
         print(f"nhbm-model: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
         return WRONG
+    except MemoryError:
+        print(f"nhbm-model {options.verb}: there is not enough memory", file=sys.stderr)
+        return WRONG
+    except Exception as error:  # of a damaged input SciPy, h5py and meshio raise whatever they meet
+        why = " ".join(f"{type(error).__name__}: {error}".split())
+        print(f"nhbm-model {options.verb}: this cannot be done with the files and options given ({why})", file=sys.stderr)
+        return WRONG
 
 
 def parser() -> argparse.ArgumentParser:
@@ -151,6 +158,8 @@ def _check_output(options) -> None:
     path = Path(options.output)
     if path.is_dir():
         raise ModelError(f"'{path}' is a folder")
+    if path.exists() and not path.is_file():
+        raise ModelError(f"'{path}' is no regular file")
     if path.exists() and not options.overwrite:
         raise ModelError(f"file '{path}' exists; --overwrite replaces it")
     if not path.parent.is_dir():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import bz2
 import contextlib
+import gzip
 import io
 import zipfile
 import zlib
@@ -34,11 +36,14 @@ def read_matrix(path) -> sp.csr_matrix:
     """One matrix, its format by the end of the file's name."""
     path = _existing(path)
     try:
+        if path.suffix != ".npz" and not _has_sizes(path):
+            raise ValueError("it ends before the line with the sizes")
         matrix = sp.load_npz(path) if path.suffix == ".npz" else scipy.io.mmread(path)
         if sp.issparse(matrix) and matrix.format in ("csr", "csc", "bsr"):
             matrix.check_format()  # indices, which SciPy does not look at when it loads them
         matrix = sp.csr_matrix(matrix)
-    except (ValueError, TypeError, OSError, KeyError, IndexError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
+    except (ValueError, TypeError, OSError, KeyError, IndexError, MemoryError, EOFError, NotImplementedError, zipfile.BadZipFile,
+            zlib.error) as error:  # fmt: skip
         raise ModelError(f"file '{path}' holds no sparse matrix: {error}") from None
     if matrix.dtype.kind not in "fiub":
         kind = "complex" if matrix.dtype.kind == "c" else f"of type {matrix.dtype}"
@@ -50,6 +55,13 @@ def read_matrix(path) -> sp.csr_matrix:
         e = int(np.argmin(np.isfinite(at.data)))
         raise ModelError(f"file '{path}': the entry in row {at.row[e] + 1}, column {at.col[e] + 1} is not a finite number")
     return matrix
+
+
+def _has_sizes(path) -> bool:
+    """Whether there is a line behind the head and the comments of a Matrix Market file; SciPy looks for one for ever."""
+    opener = {".gz": gzip.open, ".bz2": bz2.open}.get(path.suffix, open)  # as mmread takes them
+    with opener(path, "rb") as file:
+        return any(line.strip() and not line.lstrip().startswith(b"%") for line in file)
 
 
 def read_labels(path) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from nhbm.errors import ModelError
+from nhbm.guard import written
 
 FORMAT = "nhbm model"
 SCHEMA_VERSION = 1
@@ -139,9 +140,18 @@ class Model:
         return [dof for node in self.sets[stem] for dof in of_node[int(node)]]
 
     def write(self, path) -> None:
-        """Writes the model file."""
+        """Writes the model file: a new one beside it, which takes its name when it is complete and on the disk."""
+        image = self._image()
+        try:
+            with written(path) as name, open(name, "wb") as file:
+                file.write(image)
+        except OSError as error:
+            raise ModelError(f"file '{path}' cannot be written: {error.strerror or error}") from None
+
+    def _image(self) -> bytes:
+        """The bytes of the file. HDF5 makes them in memory: where a write of its own fails, it cannot be told to let go."""
         texts = h5py.string_dtype()
-        with h5py.File(path, "w") as file:
+        with h5py.File("model", "w", driver="core", backing_store=False) as file:
             file.attrs["format"] = FORMAT
             file.attrs["schema_version"] = np.int32(SCHEMA_VERSION)
             file.attrs["unit_system"] = self.unit_system
@@ -166,6 +176,8 @@ class Model:
                 file["recovery/matrix"] = self.recovery.matrix
                 file["recovery/node"] = np.asarray(self.recovery.node, dtype=np.int64)
                 file.create_dataset("recovery/direction", data=self.recovery.direction, dtype=texts)
+            file.flush()
+            return file.id.get_file_image()
 
     @classmethod
     def read(cls, path) -> Model:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..errors import UsageError
+from ..guard import written
 
 # Okabe and Ito, "Color universal design" (2008), in an order that also differs in grey.
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000"]
@@ -207,8 +208,8 @@ def save(fig: Figure, path, dpi: int = 200) -> Path:
     # No date inside: the same data give the same file.
     metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
     try:
-        with look():
-            fig.savefig(path, dpi=dpi, metadata=metadata, facecolor="white")
+        with look(), written(path) as name:
+            fig.savefig(name, dpi=dpi, metadata=metadata, facecolor="white")
     except OSError as error:
         raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None
     return path
