@@ -54,15 +54,15 @@ def test_device_is_never_replaced(folder):
 
 @pytest.mark.parametrize("mask", [0o077, 0o002])
 def test_files_have_the_mode_that_the_umask_leaves(mask, folder):
-    """Also the record of a march and the table of a plan, and no file but the one asked for is left."""
+    """Also the record of a march, and no file but the one asked for is left."""
     before = os.umask(mask)
     try:
-        for verb, name in (("solve", "r.h5"), ("march", "m.h5"), ("plan", "p.csv")):
+        for verb, name in (("solve", "r.h5"), ("march", "m.h5")):
             assert run(verb, "point.nml", "-o", name, cwd=folder).status == ALL_CONVERGED
     finally:
         os.umask(before)
     made = {path.name: path.stat().st_mode & 0o777 for path in folder.iterdir() if path.suffix != ".nml"}
-    assert made == dict.fromkeys(("r.h5", "m.h5", "p.csv"), 0o666 & ~mask)
+    assert made == dict.fromkeys(("r.h5", "m.h5"), 0o666 & ~mask)
 
 
 @pytest.mark.parametrize("options", [[], ["--overwrite"]])
