@@ -78,7 +78,7 @@ def test_a_sweep_down_over_an_odd_law(library, tmp_path):
     assert len(off) == 40 and max(off) < 1
 
 
-@pytest.mark.parametrize(("kind", "number"), [])
+@pytest.mark.parametrize(("kind", "number"), [("load", 0), ("ranks", 2), ("mode_amplitude", 3), ("mode_energy", 6), ("limit_cycle", 2)])
 def test_a_scene_of_each_kind(library, tmp_path, kind, number):
     case = hold(library, tmp_path, 1, number, random_workflow(1, number, (kind,)), 0)
     off = [point.off for point in case.points if np.isfinite(point.off)]

@@ -368,7 +368,8 @@ def autonomous(system: System, q, omega: float, mode: Mode | None = None, dampin
         dynamic = (scene.stiffness - at**2 * scene.mass + 1j * at * (scene.damping + xi * scene.mass)) / scale
         force, tangent = system.forces(system.shapes @ q, w * k, with_tangent)
         r = np.einsum("kab,bk->ak", dynamic, q) + system.shapes.T @ force / scale
-        conditions = mode.conditions(system, q, w) if mode else [anchor @ (q.ravel() - first) / size]
+        shift = anchor @ (q.ravel() - first) / size
+        conditions = mode.conditions(system, q, w, shift) if mode else [shift]
         r = np.concatenate([r.ravel(), conditions])
         if not with_tangent:
             return r
@@ -378,7 +379,7 @@ def autonomous(system: System, q, omega: float, mode: Mode | None = None, dampin
                 matrix[a, np.arange(len(k)), b, np.arange(len(k))] += dynamic[:, a, b]
         full = np.zeros((len(r), len(r)), dtype=complex)
         full[:n, :n] = matrix.reshape(n, n)
-        full[n:, :n] = mode.rows(system, q, w) if mode else anchor / size
+        full[n:, :n] = mode.rows(system, q, w, anchor / size) if mode else anchor / size
         h = 1e-6 * omega
         full[:, n] = (all_of(q, w + h, xi, False) - all_of(q, w - h, xi, False)) / (2 * h)
         if mode:
@@ -413,20 +414,20 @@ class Mode:
     amplitude: float = 0.0
     energy: float = 0.0
 
-    def conditions(self, system: System, q, omega) -> list:
-        size = max(system.box.norm(q), 1e-300)
-        rate = (1j * system.box.tuples[:, 0] * q[self.dof]).sum()
+    def conditions(self, system: System, q, omega, shift) -> list:
+        """`shift` of the phase against where the motion began; a peak says itself where it is."""
         if not self.energy:
-            return [rate, q[self.dof].sum() - self.amplitude]
-        return [rate, (self._energy(system, q, omega) / self.energy - 1) * size]
+            return [(1j * system.box.tuples[:, 0] * q[self.dof]).sum(), q[self.dof].sum() - self.amplitude]
+        return [shift, (self._energy(system, q, omega) / self.energy - 1) * max(system.box.norm(q), 1e-300)]
 
-    def rows(self, system: System, q, omega) -> np.ndarray:
+    def rows(self, system: System, q, omega, anchor) -> np.ndarray:
         k = system.box.tuples[:, 0]
         rows = np.zeros((2, *q.shape), dtype=complex)
-        rows[0, self.dof] = 1j * k
         if not self.energy:
+            rows[0, self.dof] = 1j * k
             rows[1, self.dof] = 1.0
         else:
+            rows[0] = anchor.reshape(q.shape)
             force, _ = system.forces(system.shapes @ q, omega * k, False)
             stored = system.scene.stiffness @ q + (omega * k) ** 2 * (system.scene.mass @ q) + system.shapes.T @ force
             rows[1] = stored.conj() * max(system.box.norm(q), 1e-300) / self.energy

@@ -216,7 +216,7 @@ def _mode(draw, kind: str) -> Workflow:
         parameters = parameters[0], float(np.clip(parameters[1], -parameters[0], parameters[0])), 0.0
     scene.laws.append(Law(KINDS.index(name), shape, tuple(float(p) for p in parameters)))
     measure = kind.removeprefix("mode_")
-    low, high = draw.uniform(0.05, 0.5), draw.uniform(1.5, 4.0)
+    low, high = 10 ** draw.uniform(-2.0, -0.3), draw.uniform(1.5, 4.0)
     if measure == "energy":
         low, high = static * low**2 / 2, static * high**2 / 2
     ends = (low, high) if draw.random() < 0.7 else (high, low)
@@ -245,6 +245,6 @@ def _limit_cycle(draw) -> Workflow:
     elif choice < 0.5:
         sides = TWO_SIDED * (draw.random() < 0.5)
         scene.laws.append(Law(1, shape, (float(static * 10 ** draw.uniform(-0.5, 1.0)), float(draw.uniform(0.3, 1.5)), sides)))
-    low, high = unit * 10 ** draw.uniform(-1.0, -0.3), unit * 10 ** draw.uniform(0.0, 0.7)
+    low, high = unit * 10 ** draw.uniform(-3.0, -0.3), unit * 10 ** draw.uniform(0.0, 0.7)
     ends = (low, high) if draw.random() < 0.7 else (high, low)
     return Workflow("limit_cycle", scene, (Axis("law(1)%strength", float(ends[0]), float(ends[1]), ONE_LINE, True),))
