@@ -78,17 +78,15 @@ def test_a_sweep_down_over_an_odd_law(library, tmp_path):
     assert len(off) == 40 and max(off) < 1
 
 
-@pytest.mark.parametrize(("kind", "number"), [("load", 0), ("ranks", 2), ("mode_amplitude", 3), ("mode_energy", 6), ("limit_cycle", 2)])
+LONG = [pytest.param(kind, number, marks=pytest.mark.long) for kind, number in (("load", 0), ("ranks", 2), ("mode_energy", 6))]
+
+
+@pytest.mark.parametrize(("kind", "number"), [("mode_amplitude", 3), ("limit_cycle", 2), *LONG])
 def test_a_scene_of_each_kind(library, tmp_path, kind, number):
     case = hold(library, tmp_path, 1, number, random_workflow(1, number, (kind,)), 0)
     off = [point.off for point in case.points if np.isfinite(point.off)]
     assert len(off) > 5 and max(off) < 1
 
 
-def test_what_it_is_told_to_do_and_its_exit_status(tmp_path):
-    """`--titles` solves nothing; an unknown workflow is a wrong argument."""
-    done = subprocess.run(
-        [sys.executable, TESTS / "workflows", "--seed", "3", "--count", "2", "--titles"], capture_output=True, text=True, cwd=tmp_path
-    )
-    assert done.returncode == 0 and len(done.stdout.splitlines()) == 2
+def test_an_unknown_workflow_is_a_wrong_argument():
     assert subprocess.run([sys.executable, TESTS / "workflows", "--kinds", "frequncy"], capture_output=True).returncode == 2

@@ -20,7 +20,7 @@ from workflow_parts.reference import Answer, Box, Mode, System, autonomous, forc
 from workflow_parts.scenes import Workflow
 
 TOLERANCE = 1e-2  # the default of `&accuracy`
-TIME_LIMIT = 30.0  # processor seconds of a run
+TIME_LIMIT = 12.0  # processor seconds of a run
 ORDERS = {1: (45, 90, 180), 2: (9, 13, 18)}  # of the reference, one after the other until it has nothing to speak of beyond
 CLIMB = 1.2  # ratio of orders on the way to a reference that is not reached at once
 SAMPLES = {1: 16, 2: 8}  # of the reference, times the order of each tone
