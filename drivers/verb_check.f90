@@ -21,7 +21,7 @@ module verb_check
    use hb_scene_warnings, only: commensurate_text, has_no_load
    use hb_structure, only: structure_t
    use hb_study, only: study_t
-   use hb_text, only: to_text
+   use hb_text, only: number_of, to_text
    use verb_solve, only: load_study
    implicit none
    private
@@ -116,7 +116,12 @@ contains
 
       associate (scene => study%scene)
          coordinates = coordinates_of(scene)
-         call say("points      "//to_text(study%plan%n_points))
+         if (allocated(study%plan%curve)) then
+            call say("points      "//number_of(study%plan%n_points/study%plan%n_fastest(), "curve")//" of up to "// &
+               to_text(study%plan%n_fastest()))
+         else
+            call say("points      "//to_text(study%plan%n_points))
+         end if
          do i = 1, size(study%plan%parameters)
             call say("swept       "//study%plan%parameters(i)%describe())
          end do
@@ -255,10 +260,10 @@ contains
 
       bytes = estimate_memory(sizes_of(scene))
       text = amount(bytes%usual())
-      if (bytes%worst() > bytes%usual()) text = text//", "//amount(bytes%worst())//" if it needs a rescue"
-      if (scene%memory_limit < huge(1.0_wp)) text = text//"; "//amount(scene%memory_limit)//" are there"
+      if (bytes%worst() > bytes%usual()) text = text//", "//amount(bytes%worst())//" if the first attempt at a solution fails"
+      if (scene%memory_limit < huge(1.0_wp)) text = text//" for each process; "//amount(scene%memory_limit)//" are free"
       call say("memory      "//text)
-      call say("            "//memory_text(bytes))
+      call say("            most for: "//memory_text(bytes))
    end subroutine describe_memory
    !> Frequency of a tone, or that it is unknown.
    function tone_text(scene, i) result(text)

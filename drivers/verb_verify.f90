@@ -4,11 +4,11 @@ module verb_verify
    use console, only: say
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_march_verdict, only: verdict, verdict_text
-   use hb_mpi, only: comm_t, max_over
-   use hb_outcome, only: outcome_name
-   use hb_text, only: to_text
+   use hb_march_verdict, only: verdict, verdict_names, verdict_text
+   use hb_mpi, only: comm_t, max_over, rank_of, sum_over
+   use hb_outcome, only: outcome_text
    use hb_progress, only: log_level
+   use hb_text, only: number_of, to_text
    use hb_verify, only: verdict_t, verify_points
    implicit none
    private
@@ -24,8 +24,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(verdict_t), allocatable :: verdicts(:)
       integer, allocatable :: points(:)
-      character(400) :: line, drift
-      integer :: i, n_wrong
+      character(:), allocatable :: text
+      integer :: counts(verdict%agrees:verdict%undecided), i, n_wrong
 
       all_right = .false.
       allocate (points(0))
@@ -37,18 +37,38 @@ contains
       all_right = max_over(comm, n_wrong) == 0
       if (options%level < log_level%normal) return
       do i = 1, size(verdicts)
-         if (verdicts(i)%skipped_status > 0) call say(&
-            "point "//to_text(i - 1)//": skipped, its status is "//outcome_name(verdicts(i)%skipped_status))
-         if (verdicts(i)%kind == verdict%not_done) cycle
-         write (line, "(a, es8.1, a, es8.1, a, es8.1, a, es9.1, a)") &
-            "point "//to_text(i - 1)//": difference", verdicts(i)%first_difference, " in the first period,", &
-            verdicts(i)%difference, " at the end (limit", verdicts(i)%limit, ", "//verdicts(i)%coordinate//"), growth", &
-            verdicts(i)%growth, " 1/s, after "//to_text(verdicts(i)%n_periods)//" periods;"
-         drift = ""
-         if (any(abs(verdicts(i)%drift) > 0.0_wp)) write (drift, "(a, *(es10.2))") " drift of the frequency", &
-            pack(verdicts(i)%drift, abs(verdicts(i)%drift) > 0.0_wp)
-         if (drift /= "") drift = trim(drift)//" rad/s;"
-         call say(trim(line)//trim(drift)//" "//verdict_text(verdicts(i)%kind))
+         if (verdicts(i)%skipped_status > 0) call say("point "//to_text(i - 1)//": skipped, it has no motion to start from: "// &
+            outcome_text(verdicts(i)%skipped_status))
+         if (verdicts(i)%kind /= verdict%not_done) call say("point "//to_text(i - 1)//": "//words_on(verdicts(i)))
       end do
+      do i = verdict%agrees, verdict%undecided
+         counts(i) = sum_over(comm, count(verdicts%kind == i))
+      end do
+      if (rank_of(comm) > 0) return
+      text = ""
+      do i = verdict%agrees, verdict%undecided
+         if (counts(i) == 0) cycle
+         if (len(text) > 0) text = text//", "
+         text = text//to_text(counts(i))//" "//trim(verdict_names(i))
+      end do
+      if (len(text) > 0) text = ": "//text
+      call say(number_of(sum(counts), "point")//" verified"//text)
    end subroutine run_verify
+
+   !> Verdict on a point, and the numbers that it rests on.
+   function words_on(found) result(text)
+      type(verdict_t), intent(in) :: found
+      character(:), allocatable :: text
+      character(400) :: line
+
+      write (line, "(3(a, es7.1), a)") "; difference ", found%first_difference, " of the motion in the first period, ", &
+         found%difference, " in the last ones (limit ", found%limit, ", at "//found%coordinate//"), disturbances"
+      text = verdict_text(found%kind)//trim(line)
+      write (line, "(a, es7.1, a)") trim(merge(" grow at ", " decay at", found%growth > 0.0_wp))//" ", abs(found%growth), &
+         " 1/s; "//number_of(found%n_periods, "period")
+      text = text//trim(line)
+      if (.not. any(abs(found%drift) > 0.0_wp)) return
+      write (line, "(*(es10.2))") pack(found%drift, abs(found%drift) > 0.0_wp)
+      text = text//"; its frequency is off by"//trim(line)//" rad/s"
+   end function words_on
 end module verb_verify

@@ -41,11 +41,11 @@ contains
       character(:), allocatable :: text
 
       select case (kind)
-      case (verdict%agrees); text = "agrees"
-      case (verdict%unstable); text = "unstable: what is close to the motion leaves it"
-      case (verdict%differs); text = "differs by more than the certificate lets expect"
-      case (verdict%undecided); text = "undecided: neither decay nor growth showed in this time; try more --periods"
-      case default; text = "not marched"
+      case (verdict%agrees); text = "agrees with time integration"
+      case (verdict%unstable); text = "unstable: time integration leaves the motion"
+      case (verdict%differs); text = "differs from time integration by more than the estimated error allows"
+      case (verdict%undecided); text = "undecided: disturbances neither decayed nor grew in this time; try more --periods"
+      case default; text = "not verified"
       end select
    end function verdict_text
 

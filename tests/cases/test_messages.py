@@ -80,6 +80,17 @@ def test_motion_of_several_periods_leads_to_its_scene(tmp_path):
         assert np.isfinite(file["coefficients"][()]).all()
 
 
+def test_verify_says_what_came_of_it(tmp_path):
+    text = MASS + "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n&harmonics order = 5 /\n"
+    solve(text, tmp_path)
+    said = run("verify", "case.h5", cwd=tmp_path).stdout.splitlines()
+    assert re.fullmatch(r"point 0: agrees with time integration; difference .* disturbances decay at .* 1/s; \d+ periods", said[0]), said
+    assert said[-1] == "1 point verified: 1 agrees"
+    solve(text.replace("&load", "!").replace("0.2 /", "0.2, unknown = .true. /"), tmp_path, status=None)
+    said = run("verify", "case.h5", cwd=tmp_path).stdout.splitlines()
+    assert "it has no motion to start from: no motion: no self-excited" in said[0] and said[-1] == "0 points verified"
+
+
 def test_info_counts_points_not_room(tmp_path):
     text = MASS + "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n&harmonics order = 3 /\n"
     solve(text + "&curve parameter = 'tones%frequency', from = 0.15, to = 0.5 /\n", tmp_path)
