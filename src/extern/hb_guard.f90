@@ -3,6 +3,7 @@
 module hb_guard
    use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int, c_null_char, c_size_t
    use hb_kinds, only: int64, wp
+   use hb_printable, only: printable
    implicit none
    private
    public :: guard_file, lower_guard, name_guarded, raise_guard
@@ -37,12 +38,14 @@ contains
    subroutine raise_guard(text, seconds)
       character(*), intent(in) :: text                                !! what the user should know; `nhbm: ` comes before it
       real(wp), intent(in), optional :: seconds                       !! of processor time after which the same happens; else never
+      character(:), allocatable :: words
       integer(c_int) :: ignored
       real(c_double) :: limit
 
       limit = 0.0_c_double
       if (present(seconds)) limit = seconds
-      ignored = hb_raise_guard("nhbm: "//text(:min(len(text), longest))//c_null_char, bad_input, limit)
+      words = printable(text(:min(len(text), longest)))
+      ignored = hb_raise_guard("nhbm: "//words(:min(len(words), longest))//c_null_char, bad_input, limit)
    end subroutine raise_guard
 
    !> Raises a guard for an HDF5 file that this process reads by itself, with a limit of time by its size.
@@ -59,7 +62,10 @@ contains
    subroutine name_guarded(entry)
       character(*), intent(in) :: entry
 
-      call hb_guard_entry(entry, len(entry, c_size_t))
+      character(:), allocatable :: words
+
+      words = printable(entry)
+      call hb_guard_entry(words, len(words, c_size_t))
    end subroutine name_guarded
 
    !> Ends what `raise_guard` began.
