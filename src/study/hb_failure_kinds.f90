@@ -174,12 +174,17 @@ contains
       case (outcome%impact)
          text = march_from_rest("march%restitution=0.5")
          if (len(text) > 0) text = text//"  (with the restitution of the wall)"
-      case (outcome%no_motion)
-         text = "nhbm check "//shell_word(names%input)//"  (prints natural frequencies: a first guess for &tones)"
       case (outcome%subharmonic)
          text = with_lower_tones()
       case (outcome%collapsed, outcome%locked, outcome%broadband)
          text = march_from_rest()
+      case (outcome%failed)
+         if (index(kind%message, " returned ") == 0 .and. index(kind%message, names%input//":") == 0) text = march_from_rest()
+      end select
+      if (len(text) > 0) return
+      select case (kind%status)
+      case (outcome%no_motion, outcome%collapsed)
+         text = "nhbm check "//shell_word(names%input)//"  (prints natural frequencies: a first guess for &tones)"
       case (outcome%failed, outcome%crashed)
          text = "nhbm check "//shell_word(names%input)//"; when the cause is gone: nhbm resume "// &
                 shell_word(names%result)//" --retry"
