@@ -18,6 +18,7 @@ module hb_failure_kinds
 
    integer, parameter :: most_read = 200                              ! messages of a status that are looked at
    integer, parameter :: most_kinds = 3                               ! of a status that are told
+   character(*), parameter :: without_bounds(1) = ["jenkins_2d"]      ! laws with states that cvode cannot follow
    integer, parameter :: more = 10                                    ! times a budget that was not enough
 
    !> Points that ended the same way.
@@ -225,8 +226,25 @@ contains
          write (duration, "(es8.1e2)") 200.0_wp*two_pi/minval(tones%omega)
          if (here%count("march") == 0) command = command//" --set march%duration="//trim(adjustl(duration))
          if (present(first)) command = command//" --set "//first
+         if (needs_fixed_steps()) command = command//" --set "//shell_word("march%method='generalized_alpha'")
          command = command//" -o "//shell_word(beside_result("_march"))
       end function march_from_rest
+
+      !> Whether the usual method cannot follow a law, and no other is asked for.
+      logical function needs_fixed_steps()
+         type(properties_t), pointer :: group
+         character(:), allocatable :: type
+         integer :: i
+
+         needs_fixed_steps = .false.
+         if (.not. numbers_are_absent("march", "method")) return
+         do i = 1, here%count("law")
+            group => group_of("law", i)
+            type = ""
+            call group%get("type", type)
+            needs_fixed_steps = needs_fixed_steps .or. any(type == without_bounds)
+         end do
+      end function needs_fixed_steps
 
       !> The key that a message names, with ten times its value.
       function raised(words) result(command)
