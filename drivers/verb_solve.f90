@@ -176,8 +176,8 @@ contains
       character(*), intent(in) :: path
       type(record_t) :: old, switched
       type(error_t), allocatable :: error
-      character(:), allocatable :: where
-      integer :: i
+      character(:), allocatable :: prefix, where
+      integer :: i, k
 
       if (kind_of_file(path) == file_kind%none) return
       call read_record(old, path, error)
@@ -188,7 +188,10 @@ contains
          if (kind_of_file(where) == file_kind%none) cycle
          call read_record(switched, where, error)
          if (allocated(error)) cycle
-         if (last_name(switched%input_name) == place_of(last_name(path), i)) call remove_file(where)
+         prefix = place_of("", i)
+         k = index(switched%input_name, prefix)
+         if (k == 0) cycle
+         if (last_name(switched%input_name(k + len(prefix):)) == last_name(path)) call remove_file(where)
       end do
    end subroutine remove_switched
 

@@ -574,17 +574,13 @@ contains
       type(swept_t), intent(in) :: self
       integer, intent(in) :: i
       character(:), allocatable :: text
-      character(24) :: digits
-      real(wp) :: rounded
 
       if (self%is_text) then
          text = quote(self%texts(i)%value)
       else if (self%value(i) == anint(self%value(i)) .and. abs(self%value(i)) <= real(huge(i), wp)) then
          text = to_text(nint(self%value(i)))
       else
-         write (digits, "(es18.11)") self%value(i)                    ! 12 digits: 1.65, where a range has 1.6500000000000001
-         read (digits, *) rounded
-         text = to_text(rounded)
+         text = to_text(self%value(i))
       end if
    end function value_text
 end module hb_sweep_plan
