@@ -31,7 +31,7 @@ BEYOND_TWO = 0.5
 SHARE_OF_CURVE = 30  # points of a curve that are looked at
 ONE_OF_MANY = "one of many"
 RESUMED_AFTER = (0.02, 0.4)  # seconds until a run is stopped
-MOST_RESUMES = 20
+PATIENCE = 20.0  # processor seconds of the references of a scene, after which only the direct way to one is tried
 
 
 @dataclass
@@ -133,7 +133,7 @@ def look_at(library, workflow: Workflow, file: h5py.File, case: Case, draw, n_ma
     chosen = [i for i, status in enumerate(statuses) if status != "unused"]
     if workflow.kind == "curve" and len(chosen) > SHARE_OF_CURVE:
         chosen = sorted(draw.choice(chosen, SHARE_OF_CURVE, replace=False).tolist())
-    found = {}
+    found, began = {}, time.process_time()
     for i in chosen:
         values = {path: float(column[i]) for path, column in paths.items()}
         point = Point(i, statuses[i], value=values.get(workflow.axes[-1].path, np.nan))
@@ -146,7 +146,7 @@ def look_at(library, workflow: Workflow, file: h5py.File, case: Case, draw, n_ma
         if point.said == ONE_OF_MANY:
             continue
         found[i] = Stored(workflow, file, i, values)
-        point.error = found[i].error()
+        point.error = found[i].error(time.process_time() - began < PATIENCE)
     if workflow.is_autonomous:
         return
     stable = [point for point in case.points if point.said == "stable"]
@@ -174,9 +174,9 @@ class Stored:
         self.coefficients = np.nan_to_num(file["coefficients"][i][:, : len(self.tuples)])  # (n_dofs, n, 2)
         self.damping = float(np.nan_to_num(file["artificial_damping"][i, 0]))
 
-    def error(self) -> float:
+    def error(self, is_patient: bool = True) -> float:
         """Relative to the motion at the coordinates of the laws, and of a frequency or a value that was found; NaN where no motion
-        of a high order was found."""
+        of a high order was found, `is_patient` after finer grids and lower orders were tried."""
         if not self.has_reference:
             return np.nan
         m = len(self.omega)
@@ -184,11 +184,12 @@ class Stored:
             orders = tuple(int(max(order, 1.5 * n)) if m == 1 else int(max(order, n + 2)) for n in self.reach)
             system, start = self._system(orders)
             answer, change = self._answer(system, start)
-            for times in FINER if m == 1 else ():
+            for times in FINER if m == 1 and is_patient else ():
                 if not answer.is_solved:
                     system, start = self._system(orders, times)
                     answer, change = self._answer(system, start)
-            if not answer.is_solved and m == 1 and order == ORDERS[m][0] and not self.workflow.is_autonomous:
+            is_first = order == ORDERS[m][0] and not self.workflow.is_autonomous
+            if not answer.is_solved and m == 1 and is_patient and is_first:
                 answer, change = self._climbed(system)
             if not answer.is_solved:
                 return np.nan

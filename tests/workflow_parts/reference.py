@@ -14,7 +14,7 @@ import numpy as np
 from judge_parts.scenes import KINDS, Scene
 
 SOLVED = 1e-7  # residual relative to the motion
-MOST_STEPS = 40
+MOST_STEPS = 25
 MOST_HALVINGS = 7
 OUTER = 0.75  # entries of tuples beyond this share of the order are the tail
 
@@ -408,7 +408,7 @@ def autonomous(system: System, q, omega: float, mode: Mode | None = None, dampin
 
 @dataclass
 class Mode:
-    """What a normal mode prescribes: the displacement of a degree of freedom at the time 0, where its rate is zero, or the energy."""
+    """What a normal mode prescribes: the displacement of a degree of freedom at time 0, where its rate is zero, or the energy."""
 
     dof: int
     amplitude: float = 0.0

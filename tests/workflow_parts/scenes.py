@@ -210,7 +210,9 @@ def _mode(draw, kind: str) -> Workflow:
         "cubic_spring": lambda: (static * 10 ** draw.uniform(-1.0, 1.0), 0.0, 0.0),
         "elastic_stop": lambda: (static * 10 ** draw.uniform(-0.3, 1.7), draw.uniform(0.1, 0.9), sides),
         "polynomial": lambda: (static * 10 ** draw.uniform(-1.0, 0.7), static * draw.uniform(-0.8, 0.8), 0.0),
-        "piecewise_linear": lambda: (static * 10 ** draw.uniform(-0.5, 1.3), draw.uniform(0.1, 0.9), static * 10 ** draw.uniform(-0.5, 1.3)),
+        "piecewise_linear": lambda: (
+            static * 10 ** draw.uniform(-0.5, 1.3), draw.uniform(0.1, 0.9), static * 10 ** draw.uniform(-0.5, 1.3),
+        ),
     }[name]()  # fmt: skip
     if name == "polynomial":
         parameters = parameters[0], float(np.clip(parameters[1], -parameters[0], parameters[0])), 0.0
