@@ -9,6 +9,7 @@ program nhbm
    use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
+   use hb_hdf5, only: can_end_library
    use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, stop_mpi, world
    use hb_signals, only: catch_signals, wait_for_points
    use hb_memory, only: keep_freed_memory
@@ -31,6 +32,12 @@ program nhbm
          import :: c_int
          integer(c_int), value :: status
       end subroutine hb_exit
+
+      !> Ends the process with a status, and nothing else.
+      subroutine hb_leave(status) bind(c, name="hb_leave")
+         import :: c_int
+         integer(c_int), value :: status
+      end subroutine hb_leave
 
       !> Has the process end with a text and a status where anybody else calls exit().
       subroutine hb_refuse_exit(text, status) bind(c, name="hb_refuse_exit")
@@ -60,6 +67,8 @@ program nhbm
    call finish_output(error)
    call tell_error(max(status, bad_input))
    call wait_for_points()                                             ! a signal of mpirun has no news any more
+   flush (error_unit)
+   if (.not. can_end_library()) call hb_leave(int(max(status, bad_input), c_int))   ! HDF5 would die when MPI ends
    call stop_mpi()
    flush (error_unit)
    call hb_exit(int(status, c_int))

@@ -5,7 +5,7 @@ module verb_plan
    use hb_closest_word, only: closest_word
    use hb_counter_speed, only: measure_counter
    use hb_error, only: annotate, error_t, fail
-   use hb_file_place, only: check_place
+   use hb_file_place, only: check_place, check_source
    use hb_hdf5, only: h5_file_t, open_file
    use hb_row_buffer, only: hold_seconds
    use hb_kinds, only: wp
@@ -116,7 +116,8 @@ contains
       type(h5_file_t) :: file
       real(wp), allocatable :: seconds(:)
 
-      call open_file(file, path, error)
+      call check_source(path, error)
+      if (.not. allocated(error)) call open_file(file, path, error)
       if (allocated(error)) return
       call file%get("solve_seconds", seconds, error)
       call file%close(ignored)

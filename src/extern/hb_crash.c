@@ -1,6 +1,8 @@
 #define _GNU_SOURCE /* for sigaltstack and strnlen */
 #include "hb_crash.h"
 
+#include "hb_posix.h"
+
 #include <fcntl.h>
 #include <signal.h>
 #include <stdatomic.h>
@@ -134,7 +136,7 @@ static void on_limit(int number)
    if (!is_guarded) return;
    speak_last_words("; it found no end");
    (void)note_crash("SIGVTALRM (no end in sight)");
-   _exit(last_status);
+   hb_leave(last_status);
 }
 
 static void on_crash(int number, siginfo_t *information, void *context)
@@ -144,7 +146,7 @@ static void on_crash(int number, siginfo_t *information, void *context)
    while (i < n_crashes && crashes[i].number != number) i++;
    if (is_guarded) speak_last_words("");
    if (i < n_crashes) (void)note_crash(crashes[i].cause);
-   if (is_guarded) _exit(last_status);
+   if (is_guarded) hb_leave(last_status);
    if (i < n_crashes) sigaction(number, &before[i], NULL);
    if (information->si_code <= 0) raise(number); /* it was sent; a fault comes again by itself after the return */
 }
@@ -152,7 +154,12 @@ static void on_crash(int number, siginfo_t *information, void *context)
 /* Lets no other library end its work: some of them would wait here for other ranks. */
 static void on_exit_of_process(void)
 {
-   if (note_crash("exit()") != 0) _exit(place.exit_status);
+   if (note_crash("exit()") != 0) hb_leave(place.exit_status);
+}
+
+int hb_end_within_point(const char *cause)
+{
+   return note_crash(cause) != 0 ? place.exit_status : 0;
 }
 
 /* From here on, the usual again. */

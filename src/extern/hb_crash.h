@@ -30,6 +30,9 @@ void hb_begin_point(long long row);
 /* No point is being solved any more. */
 void hb_end_point(void);
 
+/* Notes that the point under way ends the process by `cause`; returns the exit status for that, 0 where no point is under way. */
+int hb_end_within_point(const char *cause);
+
 /* Ends what hb_watch_crashes has begun; safe to call twice. */
 void hb_end_watch(void);
 

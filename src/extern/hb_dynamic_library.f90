@@ -7,6 +7,7 @@ module hb_dynamic_library
    use hb_c_text, only: c_text
    use hb_error, only: error_t, fail
    use hb_guard, only: lower_guard, raise_guard
+   use hb_system, only: file_kind, kind_of_file
    implicit none
    private
    public :: dynamic_library_t, open_library
@@ -46,6 +47,10 @@ contains
       character(*), intent(in) :: path
       type(error_t), allocatable, intent(out) :: error
 
+      if (kind_of_file(path) == file_kind%device_or_pipe) then
+         call fail(error, "cannot load the library: '"//path//"' is a pipe or a device")
+         return
+      end if
       call raise_guard("'"//path//"': the loader of the system died of this library; the file is damaged")   ! e.g. cut off
       self%handle = dlopen(path//c_null_char, rtld_now)
       call lower_guard()

@@ -11,7 +11,8 @@
 !> Source: HDF5 1.10 Reference Manual; HDF5 Dimension Scale Specification.
 module hb_hdf5
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use, intrinsic :: iso_c_binding, only: c_char, c_loc, c_null_char, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_loc, c_long_long, c_null_char, &
+      c_null_ptr, c_ptr
    use hb_error, only: annotate, error_t, fail
    use hb_guard, only: name_guarded
    use hb_hdf5_attributes, only: h5_object_t
@@ -20,21 +21,22 @@ module hb_hdf5
    use hb_kinds, only: wp
    use hb_mpi, only: comm_handle, comm_t, no_info_handle
    use hb_text, only: to_text
-   use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, H5D_FILL_TIME_NEVER_F, &
-      h5dcreate_f, h5dget_space_f, h5dopen_f, h5dwrite_f, &
-      H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, H5F_LIBVER_EARLIEST_F, &
-      H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, h5fflush_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, &
-      H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, h5pset_alloc_time_f, h5pset_fapl_mpio_f, h5pset_fclose_degree_f, &
-      h5pset_fill_time_f, h5pset_fill_value_f, h5pset_libver_bounds_f, h5sclose_f, h5sget_simple_extent_dims_f, &
+   use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, H5D_FILL_TIME_NEVER_F, h5dcreate_f, h5dget_space_f, &
+      h5dopen_f, h5dwrite_f, H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, &
+      H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, h5fflush_f, &
+      h5fget_file_image_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, &
+      h5pset_alloc_time_f, h5pset_fapl_core_f, h5pset_fapl_mpio_f, h5pset_fclose_degree_f, h5pset_fill_time_f, &
+      h5pset_fill_value_f, h5pset_libver_bounds_f, h5sclose_f, h5sget_simple_extent_dims_f, &
       h5sget_simple_extent_ndims_f, h5sget_simple_extent_type_f, H5S_NULL_F, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, &
-      H5T_NATIVE_INTEGER, H5T_STD_I32LE, h5tclose_f, hid_t, hsize_t
+      H5T_NATIVE_INTEGER, H5T_STD_I32LE, h5tclose_f, hid_t, hsize_t, size_t
    implicit none
    private
-   public :: create_file, h5_dataset_t, h5_file_t, open_file, open_file_parallel
+   public :: can_end_library, create_file, create_in_memory, h5_dataset_t, h5_file_t, open_file, open_file_parallel
 
    !> An open file. Results stand in its root group, models have groups of their own.
    type, extends(h5_object_t) :: h5_file_t
    contains
+      procedure :: abandon => file_abandon
       procedure :: add_characters => file_add_characters
       procedure :: add_integer => file_add_integer
       procedure :: add_real => file_add_real
@@ -44,6 +46,7 @@ module hb_hdf5
       procedure :: flush => file_flush
       procedure :: has => file_has
       procedure :: open_dataset => file_open_dataset
+      procedure :: save => file_save
       generic :: get => get_integer, get_real, get_texts
       generic :: put => put_integer, put_real, put_text
       procedure, private :: get_integer => file_get_integer
@@ -53,6 +56,17 @@ module hb_hdf5
       procedure, private :: put_real => file_put_real
       procedure, private :: put_text => file_put_text
    end type h5_file_t
+
+   logical :: is_library_sound = .true.
+
+   interface
+      integer(c_int) function hb_write_file(path, bytes, n_bytes) bind(c, name="hb_write_file")
+         import :: c_char, c_int, c_long_long, c_ptr
+         character(c_char), intent(in) :: path(*)
+         type(c_ptr), value :: bytes
+         integer(c_long_long), value :: n_bytes
+      end function hb_write_file
+   end interface
 
    !> What a dataset is made of.
    type :: element_t
@@ -81,6 +95,49 @@ contains
       end if
       call end_opening(self, access, error)
    end subroutine create_file
+
+   !> Makes a new file in memory, for `save`.
+   subroutine create_in_memory(self, name, error)
+      type(h5_file_t), intent(out) :: self
+      character(*), intent(in) :: name                 !! for messages
+      type(error_t), allocatable, intent(out) :: error
+      integer(hid_t) :: access
+      integer(size_t), parameter :: growth = 1048576   ! bytes
+      integer :: status
+
+      call begin_opening(self, name, access, error)
+      if (.not. allocated(error)) then
+         call h5pset_fapl_core_f(access, growth, .false., status)
+         if (status >= 0) call h5fcreate_f(name, H5F_ACC_TRUNC_F, self%id, status, access_prp=access)
+         call check(status, "create in memory", error)
+      end if
+      call end_opening(self, access, error)
+   end subroutine create_in_memory
+
+   !> Writes a file in memory to the disk under a name that must be free, without the library, which does not survive a write that
+   !> fails. Leaves no file where that is an error.
+   subroutine file_save(self, path, error)
+      class(h5_file_t), intent(in) :: self
+      character(*), intent(in) :: path
+      type(error_t), allocatable, intent(out) :: error
+      character(c_char), allocatable, target :: bytes(:)
+      type(c_ptr) :: address
+      integer(size_t) :: n_bytes
+      integer :: status
+
+      call self%flush(error)
+      if (allocated(error)) return
+      address = c_null_ptr
+      call h5fget_file_image_f(self%id, address, 0_size_t, status, n_bytes)
+      if (status >= 0) then
+         allocate (bytes(n_bytes))
+         address = c_loc(bytes)
+         call h5fget_file_image_f(self%id, address, n_bytes, status)
+      end if
+      call check(status, "give the bytes", error, self%place)
+      if (allocated(error)) return
+      if (hb_write_file(path//c_null_char, address, int(n_bytes, c_long_long)) /= 0) call fail(error, "cannot be written")
+   end subroutine file_save
 
    !> Opens a file by this process alone, for reading unless `for_writing` is true.
    subroutine open_file(self, path, error, for_writing)
@@ -180,8 +237,23 @@ contains
       if (self%id == no_id) return
       call h5fclose_f(self%id, status)
       call check(status, "close", error, self%place)
+      if (status < 0) is_library_sound = .false.
       self%id = no_id
    end subroutine file_close
+
+   !> Leaves the file open until the process ends, which has to do without the end of the library: see `can_end_library`.
+   subroutine file_abandon(self)
+      class(h5_file_t), intent(inout) :: self
+
+      if (self%id == no_id) return
+      is_library_sound = .false.
+      self%id = no_id
+   end subroutine file_abandon
+
+   !> Whether the library can be ended, which MPI does when that ends: it dies of a file that it could not write and close.
+   logical function can_end_library()
+      can_end_library = is_library_sound
+   end function can_end_library
 
    ! Making and opening datasets
 

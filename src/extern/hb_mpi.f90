@@ -5,7 +5,7 @@
 !> test can give its own. Source: MPI: A Message-Passing Interface Standard 3.1, chapters 5 (collective) and
 !> 11 (one-sided).
 module hb_mpi
-   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_null_char, c_ptr
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -29,6 +29,13 @@ module hb_mpi
       module procedure as_comm_integer
       module procedure as_comm_same
    end interface as_comm
+
+   interface
+      subroutine hb_set_default(name, value) bind(c, name="hb_set_default")
+         import :: c_char
+         character(c_char), intent(in) :: name(*), value(*)
+      end subroutine hb_set_default
+   end interface
 
    !> Gives every rank the largest value of all ranks, an integer or a real number.
    interface max_over
@@ -66,7 +73,11 @@ contains
       logical :: is_started
 
       call MPI_Initialized(is_started)
-      if (.not. is_started) call MPI_Init()
+      if (is_started) return
+      ! OMPIO opens a shared file pointer that nobody uses, by a semaphore of the machine with the name of the file: one that is
+      ! left over, whoever made it, would hang the run. ROMIO makes none before it is used.
+      call hb_set_default("OMPI_MCA_io"//c_null_char, "^ompio"//c_null_char)
+      call MPI_Init()
    end subroutine start_mpi
 
    !> Ends MPI if it runs; the last MPI call of a program, safe to call twice.

@@ -24,12 +24,21 @@ int hb_caught_signal(void);
 /* Its name, such as SIGTERM; "no signal" before. */
 const char *hb_caught_signal_name(void);
 
-/* From here on, should anybody but hb_exit call exit(), such as a law of the user's own, the process writes `text` to standard
+/* From here on, should anybody but hb_exit call exit() or, under Linux, _exit(), such as a law of the user's own, the process writes `text` to standard
    error and ends with `exit_status`, not 0. */
 void hb_refuse_exit(const char *text, int exit_status);
 
 /* Ends the process, as exit() does. */
 void hb_exit(int exit_status);
+
+/* Ends the process at once, as _exit() does. */
+#ifdef __GNUC__
+__attribute__((noreturn))
+#endif
+void hb_leave(int exit_status);
+
+/* Sets a variable of the environment unless it is set. */
+void hb_set_default(const char *name, const char *value);
 
 /* Writes a line to standard output. */
 void hb_say(const char *line);
@@ -56,8 +65,12 @@ int hb_full_folder(const char *path, char *full, int n_bytes);
 
 /* Makes the file unless it is there and locks it for this process; the lock ends with the process at the latest. Returns a
    descriptor for hb_release_file, -1 where the file cannot be made, -2 where another process has the lock, -3 where what has
-   the name is no regular file. On a file system without locks the file counts as locked. */
+   the name is no regular file, -4 where it is a file of somebody else: one that is not empty and has not the sticky bit, which
+   tells what a killed process has left here. On a file system without locks the file counts as locked. */
 int hb_take_file(const char *path);
+
+/* Takes the sticky bit off a file that is complete. */
+void hb_finish_file(int descriptor);
 
 /* Opens a file that is there, tells its length, and locks it for this process where that does not get into the way of parallel
    HDF5. Returns a descriptor for hb_release_file, -1 where it cannot be opened, -2 where another process has the lock. */
@@ -73,11 +86,12 @@ int hb_state_of_file(int descriptor, const char *path, long long n_bytes);
    them back. Returns 0 for yes and where the system cannot tell, -1 for no. */
 int hb_check_space(int descriptor, long long n_bytes);
 
-/* Cuts the file to no byte at all; returns 0, or -1 where that fails. */
-int hb_empty_file(int descriptor);
-
 /* Ends the lock; nothing happens for a negative descriptor. */
 void hb_release_file(int descriptor);
+
+/* Makes a file, which must not be there, of these bytes and brings them to the disk; returns 0, or the error number, and then leaves no
+   file. */
+int hb_write_file(const char *path, const void *bytes, long long n_bytes);
 
 /* Has the system bring all data of the file to the disk; returns 0 when they are there. */
 int hb_sync_file(const char *path);

@@ -5,7 +5,7 @@ module hb_system
    use hb_error, only: error_t, fail
    implicit none
    private
-   public :: check_held, empty_file, exists, file_kind, folder_of, follow_links, has_space, held_file_t, hold_file, is_same_file
+   public :: check_held, exists, file_kind, finish_file, folder_of, follow_links, has_space, held_file_t, hold_file, is_same_file
    public :: is_terminal, kind_of_file, link_file, process_id, release_file, remove_file, rename_file, survive_failed_writes
    public :: sync_file, take_file, utc_now
 
@@ -101,10 +101,10 @@ module hb_system
          integer(c_long_long), value :: n_bytes
       end function hb_check_space
 
-      integer(c_int) function hb_empty_file(descriptor) bind(c, name="hb_empty_file")
+      subroutine hb_finish_file(descriptor) bind(c, name="hb_finish_file")
          import :: c_int
          integer(c_int), value :: descriptor
-      end function hb_empty_file
+      end subroutine hb_finish_file
 
       subroutine hb_release_file(descriptor) bind(c, name="hb_release_file")
          import :: c_int
@@ -222,6 +222,7 @@ contains
       case (0:); return
       case (-2); call fail(error, "another run is making it at this moment; give another --output")
       case (-3); call fail(error, "'"//path//"' is in its way and no regular file; remove that or give another --output")
+      case (-4); call fail(error, "'"//path//"' is in its way, a file that no run has left; move it or give another --output")
       case default
          call fail(error, "cannot be made; check the permission of its folder or give another --output")
       end select
@@ -260,13 +261,12 @@ contains
       has_space = hb_check_space(int(descriptor, c_int), n_bytes) == 0
    end function has_space
 
-   !> Gives the space of a file on the disk back; the file stays, and so does its lock.
-   subroutine empty_file(descriptor)
+   !> Says that a file is complete: from here on it is no longer taken for what a killed run has left.
+   subroutine finish_file(descriptor)
       integer, intent(in) :: descriptor                !! of `take_file`
-      integer(c_int) :: ignored
 
-      ignored = hb_empty_file(int(descriptor, c_int))
-   end subroutine empty_file
+      call hb_finish_file(int(descriptor, c_int))
+   end subroutine finish_file
 
    !> Ends a lock.
    subroutine release_file(descriptor)

@@ -2,6 +2,7 @@
 module hb_model_file
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: annotate, error_t, fail
+   use hb_file_place, only: check_source
    use hb_guard, only: guard_file, lower_guard
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
@@ -99,13 +100,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(h5_file_t) :: file
       type(error_t), allocatable :: ignored
-      logical :: exists
 
-      inquire (file=path, exist=exists)
-      if (.not. exists) then
-         call fail(error, "file '"//path//"' does not exist")
-         return
-      end if
+      call check_source(path, error)
+      if (allocated(error)) return
       call guard_file(path)
       call open_file(file, path, error)
       if (.not. allocated(error)) then

@@ -7,11 +7,11 @@ module hb_reduction_file
    use hb_checksum, only: checksum
    use hb_error, only: error_t, fail
    use hb_guard, only: guard_file, lower_guard
-   use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, open_file
+   use hb_hdf5, only: create_in_memory, h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_node_sets, only: direction_length, name_length
    use hb_structure, only: label_length, new_structure, reach_t, structure_t, unit_length
-   use hb_system, only: process_id, remove_file, rename_file
+   use hb_system, only: file_kind, kind_of_file, process_id, remove_file, rename_file
    use hb_text, only: to_text
    implicit none
    private
@@ -44,13 +44,15 @@ contains
       logical :: is_there
 
       path = reduction_path(model, mark)
+      if (all(kind_of_file(path) /= [file_kind%none, file_kind%regular, file_kind%empty])) return
       temporary = path//"."//to_text(process_id())//".part"
-      call create_file(file, temporary, .true., error)
+      call create_in_memory(file, path, error)                        ! a full disk costs the file, not the run
       if (allocated(error)) return
       call write_parts(file, mark, structure, recovery, error)
+      if (.not. allocated(error)) call file%save(temporary, error)
       call file%close(ignored)
-      is_there = .not. (allocated(error) .or. allocated(ignored))
-      if (is_there) call rename_file(temporary, path, is_there)
+      if (allocated(error)) return
+      call rename_file(temporary, path, is_there)
       if (.not. is_there) call remove_file(temporary)
    end subroutine write_reduction
 
@@ -116,7 +118,7 @@ contains
       type(error_t), allocatable :: error, ignored
       type(structure_t) :: found
 
-      inquire (file=reduction_path(model, mark), exist=is_found)
+      is_found = kind_of_file(reduction_path(model, mark)) == file_kind%regular
       if (.not. is_found) return
       call guard_file(reduction_path(model, mark))
       call open_file(file, reduction_path(model, mark), error)

@@ -47,6 +47,7 @@ module hb_results
       real(wp) :: hold = 0.0_wp, flushed = 0.0_wp       ! [s] how long, and when the last was written
       type(held_file_t) :: place                        ! of rank 0: whether the file is still what it was
    contains
+      procedure :: abandon => results_abandon
       procedure :: close => results_close
       procedure :: read_curve => results_read_curve
       procedure :: crash_place => results_crash_place
@@ -358,7 +359,7 @@ contains
          end associate
          if (allocated(error)) exit
       end do
-      call annotate(error, "times of rank "//to_text(rank))
+      call annotate(error, "result file '"//self%path//"': times of rank "//to_text(rank))
    end subroutine results_write_times
 
    !> Writes what is held back, so that every rank may read every point after a barrier; collective.
@@ -627,6 +628,15 @@ contains
       call release_file(self%place%descriptor)
       self%place%descriptor = -1
    end subroutine results_close
+
+   !> Leaves the file as it is, without what is held back; not collective.
+   subroutine results_abandon(self)
+      class(results_t), intent(inout) :: self
+
+      call self%file%abandon()
+      call release_file(self%place%descriptor)
+      self%place%descriptor = -1
+   end subroutine results_abandon
 
    subroutine put_integer(self, name, values, error)
       class(results_t), intent(inout) :: self

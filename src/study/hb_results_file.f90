@@ -15,7 +15,7 @@ module hb_results_file
    use hb_signals, only: note_unfinished
    use hb_solver_types, only: rescue_names
    use hb_stability, only: stability_method_names
-   use hb_system, only: empty_file, has_space, release_file, remove_file, sync_file, take_file, utc_now
+   use hb_system, only: finish_file, has_space, release_file, remove_file, sync_file, take_file, utc_now
    use hb_text, only: join, to_text
    implicit none
    private
@@ -51,7 +51,7 @@ contains
       call note_unfinished(temporary)
       n_bytes = n_bytes_of(plan, layout)
       if (has_space(descriptor, n_bytes)) then
-         call fill_file(temporary, descriptor, layout, plan, error, source)
+         call fill_file(temporary, layout, plan, error, source)
       else
          call fail(error, "no space left on device, or more than a quota or limit allows")
       end if
@@ -63,6 +63,7 @@ contains
          error%message = "cannot be made; check permission and space ("//size_text(n_bytes)// &
             ") or give another --output: "//error%message
       else
+         call finish_file(descriptor)
          call put_in_place(temporary, path, overwrite, error)
       end if
       if (allocated(error)) call remove_file(temporary)
@@ -70,11 +71,9 @@ contains
       call release_file(descriptor)
    end subroutine make_file
 
-   !> On a full disk HDF5 cannot write what it still holds when the file is closed, and crashes when the program ends. So
-   !> the space was asked for before; and a file that is given up nevertheless gives its space back first.
-   subroutine fill_file(path, descriptor, layout, plan, error, source)
+   !> Makes the file and closes it.
+   subroutine fill_file(path, layout, plan, error, source)
       character(*), intent(in) :: path
-      integer, intent(in) :: descriptor                 !! of the same file
       type(results_layout_t), intent(in) :: layout
       type(plan_t), intent(inout) :: plan
       type(error_t), allocatable, intent(out) :: error
@@ -89,7 +88,6 @@ contains
       if (.not. allocated(error)) call add_variables(file, plan, plan%variables, error)
       if (.not. allocated(error)) call add_variables(file, plan, plan%times, error)
       if (present(source) .and. .not. allocated(error)) call copy_rows(source, plan, error)
-      if (allocated(error)) call empty_file(descriptor)
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
    end subroutine fill_file

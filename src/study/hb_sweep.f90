@@ -42,6 +42,10 @@ module hb_sweep
    private
    public :: run_options_t, run_study
 
+   ! The file is made whole before the first point: 50 million points of one degree of freedom and two harmonics are 30 GB, which a
+   ! disk takes in about a minute, and the values of two swept parameters 0.8 GB of memory while that is done.
+   integer, parameter :: most_points = 50000000
+
    !> How to run a study.
    type :: run_options_t
       character(:), allocatable :: path                               !! of the result file
@@ -77,13 +81,17 @@ contains
       type(comm_t), intent(in) :: comm
       type(run_summary_t), intent(out) :: summary
       type(error_t), allocatable, intent(out) :: error
-      type(error_t), allocatable :: error_in_close
       type(resumed_input_t) :: input
       type(run_t), target :: run
       type(crash_place_t) :: place
       real(wp) :: started
 
       started = wall_clock()
+      if (self%plan%n_points > most_points) then
+         call fail(error, to_text(self%plan%n_points)//" points are more than one result file takes, "//to_text(most_points)// &
+            "; give the sweep fewer values, or split it into several inputs")
+         return
+      end if
       run%source%rank = rank_of(comm)
       run%source%document = self%document
       run%source%plan = self%plan
@@ -124,8 +132,11 @@ contains
          if (summary%n_left == 0 .and. .not. allocated(error)) &
             call mark_branches(run%results, self%plan, length_of_units(self), comm, summary%n_jumps, summary%first_jump, error)
       end if
-      call run%results%close(error_in_close)
-      if (.not. allocated(error)) call move_alloc(error_in_close, error)
+      if (allocated(error)) then
+         call run%results%abandon()                                   ! closing is collective, and fails where writing has
+      else
+         call run%results%close(error)
+      end if
       if (rank_of(comm) == 0 .and. summary%interruption /= interruption%signal .and. .not. allocated(error)) &
          call check_written(options%path, summary%n_left, error)
       if (rank_of(comm) == 0 .and. run%before%is_there .and. allocated(self%plan%curve) .and. .not. allocated(error)) &
@@ -186,7 +197,9 @@ contains
 
       if (.not. allocated(self%scene%wisdom)) return
       if (rank_of(comm) == 0) then
-         if (kind_of_file(self%scene%wisdom) == file_kind%none) then
+         if (kind_of_file(self%scene%wisdom) == file_kind%device_or_pipe) then
+            call fail(error, "&sampling: wisdom: '"//self%scene%wisdom//"' is a pipe or a device; give the path of a file")
+         else if (kind_of_file(self%scene%wisdom) == file_kind%none) then
             scene = self%scene
             call solve_motion(scene, trial, error, judge=marching_judge_t())  ! plans every transform of the first point
             if (allocated(error)) deallocate (error)                  ! told again when the point is solved

@@ -50,6 +50,7 @@ static void die(int way)
    case 6: raise(SIGBUS); break;
    case 7: exit(0);
    case 8: if (fork() == 0) abort(); break;
+   case 9: _exit(0);
    default: break;
    }
 }
@@ -151,10 +152,10 @@ def test_point_that_crashes_is_noted_and_passed_by(ending, ranks, folder):
     assert_rows_equal(folder / "case.h5", folder / "whole.h5", [0, 1, 2, 4, 5, 6, 7])
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
-def test_point_that_calls_exit_is_noted(ranks, folder):
-    done = run("solve", write(folder, [0.1, 7, 0.2]), "--quiet", cwd=folder, ranks=ranks)
-    assert done.status == INCOMPLETE and "point 1 has ended the process by exit()" in done.stderr
+@pytest.mark.parametrize("ending, name, ranks", [(7, "exit()", None), (7, "exit()", 2), (9, "_exit()", None)])
+def test_point_that_calls_exit_is_noted(ending, name, ranks, folder):
+    done = run("solve", write(folder, [0.1, ending, 0.2]), "--quiet", cwd=folder, ranks=ranks)
+    assert done.status == INCOMPLETE and f"point 1 has ended the process by {name}" in done.stderr
     assert read(folder / "case.h5", "status")[1] == CRASHED
     complete(folder, ranks)
     assert read(folder / "case.h5", "status").tolist() == [CONVERGED, CRASHED, CONVERGED]

@@ -1,5 +1,7 @@
 """Files, links, pipes and devices in places where a file is expected, and output that goes nowhere."""
 
+import ctypes
+import errno
 import os
 import signal
 import subprocess
@@ -8,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from faults import count_calls, run_with_fault
 from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, command, environment, run
 
 SCENE = """
@@ -128,7 +131,31 @@ def test_stale_pipe_of_the_temporary_name(folder):
     refused(run("solve", "case.nml", cwd=folder), "'case.h5.part'", "in its way")
 
 
+def test_file_of_the_user_with_the_temporary_name_is_left_alone(folder):
+    """What a killed run has left under this name is taken over: test_survive.py kills runs while they make it."""
+    (folder / "case.h5.part").write_text("mine")
+    refused(run("solve", "case.nml", cwd=folder), "'case.h5.part'", "in its way")
+    assert (folder / "case.h5.part").read_text() == "mine"
+
+
 # What is read
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        "&structure type = 'model', file = 'pipe' /",
+        "&law type = 'user', library = 'pipe', name = 'mine', dof = 'x1' /",
+        "&sampling planning = 'measure', wisdom = 'pipe' /",
+    ],
+    ids=["model", "library", "wisdom"],
+)
+def test_pipes_in_place_of_files_of_the_input(keys, folder):
+    """Whoever opens a pipe waits for who writes to it."""
+    os.mkfifo(folder / "pipe")
+    scene = SCENE[SCENE.index("&tones") :] if "&structure" in keys else SCENE
+    (folder / "piped.nml").write_text(scene + keys)
+    refused(run("solve", "piped.nml", "--quiet", cwd=folder), "pipe'", "is a pipe or a device")
 
 
 @pytest.mark.parametrize("verb", ["solve", "check", "bench", "info", "resume"])
@@ -169,6 +196,47 @@ def test_full_device_is_told(arguments, folder):
     assert done.returncode == BAD_INPUT and "standard output cannot be written" in done.stderr
 
 
+# What others leave behind
+
+
+@on_linux
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_semaphore_left_over_by_mpi_hangs_nothing(ranks, folder):
+    """Of Open MPI's shared file pointers, which nobody uses; its name is that of the result file."""
+    name = f"left_{os.getpid()}.h5"
+    semaphore = f"/OMPIO_{name}".encode()
+    libc = ctypes.CDLL(None)
+    libc.sem_open.restype = ctypes.c_void_p
+    assert libc.sem_open(semaphore, os.O_CREAT, 0o644, 0)
+    try:
+        assert run("solve", "case.nml", "-o", name, "--quiet", cwd=folder, ranks=ranks).status == ALL_CONVERGED
+    finally:
+        libc.sem_unlink(semaphore)
+
+
+# Writes that fail
+
+
+@on_linux
+@pytest.mark.parametrize("error", [errno.EIO, errno.ENOSPC], ids=["EIO", "ENOSPC"])
+def test_writes_that_fail_are_told(error, folder):
+    """While the file is made, and when the result of its point is written."""
+    words = ("solve", "point.nml", "--overwrite", "--quiet")
+    n_writes = count_calls(*words, cwd=folder, call="write", file="point.h5")
+    for at in (2, n_writes // 2, n_writes - 5):
+        fails(run_with_fault(*words, cwd=folder, call="write", file="point.h5", at=at, number=error))
+
+
+@on_linux
+def test_writes_of_one_rank_that_fail_end_both(folder):
+    words = ("solve", "point.nml", "--quiet")
+    fails(run_with_fault(*words, cwd=folder, call="write", file="point.h5", at=1, number=errno.EIO, rank=1, ranks=2))
+
+
+def fails(done):
+    assert done.status == BAD_INPUT and "nhbm: result file 'point.h5': " in done.stderr, (done.status, done.stderr)
+
+
 # Memory, signals
 
 
@@ -191,9 +259,10 @@ def test_too_little_address_space_is_told(megabytes, folder):
 
 
 def test_signal_before_the_first_point_ends_at_once(tmp_path):
-    """Ten thousand times ten thousand points, whose file would take a minute to make and 60 GB: nothing is left of it."""
+    """Forty million points, whose file would take half a minute to make and 24 GB: nothing is left of it."""
     sweeps = "".join(
-        f"&sweep parameter = '{path}', from = 0.5, to = 1.5, n = 10000 /\n" for path in ("load(1)%cos", "law(1)%stiffness")
+        f"&sweep parameter = '{path}', from = 0.5, to = 1.5, n = {n} /\n"
+        for path, n in (("load(1)%cos", 10000), ("law(1)%stiffness", 4000))
     )
     (tmp_path / "case.nml").write_text(SCENE + sweeps)
     for number in (signal.SIGUSR1, signal.SIGTERM):
@@ -233,3 +302,6 @@ def test_plan_of_many_points_takes_little_memory(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "100000000 points" in done.stdout and int(done.stdout.split()[-1]) < 200_000
+    began = time.process_time()
+    refused(run("solve", "case.nml", "--quiet", cwd=tmp_path), "100000000 points are more than one result file takes")
+    assert time.process_time() - began < 1.0 and not (tmp_path / "case.h5").exists()
