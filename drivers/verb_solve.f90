@@ -291,7 +291,8 @@ contains
          ", this is nhbm "//program_version//" ("//git_commit//")")
       if (summary%n_damaged > 0) call say("note: the results of "//number_of(summary%n_damaged, "point")// &
          " were damaged in the file; solved again")
-      if (summary%has_other_libraries) call say("note: a law comes from another library than in the run that made the file")
+      if (summary%has_other_libraries) call say("note: the model comes from another file, or a law from another library, than "// &
+         "in the run that made the results")
       call say(answers_text(summary)//"; results in "//path)
       call write_others(study, path)
       if (allocated(study%plan%curve)) call write_curves(study, path)

@@ -12,6 +12,7 @@ module hb_scene_reduction
    use hb_reduction, only: reduce_structure
    use hb_scene, only: scene_t
    use hb_structure, only: flexibility, structure_t
+   use hb_structure_mark, only: kept_reduction, structure_mark
    use hb_text, only: string_t, to_text
    implicit none
    private
@@ -61,6 +62,9 @@ contains
          if (.not. allocated(error)) then
             small%reduction%memory = memory_of(self%structure, small, .not. is_found)
             call number_anew(self, kept, small%n_dofs)
+            if (allocated(self%structure%origin)) small%origin = self%structure%origin
+            if (allocated(small%origin) .and. len(model) > 0) &
+               small%origin = small%origin//kept_reduction//structure_mark(small)
             self%structure = small
             return
          end if

@@ -12,6 +12,7 @@ module hb_model
    use hb_sparse, only: sparse_sum, sparse_t
    use hb_structure, only: check_room, flexibility, flexibility_names, max_sparse_dofs, new_structure, reduction_t, &
                            structure_t
+   use hb_structure_mark, only: structure_mark
    use hb_text, only: to_text
    implicit none
    private
@@ -106,6 +107,7 @@ contains
       if (.not. allocated(error)) call check_room(model%n_dofs, error, memory_limit, model%mass%n_entries() + &
                                                         2*model%stiffness%n_entries() + model%damping%n_entries())
       if (.not. allocated(error)) call new_model_structure(structure, model, proportional, structural_frequency, error)
+      if (.not. allocated(error)) structure%origin = "model '"//file//"': "//structure_mark(structure)
       call annotate(error, group%place())
       structure%reduction = reduction
    end subroutine read_model

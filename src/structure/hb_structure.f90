@@ -72,6 +72,7 @@ module hb_structure
       type(node_sets_t) :: sets                              !! names for many degrees of freedom; of models alone
       type(named_vectors_t) :: vectors                       !! named loads; of models alone
       type(reduction_t) :: reduction
+      character(:), allocatable :: origin                    !! the model that it was read from and what marks it; else not given
    contains
       procedure :: damping_times => structure_damping_times
       procedure :: diagonals => structure_diagonals

@@ -16,7 +16,7 @@ module hb_resume
    type :: resumed_input_t
       character(:), allocatable :: complete                           !! the input after defaults
       integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics), of all points
-      character(:), allocatable :: libraries                          !! of laws, and what marks them, a line each
+      character(:), allocatable :: libraries                          !! of laws, model, reduction, and what marks them
    end type resumed_input_t
 
    !> What is known of the file.
@@ -87,9 +87,9 @@ contains
          call fail(error, "result file '"//path//"' was made from another input; give the same or another --output"// &
             new_line("a")//differences)
       else if (self%libraries /= record%input_libraries .and. .not. retries) then
-         call fail(error, "result file '"//path//"' was made with other libraries of laws; give the same or another --output, "// &
-            "or --retry to go on with these"//new_line("a")//"now:"//new_line("a")//self%libraries//new_line("a")// &
-            "in the file:"//new_line("a")//record%input_libraries)
+         call fail(error, "result file '"//path//"' was made with another model or other libraries of laws; give the same or "// &
+            "another --output, or --retry to go on with these"//new_line("a")//"now:"//new_line("a")// &
+            self%libraries//new_line("a")//"in the file:"//new_line("a")//record%input_libraries)
       else if (.not. has_same_tuples .or. n_points /= record%n_points) then
          call fail(error, "result file '"//path//"' has other points or harmonics than the input gives in this version "// &
             "of the program; it was made by version "//record%program_version//", commit "//record%git_commit)

@@ -289,7 +289,8 @@ contains
       end associate
    end subroutine describe_rows
 
-   !> Libraries of the laws of the first point that are the user's own, and what marks them, a line each.
+   !> Files that the first point is made from beside the input, and what marks them, a line each: libraries of the user's own laws,
+   !> the model, its kept reduction.
    function study_libraries(self) result(text)
       class(study_t), intent(in) :: self
       character(:), allocatable :: mark, text
@@ -302,6 +303,9 @@ contains
          if (len(text) > 0) text = text//new_line("a")
          text = text//self%scene%laws(i)%law%label//": "//mark
       end do
+      if (.not. allocated(self%scene%structure%origin)) return
+      if (len(text) > 0) text = text//new_line("a")
+      text = text//self%scene%structure%origin
    end function study_libraries
 
    !> What one point takes in the result file, and to how many datasets it is written.

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
+import errno
 import os
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import h5py
@@ -25,7 +27,8 @@ from nhbm_post.structure import Structure, harmonic_of, motions
 from scipy.sparse.linalg import spsolve
 
 from expectations import failures, read_expectations
-from program import ALL_CONVERGED, BAD_INPUT, run
+from faults import run_with_fault
+from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, run
 
 INPUTS = Path(__file__).resolve().parents[2] / "inputs" / "models"
 
@@ -523,6 +526,55 @@ def test_a_second_run_reads_the_reduction(net):
         model["stiffness/data"][0] -= 0.5
     assert len(kept()) == 2 and (other["coefficients"] != off["coefficients"]).any()
     assert list(net.glob("*.part")) == []
+
+
+def test_a_full_disk_costs_the_kept_reduction_not_the_run(net):
+    for file in net.glob("net.h5.*.reduced"):
+        file.unlink()
+    (net / "full.nml").write_text(NET)
+    done = run_with_fault("solve", "full.nml", "--quiet", cwd=net, call="write", file=".reduced", at=1, number=errno.ENOSPC)
+    assert done.status == ALL_CONVERGED and list(net.glob("net.h5.*.reduced*")) == [], (done.status, done.stderr)
+
+
+def sum_of_reduction(file):
+    """The checksum that a kept reduction has of its own numbers."""
+    found = 0
+    for name in ("figures", "mass", "damping", "stiffness"):
+        found = zlib.crc32(file[name][()].tobytes(), found)
+    for label, unit in zip(file["labels"].asstr()[()], file["units"].asstr()[()]):
+        found = zlib.crc32(unit.ljust(8).encode(), zlib.crc32(label.ljust(16).encode(), found))
+    parts = (("set_first", "set_nodes", "node_of"), ("vector_first", "vector_dofs", "vector_values"))
+    names = (("set_names", 64), ("direction", 8)), (("vector_names", 64),)
+    for numbers, words in zip(parts, names):
+        for name in numbers:
+            found = zlib.crc32(file[name][()].tobytes(), found) if name in file else found
+        for name, width in words:
+            for word in file[name].asstr()[()] if name in file else ():
+                found = zlib.crc32(word.ljust(width).encode(), found)
+    return np.uint32(found).astype(np.int32)
+
+
+@pytest.mark.parametrize("what", ["model", "reduction"])
+def test_a_changed_model_is_not_gone_on_with_unasked(what, net):
+    for made in net.glob("net.h5.*.reduced"):
+        made.unlink()
+    (net / "changed.nml").write_text(NET)
+    done = run("solve", "changed.nml", "--overwrite", "--quiet", "--time-limit", "0", cwd=net)
+    assert done.status == INCOMPLETE, done.stderr
+    file = net / "net.h5" if what == "model" else next(net.glob("net.h5.*.reduced"))
+    before = file.read_bytes()
+    with h5py.File(file, "r+") as model:
+        if what == "model":
+            model["stiffness/data"][0] += 0.5
+        else:
+            assert model["sum"][0] == sum_of_reduction(model)
+            model["stiffness"][0, 0] *= 1.001
+            model["sum"][0] = sum_of_reduction(model)
+    for words in (("resume", "changed.h5"), ("solve", "changed.nml", "--resume")):
+        done = run(*words, cwd=net)
+        assert done.status == BAD_INPUT and "made with another model" in done.stderr and "'net.h5': CRC-32" in done.stderr
+    file.write_bytes(before)
+    assert run("resume", "changed.h5", "--quiet", cwd=net).status == ALL_CONVERGED
 
 
 @pytest.mark.parametrize("n_bytes", [10**9, 2**62])
