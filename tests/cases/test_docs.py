@@ -25,7 +25,8 @@ SECTIONS_BY_FILE = {
     "hb_structure_catalogue.f90": [("structure", "")],
     "hb_sweep_plan.f90": [("sweep", "")],
     "hb_curve_plan.f90": [("curve", "")],
-    "hb_scene_reduction.f90": [],  # looks at keys that others read
+    "hb_scene_reduction.f90": [],  # looks at keys that others read, as the next
+    "hb_failure_kinds.f90": [],
     "hb_switched_input.f90": [],
 }
 SECTIONS_BY_PROCEDURE = {
