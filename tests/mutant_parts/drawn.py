@@ -1,0 +1,288 @@
+"""Builds mutants drawn at random and runs the unit suites that execute their lines.
+
+The libraries are shared and count the lines that are executed. A mutant costs one object, one library that stands before the
+right one when suites are loaded, and the suites that reach its line: those of its module first, then the fastest. The first that
+fails catches it. Where the change shows in the module file, as that of a public constant, all that use the module are built again.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+import math
+import os
+import resource
+import shlex
+import shutil
+import signal
+import struct
+import subprocess
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from mutant_parts.drawing import Draw, draws
+from mutant_parts.tree import ROOT, SCRATCH, SOURCE, copy_tree
+
+BUILD = SCRATCH / "random"
+REACH = BUILD / "reach.json"
+COUNTERS = BUILD / "counters"
+ALONE = BUILD / "mutant"  # object and library of one mutant
+NO_COUNTERS = Path(os.devnull) / "none"  # where none can be written
+CONFIGURE = (
+    *("-G", "Ninja", "-DBUILD_SHARED_LIBS=ON", "-DHB_COVERAGE=ON", "-DCMAKE_BUILD_TYPE=None", "-DCMAKE_LINK_DEPENDS_NO_SHARED=ON"),
+    "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON",
+    "-DCMAKE_Fortran_FLAGS=-O1 -fcheck=bounds -ffpe-trap=invalid,zero,overflow",
+    *(["-DCMAKE_SHARED_LINKER_FLAGS=-fuse-ld=gold"] if shutil.which("ld.gold") else []),
+)
+SLOWER, PATIENCE = 3, 3  # a suite may take so many times its processor time without a mutant, and so many seconds more
+WAITING = 20  # wall time for a second of that: other programs run beside
+LONGEST = 5.0  # [s] of the processor: suites that take longer are left out
+ENOUGH = 12.0  # [s] of the processor without a mutant, of the suites that are run for one
+CAUGHT, SURVIVED, TOO_LONG, NOT_BUILT = "caught", "survived", "too long", "does not build"
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A unit suite as ctest runs it."""
+
+    name: str
+    command: list[str]
+    folder: str
+    environment: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    draw: Draw
+    verdict: str
+    suite: str  # that caught it
+    reached_by: int  # suites
+    seconds: float
+
+
+class Failure(Exception):
+    """The source does not build, or a suite fails, without a mutant."""
+
+
+def judge(count: int, seed: int, note) -> list[Verdict]:
+    """So many mutants that build, fewer where it is interrupted; `note` is called with each verdict."""
+    copy_tree()
+    run(["cmake", "-S", str(SOURCE), "-B", str(BUILD), *CONFIGURE])
+    run(["cmake", "--build", str(BUILD)])
+    suites = unit_suites()
+    reach = reach_of(suites)
+    verdicts: list[Verdict] = []
+    try:
+        for draw in draws(ROOT, 10 * count, seed):
+            verdicts.append(verdict_of(draw, suites, reach))
+            note(verdicts[-1])
+            if sum(verdict.verdict != NOT_BUILT for verdict in verdicts) == count:
+                break
+    except KeyboardInterrupt:  # what was found so far
+        pass
+    return verdicts
+
+
+def run(words: list[str]) -> str:
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise Failure("\n".join((done.stdout + done.stderr).splitlines()[-20:]))
+    return done.stdout
+
+
+def unit_suites() -> dict[str, Suite]:
+    found = {}
+    for test in json.loads(run(["ctest", "--test-dir", str(BUILD), "-L", "unit", "--show-only=json-v1"]))["tests"]:
+        values = {item["name"]: item["value"] for item in test["properties"]}
+        environment = dict(word.split("=", 1) for word in values.get("ENVIRONMENT", []))
+        if "command" in test and test["name"].startswith("test_"):  # not what configures or tests the runner
+            found[test["name"]] = Suite(test["name"], test["command"], values["WORKING_DIRECTORY"], environment)
+    return found
+
+
+def outcome_of(suite: Suite, seconds: float, counters: Path, libraries: str = "") -> tuple[str, float]:
+    """Whether a suite passes within so much processor time, and how much it takes."""
+    environment = {**os.environ, **suite.environment, "GCOV_PREFIX": str(counters)}
+    environment["LD_LIBRARY_PATH"] = ":".join(filter(None, [libraries, os.environ.get("LD_LIBRARY_PATH")]))
+    limit = math.ceil(seconds)
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    with subprocess.Popen(
+        suite.command,
+        cwd=suite.folder,
+        env=environment,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit)),
+        **silent,
+    ) as running:
+        try:
+            status = running.wait(WAITING * limit)
+            outcome = "passed" if status == 0 else TOO_LONG if -status in (signal.SIGXCPU, signal.SIGKILL) else CAUGHT
+        except subprocess.TimeoutExpired:
+            os.killpg(running.pid, signal.SIGKILL)
+            outcome = TOO_LONG
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return outcome, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def reach_of(suites: dict[str, Suite]) -> dict:
+    """For each suite its seconds and, of each source, the lines that it executes and all that count; known ones are used again."""
+    known = json.loads(REACH.read_text(encoding="utf-8")) if REACH.is_file() else {}
+    source = stamp_of_source()
+    stamp = {name: stamp_of(suite, source) for name, suite in suites.items()}
+    reach = {name: known[name] for name in suites if name in known and known[name]["stamp"] == stamp[name]}
+    for name, suite in suites.items():
+        if name in reach:
+            continue
+        shutil.rmtree(COUNTERS, ignore_errors=True)
+        outcome, seconds = outcome_of(suite, LONGEST, COUNTERS)
+        if outcome == CAUGHT and seconds < LONGEST:
+            raise Failure(f"{name} fails without a mutant")
+        reach[name] = {"stamp": stamp[name], "seconds": seconds, "lines": executed_lines() if outcome == "passed" else {}}
+        REACH.write_text(json.dumps(reach), encoding="utf-8")
+    return reach
+
+
+def stamp_of(suite: Suite, source: str) -> str:
+    """Changes with what a suite runs."""
+    return source + "".join(hashlib.sha256(path.read_bytes()).hexdigest() for path in (ROOT / "tests").rglob(f"{suite.name}.pf"))
+
+
+def stamp_of_source() -> str:
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted((ROOT / "src").rglob("*.[fch]*")))).hexdigest()
+
+
+def executed_lines() -> dict[str, dict[str, list[int]]]:
+    """Of each source the lines with counters, and those that were executed."""
+    data = [path for path in COUNTERS.rglob("*.gcda") if "/src/CMakeFiles/" in str(path) and has_counted(path.read_bytes())]
+    for path in data:  # gcov wants the notes of the compiler beside them
+        notes = Path("/", path.relative_to(COUNTERS)).with_suffix(".gcno")
+        path.with_suffix(".gcno").symlink_to(notes)
+    work = COUNTERS / "gcov"
+    work.mkdir(parents=True, exist_ok=True)
+    subprocess.run(["gcov", "-i", *map(str, data)], cwd=work, capture_output=True, check=False)
+    lines: dict[str, dict[str, set[int]]] = {}
+    for path in work.glob("*.gcov.json.gz"):
+        for file in json.loads(gzip.open(path).read())["files"]:
+            if str(SOURCE / "src") in file["file"]:
+                found = lines.setdefault(str(Path(file["file"]).relative_to(SOURCE)), {"all": set(), "executed": set()})
+                found["all"] |= {line["line_number"] for line in file["lines"]}
+                found["executed"] |= {line["line_number"] for line in file["lines"] if line["count"] > 0}
+    return {name: {kind: sorted(numbers) for kind, numbers in found.items()} for name, found in lines.items()}
+
+
+def has_counted(data: bytes) -> bool:
+    """Whether counters of a .gcda of GCC 12 are not all zero: those that are have records of negative length without values."""
+    at = 16
+    while at + 8 <= len(data):
+        tag, length = struct.unpack_from("<Ii", data, at)
+        if tag & 0xFFFF0000 == 0x01A10000 and length > 0:
+            return True
+        at += 8 + max(length, 0)
+    return False
+
+
+def reaching(draw: Draw, reach: dict) -> list[str]:
+    """Suites that execute the line, or the one before it that has a counter; those of its module first, then the fastest.
+
+    Values of declarations have none: all suites that execute anything of the source."""
+    declares = "::" in (ROOT / draw.file).read_text(encoding="utf-8").split("\n")[draw.line - 1]
+    found = []
+    for name, known in reach.items():
+        lines = known["lines"].get(draw.file)
+        if lines is None or known["seconds"] > LONGEST:
+            continue
+        before = [number for number in lines["all"] if number <= draw.line]
+        if lines["executed"] if declares or not before else before[-1] in lines["executed"]:
+            found.append(name)
+    module = Path(draw.file).stem
+    return sorted(found, key=lambda name: (name != f"test_{module}", reach[name]["seconds"]))
+
+
+def verdict_of(draw: Draw, suites: dict[str, Suite], reach: dict) -> Verdict:
+    started = time.monotonic()
+    names = reaching(draw, reach)
+    target = SOURCE / draw.file
+    whole = target.read_text(encoding="utf-8")
+    changed = draw.applied_to(whole)
+
+    def verdict(word: str, suite: str = "") -> Verdict:
+        return Verdict(draw, word, suite, len(names), time.monotonic() - started)
+
+    def judged(libraries: str) -> Verdict:
+        spent = 0.0
+        for name in names:
+            if spent > ENOUGH:
+                break
+            spent += reach[name]["seconds"]
+            outcome, _ = outcome_of(suites[name], SLOWER * reach[name]["seconds"] + PATIENCE, NO_COUNTERS, libraries)
+            if outcome != "passed":
+                return verdict(outcome, name)
+        return verdict(SURVIVED)
+
+    is_built, is_alone = build_alone(draw.file, changed)
+    if not is_built:
+        return verdict(NOT_BUILT)
+    if is_alone:
+        return judged(str(ALONE))
+    target.write_text(changed, encoding="utf-8")
+    try:
+        words = ["cmake", "--build", str(BUILD), "--target", "hb", *names]
+        return verdict(NOT_BUILT) if subprocess.run(words, capture_output=True, check=False).returncode != 0 else judged("")
+    finally:
+        target.write_text(whole, encoding="utf-8")
+
+
+def build_alone(file: str, text: str) -> tuple[bool, bool]:
+    """Whether a changed source can be compiled, and whether a library with it serves what was built without it."""
+    shutil.rmtree(ALONE, ignore_errors=True)
+    ALONE.mkdir(parents=True)
+    source, thing = ALONE / Path(file).name, ALONE / "changed.o"
+    source.write_text(text, encoding="utf-8")
+    commands = json.loads((BUILD / "compile_commands.json").read_text(encoding="utf-8"))
+    words = shlex.split(next(entry["command"] for entry in commands if entry["file"] == str(SOURCE / file)))
+    place = words[words.index("-o") + 1]
+    changes = {place: str(thing), str(SOURCE / file): str(source), "-Jsrc/modules": f"-J{ALONE}", "--coverage": "", "-O1": "-O0"}
+    words = [changes.get(word, word) for word in words]
+    words = [word for word in words if word] + [f"-I{(SOURCE / file).parent}", "-Isrc/modules"]
+    if subprocess.run(words, cwd=BUILD, capture_output=True, check=False).returncode != 0:
+        return False, False
+    for module in ALONE.glob("*.mod"):
+        if meaning(module) != meaning(BUILD / "src" / "modules" / module.name):
+            return True, False
+    library = "lib" + place.split("/CMakeFiles/")[1].split(".dir/")[0] + ".so"
+    link = run(["ninja", "-C", str(BUILD), "-t", "commands", f"src/{library}"]).splitlines()[-1]
+    link = link.replace(f" {place} ", f" {thing} ").replace(f"-o src/{library} ", f"-o {ALONE / library} ")
+    return True, subprocess.run(link, shell=True, cwd=BUILD, capture_output=True, check=False).returncode == 0
+
+
+def meaning(module: Path) -> bytes:
+    """A module file of gfortran without its first line, which names the source."""
+    return gzip.open(module).read().split(b"\n", 1)[1]
+
+
+def line_of(verdict: Verdict) -> str:
+    """One line of a list: what was changed and what became of it."""
+    draw = verdict.draw
+    text = (ROOT / draw.file).read_text(encoding="utf-8").split("\n")[draw.line - 1]
+    changed = (text[: draw.column] + "«" + draw.old + "→" + draw.new + "»" + text[draw.column + len(draw.old) :]).strip()
+    by = f" by {verdict.suite}" if verdict.suite else ""
+    if verdict.verdict == SURVIVED:
+        by = f", {verdict.reached_by} suites execute it"
+    return f"{draw.file.removeprefix('src/')}:{draw.line} ({draw.kind}): `{changed}`: {verdict.verdict}{by}"
+
+
+def table_of(verdicts: list[Verdict]) -> str:
+    """Numbers by kind of change, and the survivors."""
+    counted = [verdict for verdict in verdicts if verdict.verdict != NOT_BUILT]
+    caught = Counter(verdict.draw.kind for verdict in counted if verdict.verdict in (CAUGHT, TOO_LONG))
+    drawn = Counter(verdict.draw.kind for verdict in counted)
+    rows = ["| kind of change | drawn | caught |", "|---|---|---|"]
+    rows += [f"| {kind} | {drawn[kind]} | {caught[kind]} |" for kind in sorted(drawn)]
+    rows.append(f"| all | {len(counted)} | {sum(caught.values())} |")
+    late = sum(verdict.verdict == TOO_LONG for verdict in counted)
+    words = f"{len(verdicts) - len(counted)} more did not build and do not count; {late} of those caught ran too long."
+    survivors = ["- " + line_of(verdict) for verdict in counted if verdict.verdict == SURVIVED]
+    return "\n".join([*rows, "", words, "", "Survivors:", "", *survivors])
