@@ -306,12 +306,11 @@ contains
             " by truncation, ", summary%aliasing, " by aliasing"
          call say(trim(estimates))
       end if
-      if (summary%n_stable + summary%n_unstable > 0) then
+      if (number_solved(summary) > 0 .and. study%scene%stability%method /= stability_method%off &
+          .and. .not. study%scene%normal_mode%is_asked) &
          call say(stability_text(summary%n_stable, summary%n_unstable, number_solved(summary))//" (see 'is_stable')")
-      else if (allocated(study%plan%curve) .and. study%scene%stability%method == stability_method%auto &
-               .and. .not. study%scene%normal_mode%is_asked) then
-         call say("stability is not known: where it takes longer than the points, &stability method = 'march' asks for it")
-      end if
+      if (summary%n_too_costly > 0) call say("the stability of "//number_of(summary%n_too_costly, "point")// &
+         " would take longer than the run may: &stability method = 'march' computes it")
       if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
          " between neighbours to another branch of motions (see 'branch'), the first to "//study%plan%describe(summary%first_jump))
       if (summary%n_near_commensurate > 0) call say("warning: in "// &

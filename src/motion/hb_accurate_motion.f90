@@ -75,19 +75,30 @@ contains
       call climb(scene, account, result, error, top, start, watch, judge)
       if (allocated(error) .or. .not. scene%accuracy%grows_set) return
       do i = 1, most_refinements
-         if (.not. is_denied(result)) exit
+         if (.not. is_denied(scene, result)) exit
          call refine_for_verdict(scene, 10.0_wp**(-i), account, result, top, watch)
       end do
    end subroutine solve_to_tolerance
 
-   !> Whether the errors of the motion leave open whether it is stable: they move its largest multiplier as far as the unit circle.
-   pure logical function is_denied(result)
+   !> Whether the errors of the motion leave open whether it is stable: they move its largest multiplier as far as the unit circle
+   !> or, of several tones under laws with kinks, its largest exponent to zero, or it has no periodic motion next to it.
+   pure logical function is_denied(scene, result)
+      type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(in) :: result
       real(wp), parameter :: twice = 2.0_wp
+      real(wp) :: unit
+      integer :: i
 
       is_denied = .false.
-      if (result%status /= outcome%converged .or. .not. allocated(result%stability%multipliers)) return
+      if (result%status /= outcome%converged) return
       associate (found => result%stability)
+         if (.not. allocated(found%multipliers)) then
+            unit = 1.0_wp
+            if (size(result%frequency) > 1) unit = minval(result%frequency)
+            is_denied = found%verdict == stability_verdict%unknown .and. found%estimate > clear_change*unit .and. &
+               any([(scene%laws(i)%law%n_switches + scene%laws(i)%law%n_states > 0, i=1, size(scene%laws))])
+            return
+         end if
          is_denied = found%estimate > clear_change .and. (found%verdict == stability_verdict%unknown .or. &
                      (found%verdict == stability_verdict%unstable .and. abs(found%multipliers(1)) - 1.0_wp < twice*found%estimate))
       end associate

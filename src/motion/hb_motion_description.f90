@@ -20,6 +20,7 @@ module hb_motion_description
    use hb_solver_types, only: nanoseconds_of_work
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
+   use hb_structure, only: most_dense
    use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
@@ -85,8 +86,8 @@ contains
                              usual_work(scene, balance), stability)
    end subroutine stability_of
 
-   !> A verdict holds only where the motion with its first-order errors taken out has it, too: multipliers feel errors of the motion
-   !> that are small beside it, such as those in when a hard stop is left.
+   !> A verdict holds only where the motion with its first-order errors taken out has it, too: multipliers and exponents feel errors
+   !> of the motion that are small beside it, such as those in when a hard stop is left.
    subroutine compare_with_refined(scene, tones, found, stability)
       type(scene_t), intent(in) :: scene
       type(tones_t), intent(in) :: tones                              !! of the motion
@@ -100,6 +101,8 @@ contains
       if (max(found%truncation, found%aliasing) <= exact .or. stability%is_marched) return
       config = scene%stability
       config%patience = 1.0_wp
+      if (stability%n_laps > 0) config%fewest_laps = stability%n_laps
+      if (stability%n_laps > 0) config%most_laps = stability%n_laps
       call ask_for_stability(scene, config, harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
       call stability%hold_against(refined)
    end subroutine compare_with_refined
@@ -238,9 +241,11 @@ contains
       type(search_t), intent(inout), optional :: search               !! of a scene with unknown tones
       class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
       logical :: keeps_refined
+      integer :: i
 
-      keeps_refined = .false.
-      if (allocated(scene%accuracy%outputs)) keeps_refined = size(scene%accuracy%outputs) > 0
+      keeps_refined = scene%structure%n_dofs <= most_dense .and. &    ! for stability
+         any([(scene%laws(i)%law%n_switches + scene%laws(i)%law%n_states > 0, i=1, size(scene%laws))])
+      if (allocated(scene%accuracy%outputs)) keeps_refined = keeps_refined .or. size(scene%accuracy%outputs) > 0
       if (any(scene%tones%is_unknown) .and. present(search)) then
          call certify(result%certificate, scene%structure, scene%loads%at(basis%places), basis%torus, balance, u, &
                       scene%planning, 0, error, search%phase, looks_near=scene%certificate%looks_near, &

@@ -14,7 +14,7 @@ module hb_exponents
    public :: exponents_t, find_exponents, laps_t, orthogonalise, work_of_exponents
 
    integer, parameter :: n_laps = 100                                 ! on which averages are taken
-   integer, parameter :: most_laps = 800                              ! doubled up to that many, while the spread decides
+   integer, parameter :: usual_most_laps = 800
    real(wp), parameter :: clear = 3.0_wp, clear_early = 10.0_wp       ! of the spread: from zero, after fewer laps than `n_laps`
 
    !> Somebody who carries disturbances along a motion.
@@ -51,19 +51,21 @@ module hb_exponents
       real(wp), allocatable :: rate(:)                                !! [1/s], the largest first; not allocated where lost
       real(wp), allocatable :: spread(:)                              !! likewise
       integer :: n_laps = 0
+      logical :: is_cut_short = .false.                               !! more laps would have taken more work than allowed
    end type exponents_t
 
 contains
 
    !> Follows disturbances until the largest exponent is further from zero than its spread is wide, or the work is done.
-   subroutine find_exponents(self, laps, work_limit, fewest_laps)
+   subroutine find_exponents(self, laps, work_limit, fewest_laps, most_laps)
       type(exponents_t), intent(out) :: self
       class(laps_t), intent(inout) :: laps
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
       integer, intent(in), optional :: fewest_laps                    !! on which averages are taken, default `n_laps`
+      integer, intent(in), optional :: most_laps                      !! doubled up to that many, while the spread decides
       type(exponents_t) :: found
       real(wp), allocatable :: growth(:, :), longer(:, :), x(:, :)
-      integer :: forgotten, i, k, n_all
+      integer :: forgotten, i, k, limit, n_all
       logical :: is_done
 
       call laps%settle(n_forgotten_of(n_laps), is_done)
@@ -77,6 +79,8 @@ contains
       allocate (growth(laps%n_followed, 0))
       found%n_laps = n_laps
       if (present(fewest_laps)) found%n_laps = fewest_laps
+      limit = usual_most_laps
+      if (present(most_laps)) limit = most_laps
       do
          forgotten = n_forgotten_of(found%n_laps)
          n_all = found%n_laps + forgotten
@@ -92,7 +96,8 @@ contains
          end do
          call average(growth(:, forgotten + 1:), laps%length, found%rate, found%spread)
          if (abs(found%rate(1)) > merge(clear_early, clear, found%n_laps < n_laps)*found%spread(1)) exit
-         if (2.0_wp*n_all*laps%work > work_limit .or. 2*found%n_laps > most_laps) exit
+         found%is_cut_short = 2.0_wp*n_all*laps%work > work_limit
+         if (found%is_cut_short .or. 2*found%n_laps > limit) exit
          found%n_laps = 2*found%n_laps
       end do
       self = found

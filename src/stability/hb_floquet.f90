@@ -11,6 +11,7 @@ module hb_floquet
    use hb_linear_laps, only: linear_laps_t, new_linear_laps
    use hb_monodromy, only: find_monodromy, monodromy_t, work_of_monodromy, work_of_transfer
    use hb_multipliers, only: deflate, eigenvalues_of
+   use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
    use hb_stability, only: excitation_t, harmonic_motion_t, most_multipliers, stability_config_t, stability_finder_t, &
       stability_method, stability_t, verdict
    use hb_structure, only: structure_t
@@ -22,6 +23,8 @@ module hb_floquet
    real(wp), parameter :: smallest_margin = 1.0e-9_wp                 ! of a multiplier from 1 that is sure
    real(wp), parameter :: safety = 10.0_wp                            ! on the estimate of the error
    real(wp), parameter :: safety_of_spread = 3.0_wp                   ! on the difference of both halves of a record
+   integer, parameter :: laps_of_haste = 25                           ! where more take too long; doubled while that is not enough
+   real(wp), parameter :: most_work_of_orbit = 1.0e8_wp               ! likewise; high modes need more, and keep the series
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
 
    type, extends(stability_finder_t) :: floquet_t
@@ -46,21 +49,30 @@ contains
       type(variation_t), target :: variation
       type(hill_t), allocatable :: hill
       type(error_t), allocatable :: error
+      type(stability_config_t) :: how
       real(wp) :: limit, work
+      logical :: is_orbit_sought
 
-      associate (not_needed => excitation)
-      end associate
       if (config%method == stability_method%off .or. has_to_be_marched(laws)) return
+      how = config
       limit = self%work_limit(config, work_allowed)
-      if (least_work(structure%n_dofs) > limit) return                ! however the motion is: the mass is not divided by
+      stability%is_too_costly = least_work(structure%n_dofs) > limit  ! however the motion is: the mass is not divided by
+      if (stability%is_too_costly) return
       call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
       if (motion%tones%n_tones == 1) then
          work = work_of_monodromy(variation)
       else
-         work = work_of_exponents(work_of_transfer(variation, two_pi/minval(motion%tones%omega)), config%fewest_laps)
+         associate (work_of_lap => work_of_transfer(variation, two_pi/minval(motion%tones%omega)))
+            work = work_of_exponents(work_of_lap, how%fewest_laps)
+            if (work > limit .and. config%method == stability_method%auto) then
+               how%fewest_laps = min(how%fewest_laps, laps_of_haste)
+               work = work_of_exponents(work_of_lap, how%fewest_laps)
+            end if
+         end associate
       end if
-      if (work > limit) return
+      stability%is_too_costly = work > limit
+      if (stability%is_too_costly) return
       stability%method = stability_method%march
       if (config%method == stability_method%hill .and. variation%is_smooth()) then
          allocate (hill)
@@ -68,11 +80,17 @@ contains
          if (allocated(error)) return
          stability%method = stability_method%hill
       end if
+      is_orbit_sought = .false.
+      if (has_piecewise_orbit(variation) .and. .not. any(motion%tones%is_unknown)) &
+         is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, most_work_of_orbit)
+      if (is_orbit_sought) then
+         call judge_orbit(stability, variation, structure, motion, excitation)
+         return
+      end if
       if (motion%tones%n_tones == 1) then
          call judge_period(stability, config, variation, motion%amplitudes, motion%tones%is_unknown(1), hill)
       else
-         call judge_torus(stability, config, variation, motion%amplitudes, motion%tones%is_unknown, min(limit, work_on_demand), &
-                          hill)
+         call judge_torus(stability, how, variation, motion%amplitudes, motion%tones%is_unknown, min(limit, work_on_demand), hill)
       end if
    end subroutine floquet_find
 
@@ -122,30 +140,51 @@ contains
 
       call new_linear_laps(laps, variation, shifts_of(variation, amplitudes, is_unknown), config%tolerance)
       call move_alloc(hill, laps%hill)
-      call judge_exponents(self, laps, work_limit, config%fewest_laps)
+      call judge_exponents(self, laps, work_limit, config)
    end subroutine judge_torus
 
    !> Follows disturbances lap by lap, and tells what their growth says.
-   subroutine judge_exponents(self, laps, work_limit, fewest_laps)
+   subroutine judge_exponents(self, laps, work_limit, config)
       type(stability_t), intent(inout) :: self
       class(laps_t), intent(inout) :: laps
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
-      integer, intent(in) :: fewest_laps
+      type(stability_config_t), intent(in) :: config
       type(exponents_t) :: found
       real(wp) :: margin
 
-      call find_exponents(found, laps, work_limit, fewest_laps)
+      call find_exponents(found, laps, work_limit, config%fewest_laps, config%most_laps)
       if (.not. allocated(found%rate)) return
       self%exponents = found%rate(:min(size(found%rate), most_multipliers))
       self%estimate = found%spread(1)
+      self%n_laps = found%n_laps
       margin = max(safety_of_spread*found%spread(1), smallest_margin*two_pi/laps%length)
       self%n_unstable = count(found%rate > safety_of_spread*found%spread .and. found%rate > margin)
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable
       else if (maxval(found%rate) < -margin) then
          self%verdict = verdict%stable
+      else
+         self%is_too_costly = found%is_cut_short
       end if
    end subroutine judge_exponents
+
+   !> Multipliers of the periodic motion under laws of piecewise constant slope next to the one given; none where there is none.
+   !> Those of a truncated motion may be far off although it is not: they depend on when it enters and leaves contact.
+   subroutine judge_orbit(self, variation, structure, motion, excitation)
+      type(stability_t), intent(inout) :: self
+      type(variation_t), intent(in) :: variation
+      type(structure_t), intent(in) :: structure
+      type(harmonic_motion_t), intent(in) :: motion
+      type(excitation_t), intent(in) :: excitation
+      type(piecewise_orbit_t) :: orbit
+
+      call find_piecewise_orbit(orbit, variation, structure, motion%amplitudes, excitation)
+      self%estimate = 1.0_wp                                          ! the series is too far from any periodic motion
+      if (.not. orbit%is_found) return
+      self%is_marched = .true.
+      self%estimate = orbit%estimate
+      call judge_matrix(self, orbit%matrix, variation%motion%omega(1))
+   end subroutine judge_orbit
 
    !> Multipliers of a periodic motion.
    subroutine judge_period(self, config, variation, amplitudes, is_free, hill)

@@ -39,9 +39,12 @@ contains
       type(error_t), allocatable :: error
       real(wp) :: limit
 
-      if (.not. (config%is_marched .or. has_to_be_marched(laws))) then
+      if (.not. has_to_be_marched(laws)) then
          call self%floquet_t%find(stability, config, motion, structure, laws, excitation, work_allowed)
-      else if (config%method /= stability_method%off) then
+         if (stability%is_marched .or. .not. config%is_marched) return
+         stability = stability_t()
+      end if
+      if (config%method /= stability_method%off) then
          call structure%refuse_large("stability", most_dense, error)
          if (allocated(error)) return
          call new_march_system(system, structure, laws, excitation%loads%whole(), excitation%frequencies, motion%tones%omega)
@@ -69,9 +72,10 @@ contains
 
       call new_marched_laps(laps, system, motion, restitution, config%tolerance, error)
       if (allocated(error)) return
-      if (work_of_exponents(laps%work, config%fewest_laps) > work_limit) return
+      self%is_too_costly = work_of_exponents(laps%work, config%fewest_laps) > work_limit
+      if (self%is_too_costly) return
       self%method = stability_method%march
-      call judge_exponents(self, laps, min(work_limit, work_on_demand), config%fewest_laps)
+      call judge_exponents(self, laps, min(work_limit, work_on_demand), config)
    end subroutine march_laps
 
    !> By marching a period of one tone from the motion and from beside it, for laws that ask for it: multipliers are those of the
@@ -90,7 +94,8 @@ contains
 
       call new_period_map(map, system, series, restitution, config%tolerance, error)
       if (allocated(error)) return
-      if (work_of_period_map(map) > work_limit) return
+      self%is_too_costly = work_of_period_map(map) > work_limit
+      if (self%is_too_costly) return
       self%method = stability_method%march
       call find_period_map(map, is_free, work_on_demand)
       if (.not. map%is_found) return

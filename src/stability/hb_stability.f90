@@ -39,6 +39,7 @@ module hb_stability
                                                                       !! take in any case
       real(wp) :: tolerance = 1.0e-6_wp                               !! of the monodromy matrix, relative
       integer :: fewest_laps = 100                                    !! of the slowest tone, for exponents
+      integer :: most_laps = 800                                      !! likewise, while the sign of the largest is not clear
       logical :: is_marched = .false.                                 !! of the motion that repeats when it is marched, in any case
    end type stability_config_t
 
@@ -46,7 +47,9 @@ module hb_stability
       integer :: verdict = verdict%unknown
       integer :: n_unstable = 0                                       !! multipliers outside of the unit circle, or exponents > 0
       integer :: method = stability_method%off                        !! that was used
-      logical :: is_marched = .false.                                 !! found along the motion that repeats when it is marched
+      logical :: is_marched = .false.                                 !! found along a motion that repeats in the time domain
+      logical :: is_too_costly = .false.                              !! left out: it takes more work than allowed
+      integer :: n_laps = 0                                           !! of the slowest tone, over which exponents are averaged
       real(wp) :: estimate = 0.0_wp                                   !! of the error of the monodromy matrix, relative, of what it
                                                                       !! makes of a shift of the motion's own phase, or of the
                                                                       !! largest multiplier by that of the motion; of several
@@ -102,11 +105,19 @@ contains
    end function n_multipliers_of
 
    !> Compares with what was found along a better motion: a verdict on which both do not agree, or which lies within twice the
-   !> change of the largest multiplier, is not known; nor is one of stability where multipliers move too far.
+   !> change of the largest multiplier or exponent, is not known; nor is one of stability where multipliers move too far.
    pure subroutine stability_hold_against(self, better)
       class(stability_t), intent(inout) :: self
       type(stability_t), intent(in) :: better
 
+      if (.not. allocated(self%multipliers) .and. allocated(self%exponents) .and. allocated(better%exponents)) then
+         associate (here => self%exponents(1), there => better%exponents(1))
+            self%estimate = max(self%estimate, abs(here - there))
+            if (self%verdict == verdict%stable .and. max(here, there) >= -2.0_wp*abs(here - there)) self%verdict = verdict%unknown
+            if (self%verdict == verdict%unstable .and. there <= 0.0_wp) self%verdict = verdict%unknown
+         end associate
+         return
+      end if
       if (.not. (allocated(self%multipliers) .and. allocated(better%multipliers))) then
          self%verdict = verdict%unknown
          return

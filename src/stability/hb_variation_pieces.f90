@@ -10,7 +10,7 @@ module hb_variation_pieces
    use hb_variation, only: piece_t, variation_t
    implicit none
    private
-   public :: cut_time, settle_sliders
+   public :: bracket_t, cut_time, settle_sliders
 
    integer, parameter :: most_halvings = 60
    integer, parameter :: most_passes = 3                              ! events of a slider between two looks
@@ -26,9 +26,9 @@ module hb_variation_pieces
 
    !> Where a function changes its sign: by false position (Illinois), until numbers come to an end.
    type :: bracket_t
-      real(wp) :: low, high
-      real(wp) :: value_low = 0.0_wp, value_high = 0.0_wp
-      real(wp) :: middle = 0.0_wp                                     ! where to look next
+      real(wp) :: low, high                                           !! arguments
+      real(wp) :: value_low = 0.0_wp, value_high = 0.0_wp             !! values there, of opposite signs
+      real(wp) :: middle = 0.0_wp                                     !! where to look next, in the end the zero
       integer, private :: side = 0, pass = 0
    contains
       procedure :: is_wide => bracket_is_wide

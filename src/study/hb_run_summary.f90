@@ -24,6 +24,7 @@ module hb_run_summary
       integer :: n_near_commensurate = 0
       integer :: first_near_commensurate = huge(1)                    !! point, from 1
       integer :: n_stable = 0, n_unstable = 0                         !! points whose motions are
+      integer :: n_too_costly = 0                                     !! points whose stability was left out for the work it takes
       integer :: n_jumps = 0                                          !! between neighbours, hb_branches
       integer :: first_jump = 0                                       !! point from 1 to which the first of them leads
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
@@ -82,6 +83,8 @@ contains
       if (result%rescue > 0) summary%n_rescued = summary%n_rescued + 1
       if (result%stability%verdict > 0) summary%n_stable = summary%n_stable + 1
       if (result%stability%verdict < 0) summary%n_unstable = summary%n_unstable + 1
+      if (result%stability%is_too_costly .and. result%stability%verdict == 0 .and. is_solved(result%status)) &
+         summary%n_too_costly = summary%n_too_costly + 1
       if (allocated(result%certificate%combination)) summary%n_certified = summary%n_certified + 1
       if (result%is_near_commensurate) then
          summary%n_near_commensurate = summary%n_near_commensurate + 1
@@ -179,6 +182,7 @@ contains
       summary%n_certified = sum_over(comm, summary%n_certified)
       summary%n_stable = sum_over(comm, summary%n_stable)
       summary%n_unstable = sum_over(comm, summary%n_unstable)
+      summary%n_too_costly = sum_over(comm, summary%n_too_costly)
       summary%n_near_commensurate = sum_over(comm, summary%n_near_commensurate)
       summary%first_near_commensurate = -max_over(comm, -summary%first_near_commensurate)
       summary%truncation = max_over(comm, summary%truncation)

@@ -455,7 +455,7 @@ def test_stability_that_was_not_looked_for_is_told(tmp_path):
 &curve parameter = 'tones%frequency', from = 30.0, to = 31.0 /
 """
     (tmp_path / "beam.nml").write_text(scene)
-    hint = "&stability method = 'march' asks for it"
+    hint = "&stability method = 'march' computes it"
     assert hint in run("solve", "beam.nml", cwd=tmp_path).stdout
     told = run("solve", "beam.nml", "--overwrite", "--set", "stability%method='march'", cwd=tmp_path).stdout
     assert hint not in told and " stable" in told

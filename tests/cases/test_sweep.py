@@ -603,3 +603,27 @@ def test_energies_of_a_linear_oscillator_are_shown(tmp_path):
     expected = (2.0 * 1.2**2 * amplitude**2 / 4, 5.0 * amplitude**2 / 4, 0.3 * 1.2 / 5.0, 0.3 / 4.0)
     shown = [float(word) for word in line.replace(",", "").split() if word[0].isdigit() and word != "1/s"]
     np.testing.assert_allclose(shown, expected, rtol=1e-5)
+
+
+def solve_masses_under_two_tones(folder: Path, n_masses: int, n_points: int) -> str:
+    """What `solve` prints of a chain with one cubic spring, whose balances take next to nothing."""
+    source = folder / "chain.nml"
+    source.write_text(
+        f"&structure type = 'chain', n_masses = {n_masses}, ends = 'free', mass = 1.0, coupling_stiffness = 1.0,\n"
+        "   ground_stiffness = 1.0, damping_mass = 0.1 /\n&tones frequency = 2.0, 2.8284 /\n&harmonics order = 3 /\n"
+        "&load dof = 'x1', tuple = 1, 0, cos = 0.25 /\n&load dof = 'x1', tuple = 0, 1, cos = 0.25 /\n"
+        "&law type = 'cubic_spring', dof = 'x1', stiffness = 1.5 /\n"
+        f"&sweep parameter = 'load(1)%cos', from = 0.1, to = 0.5, n = {n_points} /\n"
+    )
+    return run("solve", source, "-o", folder / "chain.h5", cwd=folder).stdout
+
+
+def test_stability_of_a_short_run_is_found_without_being_asked_for(tmp_path):
+    assert "12 stable, 0 unstable (see 'is_stable')" in solve_masses_under_two_tones(tmp_path, 3, 12)
+
+
+def test_points_without_a_verdict_are_counted(tmp_path):
+    """25 periods of 40 masses, which are six seconds, are more than a run takes without being asked for."""
+    printed = solve_masses_under_two_tones(tmp_path, 40, 2)
+    assert "0 stable, 0 unstable, 2 not known" in printed
+    assert "the stability of 2 points would take longer than the run may: &stability method = 'march'" in printed

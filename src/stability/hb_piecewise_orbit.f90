@@ -1,0 +1,486 @@
+!> The periodic motion next to a given one where all laws have constant slopes between their switches, and its monodromy matrix.
+!>
+!> Between two switches the equations of motion are linear, so that a state is carried to the next event by matrix exponentials; no
+!> force jumps there, so that the saltation matrix is the identity. Newton's method on the state after a period (shooting) finds the
+!> motion that repeats: its multipliers have no error of truncation. Source: R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations
+!> of Non-Smooth Mechanical Systems, Springer 2004, sections 7.4 and 8.4.
+module hb_piecewise_orbit
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_kinds, only: two_pi, wp
+   use hb_lapack, only: dgetrf, dgetrs, dpotrf, dpotrs
+   use hb_matrix_exponential, only: count_exponential, exponential_of
+   use hb_stability, only: excitation_t
+   use hb_structure, only: structure_t
+   use hb_variation, only: piece_t, variation_t
+   use hb_variation_pieces, only: bracket_t
+   implicit none
+   private
+   public :: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
+
+   integer, parameter :: steps_a_period = 16                          ! of the fastest oscillation: a switch turns once in a step
+   integer, parameter :: n_looks = 256                                ! in a period, for a time without events
+   integer, parameter :: fewest_steps = 64                            ! in a period of the motion
+   integer, parameter :: most_terms = 60                              ! of an exponential series within a step
+   integer, parameter :: most_events = 1000                           ! in a period: beyond, contact chatters
+   integer, parameter :: most_shots = 20, usual_shots = 5
+   integer, parameter :: most_backtracks = 5
+   real(wp), parameter :: same_motion = 0.1_wp                        ! largest change of the state by shooting, scaled
+   real(wp), parameter :: repeats = 1.0e-9_wp                         ! what may be left of a state after a period, scaled
+   real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind
+
+   type :: piecewise_orbit_t
+      real(wp), allocatable :: matrix(:, :)                           !! monodromy matrix of (q, v/scale)
+      real(wp) :: estimate = huge(1.0_wp)                             !! of its error, relative to its largest entry or 1
+      logical :: is_found = .false.                                   !! false: none is near the motion, or it is not clear which
+   end type piecewise_orbit_t
+
+   !> The linear system of (q, v/scale, 1, cosines, sines of the loads) while no switch changes its sign.
+   type :: branch_t
+      logical, allocatable :: is_positive(:)                          ! (n_switches)
+      real(wp), allocatable :: a(:, :)                                ! (size, size) [1/s]
+      real(wp), allocatable :: step(:, :)                             ! exp(h a)
+      real(wp) :: h = 0.0_wp                                          ! [s]
+   end type branch_t
+
+   !> Carries states through time.
+   type :: flow_t
+      integer :: n = 0                                                ! of (q, v/scale)
+      integer :: size = 0
+      real(wp) :: period = 0.0_wp                                     ! [s]
+      real(wp), allocatable :: constant(:, :)                         ! system without laws, (size, size)
+      real(wp), allocatable :: first(:)                               ! the entries behind n at the start
+      real(wp), allocatable :: switches(:, :)                         ! switches as linear functions, (n_switches, size)
+      real(wp), allocatable :: noise(:)                               ! of them [m], (n_switches)
+      type(branch_t), allocatable :: branches(:)                      ! met so far
+   end type flow_t
+
+contains
+
+   !> Whether the motion is one of a system that is linear between switches of laws without memory.
+   pure logical function has_piecewise_orbit(variation)
+      type(variation_t), intent(in) :: variation
+      integer :: i
+
+      has_piecewise_orbit = size(variation%motion%omega) == 1 .and. variation%n_states == 0 .and. variation%n_switches() > 0 &
+                            .and. variation%is_piecewise_linear()
+      do i = 1, size(variation%laws)
+         associate (law => variation%laws(i)%law)
+            has_piecewise_orbit = has_piecewise_orbit .and. law%phase_tone == 0 .and. .not. law%needs_velocity
+         end associate
+      end do
+   end function has_piecewise_orbit
+
+   !> About how many nanoseconds it takes, from counts alone.
+   pure real(wp) function work_of_piecewise_orbit(variation) result(work)
+      type(variation_t), intent(in) :: variation
+      integer, parameter :: steps_an_event = 16
+      real(wp), parameter :: set_up = 2.0e4_wp, per_step = 50.0_wp, per_product = 1.0_wp
+      real(wp) :: n_events, n_steps, period
+
+      period = two_pi/variation%motion%omega(1)
+      n_events = 2.0_wp*variation%n_switches()
+      n_steps = max(real(fewest_steps, wp), steps_a_period*period*variation%scale/two_pi) + steps_an_event*n_events
+      work = set_up + usual_shots*(n_steps*(per_step + per_product*(variation%size + 3)**2) &
+             + (n_events + 1)*count_exponential(variation%size, period*variation%norm/(n_events + 1)))
+   end function work_of_piecewise_orbit
+
+   !> Finds the motion that repeats by shooting from the state of a given one far from its events.
+   subroutine find_piecewise_orbit(self, variation, structure, amplitudes, excitation)
+      type(piecewise_orbit_t), intent(out) :: self
+      type(variation_t), intent(in) :: variation                      !! along the given motion
+      type(structure_t), intent(in) :: structure
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! of the given motion, cos - i sin, (n_dofs, n_harmonics)
+      type(excitation_t), intent(in) :: excitation
+      type(flow_t) :: flow
+      real(wp), dimension(2*variation%n_dofs) :: after, begun, left, left_before, step, units, x
+      complex(wp) :: turned(size(amplitudes, 1), size(amplitudes, 2))
+      real(wp) :: sense, sense_before, start
+      integer :: backtrack, n, shot
+      logical :: is_done
+
+      n = variation%n_dofs
+      start = quiet_time(variation)
+      turned = amplitudes*spread(exp(cmplx(0.0_wp, variation%motion%frequencies*start, wp)), 1, n)
+      begun(:n) = sum(real(turned), dim=2)
+      begun(n + 1:) = -matmul(aimag(turned), variation%motion%frequencies)/variation%scale
+      units(:n) = sum(abs(amplitudes), dim=2)
+      units(n + 1:) = matmul(abs(amplitudes), abs(variation%motion%frequencies))/variation%scale
+      units(:n) = max(units(:n), smallest_scale*maxval(units(:n)), tiny(1.0_wp))
+      units(n + 1:) = max(units(n + 1:), smallest_scale*maxval(units(n + 1:)), tiny(1.0_wp))
+      call new_flow(flow, variation, structure, excitation, start, is_done)
+      if (.not. is_done) return
+      x = begun
+      step = 0.0_wp
+      left_before = huge(1.0_wp)
+      sense_before = 0.0_wp
+      backtrack = 0
+      do shot = 1, most_shots
+         call go_round(flow, variation, x, after, self%matrix, is_done)
+         if (.not. is_done) return
+         left = (after - x)/units
+         if (maxval(abs(left)) >= maxval(abs(left_before)) .and. backtrack < most_backtracks) then
+            if (maxval(abs(left)) <= repeats) exit                    ! rounding
+            step = 0.5_wp*step
+            x = x - step
+            backtrack = backtrack + 1
+            cycle
+         end if
+         backtrack = 0
+         call solve_step(self%matrix, after - x, step, sense)
+         if (.not. sense*sense_before > 0.0_wp .and. shot > 1) return ! a fold lies between: it is not clear which motion is meant
+         sense_before = sense
+         if (max(maxval(abs(left)), maxval(abs(step/units))) <= repeats) exit
+         left_before = left
+         x = x + step
+         if (maxval(abs((x - begun)/units)) > same_motion) return
+      end do
+      self%is_found = maxval(abs(left)) <= repeats
+      self%estimate = max(maxval(abs(left)), epsilon(1.0_wp)*size(flow%branches)*flow%period*maxval(abs(flow%constant)))
+   end subroutine find_piecewise_orbit
+
+   !> The middle of the longest time without events of the given motion: a state there tells most of when the next ones are.
+   function quiet_time(variation) result(time)
+      type(variation_t), intent(in) :: variation
+      real(wp) :: time                                                !! [s]
+      real(wp), dimension(n_looks, variation%n_coordinates) :: v, z
+      real(wp) :: values(variation%n_switches()), times(n_looks)
+      logical :: is_event(n_looks), is_positive(variation%n_switches(), n_looks)
+      integer :: i, last, length, longest, middle, n
+
+      times = [(two_pi*i/(n_looks*variation%motion%omega(1)), i=0, n_looks - 1)]
+      call variation%motion%at(variation%motion%phases(times), z, v, .false.)
+      do i = 1, n_looks
+         last = 0
+         do n = 1, size(variation%laws)
+            associate (law => variation%laws(n)%law, place => variation%places(n))
+               call law%switches(z(i, place%first:place%last), v(i, place%first:place%last), values(last + 1:last + law%n_switches))
+               last = last + law%n_switches
+            end associate
+         end do
+         is_positive(:, i) = values > 0.0_wp
+      end do
+      is_event = [(any(is_positive(:, i) .neqv. is_positive(:, 1 + modulo(i, n_looks))), i=1, n_looks)]
+      middle = 1
+      longest = 0
+      length = 0
+      do i = 1, 2*n_looks
+         length = length + 1
+         if (.not. is_event(1 + modulo(i - 1, n_looks))) cycle
+         if (length > longest .and. i > n_looks) then
+            longest = length
+            middle = 1 + modulo(i - 1 - length/2, n_looks)
+         end if
+         length = 0
+      end do
+      time = times(middle)
+   end function quiet_time
+
+   !> Newton's step: (matrix - 1) step = -left, with the sign of the determinant.
+   subroutine solve_step(matrix, left, step, sense)
+      real(wp), intent(in) :: matrix(:, :), left(:)
+      real(wp), intent(out) :: step(:)
+      real(wp), intent(out) :: sense
+      real(wp) :: a(size(left), size(left))
+      integer :: i, info, pivots(size(left))
+
+      a = matrix
+      do i = 1, size(left)
+         a(i, i) = a(i, i) - 1.0_wp
+      end do
+      call dgetrf(size(left), size(left), a, size(left), pivots, info)
+      step = huge(1.0_wp)
+      sense = 0.0_wp
+      if (info /= 0) return
+      sense = 1.0_wp
+      do i = 1, size(left)
+         sense = sign(sense, sense*a(i, i)*merge(1.0_wp, -1.0_wp, pivots(i) == i))
+      end do
+      step = -left
+      call dgetrs("N", size(left), 1, a, size(left), pivots, step, size(left), info)
+   end subroutine solve_step
+
+   !> Fails where a switch is no linear function, or loads are not those of the motion's tone.
+   subroutine new_flow(self, variation, structure, excitation, start, is_done)
+      type(flow_t), intent(out) :: self
+      type(variation_t), intent(in) :: variation
+      type(structure_t), intent(in) :: structure
+      type(excitation_t), intent(in) :: excitation
+      real(wp), intent(in) :: start                                   !! [s]
+      logical, intent(out) :: is_done
+      real(wp) :: factor(variation%n_dofs, variation%n_dofs)
+      real(wp), allocatable :: pushes(:, :)                           ! cosine and sine of each load over the mass
+      integer, allocatable :: turning(:)                              ! loads that vary
+      integer :: i, info, k, n
+
+      n = variation%n_dofs
+      self%n = 2*n
+      self%period = two_pi/variation%motion%omega(1)
+      is_done = allocated(excitation%loads%values) .and. allocated(excitation%frequencies)
+      if (.not. is_done) return
+      associate (loads => excitation%loads, w => excitation%frequencies)
+         factor = structure%mass
+         call dpotrf("L", n, factor, n, info)
+         allocate (pushes(n, 2*size(loads%harmonics)))
+         do k = 1, size(loads%harmonics)
+            pushes(:, 2*k - 1) = real(loads%values(:, k))
+            pushes(:, 2*k) = -aimag(loads%values(:, k))
+         end do
+         if (size(pushes) > 0) call dpotrs("L", n, size(pushes, 2), factor, n, pushes, n, info)
+         turning = pack([(k, k=1, size(loads%harmonics))], abs(w(loads%harmonics)) > 0.0_wp)
+         self%size = self%n + 1 + 2*size(turning)
+         allocate (self%constant(self%size, self%size), self%first(1 + 2*size(turning)), source=0.0_wp)
+         self%constant(:self%n, :self%n) = variation%constant(:self%n, :self%n)
+         self%first(1) = 1.0_wp
+         do k = 1, size(loads%harmonics)
+            if (.not. any(turning == k)) self%constant(n + 1:self%n, self%n + 1) = self%constant(n + 1:self%n, self%n + 1) &
+                                                                                 + pushes(:, 2*k - 1)/variation%scale
+         end do
+         do i = 1, size(turning)
+            associate (c => self%n + 2*i, k => turning(i))
+               self%constant(n + 1:self%n, c:c + 1) = pushes(:, 2*k - 1:2*k)/variation%scale
+               self%constant(c, c + 1) = -w(loads%harmonics(k))
+               self%constant(c + 1, c) = w(loads%harmonics(k))
+               self%first(2*i:2*i + 1) = [cos(w(loads%harmonics(k))*start), sin(w(loads%harmonics(k))*start)]
+            end associate
+         end do
+      end associate
+      call take_switches(self, variation)
+      allocate (self%branches(0))
+   end subroutine new_flow
+
+   !> Switches of all laws as linear functions of the state.
+   subroutine take_switches(self, variation)
+      type(flow_t), intent(inout) :: self
+      type(variation_t), intent(in) :: variation
+      integer :: c, first, i, last
+
+      allocate (self%switches(variation%n_switches(), self%size), source=0.0_wp)
+      allocate (self%noise(size(self%switches, 1)))
+      last = 0
+      do i = 1, size(variation%laws)
+         associate (law => variation%laws(i)%law, place => variation%places(i))
+            first = last + 1
+            last = last + law%n_switches
+            block
+               real(wp), dimension(law%n_switches) :: at_unit, at_zero
+               real(wp), dimension(size(law%shape, 2)) :: still, z
+
+               still = 0.0_wp
+               call law%switches(still, still, at_zero)
+               self%switches(first:last, self%n + 1) = at_zero
+               self%noise(first:last) = 16.0_wp*epsilon(1.0_wp)*(abs(at_zero) + maxval(variation%reach(place%first:place%last)))
+               do c = place%first, place%last
+                  z = 0.0_wp
+                  z(c - place%first + 1) = 1.0_wp
+                  call law%switches(z, still, at_unit)
+                  self%switches(first:last, :variation%n_dofs) = self%switches(first:last, :variation%n_dofs) &
+                     + spread(at_unit - at_zero, 2, variation%n_dofs)*spread(variation%shape(:, c), 1, law%n_switches)
+               end do
+            end block
+         end associate
+      end do
+   end subroutine take_switches
+
+   !> Number of the branch with given signs of the switches; made where it is new.
+   subroutine find_branch(self, variation, is_positive, number)
+      type(flow_t), intent(inout) :: self
+      type(variation_t), intent(in) :: variation
+      logical, intent(in) :: is_positive(:)
+      integer, intent(out) :: number
+      type(branch_t) :: branch
+      type(piece_t) :: piece
+      real(wp) :: forces(variation%n_coordinates)
+      real(wp) :: fastest, speeds(variation%size, variation%size)
+      integer :: c, first, i, last, n
+
+      do number = 1, size(self%branches)
+         if (all(self%branches(number)%is_positive .eqv. is_positive)) return
+      end do
+      n = variation%n_dofs
+      allocate (piece%by_place(variation%n_coordinates, variation%n_coordinates, 0:0), source=0.0_wp)
+      piece%by_rate = piece%by_place
+      last = 0
+      do i = 1, size(variation%laws)
+         associate (law => variation%laws(i)%law, place => variation%places(i))
+            first = last + 1
+            last = last + law%n_switches
+            block
+               real(wp), dimension(size(law%shape, 2)) :: at_unit, at_zero, still, z
+
+               still = 0.0_wp
+               call law%evaluate_held(still, still, is_positive(first:last), at_zero)
+               forces(place%first:place%last) = at_zero
+               do c = place%first, place%last
+                  z = 0.0_wp
+                  z(c - place%first + 1) = variation%reach(c)
+                  call law%evaluate_held(z, still, is_positive(first:last), at_unit)
+                  piece%by_place(place%first:place%last, c, 0) = (at_unit - at_zero)/variation%reach(c)
+               end do
+            end block
+         end associate
+      end do
+      call variation%matrix_at(piece, 0, speeds)
+      branch%is_positive = is_positive
+      branch%a = self%constant
+      branch%a(:self%n, :self%n) = speeds(:self%n, :self%n)
+      branch%a(n + 1:self%n, self%n + 1) = branch%a(n + 1:self%n, self%n + 1) - matmul(variation%kick, forces)/variation%scale
+      fastest = sqrt(variation%scale*maxval(sum(abs(speeds(n + 1:self%n, :n)), dim=2)))
+      fastest = max(fastest, maxval(abs(self%constant(self%n + 1:, self%n + 1:))))
+      branch%h = min(self%period/fewest_steps, two_pi/(steps_a_period*fastest))
+      allocate (branch%step(self%size, self%size))
+      call exponential_of(branch%h*branch%a, branch%step)
+      self%branches = [self%branches, branch]
+      number = size(self%branches)
+   end subroutine find_branch
+
+   !> A state after a period and the derivative of that.
+   subroutine go_round(self, variation, x, after, matrix, is_done)
+      type(flow_t), intent(inout) :: self
+      type(variation_t), intent(in) :: variation
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(out) :: after(:)
+      real(wp), allocatable, intent(out) :: matrix(:, :)
+      logical, intent(out) :: is_done
+      real(wp) :: y(self%size), y_next(self%size)
+      real(wp) :: begun, time, to_event
+      logical :: is_last, is_positive(size(self%switches, 1))
+      integer :: i, n_events, number, switch
+
+      allocate (matrix(self%n, self%n), source=0.0_wp)
+      do i = 1, self%n
+         matrix(i, i) = 1.0_wp
+      end do
+      y = [x, self%first]
+      is_positive = matmul(self%switches, y) > 0.0_wp
+      call find_branch(self, variation, is_positive, number)
+      begun = 0.0_wp
+      time = 0.0_wp
+      n_events = 0
+      is_done = .false.
+      do
+         associate (branch => self%branches(number))
+            is_last = time + branch%h >= self%period
+            if (is_last) then
+               call carry(branch%a, self%period - time, y, y_next)
+               call next_event(self, branch, y, y_next, self%period - time, switch, to_event)
+            else
+               y_next = matmul(branch%step, y)
+               call next_event(self, branch, y, y_next, branch%h, switch, to_event)
+            end if
+            if (.not. all(ieee_is_finite(y_next))) return
+            if (switch > 0) then
+               time = time + to_event
+               call carry(branch%a, to_event, y, y_next)
+            else
+               time = merge(self%period, time + branch%h, is_last)
+            end if
+            y = y_next
+            if (switch == 0 .and. .not. is_last) cycle
+            call multiply(branch%a(:self%n, :self%n), time - begun, matrix)
+         end associate
+         if (switch == 0) exit
+         begun = time
+         n_events = n_events + 1
+         if (n_events > most_events) return
+         is_positive(switch) = .not. is_positive(switch)
+         call find_branch(self, variation, is_positive, number)
+      end do
+      after = y(:self%n)
+      is_done = .true.
+   end subroutine go_round
+
+   !> matrix = exp(duration a) matrix.
+   subroutine multiply(a, duration, matrix)
+      real(wp), intent(in) :: a(:, :), duration
+      real(wp), intent(inout) :: matrix(:, :)
+      real(wp) :: e(size(a, 1), size(a, 1))
+
+      call exponential_of(duration*a, e)
+      matrix = matmul(e, matrix)
+   end subroutine multiply
+
+   !> The state after a part of a step, by the series of the exponential.
+   pure subroutine carry(a, duration, y, after)
+      real(wp), intent(in) :: a(:, :), duration, y(:)
+      real(wp), intent(out) :: after(:)
+      real(wp) :: term(size(y))
+      integer :: k
+
+      after = y
+      term = y
+      do k = 1, most_terms
+         term = matmul(a, term)*(duration/k)
+         after = after + term
+         if (all(abs(term) <= 0.1_wp*epsilon(1.0_wp)*abs(after))) exit
+      end do
+   end subroutine carry
+
+   !> The first switch of a branch that changes its sign within a step from y to y_next, and when.
+   subroutine next_event(self, branch, y, y_next, h, switch, time)
+      type(flow_t), intent(in) :: self
+      type(branch_t), intent(in) :: branch
+      real(wp), intent(in) :: y(:), y_next(:)
+      real(wp), intent(in) :: h                                       !! [s]
+      integer, intent(out) :: switch                                  !! 0: none
+      real(wp), intent(out) :: time                                   !! from y on [s]
+      real(wp), dimension(size(self%switches, 1)) :: distance, distance_next, rate, rate_next, sense
+      real(wp) :: extreme, there
+      integer :: i
+
+      switch = 0
+      time = h
+      sense = merge(1.0_wp, -1.0_wp, branch%is_positive)
+      distance = sense*matmul(self%switches, y)
+      distance_next = sense*matmul(self%switches, y_next)
+      rate = sense*matmul(self%switches, matmul(branch%a, y))
+      rate_next = sense*matmul(self%switches, matmul(branch%a, y_next))
+      do i = 1, size(distance)
+         if (distance_next(i) < 0.0_wp) then
+            if (distance(i) > self%noise(i)) then
+               there = zero_of(0.0_wp, h, .false.)
+            else if (rate(i) > 0.0_wp) then                           ! it has just changed, and turns back within the step
+               extreme = zero_of(0.0_wp, h, .true.)
+               there = zero_of(extreme, h, .false.)
+            else
+               there = 0.0_wp
+            end if
+         else if (rate(i) < 0.0_wp .and. rate_next(i) > 0.0_wp) then   ! there and back within the step
+            extreme = zero_of(0.0_wp, h, .true.)
+            if (value_at(extreme, .false.) >= -self%noise(i)) cycle
+            there = 0.0_wp
+            if (distance(i) > self%noise(i)) there = zero_of(0.0_wp, extreme, .false.)
+         else
+            cycle
+         end if
+         if (there > time) cycle
+         time = there
+         switch = i
+      end do
+
+   contains
+
+      !> Distance of switch i, or its rate, after a time.
+      real(wp) function value_at(after, of_rate)
+         real(wp), intent(in) :: after
+         logical, intent(in) :: of_rate
+         real(wp) :: state(size(y))
+
+         call carry(branch%a, after, y, state)
+         if (of_rate) state = matmul(branch%a, state)
+         value_at = sense(i)*dot_product(self%switches(i, :), state)
+      end function value_at
+
+      !> Where the distance or its rate changes its sign, between two times at which signs differ.
+      real(wp) function zero_of(from, to, of_rate)
+         real(wp), intent(in) :: from, to
+         logical, intent(in) :: of_rate
+         type(bracket_t) :: bracket
+
+         bracket = bracket_t(low=from, high=to, value_low=value_at(from, of_rate), value_high=value_at(to, of_rate))
+         do while (bracket%is_wide())
+            call bracket%narrow(value_at(bracket%middle, of_rate))
+         end do
+         zero_of = bracket%middle
+      end function zero_of
+   end subroutine next_event
+end module hb_piecewise_orbit
