@@ -138,6 +138,20 @@ def test_verify_takes_the_library_of_the_run(tmp_path):
     assert done.status == BAD_INPUT and "cannot load the library" in done.stderr, done.stdout + done.stderr
 
 
+def test_resume_takes_the_library_of_the_run(tmp_path):
+    """Not the one of the folder that it happens to be called in."""
+    folder, elsewhere = tmp_path / "input", tmp_path / "elsewhere"
+    for place in (folder, elsewhere):
+        place.mkdir()
+    rogue(folder, **SPRING)
+    rogue(elsewhere, **OTHER_SPRING)
+    done = run("solve", "rogue.nml", cwd=folder)
+    assert done.status == ALL_CONVERGED, done.stderr
+    done = run("resume", folder / "rogue.h5", "--retry", cwd=elsewhere)
+    assert done.status == ALL_CONVERGED and "another library" not in done.stdout, done.stdout + done.stderr
+    assert not (elsewhere / "loaded").exists()
+
+
 def test_check_finds_a_wrong_sign(wrong_law):
     done = run("check", "one_mass.nml", cwd=wrong_law)
     assert done.status == NOT_ALL_CONVERGED
