@@ -232,19 +232,26 @@ contains
 
       !> Whether the usual method cannot follow a law, and no other is asked for.
       logical function needs_fixed_steps()
-         type(properties_t), pointer :: group
          character(:), allocatable :: type
          integer :: i
 
          needs_fixed_steps = .false.
          if (.not. numbers_are_absent("march", "method")) return
          do i = 1, here%count("law")
-            group => group_of("law", i)
             type = ""
-            call group%get("type", type)
+            call read_law(i, type)
             needs_fixed_steps = needs_fixed_steps .or. any(type == without_bounds)
          end do
       end function needs_fixed_steps
+
+      subroutine read_law(i, type)
+         integer, intent(in) :: i
+         character(:), allocatable, intent(inout) :: type
+         type(properties_t), pointer :: group
+
+         group => group_of("law", i)
+         call group%get("type", type)
+      end subroutine read_law
 
       !> The key that a message names, with ten times its value.
       function raised(words) result(command)
