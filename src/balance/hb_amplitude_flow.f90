@@ -6,6 +6,7 @@ module hb_amplitude_flow
    use hb_outcome, only: outcome
    use hb_limit_cycle_search, only: first_amplitude, last_amplitude, neutral, path_point_t, search_t
    use hb_text, only: to_text
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: follow_flow
@@ -32,6 +33,7 @@ contains
 
       is_found = .false.
       do i = 1, n_amplitudes
+         if (work_is_over()) exit
          goal = self%length*first_amplitude*(last_amplitude/first_amplitude)**(real(i - 1, wp)/(n_amplitudes - 1))
          if (i == 1) then
             call self%begin(goal, point, is_solved)
@@ -68,6 +70,7 @@ contains
       next_try = nearly_gone
       do step = 1, most_steps
          is_found = .false.
+         if (work_is_over()) exit
          if (all(has_turned) .and. maxval(abs(self%damping(now))) <= next_try) then
             trial = now
             call self%try_motion(trial, is_found)

@@ -313,12 +313,12 @@ contains
       call count_work(self, torus)
    end subroutine balance_of_linear_part
 
-   !> What a residual and a tangent cost, in units of work: transforms and laws by samples, laws with memory by steps for each
+   !> What a residual and a tangent cost (see `unit_of_work`): transforms and laws by samples, laws with memory by steps for each
    !> unknown, factors by multiplications.
    subroutine count_work(self, torus)
       class(balance_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
-      real(wp), parameter :: per_sample = 50.0_wp, per_step = 200.0_wp, per_multiplication = 0.25_wp
+      real(wp), parameter :: per_sample = 5.0_wp, per_step = 20.0_wp, per_multiplication = 0.025_wp
       real(wp) :: n
 
       n = self%n_unknowns
@@ -466,7 +466,7 @@ contains
          n_rounds = max(1, self%law_set%memory_rounds())              ! many where sliders hardly slip
          self%tangent_work = self%tangent_work + (n_rounds - self%n_rounds)*self%work_of_round
          self%n_rounds = n_rounds
-         call self%dense_tangent%assemble(self%stiffness, self%law_set, self%frequencies, self%watch, jacobian, error)
+         call self%dense_tangent%assemble(self%stiffness, self%law_set, self%frequencies, jacobian, error)
       end if
       if (.not. allocated(error)) return
       jacobian = 0.0_wp                                               ! singular: no solver goes on

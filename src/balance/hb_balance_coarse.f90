@@ -91,7 +91,6 @@ contains
       if (self%law_set%transform%torus%is_half .and. torus%can_be_halved()) torus = torus%half()
       stiffness = self%stiffness%restricted_to(kept)
       call new_balance(coarse, set, torus, self%omega, stiffness, self%law_set%laws, self%effort, error)
-      coarse%watch => self%watch
    end subroutine make_coarse
 
    !> Copies the coefficients of the kept harmonics from the fine set to the coarse one, or back; others stay.

@@ -151,7 +151,6 @@ contains
          end if
          if (allocated(error)) return
          call new_balance(wide, set, grid, balance%omega, linear, balance%law_set%laws, effort, error)
-         wide%watch => balance%watch
       end subroutine make_wide_balance
    end subroutine certify
 
@@ -271,7 +270,6 @@ contains
 
       allocate (linear, source=balance%stiffness)
       call new_balance(fine, balance%harmonics, grid, balance%omega, linear, balance%law_set%laws, effort, error)
-      fine%watch => balance%watch
       if (.not. allocated(error)) then
          config%max_iterations = most_iterations
          config%rescue = .false.

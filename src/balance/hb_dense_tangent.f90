@@ -9,7 +9,7 @@ module hb_dense_tangent
    use hb_linear_part, only: linear_part_t
    use hb_hysteresis_tangent, only: width
    use hb_projected_laws, only: projected_laws_t, slope
-   use hb_watch, only: watch_t
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: dense_tangent_t
@@ -26,12 +26,11 @@ module hb_dense_tangent
 contains
 
    !> Finds the tangent at the motion along which the laws were differentiated. Fails out of memory.
-   subroutine dense_tangent_assemble(self, linear, laws, frequencies, watch, jacobian, error)
+   subroutine dense_tangent_assemble(self, linear, laws, frequencies, jacobian, error)
       class(dense_tangent_t), intent(inout) :: self
       type(linear_part_t), intent(in) :: linear
       type(projected_laws_t), intent(inout) :: laws                   !! differentiated
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
-      class(watch_t), pointer, intent(in) :: watch                    !! when it is over, the tangent is left half done; may be none
       real(wp), intent(out), contiguous :: jacobian(:, :, :, :)       !! [N/m], (n_coefficients, n_dofs, n_coefficients, n_dofs)
       type(error_t), allocatable, intent(out) :: error
       logical :: is_filled(laws%n_dofs, laws%n_dofs)
@@ -65,7 +64,7 @@ contains
          end do
       end do
       if (laws%kinks%are_met()) call add_kinks(self, laws, jacobian)
-      if (laws%has_memory) call add_memory(self, laws, frequencies, watch, jacobian)
+      if (laws%has_memory) call add_memory(self, laws, frequencies, jacobian)
    end subroutine dense_tangent_assemble
 
    !> Makes room for products, at their first use.
@@ -129,11 +128,10 @@ contains
 
    !> Adds how the forces with memory respond to each coefficient: through coordinate b of a law, cos or sin of harmonic h of
    !> the degree of freedom k moves it by shape(k, b) times that of the coordinate.
-   subroutine add_memory(self, laws, frequencies, watch, jacobian)
+   subroutine add_memory(self, laws, frequencies, jacobian)
       type(dense_tangent_t), intent(inout) :: self
       type(projected_laws_t), intent(inout) :: laws
       real(wp), intent(in) :: frequencies(:)
-      class(watch_t), pointer, intent(in) :: watch
       real(wp), intent(inout) :: jacobian(:, :, :, :)
       integer, allocatable :: responding(:)
       logical :: has_line
@@ -155,9 +153,7 @@ contains
             do b = 1, size(shape, 2)
                h = 0
                do block = 1, hysteresis%n_blocks()
-                  if (associated(watch)) then
-                     if (watch%is_over()) return                      ! whoever asked for the tangent ends too
-                  end if
+                  if (work_is_over()) return                         ! the solver ends, too
                   call hysteresis%find_block_response(laws%characteristic, b, block)
                   do in_block = 1, min(width, laws%transform%harmonics%n_harmonics - h)
                      h = h + 1

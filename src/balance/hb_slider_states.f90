@@ -18,12 +18,14 @@ module hb_slider_states
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_slider, only: pushed_by
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: slider_states_t, most_rounds, new_slider_states, repeat_tolerance
 
    integer, parameter :: most_rounds = 1000
    integer, parameter :: many_rounds = 40, between_jumps = 4
+   integer, parameter :: long_round = 10000                           ! states, from which a round takes a millisecond
    real(wp), parameter :: largest_inverse = 1.0e6_wp                  ! of 1 - M; beyond, sliders hardly slip
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
 
@@ -107,6 +109,9 @@ contains
          rounding = repeat_tolerance*max(largest, maxval(abs(self%states)))
          self%repeats = change <= rounding
          if (self%repeats .or. self%rounds >= most_rounds .or. .not. ieee_is_finite(change)) exit
+         if (modulo(self%rounds, between_jumps) == 0 .or. size(self%states) > long_round) then
+            if (work_is_over()) exit
+         end if
       end do
       self%full_stick = largest_move <= rounding
    end subroutine slider_states_march

@@ -12,6 +12,7 @@ module hb_two_level
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_tangent_solver, only: tangent_solver_t
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: clear_kept, improve, residual_of
@@ -50,9 +51,7 @@ contains
       improved = start
       least = huge(1.0_wp)
       do i = 0, n_steps
-         if (associated(narrow%watch)) then
-            if (narrow%watch%is_over()) return
-         end if
+         if (work_is_over()) return
          call approximate_step(narrow, wide, tangent, start, motion, step, is_lost, error)
          if (allocated(error) .or. is_lost) return
          if (.not. all(ieee_is_finite(step))) return                  ! out of the range of a law

@@ -5,12 +5,14 @@
 !> Source: A. C. Hindmarsh et al., SUNDIALS: Suite of nonlinear and differential/algebraic equation solvers, ACM Trans. Math.
 !> Software 31 (2005) 363-396; user documentation for CVODE 6.4.
 module hb_sundials
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, &
       c_loc, c_long, c_null_ptr, c_ptr
    use hb_c_text, only: c_text
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_text, only: to_text
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: cvode_t, new_cvode, ode_t
@@ -18,6 +20,9 @@ module hb_sundials
    integer(c_int), parameter :: adams = 1, backward_differences = 2   ! CV_ADAMS, CV_BDF
    integer(c_int), parameter :: to_given_time = 1                     ! CV_NORMAL
    integer(c_int), parameter :: root_found = 2                        ! CV_ROOT_RETURN
+   integer(c_int), parameter :: warning = 99                          ! CV_WARNING
+   integer(c_int), parameter :: recoverable = 1, unrecoverable = -1   ! of a right-hand side: any > 0, any < 0
+   integer, parameter :: looks_between = 32                           ! evaluations, until it is asked whether the work is over
 
    !> Equations y' = rhs(t, y) with event functions.
    type, abstract :: ode_t
@@ -58,6 +63,8 @@ module hb_sundials
    type :: handle_t
       class(ode_t), pointer :: ode => null()
       integer :: n = 0, n_events = 0
+      logical :: is_stuck = .false.                                   ! steps no longer change the time
+      integer :: n_rhs = 0                                            ! evaluations so far, modulo the range of integers
       character(:), allocatable :: message                            ! the last one of the library
    end type handle_t
 
@@ -283,6 +290,7 @@ contains
       real(wp), intent(in) :: t
       type(error_t), allocatable, intent(out) :: error
 
+      self%handle%is_stuck = .false.
       if (CVodeReInit(self%memory, t, self%y) /= 0) call fail(error, "cvode: "//self%handle%message)
    end subroutine cvode_restart
 
@@ -300,7 +308,10 @@ contains
       t = 0.0_wp
       flag = CVode(self%memory, t_end, self%y, t, to_given_time)
       is_event = flag == root_found
-      if (flag < 0) then
+      if (flag < 0 .and. self%handle%is_stuck) then
+         call fail(error, "cvode at t = "//to_text(t)//": steps are as small as rounding of the time, "// &
+                   "as before a force without bound")
+      else if (flag < 0) then
          call fail(error, "cvode at t = "//to_text(t)//": "//self%handle%message)
       else if (is_event) then
          flag = CVodeGetRootInfo(self%memory, found_c)
@@ -342,6 +353,11 @@ contains
       call c_f_pointer(N_VGetArrayPointer(dydt), dydt_values, [handle%n])
       call handle%ode%rhs(t, y_values, dydt_values)
       call_rhs = 0
+      if (.not. all(ieee_is_finite(dydt_values))) call_rhs = recoverable
+      if (handle%is_stuck) call_rhs = unrecoverable
+      handle%n_rhs = handle%n_rhs + 1
+      if (modulo(handle%n_rhs, looks_between) > 0) return
+      if (work_is_over()) call_rhs = unrecoverable
    end function call_rhs
 
    integer(c_int) function call_events(t, y, g, data) bind(c)
@@ -376,5 +392,6 @@ contains
 
       call c_f_pointer(data, handle)
       handle%message = c_text(message)
+      handle%is_stuck = handle%is_stuck .or. code == warning          ! t + h = t; others are switched off
    end subroutine keep_message
 end module hb_sundials

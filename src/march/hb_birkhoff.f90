@@ -5,6 +5,7 @@
 !> E. Sander and J. A. Yorke, Quantitative quasiperiodicity, Nonlinearity 30 (2017) 4111-4140.
 module hb_birkhoff
    use hb_kinds, only: wp
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: average_at, bump_weights, coefficients_at
@@ -59,8 +60,8 @@ contains
       end do
    end function average_at
 
-   !> Coefficients c - i s of x = sum c cos(w t) + s sin(w t) at given frequencies; at 0 the mean.
-   pure subroutine coefficients_at(x, start, step, frequencies, coefficients)
+   !> Coefficients c - i s of x = sum c cos(w t) + s sin(w t) at given frequencies; at 0 the mean. Zero where the work ended first.
+   subroutine coefficients_at(x, start, step, frequencies, coefficients)
       real(wp), intent(in), contiguous :: x(:)                        !! (n_samples), at least 3
       real(wp), intent(in) :: start, step                             !! [s], time of the first sample, distance of two
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], of any sign
@@ -70,7 +71,9 @@ contains
 
       weighted = bump_weights(size(x))
       weighted = weighted*x
+      coefficients = (0.0_wp, 0.0_wp)
       do h = 1, size(frequencies)
+         if (work_is_over()) return
          coefficients(h) = average_at(weighted, start, step, frequencies(h))
          if (abs(frequencies(h)) > 0.0_wp) coefficients(h) = 2.0_wp*coefficients(h)
       end do

@@ -9,6 +9,7 @@ module hb_frequency_analysis
    use hb_error, only: error_t, fail
    use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, planning, real_block_t
    use hb_kinds, only: two_pi, wp
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: find_frequencies
@@ -43,13 +44,14 @@ contains
       n_found = 0
       do k = 1, size(frequencies)
          call largest_line(remainder*weights, step, frequencies(k), error)
-         if (allocated(error)) return
+         if (allocated(error) .or. work_is_over()) return
          call refine(remainder, weights, start, step, 2.0_wp*width, frequencies(k), amplitudes(k))
          if (abs(amplitudes(k)) <= 64*epsilon(1.0_wp)*maxval(abs(x))) exit
          call add_line(remainder, time, frequencies(k), -amplitudes(k))
          n_found = k
       end do
       do sweep = 1, n_refinements
+         if (work_is_over()) exit
          remainder = remainder - sum(weights*remainder)
          do k = 1, n_found
             call add_line(remainder, time, frequencies(k), amplitudes(k))

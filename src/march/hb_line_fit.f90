@@ -11,6 +11,7 @@ module hb_line_fit
    use hb_error, only: error_t
    use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, planning, real_block_t
    use hb_kinds, only: two_pi, wp
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: line_fit_t, new_line_fit
@@ -91,7 +92,7 @@ contains
       before = square(left)
       enough = goal**2*sum(self%window*x**2)
       do i = 1, most_products
-         if (before <= 0.0_wp) exit
+         if (before <= 0.0_wp .or. work_is_over()) exit
          image = self%importance*averages(self, self%window*self%series(self%importance*direction))
          self%n_products = self%n_products + 1
          length = before/sum(real(conjg(direction)*image, wp))

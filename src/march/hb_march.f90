@@ -19,12 +19,12 @@ module hb_march
    use hb_rigid_laws, only: collect_rigid
    use hb_runge_kutta_4, only: new_runge_kutta_4, runge_kutta_4_t
    use hb_text, only: to_text
-   use hb_watch, only: watch_t
+   use hb_watch, only: watch_t, work_is_over
    implicit none
    private
    public :: judge, march_from, march_judgement_t, march_record_t
 
-   integer, parameter :: steps_between_looks = 1000
+   integer, parameter :: steps_between_looks = 32                     ! a few microseconds of the smallest system at least
 
    !> What is kept of a motion: all samples of the displacements asked for, every so many of the rest.
    type :: march_record_t
@@ -58,7 +58,7 @@ contains
       type(march_state_t), intent(inout) :: state
       type(march_record_t), intent(out) :: record
       type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), optional :: watch                !! may end the march, with an error; hears how far it is
+      class(watch_t), intent(inout), optional :: watch                !! hears how far it is
       class(integrator_t), allocatable :: integrator
       real(wp) :: begun, ended
 
@@ -157,8 +157,7 @@ contains
       subroutine look()
          record%is_out_of_work = system%laws%n_gathered > config%most_looks
          if (record%is_out_of_work) call fail(error, "the march has had its budget of work")
-         if (record%is_out_of_work .or. .not. present(watch)) return
-         if (watch%is_over()) call fail(error, "the march was ended before its time")
+         if (.not. record%is_out_of_work .and. work_is_over()) call fail(error, "the march was ended before its time")
       end subroutine look
 
       subroutine keep(i)

@@ -40,7 +40,7 @@ module hb_march_config
       integer :: n_peaks = 0                                          !! frequencies searched for, per degree of freedom
       real(wp) :: largest = huge(1.0_wp)                              !! displacement at which to give up [m], no key
       integer(int64) :: most_looks = huge(1_int64)                    !! at the motion, after which to give up, no key
-      real(wp) :: work_limit = huge(1.0_wp)                           !! of an answer by marching, as `work` of a report, no key
+      real(wp) :: work_limit = huge(1.0_wp)                           !! of one method on the way to an answer, no key
       integer :: substeps = 1                                         !! of the method, from one step to the next, no key
       real(wp) :: aim = 0.0_wp                                        !! error of the motion at which to end, its tuples many
                                                                       !! candidates; 0: the set is what is asked for. No key

@@ -16,6 +16,7 @@ module hb_march_cvode
    use hb_rigid_laws, only: put_before_walls
    use hb_sundials, only: cvode_t, new_cvode
    use hb_text, only: to_text
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: march_cvode_t, new_march_cvode
@@ -137,6 +138,7 @@ contains
          end_time = self%origin + (self%n_steps + i)*self%step
          do n_events = 1, max_events
             call self%cvode%advance(end_time - self%base, t, is_event, found, error)
+            if (.not. allocated(error) .and. n_events > 1 .and. work_is_over()) call fail(error, "cvode was ended before its time")
             if (allocated(error)) then
                error%message = error%message//", counted from "//to_text(self%base)//" s"
                return

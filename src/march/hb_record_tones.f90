@@ -9,6 +9,7 @@ module hb_record_tones
    use hb_error, only: error_t
    use hb_frequency_analysis, only: find_frequencies
    use hb_kinds, only: two_pi, wp
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: find_tones
@@ -54,7 +55,10 @@ contains
       end if
       if (size(candidates, 2) == 0) return
       allocate (shares(size(candidates, 2)), fundamentals(size(candidates, 2)))
+      shares = 0.0_wp
+      fundamentals = 0.0_wp
       do c = 1, size(shares)
+         if (work_is_over()) exit
          call explain(candidates(:, c), shares(c), fundamentals(c))
          if (shares(c) > 1.0_wp + 10*as_good) shares(c) = 0.0_wp       ! two tuples share a line
       end do

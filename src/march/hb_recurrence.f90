@@ -12,6 +12,7 @@
 !> So the defect of a return counts, beside another that misses less, as much as that would have of it.
 module hb_recurrence
    use hb_kinds, only: wp
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: defect_of, find_return, repetition, turns_to_repeat
@@ -46,7 +47,10 @@ contains
       real(wp) :: in_one, largest(most_parts), least, within
       logical :: returns(2**size(turns) - 1, most_parts)
 
+      defect = -1.0_wp
+      missing = 1.0_wp
       do part = 1, most_parts
+         if (work_is_over()) exit
          call find_defects(x, scale, turns, part, defect(:, part), missing(:, part))
       end do
       returns = defect >= 0.0_wp

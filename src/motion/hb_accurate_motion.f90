@@ -22,11 +22,10 @@ module hb_accurate_motion
    use hb_rung, only: choose_next, degree_of, distance, estimate_of, estimate_of_wanted, is_rigid, margin, most_failures, &
       put_on_rung, reliable, rung_t, trim_set, with_caution
    use hb_scene, only: accuracy_t, scene_t
-   use hb_solver_types, only: nanoseconds_of_work
    use hb_stability, only: stability_method, stability_verdict => verdict
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
-   use hb_watch, only: watch_t
+   use hb_watch, only: watch_t, work_is_over
    implicit none
    private
    public :: calibrate, calibrate_outputs, gains_nothing, left_after, solve_to_tolerance
@@ -44,7 +43,7 @@ module hb_accurate_motion
    integer, parameter :: most_refinements = 2                         ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers by the errors of the motion
    real(wp), parameter :: work_of_verdict = 4.0_wp                    ! beyond which no rung is begun, times that so far
-   real(wp), parameter :: least_work_of_verdict = 5.0e8_wp
+   real(wp), parameter :: least_work_of_verdict = 5.0e7_wp
    integer, parameter :: patience = 3                                 ! steps from the rung below that gain nothing
    real(wp), parameter :: clearly = 1.25_wp                           ! larger set
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
@@ -72,12 +71,13 @@ contains
       type(account_t) :: account
       integer :: i
 
+      call watch%enter(scene%solver%time_limit)
       call climb(scene, account, result, error, top, start, watch, judge)
-      if (allocated(error) .or. .not. scene%accuracy%grows_set) return
-      do i = 1, most_refinements
-         if (.not. is_denied(scene, result)) exit
+      do i = 1, merge(most_refinements, 0, scene%accuracy%grows_set .and. .not. allocated(error))
+         if (work_is_over() .or. .not. is_denied(scene, result)) exit
          call refine_for_verdict(scene, 10.0_wp**(-i), account, result, top, watch)
       end do
+      call watch%leave()
    end subroutine solve_to_tolerance
 
    !> Whether the errors of the motion leave open whether it is stable: they move its largest multiplier as far as the unit circle
@@ -479,7 +479,7 @@ contains
          here = scene
          here%certificate%is_on = .false.
          here%solver%tolerance = solver_tolerance(scene)
-         here%stability%work_spent = work_of_stability*(nanoseconds_of_work*account%work + account%work_beside)
+         here%stability%work_spent = work_of_stability*(account%work + account%work_beside)
          if (here%stability%method == stability_method%auto) here%stability%fewest_laps = laps_of_verdict
          call put_on_rung(here, scene, top, error)
          if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns, watch=watch)

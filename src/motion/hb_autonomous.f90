@@ -20,6 +20,7 @@ module hb_autonomous
    use hb_self_excitation, only: search_from_modes
    use hb_text, only: to_text
    use hb_torus, only: default_samples, new_torus, torus_t
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: autonomous_start_t, find_motion, find_start
@@ -203,7 +204,7 @@ contains
          real(wp), allocatable :: spare_u(:, :), spare_omega(:)
          integer :: best, k
          logical :: is_neutral
-         character(:), allocatable :: spare_message, trouble
+         character(:), allocatable :: driven, spare_message, trouble
          type(error_t), allocatable :: error
 
          associate (modes => start%base%modes, guess => scene%tones%omega(start%tones(1)))
@@ -217,6 +218,7 @@ contains
          do k = 1, min(most_modes, count(start%base%is_at_laws))
             best = maxloc(merit, dim=1)
             merit(best) = -huge(1.0_wp)
+            if (work_is_over()) return
             search%modes = [best]
             call search_from_modes(search, u, is_found)
             if (is_found .and. .not. search%is_left) return
@@ -225,7 +227,11 @@ contains
                spare_omega = balance%omega
                spare_message = search%message
             end if
-            if (search%report%status == outcome%stalled) trouble = search%message
+            if (search%report%status == outcome%stalled) then
+               trouble = search%message
+            else if (allocated(search%message)) then
+               driven = search%message
+            end if
             reached = min(reached, search%reached)
             is_neutral = is_neutral .and. search%is_neutral
             if (is_neutral) return
@@ -242,6 +248,8 @@ contains
             search%message = trouble
             return
          end if
+         if (allocated(driven)) search%message = driven
+         if (allocated(driven)) return
          search%message = "damped from each of "//to_text(k - 1)//" modes, up to an amplitude of "//to_text(reached)//" or more"
       end subroutine search_all_modes
    end subroutine find_motion

@@ -16,7 +16,7 @@ module hb_march_to_tolerance
    use hb_law, only: hold_t
    use hb_marched_result, only: guess_from, keep_marched
    use hb_modes, only: slowest_decay
-   use hb_motion, only: solve_motion, status_of
+   use hb_motion, only: solve_motion, status_of_ended
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
    use hb_rung, only: degree_of, distance, estimate_of, is_rigid, put_on_rung, put_on_set, reliable, rung_t
@@ -85,15 +85,18 @@ contains
 
       is_done = .false.
       if (.not. can_march(scene)) return
-      call watch%begin(scene%solver%time_limit)
+      marched%march_work = result%march_work
       call march(scene, watch, judge, settled, marched, found)
       is_done = watch%verdict /= verdict%go_on .or. settled%status /= outcome%pending
-      if (.not. is_done) return
+      if (.not. is_done) then
+         if (allocated(settled%message) .and. allocated(result%message)) result%message = settled%message//"; "//result%message
+         return
+      end if
       marched%is_marched_first = result%work <= 0.0_wp
       marched%work = marched%work + result%work
       marched%status = settled%status
       if (allocated(marched%coefficients)) marched%status = status_within(scene, settled, marched)
-      if (watch%verdict /= verdict%go_on) marched%status = status_of(watch)
+      if (watch%verdict /= verdict%go_on) marched%status = status_of_ended()
       result = marched
    end subroutine march_to_tolerance
 
@@ -191,8 +194,9 @@ contains
       from%start = as_amplitudes(transpose(cmplx(whole%coefficients(1, :, :), -whole%coefficients(2, :, :), wp)))
    end subroutine start_on
 
-   !> Marches with candidates in a box, or in the next one of twice the order where they leave too much, and keeps what matters.
-   !> Without a motion there is only what is said of it.
+   !> Marches with candidates in a box, then in the next one of twice the order where they leave too much, and keeps what matters of
+   !> the best of them. Lines beyond a small box look as if the motion did not repeat, so a larger box has the last word. Without a
+   !> motion there is only what is said of it.
    subroutine march(scene, watch, judge, settled, result, found)
       type(scene_t), intent(in) :: scene
       class(watch_t), intent(inout), target :: watch
@@ -204,9 +208,11 @@ contains
       type(error_t), allocatable :: error
       type(harmonics_t) :: candidates
       type(scene_t) :: here
+      type(motion_result_t) :: candidate
+      type(rung_t) :: found_here
       type(settled_t) :: trial
-      integer :: order, room
-      real(wp) :: work
+      integer :: n_found, order, room
+      real(wp) :: most, work
 
       here = scene
       here%march%aim = nearly*scene%accuracy%tolerance
@@ -216,7 +222,10 @@ contains
       room = share_of_marched*scene%accuracy%max_harmonics
       order = first_order(scene, candidates_of_kept*room)
       work = 0.0_wp
+      n_found = 0
+      most = 2.0_wp*scene%march%work_limit - result%march_work        ! two methods may take as much
       do
+         here%march%work_limit = 0.5_wp*max(0.0_wp, most - work)
          call new_lowest_set(candidates, scene%tones%n_tones, loaded_tuples(scene), error, order)
          if (allocated(error)) exit
          if (settled%status /= outcome%pending .and. candidates%n_harmonics > candidates_of_kept*room) exit
@@ -228,15 +237,28 @@ contains
             if (settled%status == outcome%pending) settled%message = "marching: "//error%message
             exit
          end if
-         settled = trial
+         if (n_found == 0) settled = trial
          if (watch%verdict /= verdict%go_on) exit
-         if (settled%status /= outcome%marched .and. settled%status /= outcome%several) exit
-         call keep_lines(here, coordinates, room, settled, result, found)
-         if (estimate_of(result) <= scene%accuracy%tolerance .or. work > scene%accuracy%max_work) exit
+         if (any(trial%status == [outcome%marched, outcome%several])) then
+            candidate = result
+            call keep_lines(here, coordinates, room, trial, candidate, found_here)
+            n_found = n_found + 1
+            if (n_found == 1 .or. estimate_of(candidate) < estimate_of(result)) then
+               settled = trial
+               result = candidate
+               found = found_here
+            end if
+            result%n_rungs = n_found
+            if (estimate_of(result) <= scene%accuracy%tolerance) exit
+         else if (all(trial%status /= [outcome%subharmonic, outcome%broadband])) then
+            exit
+         end if
+         if (work >= most) exit
          order = 2*order
       end do
       settled%work = work
       result%work = work
+      result%march_work = work
       result%n_motions = settled%n_motions
       if (allocated(settled%message)) result%message = settled%message
    end subroutine march
@@ -292,7 +314,6 @@ contains
       found%unknowns = guess_from(here, coordinates, kept)
       result%harmonics = found%set
       result%n_samples = found%n_samples
-      result%n_rungs = result%n_rungs + 1
    end subroutine keep_lines
 
    !> Tuples of the scene that have a load or a first guess.

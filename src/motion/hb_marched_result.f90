@@ -16,11 +16,12 @@ module hb_marched_result
 
 contains
 
-   !> Whether a search has ended without a motion, and with time left; laws without a force would end a march as well.
+   !> Whether a search has ended without a motion, and with time left; laws without a force would end a march as well. One that has
+   !> `failed` without an error did so for states of sliders that do not repeat on a grid.
    elemental logical function is_lost(status)
       integer, intent(in) :: status
 
-      is_lost = any(status == [outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%diverged])
+      is_lost = any(status == [outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%diverged, outcome%failed])
    end function is_lost
 
    !> First guess of the balance, as hb_motion takes it: coefficients at the coordinates, then all base frequencies.
@@ -73,6 +74,10 @@ contains
             found%combination_frequency < scene%certificate%commensurability*maxval(scene%tones%omega)
          found%truncation = settled%spread
          found%aliasing = 0.0_wp
+         if (scene%march%aim <= 0.0_wp) then                         ! averages: what the set cannot hold, and how far they spread
+            found%truncation = settled%left_out
+            found%aliasing = settled%spread
+         end if
          found%impact = nan
          found%defects%penetration = nan
          found%defects%tension = nan

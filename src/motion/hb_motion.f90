@@ -27,10 +27,10 @@ module hb_motion
    use hb_limit_cycle_search, only: search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, rescue
-   use hb_watch, only: verdict, watch_t
+   use hb_watch, only: verdict, verdict_on_work, watch_t, work_is_over
    implicit none
    private
-   public :: solve_motion, status_of
+   public :: solve_motion, status_of_ended
 
    integer, parameter :: steps_from_march = 20                        ! of the balance, from a motion that is known
    real(wp), parameter :: largest_asymmetry = 1.0e-8_wp               ! of forces with memory of an odd motion, relative
@@ -50,40 +50,57 @@ contains
       class(judge_t), intent(in), optional :: judge                   !! for first guesses from marching, and for tones that lock
       type(kept_linear_parts_t), intent(inout), optional, target :: kept  !! of the motion before, for what it can be used
       type(watch_t), target :: own_watch
-      type(kept_linear_parts_t), pointer :: parts
       class(watch_t), pointer :: its_watch
-      type(basis_t) :: basis
-      real(wp), allocatable :: first_guess(:), found(:)
-      logical :: is_done, is_odd
+      real(wp), allocatable :: found(:)
 
       its_watch => own_watch
       if (present(watch)) its_watch => watch
-      nullify (parts)
-      if (present(kept) .and. .not. any(scene%tones%is_unknown)) parts => kept   ! no slopes, no drives
-      call its_watch%begin(scene%solver%time_limit)
-      if (scene%first_way == first_way%march .and. present(judge) .and. .not. present(guess)) then
-         call march_first(scene, its_watch, judge, result, is_done)
-         if (is_done) return
-      end if
-      if (present(guess)) first_guess = guess
-      call find_basis(basis, is_odd, scene, error, first_guess)
-      if (allocated(error)) return
-      if (allocated(first_guess)) found = first_guess
-      call solve_scene(scene, basis, its_watch, result, error, found, judge, parts)
-      if (is_odd .and. .not. allocated(error)) then
-         result%is_odd = is_proven_odd(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])
-         if (.not. result%is_odd) then
-            if (.not. allocated(found) .and. allocated(first_guess)) found = first_guess   ! found ones balance odd harmonics
-            call solve_scene(scene, whole_basis(scene%harmonics, scene%torus), its_watch, result, error, found, judge, parts)
-         end if
-      end if
-      if (present(judge) .and. .not. allocated(error)) call rescue_by_march(scene, its_watch, judge, result, found)
+      call its_watch%enter(scene%solver%time_limit)
+      if (present(guess)) found = guess
+      call solve_watched(scene, its_watch, result, error, found, judge, kept)
+      call its_watch%leave()
       if (allocated(error)) then
          call forget_motion(result)
       else if (present(unknowns)) then
          call move_alloc(found, unknowns)
       end if
    end subroutine solve_motion
+
+   !> Solves the scene under a watch that was entered.
+   subroutine solve_watched(scene, watch, result, error, unknowns, judge, kept)
+      type(scene_t), intent(in) :: scene
+      class(watch_t), intent(inout), target :: watch
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable, intent(inout) :: unknowns(:)             !! a first guess as that of `solve_motion`, then the solution;
+                                                                      !! not allocated: there is none
+      class(judge_t), intent(in), optional :: judge
+      type(kept_linear_parts_t), intent(inout), optional, target :: kept
+      type(kept_linear_parts_t), pointer :: parts
+      type(basis_t) :: basis
+      real(wp), allocatable :: first_guess(:)
+      logical :: is_done, is_odd
+
+      nullify (parts)
+      if (present(kept) .and. .not. any(scene%tones%is_unknown)) parts => kept   ! no slopes, no drives
+      call move_alloc(unknowns, first_guess)
+      if (scene%first_way == first_way%march .and. present(judge) .and. .not. allocated(first_guess)) then
+         call march_first(scene, watch, judge, result, is_done)
+         if (is_done) return
+      end if
+      call find_basis(basis, is_odd, scene, error, first_guess)
+      if (allocated(error)) return
+      if (allocated(first_guess)) unknowns = first_guess
+      call solve_scene(scene, basis, watch, result, error, unknowns, judge, parts)
+      if (is_odd .and. .not. allocated(error)) then
+         result%is_odd = is_proven_odd(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])
+         if (.not. result%is_odd) then
+            if (.not. allocated(unknowns) .and. allocated(first_guess)) unknowns = first_guess   ! found ones balance odd harmonics
+            call solve_scene(scene, whole_basis(scene%harmonics, scene%torus), watch, result, error, unknowns, judge, parts)
+         end if
+      end if
+      if (present(judge) .and. .not. allocated(error)) call rescue_by_march(scene, watch, judge, result, unknowns)
+   end subroutine solve_watched
 
    !> Marches before any balance is tried. Not done where it leads to nothing that is known, or cannot be: the balance follows.
    subroutine march_first(scene, watch, judge, result, is_done)
@@ -105,9 +122,10 @@ contains
       if (.not. is_done) return
       result%is_marched_first = .true.
       result%work = settled%work
+      result%march_work = settled%work
       result%n_motions = settled%n_motions
       result%status = settled%status
-      if (watch%verdict /= verdict%go_on) result%status = status_of(watch)
+      if (watch%verdict /= verdict%go_on) result%status = status_of_ended()
       if (allocated(settled%message)) result%message = settled%message
       if (is_solved(result%status)) call keep_marched(scene, coordinates, settled, result)
    end subroutine march_first
@@ -130,12 +148,13 @@ contains
       if (coordinates%n == 0) return
       call judge%settle(scene, coordinates%dofs, watch, settled, error)
       result%work = result%work + settled%work
+      result%march_work = settled%work
       if (allocated(error)) settled%message = "marching: "//error%message
       if (watch%verdict == verdict%go_on .and. settled%status == outcome%marched) &
          call balance_from(scene, guess_from(scene, coordinates, settled), watch, result, unknowns)
       result%n_motions = settled%n_motions
       if (watch%verdict /= verdict%go_on) then
-         result%status = status_of(watch)
+         result%status = status_of_ended()
       else if (result%rescue == rescue%march) then
          return                                                       ! the balance has its motion after all
       else if (settled%status == outcome%pending) then
@@ -276,7 +295,6 @@ contains
       call new_balance(balance, basis%harmonics, basis%torus, start%omega, linear, laws_at(coordinates, scene%laws), &
                        scene%planning, error)
       if (keeps) balance%kept_wide => kept%wide
-      balance%watch => watch
       result%setup_seconds = wall_clock() - started
       if (.not. allocated(error)) call solve_balance(scene, basis, start, balance, result, error, first_guess, unknowns)
       if (present(judge) .and. is_autonomous .and. scene%tones%n_tones > 1 .and. .not. allocated(error) &
@@ -331,16 +349,15 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in) :: guess(:)                   !! in the basis; not allocated: that of the scene
       real(wp), allocatable, intent(out) :: unknowns(:)               !! in the whole set
-      class(watch_t), pointer :: watch
       type(circumstances_t) :: circumstances
       type(report_t) :: report
       type(search_t) :: search
       real(wp), allocatable :: linear_solution(:, :), u(:, :)
       real(wp) :: begun, started
+      character(:), allocatable :: trouble
       logical :: is_stuck
 
       started = wall_clock()
-      watch => balance%watch
       allocate (u(basis%harmonics%n_coefficients, balance%n_dofs), source=0.0_wp)
       if (any(scene%tones%is_unknown)) then
          call add_start(scene, basis, balance%stiffness%coordinates, u)
@@ -363,9 +380,7 @@ contains
          begun = wall_clock()
          call solve_unknowns(scene, balance, linear_solution, u, report)
       end if
-      if (watch%verdict /= verdict%go_on) report%status = status_of(watch)
-      watch%is_patient = report%status == outcome%converged           ! what a solution is worth is found, unless the run ends
-      if (.not. watch%is_patient) nullify (balance%watch)
+      if (work_is_over()) report%status = status_of_ended()
       result%setup_seconds = result%setup_seconds + begun - started
       result%solver_seconds = wall_clock() - begun
       if (report%status == outcome%converged) unknowns = [basis%expand(u), balance%omega]
@@ -377,7 +392,11 @@ contains
       result%n_unknowns = balance%n_unknowns
       result%preconditioner_level = balance%preconditioner_level
       result%rescue = report%rescue
-      if (report%status == outcome%failed .and. allocated(report%error)) then
+      trouble = balance%law_set%memory_trouble()
+      if (report%status == outcome%failed .and. allocated(report%error) .and. len(trouble) > 0) then
+         result%message = trouble                                     ! time integration needs no states that repeat on a grid
+         return
+      else if (report%status == outcome%failed .and. allocated(report%error)) then
          call move_alloc(report%error, error)
          return
       else if (balance%law_set%is_given_up) then
@@ -394,8 +413,15 @@ contains
       end if
 
       call describe_motion(scene, basis, balance, u, result, error, search)
-      watch%is_patient = .false.
-      if (watch%verdict == verdict%interrupted) then
+      trouble = balance%law_set%memory_trouble()
+      if (allocated(error) .and. len(trouble) > 0) then
+         deallocate (error)
+         if (allocated(unknowns)) deallocate (unknowns)
+         call forget_motion(result)
+         result%status = outcome%failed
+         result%message = trouble
+      end if
+      if (verdict_on_work() == verdict%interrupted) then
          result%status = outcome%interrupted
          if (allocated(error)) deallocate (error)                     ! of what was left half done
       end if
@@ -434,12 +460,10 @@ contains
       where (scene%tones%is_unknown) result%frequency = locking%multiples*locking%base
    end subroutine look_for_locking
 
-   !> Status of a point that its watch has ended.
-   pure integer function status_of(watch)
-      class(watch_t), intent(in) :: watch
-
-      status_of = merge(outcome%timed_out, outcome%interrupted, watch%verdict == verdict%timed_out)
-   end function status_of
+   !> Status of a point that has to end before it is done.
+   integer function status_of_ended() result(status)
+      status = merge(outcome%timed_out, outcome%interrupted, verdict_on_work() == verdict%timed_out)
+   end function status_of_ended
 
    !> The tones found; unknown ones that the motion does not have are no numbers.
    subroutine keep_tones(scene, balance, report, result)

@@ -358,12 +358,25 @@ contains
       class(motion_curve_t), intent(inout), target :: self
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
+
+      associate (limit => self%problem%scene%solver%time_limit)
+         call self%watch%enter(limit)
+         call self%watch%begin(limit)
+      end associate
+      call find_next(self, result, error)
+      call self%watch%leave()
+   end subroutine motion_curve_next
+
+   !> The next point, under a watch that was entered.
+   subroutine find_next(self, result, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
       type(report_t) :: before
       real(wp) :: started
       logical :: is_end
 
       started = wall_clock()
-      call self%watch%begin(self%problem%scene%solver%time_limit)
       before = self%curve%report
       if (self%first_waiting > size(self%waiting)) then
          call self%go(error)
@@ -381,6 +394,10 @@ contains
       else
          associate (point => self%waiting(self%first_waiting))
             call self%tell(point, result, error)
+            if (self%watch%verdict == verdict%interrupted) then       ! what is known of the point is not all
+               result%status = outcome%interrupted
+               return
+            end if
             self%first_waiting = self%first_waiting + 1
             call count_work(self%curve%report, before, result)
             is_end = point%kind == curve_kind%end
@@ -390,7 +407,7 @@ contains
       result%solver_seconds = wall_clock() - started - result%certificate_seconds
       self%n_told = self%n_told + 1
       self%is_done = self%is_done .or. self%n_told >= self%request%n_points
-   end subroutine motion_curve_next
+   end subroutine find_next
 
    !> Goes one step, by tolerance where one is asked for.
    subroutine motion_curve_go(self, error)
@@ -513,7 +530,6 @@ contains
          if (scene%normal_mode%is_asked) result%artificial_damping = balance%xi
          result%n_harmonics = scene%harmonics%n_harmonics
          result%n_unknowns = n
-         nullify (balance%watch)                                      ! what a solution is worth is always found to its end
          is_certified = scene%certificate%is_on
          has_tangent = point%kind /= curve_kind%branch
          if (point%kind == curve_kind%start) has_tangent = scene%accuracy%is_on .and. .not. self%has_left_branch()
@@ -523,7 +539,6 @@ contains
                               reshape(point%x(:n), [scene%harmonics%n_coefficients, balance%n_dofs]), result, error, &
                               curve=self%curve%problem)
          scene%certificate%is_on = is_certified
-         balance%watch => self%watch
       end associate
       if (allocated(error) .or. .not. self%scene%accuracy%is_on) return
       call with_caution(self%scene, result)

@@ -305,7 +305,6 @@ contains
          found%certificate%aliasing = found%accuracy%tolerance
          call self%problem%destroy()
       end if
-      self%problem%watch => self%watch
       call new_scene_problem(self%problem, found, self%document, self%request%moving, self%request%start, &
                              self%request%available_memory, error)
       if (allocated(error)) return
@@ -345,7 +344,6 @@ contains
       if (allocated(error)) return
       reduced%torus = half_of_odd(scene)
       allocate (self%odd_problem)
-      self%odd_problem%watch => self%watch
       call new_scene_problem(self%odd_problem, reduced, self%document, self%request%moving, self%request%start, &
                              self%request%available_memory, error)
       associate (set => scene%harmonics)

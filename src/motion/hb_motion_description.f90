@@ -17,7 +17,6 @@ module hb_motion_description
    use hb_outcome, only: is_solved, outcome
    use hb_scene, only: scene_t
    use hb_limit_cycle_search, only: search_t
-   use hb_solver_types, only: nanoseconds_of_work
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: most_dense
@@ -136,8 +135,8 @@ contains
       type(balance_t), intent(in) :: balance
       real(wp), parameter :: residuals = 10.0_wp, tangents = 5.0_wp, residuals_for_tangent = 60.0_wp
 
-      work = work_beside_solver(scene, balance) + nanoseconds_of_work*(residuals*balance%residual_work &
-                                             + tangents*min(balance%tangent_work, residuals_for_tangent*balance%residual_work))
+      work = work_beside_solver(scene, balance) + residuals*balance%residual_work &
+                                             + tangents*min(balance%tangent_work, residuals_for_tangent*balance%residual_work)
    end function usual_work
 
    !> The part of it for set-up, recovery of all degrees of freedom and the certificate: twice the order, four times the samples.
@@ -147,7 +146,7 @@ contains
       real(wp), parameter :: set_up = 1.0e5_wp, per_pair_of_dofs = 12.0_wp, residuals_of_certificate = 300.0_wp
 
       work = set_up + per_pair_of_dofs*real(scene%structure%n_dofs, wp)**2*balance%harmonics%n_harmonics
-      if (scene%certificate%is_on) work = work + nanoseconds_of_work*residuals_of_certificate*balance%residual_work
+      if (scene%certificate%is_on) work = work + residuals_of_certificate*balance%residual_work
    end function work_beside_solver
 
    !> Puts the coefficients of the degrees of freedom that are written out into a result.

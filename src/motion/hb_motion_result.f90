@@ -26,8 +26,9 @@ module hb_motion_result
       character(:), allocatable :: message              !! why the point failed, or what to know of it; a file cuts it to 400 bytes
       integer :: iterations = 0
       integer :: evaluations = 0                        !! of the residual
-      real(wp) :: work = 0.0_wp                         !! of the solver, as in its report
-      real(wp) :: work_beside = 0.0_wp                  !! of set-up, recovery and certificate, in about a nanosecond, from counts
+      real(wp) :: work = 0.0_wp                         !! of the solver and of time integration, see hb_solver_types
+      real(wp) :: march_work = 0.0_wp                   !! of it, of time integration
+      real(wp) :: work_beside = 0.0_wp                  !! of set-up, recovery and certificate, likewise
       integer :: rescue = 0                             !! what the solver needed, hb_solver_types
       logical :: is_marched_first = .false.             !! marching was tried before the balance, hb_first_way
       integer :: n_motions = 0                          !! in which several starts of marching end; 0: none were tried

@@ -13,6 +13,7 @@ module hb_other_motions
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: deflated_share, find_other, is_other, shifted
@@ -53,7 +54,7 @@ contains
             if (is_found) return
             x = guessed
             call follow_deflated(problem, config, known, scale, x, is_found)
-            if (is_found .or. problem%is_over()) return
+            if (is_found .or. work_is_over()) return
          end do
       end do
    end subroutine find_other

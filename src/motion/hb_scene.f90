@@ -50,7 +50,7 @@ module hb_scene
       type(response_t), allocatable :: outputs(:)                     !! or relative to each of these, where there are any
       integer :: max_harmonics = 2000                                 !! tuples of a set
       integer :: max_samples = 2000000                                !! of a grid
-      real(wp) :: max_work = 60.0e9_wp                                !! of all solutions of a point, as `work` of a report
+      real(wp) :: max_work = 6.0e9_wp                                 !! of all solutions of a point, as `work` of a report
    end type accuracy_t
 
    !> What makes a solved point count as not good enough.

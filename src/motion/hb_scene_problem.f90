@@ -149,7 +149,6 @@ contains
       self%residual_work = self%balance%residual_work
       self%tangent_work = self%balance%tangent_work
       self%preconditioner_work = self%balance%preconditioner_work
-      self%balance%watch => self%watch
       if (any(abs(self%xi) > 0.0_wp)) call self%balance%move(self%scene%tones%omega, self%xi, error)
       self%is_sound = .not. allocated(error)
    end subroutine rebuild

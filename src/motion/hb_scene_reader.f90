@@ -18,6 +18,7 @@ module hb_scene_reader
    use hb_scene_symmetry, only: check_symmetry
    use hb_scene_tones, only: read_tones
    use hb_scene_unknown_tones, only: check_fundamentals, read_normal_mode, read_phase
+   use hb_solver_types, only: share_of_solver
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
    use hb_tones, only: tones_t
@@ -33,6 +34,9 @@ module hb_scene_reader
 
    !> Groups that are read by themselves while nothing but numbers changes in them.
    character(9), parameter :: read_alone(5) = [character(9) :: "structure", "tones", "load", "law", "start"]
+
+   real(wp), parameter :: work_of_method = 0.5_wp*(1.0_wp/share_of_solver - 1.0_wp)   ! of time integration, two share what is left;
+                                                                      ! relative to that of the solver's rescues
 
 contains
 
@@ -162,7 +166,7 @@ contains
       end if
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
       call read_march(self%march, document%optional_group("march"))
-      self%march%work_limit = self%solver%rescue_work                 ! as much again, whatever the rescues have taken
+      self%march%work_limit = work_of_method*self%solver%rescue_work
    end subroutine read_parts
 
    !> Reads those groups anew that have changed; `is_read` is false, and the scene of no use, where something is wrong with them,

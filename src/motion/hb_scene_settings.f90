@@ -9,7 +9,7 @@ module hb_scene_settings
    use hb_properties, only: limits_t, properties_t
    use hb_response, only: new_response
    use hb_scene, only: accuracy_t, certificate_config_t, scene_t
-   use hb_solver_types, only: method_names, start_names
+   use hb_solver_types, only: method_names, share_of_solver, start_names, unit_of_work
    use hb_stability, only: stability_config_t, stability_method_names
    use hb_structure, only: structure_t
    use hb_text, only: string_t, to_text
@@ -18,7 +18,6 @@ module hb_scene_settings
    private
    public :: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
 
-   real(wp), parameter :: unit_of_work = 1.0e9_wp                     ! of `rescue_work` and `max_work`
    real(wp), parameter :: much_patience = 6.0_wp                      ! usual points that stability may take
    character(9), parameter :: first_guess_names(5) = [character(9) :: "auto", "linear", "zero", "neighbour", "march"]
    character(9), parameter :: kink_names(2) = [character(9) :: "plain", "corrected"]
@@ -58,9 +57,9 @@ contains
          limit = 0.0_wp
          call group%get("time_limit", limit, unit="s", limits=limits_t(minimum=0.0_wp))
          if (limit > 0.0_wp) solver%time_limit = limit
-         limit = solver%rescue_work/unit_of_work
+         limit = solver%rescue_work/(share_of_solver*unit_of_work)
          call group%get("rescue_work", limit, limits=limits_t(minimum=0.0_wp))
-         solver%rescue_work = limit*unit_of_work
+         solver%rescue_work = share_of_solver*limit*unit_of_work
          solver%method = max(1, findloc(method_names == name, .true., dim=1))
          solver%start_with_tangent = first_jacobian == start_names(2)
          self%chain%is_auto = first_guess == "auto"

@@ -91,7 +91,6 @@ contains
       self%residual_work = base%residual_work
       self%tangent_work = base%tangent_work
       self%preconditioner_work = base%preconditioner_work
-      self%watch => base%watch
       allocate (self%forms(self%n_unknowns, size(which)), source=0.0_wp)
       self%forms(:size(forms, 1), :) = forms
       self%values = values

@@ -5,7 +5,7 @@ module hb_ending
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_watch, only: verdict
+   use hb_watch, only: verdict, verdict_on_work
    implicit none
    private
    public :: end_at_point, end_if_over, end_without_step
@@ -30,17 +30,20 @@ contains
       else if (report%gains_nothing(config%patience)) then
          report%status = outcome%stalled
       else
-         call end_if_over(problem, report)
+         call end_if_over(report)
       end if
    end subroutine end_at_point
 
-   !> Ends where whoever watches over the point says so; leaves the status else.
-   subroutine end_if_over(problem, report)
-      class(problem_t), intent(inout) :: problem
+   !> Ends where the point shall end; leaves the status else.
+   subroutine end_if_over(report)
       type(report_t), intent(inout) :: report
 
-      if (.not. problem%is_over()) return
-      report%status = merge(outcome%timed_out, outcome%interrupted, problem%watch%verdict == verdict%timed_out)
+      select case (verdict_on_work())
+      case (verdict%timed_out)
+         report%status = outcome%timed_out
+      case (verdict%interrupted)
+         report%status = outcome%interrupted
+      end select
    end subroutine end_if_over
 
    !> Ends where there is no further step: as converged if rounding alone gives the residual, else as `status`.

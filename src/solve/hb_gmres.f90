@@ -11,6 +11,7 @@ module hb_gmres
    use hb_kinds, only: wp
    use hb_lapack, only: dgemv, dnrm2
    use hb_problem, only: problem_t
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: gmres_t, new_gmres
@@ -143,7 +144,7 @@ contains
       if (norm > 0.0_wp) self%basis(:, k + 1) = self%work/norm
       j = 0
       do while (k + j < size(self%y) .and. norm > target .and. self%n_products < most_products)
-         if (problem%is_over()) exit
+         if (work_is_over()) exit
          self%work = self%basis(:, k + j + 1)*problem%r_scale
          call problem%precondition(self%work, self%direction)
          call problem%apply_tangent(self%direction, self%work)

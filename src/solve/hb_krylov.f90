@@ -51,7 +51,7 @@ contains
          if (is_ready) call tangent%solve(problem, r, max(accuracy, 0.5_wp*config%tolerance/report%residual), step)
          report%factorizations = tangent%n_preconditioners
          report%products = tangent%n_products
-         call end_if_over(problem, report)                            ! then the step is not what it should be
+         call end_if_over(report)                                     ! then the step is not what it should be
          if (report%status /= outcome%pending) return
          if (.not. tangent%residual < useless) then
             call end_without_step(problem, x, outcome%singular, report)

@@ -4,7 +4,6 @@ module hb_problem
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_watch, only: watch_t
    implicit none
    private
    public :: default_largest_dense, deformation, deformation_derivative, deformation_places, problem_t, set_deformations
@@ -36,7 +35,6 @@ module hb_problem
       real(wp) :: preconditioner_work = 0.0_wp                        !! of a preconditioner of level 0; each further one: 8 times
       integer :: preconditioner_level = 0                             !! that solutions from products have come to need
       logical :: has_preconditioner = .false.                         !! of that level, with which the last took few products
-      class(watch_t), pointer :: watch => null()                      !! over the point; none: it takes what it takes
       type(error_t), allocatable :: trouble                           !! why a tangent, a product or a derivative by a parameter was
                                                                       !! not found; a solver takes it into its report
       real(wp), private :: place(3) = 1.0_wp                          ! on the way of each deformation
@@ -60,7 +58,6 @@ module hb_problem
       procedure :: has_sound_scales => problem_has_sound_scales
       procedure :: norm => problem_norm
       procedure :: work_of => problem_work_of
-      procedure :: is_over => problem_is_over
    end type problem_t
 
    abstract interface
@@ -251,14 +248,6 @@ contains
          work = work + report%factorizations*self%tangent_work
       end if
    end function problem_work_of
-
-   !> Whether whoever watches over the point says that it shall end.
-   logical function problem_is_over(self)
-      class(problem_t), intent(inout) :: self
-
-      problem_is_over = .false.
-      if (associated(self%watch)) problem_is_over = self%watch%is_over()
-   end function problem_is_over
 
    !> Whether the scales, and their products (work), are numbers that can be reckoned with: beyond them a residual of zero says
    !> nothing.

@@ -6,8 +6,8 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_t, largest_affordable, method, method_names, nanoseconds_of_work, report_t, rescue, rescue_names
-   public :: solver_config_t, start_names
+   public :: attempt_t, largest_affordable, method, method_names, report_t, rescue, rescue_names
+   public :: share_of_solver, solver_config_t, start_names, unit_of_work
 
    type :: method_t
       integer :: newton = 1
@@ -20,7 +20,10 @@ module hb_solver_types
    character(7), parameter :: start_names(2) = [character(7) :: "linear", "tangent"]
 
    real(wp), parameter :: clear_gain = 0.7_wp                         ! least norm, relative to the least one before
-   real(wp), parameter :: nanoseconds_of_work = 0.1_wp                !! that a unit of work takes, measured
+   !> Work is counted, never measured, so that no result depends on the machine. One of work is about a nanosecond of a processor,
+   !> in solvers, time integration and stability alike; inputs give it in this unit, about a second.
+   real(wp), parameter :: unit_of_work = 1.0e9_wp
+   real(wp), parameter :: share_of_solver = 0.05_wp                   !! of the work of all rescues, the rest: time integration
    integer, parameter :: largest_affordable = 10000                   !! unknowns up to which a dense tangent fits at all, in 0.8 GB
 
    !> What was needed beside the direct attempt; numbers as in the result file.
@@ -60,7 +63,7 @@ module hb_solver_types
       integer :: krylov_products = 1000                               !! with the tangent, at most, for one step
       integer :: preconditioner_level = 0                             !! that solutions from products begin with
       integer :: homotopy_iterations = 500                            !! of all corrections on the way
-      real(wp) :: rescue_work = 20.0e9_wp                             !! of all rescues, as `work` of a report
+      real(wp) :: rescue_work = 2.0e9_wp                              !! of all rescues, as `work` of a report
       real(wp) :: rescue_share = 4.0_wp                               !! at least so many times that of the direct attempt
       real(wp) :: work_limit = huge(1.0_wp)                           !! of the attempt that gets these settings
       real(wp) :: time_limit = huge(1.0_wp)                           !! of the processor, for one point [s]
@@ -85,7 +88,7 @@ module hb_solver_types
       integer :: factorizations = 0                                   !! of a tangent
       integer :: products = 0                                         !! with a tangent
       integer :: rescue = rescue%none                                 !! what led to the solution
-      real(wp) :: work = 0.0_wp                                       !! in units of `nanoseconds_of_work`, from counts alone
+      real(wp) :: work = 0.0_wp                                       !! see `unit_of_work`
       real(wp) :: residual = huge(1.0_wp)                             !! last norm, relative
       real(wp) :: first = -1.0_wp                                     !! first norm, relative; negative: none
       real(wp) :: best = huge(1.0_wp)                                 !! least norm, relative

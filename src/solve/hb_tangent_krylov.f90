@@ -4,6 +4,7 @@ module hb_tangent_krylov
    use hb_gmres, only: gmres_t, new_gmres
    use hb_kinds, only: wp
    use hb_problem, only: problem_t
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: new_tangent_krylov, tangent_krylov_t
@@ -77,7 +78,7 @@ contains
             call self%gmres%solve(problem, b, accuracy, min(patience, self%most_products - products), s, fewer_than=patience)
          end if
          products = products + self%gmres%n_products
-         if (self%gmres%residual <= accuracy .or. products >= self%most_products .or. problem%is_over()) exit
+         if (self%gmres%residual <= accuracy .or. products >= self%most_products .or. work_is_over()) exit
          if (self%is_strongest .and. self%is_fresh) exit
          if (self%is_fresh) self%level = self%level + 1
          call self%renew(problem)

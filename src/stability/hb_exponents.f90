@@ -9,6 +9,7 @@ module hb_exponents
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_birkhoff, only: bump_weights
    use hb_kinds, only: wp
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: exponents_t, find_exponents, laps_t, orthogonalise, work_of_exponents
@@ -90,7 +91,7 @@ contains
          call move_alloc(longer, growth)
          do i = k, n_all
             call laps%carry(x, is_done)
-            if (.not. is_done) return
+            if (.not. is_done .or. work_is_over()) return
             call orthogonalise(x, growth(:, i))
             if (.not. all(ieee_is_finite(growth(:, i)))) return
          end do

@@ -12,6 +12,7 @@ module hb_koopman_hill
    use hb_kinds, only: two_pi, wp
    use hb_matrix_exponential, only: exponential_of
    use hb_variation, only: variation_t
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: hill_t, new_hill
@@ -89,6 +90,7 @@ contains
       n = variation%size
       allocate (cosine(n, n, series%n_harmonics), sine(n, n, series%n_harmonics), source=0.0_wp)
       do done = 0, n_grid - 1, at_once
+         if (work_is_over()) return
          allocate (phases(size(n_samples), min(at_once, n_grid - done)))
          do i = 1, size(phases, 2)
             place = done + i - 1
@@ -123,6 +125,7 @@ contains
       allocate (self%matrix(n*self%set%n_coefficients, n*self%set%n_coefficients), source=0.0_wp)
       associate (set => self%set)
          do k = 1, set%n_harmonics
+            if (work_is_over()) return
             do h = 1, series%n_harmonics
                if (all(abs(cosine(:, :, h)) <= 0.0_wp) .and. all(abs(sine(:, :, h)) <= 0.0_wp)) cycle
                if (series%sin_at(h) == 0) then
@@ -224,6 +227,10 @@ contains
       do
          call self%prepare(length/self%n_parts)
          call take_parts()
+         if (work_is_over()) then
+            estimate = huge(1.0_wp)
+            exit
+         end if
          if (allocated(before)) estimate = maxval(abs(matrix - before))/max(1.0_wp, maxval(abs(matrix)))
          if (estimate <= tolerance .or. self%n_parts >= most_parts) exit
          self%n_parts = 2*self%n_parts

@@ -8,6 +8,7 @@ module hb_linear_laps
    use hb_monodromy, only: find_transfer, monodromy_t, n_looks_of, work_of_transfer
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: linear_laps_t, new_linear_laps
@@ -56,6 +57,8 @@ contains
       is_done = .true.
       if (self%variation%n_states == 0) return
       do i = -n_laps, -1
+         is_done = .not. work_is_over()
+         if (.not. is_done) return
          call cut_time(self%variation, i*self%length, (i + 1)*self%length, n_looks_of(self%variation, self%length), pieces)
       end do
    end subroutine linear_laps_settle

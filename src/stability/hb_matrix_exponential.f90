@@ -6,6 +6,7 @@
 module hb_matrix_exponential
    use hb_kinds, only: wp
    use hb_lapack, only: dgemm, dgetrf, dgetrs
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: count_exponential, exponential_of, exponential_of_two, per_multiplication, product_of
@@ -39,6 +40,9 @@ contains
       factor = 1.0_wp
       do k = 1, degree
          factor = factor*real(degree - k + 1, wp)/real(k*(2*degree - k + 1), wp)
+         if (n > largest_plain) then
+            if (work_is_over()) return                               ! a product takes milliseconds and more
+         end if
          power = product_of(scaled, power)
          e = e + factor*power
          denominator = denominator + merge(-factor, factor, modulo(k, 2) == 1)*power
@@ -46,6 +50,9 @@ contains
       call dgetrf(n, n, denominator, n, pivots, info)
       call dgetrs("N", n, n, denominator, n, pivots, e, n, info)
       do i = 1, n_squarings
+         if (n > largest_plain) then
+            if (work_is_over()) return
+         end if
          e = product_of(e, e)
       end do
    end subroutine exponential_of

@@ -9,6 +9,7 @@ module hb_monodromy
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time, settle_sliders
    use hb_variation_steps, only: propagate
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: find_monodromy, find_transfer, monodromy_t, n_looks_of, work_of_monodromy, work_of_transfer
@@ -64,7 +65,7 @@ contains
       call cut_time(variation, start, finish, n_looks_of(variation, finish - start), pieces)
       if (variation%is_piecewise_linear()) then
          call go_round(variation, pieces, finish - start, 1, self%matrix, self%n_steps)
-         self%estimate = rounding_of(variation, pieces)
+         if (.not. work_is_over()) self%estimate = rounding_of(variation, pieces)
          return
       end if
       work = 0.0_wp
@@ -77,6 +78,10 @@ contains
          end do
          row(doubling)%entries = last
          if (.not. all(ieee_is_finite(last))) exit
+         if (work_is_over()) then
+            self%estimate = huge(1.0_wp)
+            exit
+         end if
          work = work + self%n_steps*(variation%work_of_step((finish - start)/self%n_steps) + variation%work_of_node())
          if (doubling == 0) cycle
          estimate_before = self%estimate
@@ -192,6 +197,7 @@ contains
       do i = 1, size(pieces)
          n = n_parts*max(1, ceiling((pieces(i)%finish - pieces(i)%start)/step*(1.0_wp - 1.0e-9_wp)))
          call propagate(variation, pieces(i), n, x)
+         if (work_is_over()) return
          n_steps = n_steps + n
       end do
    end subroutine go_round

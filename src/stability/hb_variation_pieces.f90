@@ -8,6 +8,7 @@ module hb_variation_pieces
    use hb_kinds, only: wp
    use hb_law, only: law_t
    use hb_variation, only: piece_t, variation_t
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: bracket_t, cut_time, settle_sliders
@@ -91,6 +92,7 @@ contains
 
       if (self%n_states == 0) return
       do lap = 1, most_laps
+         if (work_is_over()) exit
          before = self%held
          call cut_time(self, start, finish, n_looks, pieces)
          if (lap > 1 .and. all(abs(self%held - before) <= same_place*maxval(self%reach))) exit

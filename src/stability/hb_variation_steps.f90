@@ -7,6 +7,7 @@ module hb_variation_steps
    use hb_kinds, only: wp
    use hb_matrix_exponential, only: exponential_of, exponential_of_two, product_of
    use hb_variation, only: piece_t, variation_t
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: propagate
@@ -36,6 +37,7 @@ contains
          else
             call self%matrix_at(piece, 0, at_end)
             do i = 1, n_steps
+               if (work_is_over()) return
                at_start = at_end
                call self%matrix_at(piece, 2*i - 1, at_middle)
                call self%matrix_at(piece, 2*i, at_end)

@@ -15,6 +15,7 @@ module hb_krylov_basis
    use hb_kinds, only: wp
    use hb_lapack, only: dgemm, dpotrf, dsyev, dtrsm, zgetrf, zgetrs
    use hb_sparse, only: sparse_sum, sparse_t, sparse_transpose
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: krylov_basis_t, new_krylov_basis
@@ -557,6 +558,7 @@ contains
          if (allocated(self%damping)) remainder_of_damping = matmul(transpose(u), matmul(self%damping(:n, :n), u))
          if (allocated(self%stiffness)) remainder_of_stiffness = matmul(transpose(u), matmul(self%stiffness(:n, :n), u))
          do i = 1, size(frequencies)
+            if (work_is_over()) return                                ! who extends the basis ends, too
             associate (w => frequencies(i))
                of_k = cmplx(1.0_wp, w*self%beta, wp)
                of_m = cmplx(-w**2, w*self%alpha, wp)

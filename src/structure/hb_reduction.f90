@@ -16,6 +16,7 @@ module hb_reduction
    use hb_sparse, only: sparse_t
    use hb_structure, only: label_length, new_structure, reach_t, structure_t, unit_length
    use hb_text, only: to_text
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: reduce_structure
@@ -152,8 +153,10 @@ contains
          error_left_out = epsilon(1.0_wp)
          if (basis%n == basis%n_before) return                        ! nothing new: the space is whole
          change = basis%change(frequencies_below(basis, up_to, 0.0_wp))
+         if (work_is_over()) exit
          if (change <= tolerance .and. (rests_are_kept .or. n_cycles > 0)) then
             error_left_out = max(change, basis%change(frequencies_below(basis, up_to, golden)))
+            if (work_is_over()) exit
             if (error_left_out <= tolerance) return
             change = error_left_out
          end if
@@ -162,6 +165,10 @@ contains
          n_cycles = n_cycles + 1
          call basis%take_residuals([(up_to*(i - modulo(golden*n_cycles, 1.0_wp))/n_residuals, i=1, n_residuals)])
       end do
+      if (work_is_over()) then
+         call fail(error, "the reduction was ended before its time")
+         return
+      end if
       call fail(error, to_text(basis%n)//" shapes leave an error of "//to_text(change)//" up to "//to_text(up_to)// &
                 " rad/s, flexibility_tolerance is "//to_text(tolerance)//"; raise it, lower flexibility_up_to or the "// &
                 "order of the harmonics, or use flexibility = 'exact'")

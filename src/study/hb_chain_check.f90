@@ -18,7 +18,7 @@ module hb_chain_check
    public :: chain_check_t
 
    integer, parameter :: most_motions = 120                           ! to be sought for a point
-   real(wp), parameter :: free_work = 0.3e9_wp                        ! of a chain, as `work` of a result
+   real(wp), parameter :: free_work = 0.03e9_wp                       ! of a chain, as `work` of a result
    integer, parameter :: most_iterations = 10                         ! for one, from a guess that is close to it
    real(wp), parameter :: largest_turn = 0.5_wp                       ! of a step that nobody doubts, relative to its length
    real(wp), parameter :: largest_first = 0.2_wp                      ! first step of a chain, relative to the motion

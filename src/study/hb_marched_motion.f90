@@ -12,7 +12,8 @@ module hb_marched_motion
    use hb_advice, only: rounded
    use hb_birkhoff, only: coefficients_at
    use hb_coordinates, only: coordinates_t
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
+   use hb_hysteretic_law, only: hysteretic_law_t
    use hb_judge, only: settled_t
    use hb_kinds, only: int64, two_pi, wp
    use hb_line_fit, only: line_fit_t, new_line_fit
@@ -27,10 +28,10 @@ module hb_marched_motion
    use hb_scene_coordinates, only: coordinates_of
    use hb_structure, only: most_dense, structure_t
    use hb_text, only: to_text
-   use hb_watch, only: watch_t
+   use hb_watch, only: watch_t, work_is_over
    implicit none
    private
-   public :: largest_in_parts, settle
+   public :: fastest_of, has_bounds_of, largest_in_parts, settle
 
    integer, parameter :: first_window = 50                            ! periods of the slowest tone
    integer, parameter :: other_window = 70                            ! likewise, from a given state: averages of its own
@@ -58,6 +59,7 @@ module hb_marched_motion
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
    real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the one before
    real(wp), parameter :: kick = 1.0e-6_wp                            ! of the length of the system, at the start
+   character(*), parameter :: ended = "time integration was ended before its time"
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the length of the system
 
 contains
@@ -80,8 +82,9 @@ contains
 
       by_cvode_alone = scene%march%aim <= 0.0_wp .and. any([(scene%laws(i)%law%is_multiplier, i=1, size(scene%laws))])
       is_fast = scene%march%method == march_method%cvode .and. .not. by_cvode_alone
-      if (is_fast) is_fast = work_of_mode*fastest_of(scene)*periods_of_first(scene)*two_pi/minval(scene%tones%omega)* &
-                             work_of_look(scene%structure%n_dofs, size(law_dofs)) > scene%march%work_limit
+      if (is_fast) is_fast = .not. has_bounds_of(scene) .or. work_of_mode*fastest_of(scene)*periods_of_first(scene)* &
+                             two_pi/minval(scene%tones%omega)*work_of_look(scene%structure%n_dofs, size(law_dofs)) > &
+                             scene%march%work_limit
       if (.not. is_fast) then
          call follow(scene, law_dofs, watch, settled, last, error, start)
          if (scene%march%method /= march_method%cvode) return
@@ -96,6 +99,20 @@ contains
       if (allocated(trouble)) call move_alloc(trouble, error)
       settled = again
    end subroutine settle
+
+   !> Whether cvode can follow the sliders of all laws.
+   pure logical function has_bounds_of(scene) result(has_bounds)
+      type(scene_t), intent(in) :: scene
+      integer :: i
+
+      has_bounds = .true.
+      do i = 1, size(scene%laws)
+         select type (law => scene%laws(i)%law)
+         class is (hysteretic_law_t)
+            has_bounds = has_bounds .and. law%has_bounds
+         end select
+      end do
+   end function has_bounds_of
 
    !> Marches by a method of fixed steps and with steps half as long from where that has ended, to an accuracy until the motion
    !> no longer changes by more than is allowed. The answer is that of the shortest steps; the last change counts as its error.
@@ -263,6 +280,8 @@ contains
                                                importance_of(scene), error)
             if (allocated(error)) return
             now = averages_of(scene, z, record, fit)
+            if (work_is_over()) call fail(error, ended)
+            if (allocated(error)) return
             spread_before = spread
             if (finds_lines) then
                remainder = reshape([(z(:, i) - fit%series(now(:, i)), i=1, size(z, 2))], shape(z))
@@ -282,6 +301,8 @@ contains
             end if
             status_before = settled%status
             call tell(scene, settled, z, remainder, record, allowed, has_forgotten, window == most_windows)
+            if (work_is_over()) call fail(error, ended)
+            if (allocated(error)) return
             if (settled%status == outcome%marched .and. finds_lines) then
                if (spread <= scene%march%aim .or. spread > gaining*spread_before) exit
             else if (settled%status == outcome%marched) then
@@ -337,6 +358,7 @@ contains
 
       marched_for = "marched for "//to_text(settled%n_periods)//" periods of the slowest tone"
       left_out = largest_share(remainder, z)
+      settled%left_out = merge(0.0_wp, left_out, scene%march%aim > 0.0_wp)   ! of a fit the spread has it
       finds_lines = scene%march%aim > 0.0_wp
       part = turns_to_repeat(remainder, scale_of(z), scene%tones%omega*record%step/two_pi, left_out, allowed)
       settled%status = outcome%pending
@@ -359,7 +381,12 @@ contains
          settled%message = marched_for//": the motion repeats after "//to_text(part)//" periods; use tones "//to_text(part)// &
                            " times lower"
       case (outcome%broadband)
-         settled%message = marched_for//": the motion does not repeat, its averages spread by "//rounded(settled%spread)
+         if (finds_lines) then
+            settled%message = marched_for//": "//to_text(scene%harmonics%n_harmonics)//" tuples leave "//rounded(settled%spread)// &
+                              " of the worst quarter, and that does not repeat as the tones do"
+         else
+            settled%message = marched_for//": the motion does not repeat, its averages spread by "//rounded(settled%spread)
+         end if
       case default
          settled%message = marched_for//": the averages spread by "//rounded(settled%spread)// &
                            ", and it does not show yet whether the motion repeats"
@@ -456,9 +483,11 @@ contains
       complex(wp) :: phasor(size(frequencies)), rotation(size(frequencies))
       integer :: i, k
 
+      remainder = 0.0_wp
       rotation = exp(cmplx(0.0_wp, frequencies*record%step, wp))
       do i = 1, size(x, 1)
          if (modulo(i - 1, steps_between_cosines) == 0) then
+            if (work_is_over()) exit
             phasor = exp(cmplx(0.0_wp, frequencies*(record%start + (i - 1)*record%step), wp))
          else
             phasor = phasor*rotation

@@ -109,6 +109,7 @@ contains
       real(wp) :: started
 
       started = wall_clock()
+      call watch%enter(self%scene%solver%time_limit)
       if (self%has_begun .and. allocated(self%request%over)) then
          call self%ridge%next(result, error)
       else if (self%has_begun) then
@@ -120,6 +121,7 @@ contains
          call self%curve%begin(self%scene, self%document, self%request, result, error, watch, marching_judge_t())
          self%has_begun = .true.
       end if
+      call watch%leave()
       if (watch%verdict == verdict%interrupted) then                  ! also what looks like an error or an end may come of that
          result%status = outcome%interrupted
          self%is_done = .false.

@@ -43,6 +43,7 @@ contains
       logical :: is_new
 
       started = wall_clock()
+      call watch%enter(huge(1.0_wp))
       call source%plan%apply(point, source%document)
       call update_scene(source%scene, source%document, is_new, error, source%available_memory, source%services)
       if (is_new .and. .not. allocated(error)) call check_layout(source%scene, source%layout, error)
@@ -50,6 +51,7 @@ contains
       value = source%plan%fastest_value(point)
       if (.not. allocated(error)) then
          associate (scene => source%scene)
+            call watch%begin(scene%solver%time_limit)
             if (scene%accuracy%is_on) then
                call neighbour%predict_rung(value, scene, below)
                call solve_to_tolerance(scene, result, error, rung, below, watch, marching_judge_t())
@@ -75,6 +77,7 @@ contains
          call neighbour%forget()
       end if
       if (watch%verdict == verdict%interrupted) result%status = outcome%interrupted
+      call watch%leave()
       result%rank = source%rank
       result%solve_seconds = wall_clock() - started
       times%reading = times%reading + read - started

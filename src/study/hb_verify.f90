@@ -16,12 +16,12 @@ module hb_verify
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_march, only: march_from, march_record_t
-   use hb_march_config, only: march_config_t, step_of
+   use hb_march_config, only: march_config_t, march_method, step_of
    use hb_march_difference, only: march_difference_t, motion, new_march_difference, series_t
    use hb_march_state, only: march_state_t, new_march_state
    use hb_march_system, only: march_system_t, new_march_system
    use hb_march_verdict, only: decide, growth_of, limit_of, n_settled, verdict
-   use hb_marched_motion, only: settle
+   use hb_marched_motion, only: fastest_of, has_bounds_of, settle
    use hb_modes, only: slowest_decay
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: is_solved, outcome
@@ -55,6 +55,8 @@ module hb_verify
    real(wp), parameter :: nearness = 1.0e-6_wp                        ! of the second march at its start, relative to the motion
    real(wp), parameter :: too_far = 1.0e-4_wp, too_near = 1.0e-10_wp  ! distances at which it is brought back there
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the motion
+   integer, parameter :: fewest_steps = 1000                          ! of fixed steps in a period of the slowest tone, and in
+   real(wp), parameter :: step_of_mode = 0.1_wp                       ! radians of the fastest mode: errors of 1e-6 in a period
    real(wp), parameter :: gone = 2.0_wp                               ! likewise, where the march breaks off
 
    !> What marching says of one point.
@@ -249,12 +251,16 @@ contains
          config%transient = 0.0_wp
          config%decimation = 1
          config%tolerance = min(config%tolerance, march_tolerance)
+         if (config%method == march_method%cvode .and. .not. has_bounds_of(scene)) then
+            config%method = march_method%runge_kutta_4
+            config%substeps = ceiling(max(step*fewest_steps/length%period, step*fastest_of(scene)/step_of_mode))
+         end if
          config%largest = runaway*maxval(scale)
          call new_march_state(state, system%n_dofs, system%laws%n_states)
          call place_state(system, amplitudes, frequencies, -periods_of_sliders*length%period, step, state)
          if (any(stored%status(point) == [outcome%marched, outcome%several]) .and. .not. scene%accuracy%grows_set) then
             scene%march%tolerance = config%tolerance
-            call verify_marched(scene, system, tuples, transpose(amplitudes), state, stored%truncation(point), result, error)
+            call verify_marched(scene, system, tuples, transpose(amplitudes), state, stored%aliasing(point), result, error)
             return
          end if
          other = state
@@ -346,7 +352,7 @@ contains
       character(64), allocatable :: labels(:)
       real(wp), allocatable :: difference(:), scale(:)
       type(settled_t) :: settled
-      type(watch_t) :: watch
+      type(watch_t), target :: watch
       integer :: i, k
 
       call settle(scene, law_dofs_of(scene%laws), watch, settled, error, start)

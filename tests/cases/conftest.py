@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "postproc" / "src"), str(ROOT / "drivers" / "python" / "src")]
+sys.path[:0] = [str(ROOT / "postproc" / "src"), str(ROOT / "drivers" / "python" / "src"), str(ROOT / "tests")]
 
 
 def pytest_configure(config):

@@ -24,13 +24,13 @@ MUTANTS = [
         ),
     ),
     *of(
-        "solve/hb_solver_types.f90",
+        "motion/hb_scene_reader.f90",
         (
-            "work_in_nanoseconds",
-            "test_hb_stability",
-            "a unit of work is thought to be a nanosecond",
-            "nanoseconds_of_work = 0.1_wp",
-            "nanoseconds_of_work = 10.0_wp",
+            "work_of_method",
+            "test_hb_marched_motion",
+            "time integration may take no more than the rescues of the solver",
+            "self%march%work_limit = work_of_method*self%solver%rescue_work",
+            "self%march%work_limit = self%solver%rescue_work",
         ),
     ),
     *of(

@@ -1,0 +1,92 @@
+"""Signals and limits end a run within a second, whatever it does. Many more places by `tests/limits`, which runs with label long."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from limit_parts.scenes import SCENES, build_laws
+from program import INCOMPLETE, command, environment, messages_of, program, read, solve
+
+ROOT = Path(__file__).resolve().parents[2]
+IN_TIME = 1.0  # second of the processor, so that other work of the machine does not count
+
+
+def used(pid):
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.parametrize("name", ["time integration, cvode", "exponents"])
+def test_a_signal_ends_a_run_within_a_second(name, tmp_path):
+    build_laws(tmp_path)
+    (tmp_path / "case.nml").write_text(SCENES[name])
+    process = subprocess.Popen(
+        command("solve", "case.nml", "--quiet"), cwd=tmp_path, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    )
+    while not (tmp_path / "case.h5").exists():
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.005)
+    time.sleep(0.3)
+    if process.poll() is not None:
+        pytest.skip("done before a signal came")
+    before = last = used(process.pid)
+    process.send_signal(signal.SIGTERM)
+    while process.poll() is None:
+        assert last - before < IN_TIME
+        time.sleep(0.005)
+        last = used(process.pid) if process.poll() is None else last
+    assert process.returncode == INCOMPLETE
+
+
+def test_a_law_that_gives_up_for_ever_ends_by_itself(tmp_path):
+    """640 s on 2825d10: time integration took ever smaller steps up to a place where the law has no force."""
+    build_laws(tmp_path)
+    began = time.monotonic()
+    result = solve(SCENES["recoverable law"], tmp_path, status=None)
+    assert time.monotonic() - began < 60.0
+    assert "rounding of the time" in messages_of(result)
+    assert read(result, "status").tolist() != [0]
+
+
+@pytest.mark.long
+def test_limits_hold_everywhere():
+    done = subprocess.run(
+        [sys.executable, ROOT / "tests/limits", "--runs", "3"], env={**environment(), "NHBM": program()}, capture_output=True
+    )
+    assert done.returncode == 0, done.stdout.decode()
+
+
+def test_what_lies_beyond_the_set_is_in_the_estimate(tmp_path):
+    """Averages of a motion integrated in time are exact to 1e-10; what the set of order 1 cannot hold of it is a hundredth and more."""
+    text = (
+        "&structure type='matrices', n_dofs=1, mass=1.0, damping=0.2, stiffness=1.0 /\n&tones frequency=0.8 /\n&harmonics order=1 /\n"
+        "&load dof='x1', tuple=1, cos=1.0 /\n&law type='elastic_stop', dof='x1', stiffness=10.0, gap=0.5 /\n"
+        "&solver first_way='march' /\n"
+    )
+    low = solve(text, tmp_path, status=None, name="low")
+    high = solve(text.replace("order=1", "order=25"), tmp_path, status=None, name="high")
+    whole, part = read(high, "coefficients")[0, 0], read(low, "coefficients")[0, 0]
+    left = np.linalg.norm(whole[2:]) / np.linalg.norm(whole[1:])
+    assert left > 0.01
+    np.testing.assert_allclose(read(low, "truncation_estimate")[0], left, rtol=0.02)
+    assert read(low, "aliasing_estimate")[0] < 1e-3
+    np.testing.assert_allclose(part, whole[:2], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "structure, law",
+    [
+        ("n_dofs=1, mass=1.0, stiffness=1.0, damping=-0.1", "type='elastic_stop', dof='x1', stiffness=10.0, gap=0.5"),
+        ("n_dofs=1, mass=1.0, stiffness=1.0, damping=-0.1", "type='cubic_spring', dof='x1', stiffness=0.1"),
+    ],
+)
+def test_what_runs_away_is_not_called_damped(structure, law, tmp_path):
+    text = f"&structure type='matrices', {structure} /\n&tones unknown=.true. /\n&harmonics order=7 /\n&law {law} /\n"
+    result = solve(text, tmp_path, status=None)
+    message = bytes(read(result, "message")[0]).decode().strip("\0 ")
+    assert "damped" not in message and "driven" in message and "without bound" in message, message
