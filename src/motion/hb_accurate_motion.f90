@@ -4,10 +4,10 @@
 !> The lowest rung is a small box, where the motion is found by whatever it takes. From there the certificate tells what the
 !> tuples carry that a set lacks, and what its grid does to the motion: the set takes those that matter and drops those that
 !> do not, the grid is refined, and each rung starts from the solution of the one below it. How far two rungs are apart shows
-!> what the estimate of the lower one was worth, and corrects that of the upper one. Source: docs/user/accuracy.md;
+!> what the estimate of the lower one was worth: where it was too small, that of the upper one counts for more. Nothing of this way
+!> lowers an estimate, and what it adds is stored by itself. Source: docs/user/accuracy.md;
 !> nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter 5.
 module hb_accurate_motion
-   use hb_certificate, only: certificate_t
    use hb_error, only: error_t
    use hb_first_way, only: first_way
    use hb_harmonics, only: harmonics_t
@@ -19,8 +19,8 @@ module hb_accurate_motion
    use hb_motion_description, only: compare_with_refined
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome
-   use hb_rung, only: choose_next, degree_of, distance, estimate_of, estimate_of_wanted, is_rigid, margin, most_failures, &
-      put_on_rung, reliable, rung_t, trim_set, with_caution
+   use hb_rung, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, margin, &
+      most_failures, put_on_rung, reliable, rung_t, trim_set, with_caution
    use hb_scene, only: accuracy_t, scene_t
    use hb_stability, only: stability_method, stability_verdict => verdict
    use hb_torus, only: samples_for
@@ -28,7 +28,7 @@ module hb_accurate_motion
    use hb_watch, only: watch_t, work_is_over
    implicit none
    private
-   public :: calibrate, calibrate_outputs, gains_nothing, left_after, solve_to_tolerance
+   public :: calibrate_outputs, estimate_by_levels, gains_nothing, left_after, solve_to_tolerance
 
    integer, parameter :: most_rungs = 24
    integer, parameter :: most_idle = 4                                ! rungs one after the other that gain nothing
@@ -45,7 +45,6 @@ module hb_accurate_motion
    real(wp), parameter :: work_of_verdict = 4.0_wp                    ! beyond which no rung is begun, times that so far
    real(wp), parameter :: least_work_of_verdict = 5.0e7_wp
    integer, parameter :: patience = 3                                 ! steps from the rung below that gain nothing
-   real(wp), parameter :: clearly = 1.25_wp                           ! larger set
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
 
    !> What is spent on all rungs.
@@ -162,7 +161,6 @@ contains
       here = scene
       here%first_way = first_way%balance
       here%certificate%is_on = .true.
-      here%certificate%looks_near = .true.
       here%stability%method = stability_method%off
       here%solver%tolerance = solver_tolerance(scene)
       here%certificate%improvement_steps = 0
@@ -173,7 +171,7 @@ contains
       is_checked = .false.
       if (present(start)) is_checked = allocated(start%unknowns) .and. account%n_rungs == 1 ! as the neighbour was
       best_estimate = huge(1.0_wp)
-      before = estimate_of(result)
+      before = estimate_of_motion(result)
       outputs_before = estimates_of_outputs(result)
       n_failures = 0
       estimates = [estimate_of_wanted(result)]
@@ -199,11 +197,10 @@ contains
          end if
          difference = distance(top, next, any(scene%tones%is_unknown))
          is_checked = before < reliable
-         raw = estimate_of(trial)
+         raw = estimate_of_motion(trial)
          outputs_raw = estimates_of_outputs(trial)
-         if (is_checked) call calibrate(trial%certificate, result%certificate, before, difference, &
-                                          next%set%n_harmonics > clearly*top%set%n_harmonics, margin*scene%accuracy%tolerance)
-         if (is_rigid(scene)) trial%certificate%truncation = max(trial%certificate%truncation, min(1.0_wp, &
+         if (is_checked) trial%level_estimate = max(trial%level_estimate, estimate_by_levels(raw, before, difference))
+         if (is_rigid(scene)) trial%level_estimate = max(trial%level_estimate, min(1.0_wp, &
             difference*left_after(top%set%n_harmonics, next%set%n_harmonics, scene%tones%n_tones)))
          call calibrate_outputs(scene, trial, next%set, result, top%set, outputs_before)
          before = raw
@@ -221,7 +218,7 @@ contains
       if (best_estimate < estimate_of_wanted(result)) then !  what came after it made it worse, as far as one knows
          result = best
          top = best_top
-         result%certificate%truncation = max(result%certificate%truncation, best_estimate)
+         result%level_estimate = max(result%level_estimate, best_estimate)
       end if
       call finish(scene, result, top, account, difference, watch)
       if (result%status == outcome%truncated .and. present(judge)) call march_from_balance(scene, result, top, watch, judge)
@@ -258,38 +255,14 @@ contains
       end associate
    end function gains_nothing
 
-   !> Corrects the estimates of a rung by what the rung below shows. Its motion was off by the difference of the two: an estimate
-   !> that was below that is raised by as much here. What the upper rung is off by is less than the difference by as much as it
-   !> neglects less, but not below what it neglects, where its set is clearly larger: one linear step
-   !> from a set with ragged ends may say far more. Such a step is none of a series that converges: what is neglected answers the
-   !> motion after it by many times what it answered before. Where it is not, the ladder ends with an estimate that is lowered by a
-   !> quarter at most.
-   pure subroutine calibrate(upper, lower, estimate_below, difference, is_clear, enough)
-      type(certificate_t), intent(inout) :: upper
-      type(certificate_t), intent(in) :: lower
-      real(wp), intent(in) :: estimate_below                          !! of the lower rung, as its certificate had it
+   !> Estimated error of a level as the one below shows it. Its motion was off by the difference of the two: where its certificate
+   !> said less than that, the one of the upper level counts for more by as much.
+   pure real(wp) function estimate_by_levels(estimate, estimate_below, difference)
+      real(wp), intent(in) :: estimate, estimate_below                !! of the two levels, by their motions alone
       real(wp), intent(in) :: difference                              !! of their motions, relative
-      logical, intent(in) :: is_clear                                 !! the upper set is clearly larger
-      real(wp), intent(in) :: enough                                  !! estimate with which the ladder ends
-      real(wp), parameter :: safety = 2.0_wp
-      real(wp), parameter :: leads_away = 10.0_wp                     ! answer to one step, relative to that before
-      real(wp), parameter :: most_lowered = 0.75_wp                   ! of the estimate of another step
-      real(wp), parameter :: nearly = 0.999_wp
-      real(wp) :: above, below, correction, ending, lowered
 
-      correction = max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction))
-      upper%truncation = min(1.0_wp, correction*upper%truncation)
-      upper%aliasing = min(1.0_wp, correction*upper%aliasing)
-      if (allocated(upper%frequency_error)) upper%frequency_error = correction*upper%frequency_error
-      if (.not. (is_clear .and. allocated(upper%neglected) .and. allocated(lower%neglected))) return
-      above = norm2(upper%neglected)
-      below = norm2(lower%neglected)
-      lowered = max(safety*above, difference*min(1.0_wp, above/below))
-      ending = nearly*sqrt(max(0.0_wp, enough**2 - upper%aliasing**2))
-      if (lowered <= ending .and. upper%next_answer < leads_away) &
-         lowered = max(min(ending, upper%truncation), most_lowered*upper%truncation)
-      upper%truncation = min(upper%truncation, lowered)
-   end subroutine calibrate
+      estimate_by_levels = min(1.0_wp, estimate*max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction)))
+   end function estimate_by_levels
 
    pure function estimates_of_outputs(result) result(estimates)
       type(motion_result_t), intent(in) :: result
@@ -299,7 +272,7 @@ contains
       if (allocated(result%output_estimate)) estimates = result%output_estimate
    end function estimates_of_outputs
 
-   !> Raises the estimates of outputs as `calibrate` does, each by its own difference, and never lowers them.
+   !> Raises the estimates of outputs as `estimate_by_levels` does, each by its own difference.
    subroutine calibrate_outputs(scene, upper, upper_set, lower, lower_set, estimates_below)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(inout) :: upper
@@ -502,6 +475,7 @@ contains
       result%n_samples = top%n_samples
       result%n_rungs = account%n_rungs
       result%rung_difference = difference
+      if (result%level_estimate <= estimate_of_motion(result)) result%level_estimate = 0.0_wp
       result%iterations = account%iterations
       result%evaluations = account%evaluations
       result%work = account%work

@@ -300,7 +300,6 @@ contains
          call put_on_rung(found, self%scene, rung, error)
          if (allocated(error)) return
          found%certificate%is_on = .true.
-         found%certificate%looks_near = .true.
          found%certificate%truncation = found%accuracy%tolerance
          found%certificate%aliasing = found%accuracy%tolerance
          call self%problem%destroy()

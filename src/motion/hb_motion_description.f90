@@ -139,7 +139,7 @@ contains
                                              + tangents*min(balance%tangent_work, residuals_for_tangent*balance%residual_work)
    end function usual_work
 
-   !> The part of it for set-up, recovery of all degrees of freedom and the certificate: twice the order, four times the samples.
+   !> The part of it for set-up, recovery of all degrees of freedom and the certificate: twice the order and the samples.
    pure real(wp) function work_beside_solver(scene, balance) result(work)
       type(scene_t), intent(in) :: scene
       type(balance_t), intent(in) :: balance
@@ -247,12 +247,10 @@ contains
       if (allocated(scene%accuracy%outputs)) keeps_refined = keeps_refined .or. size(scene%accuracy%outputs) > 0
       if (any(scene%tones%is_unknown) .and. present(search)) then
          call certify(result%certificate, scene%structure, scene%loads%at(basis%places), basis%torus, balance, u, &
-                      scene%planning, 0, error, search%phase, looks_near=scene%certificate%looks_near, &
-                      keeps_refined=keeps_refined)
+                      scene%planning, 0, error, search%phase, keeps_refined=keeps_refined)
       else
          call certify(result%certificate, scene%structure, scene%loads%at(basis%places), basis%torus, balance, u, &
-                      scene%planning, scene%certificate%improvement_steps, error, curve=curve, &
-                      looks_near=scene%certificate%looks_near, keeps_refined=keeps_refined)
+                      scene%planning, scene%certificate%improvement_steps, error, curve=curve, keeps_refined=keeps_refined)
       end if
       if (allocated(error)) return
       if (allocated(result%certificate%improved)) call keep_improved(basis, result, error)

@@ -16,8 +16,9 @@ module hb_rung
    use hb_tuple_union, only: tuple_union_t
    implicit none
    private
-   public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_wanted, is_rigid, join, margin
-   public :: most_failures, needed_samples, put_on_rung, put_on_set, reliable, rung_of, rung_t, trim_set, with_caution
+   public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
+   public :: is_rigid, join, margin, most_failures, needed_samples, put_on_rung, put_on_set, reliable, rung_of, rung_t
+   public :: same_set, trim_set, with_caution
 
    integer, parameter :: most_failures = 3                            ! of rungs one after the other
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a rung
@@ -65,13 +66,13 @@ contains
       next%set = top%set
       next%n_samples = top%n_samples
       if (scene%accuracy%grows_set) call choose_set(scene, result, top, goal, n_failures == most_failures - 1 .or. &
-         result%certificate%truncation >= merge(reliable, near, n_failures == 0), next%set, error)
+         raised_by(result)*result%certificate%truncation >= merge(reliable, near, n_failures == 0), next%set, error)
       if (allocated(error)) return
       if (scene%accuracy%refines_grid) then
          least = needed_samples(next%set%highest, degree_of(scene))
          finer = 1.0_wp
          if (degree_of(scene) == 0) then
-            finer = (result%certificate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
+            finer = (raised_by(result)*result%certificate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
             finer = max(least_refinement, min(finer, largest_refinement))*1.3_wp**n_failures
          end if
          next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
@@ -94,8 +95,7 @@ contains
       is_there = .true.
    end subroutine choose_next
 
-   !> Takes first-order errors out of the start on a rung, where they are small, whatever the estimate says. It may have been
-   !> lowered by the rung below because they come from a tangent that is almost singular, and lead away from the motion.
+   !> Takes first-order errors out of the start on a rung, where they are small, whatever the estimate says.
    subroutine take_errors_out(result, top, next)
       type(motion_result_t), intent(in) :: result                     !! on `top`
       type(rung_t), intent(in) :: top
@@ -141,18 +141,20 @@ contains
          if (allocated(error)) return
          allocate (neglected(around%n_harmonics), source=goal)
       end if
-      amplification = result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp)) ! by what the kept ones answer
+      amplification = raised_by(result)*result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp)) ! by what is kept
       amplification = max(1.0_wp, min(amplification, largest_amplification))
       tail = share_of_tail*goal/amplification
       room = min(scene%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
       do i = 1, most_tails                                            ! what is neglected may look small and matter
          call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, room), error)
          if (allocated(error)) return
-         if (result%certificate%truncation <= goal .or. set%n_harmonics > least_growth*top%set%n_harmonics) return
+         if (raised_by(result)*result%certificate%truncation <= goal .or. &
+             set%n_harmonics > least_growth*top%set%n_harmonics) return
          tail = smaller_tail*tail
       end do
    end subroutine choose_set
 
+   !> Whether two sets have the same tuples in the same order.
    pure logical function same_set(a, b)
       type(harmonics_t), intent(in) :: a, b
 
@@ -360,12 +362,26 @@ contains
       distance = distance/max(norm2(u), tiny(1.0_wp))
    end function distance
 
-   !> Estimated error of a motion: those by its set and by its grid have nothing to do with each other.
+   !> Estimated error of a motion, by its certificate or as the level below shows it.
    pure real(wp) function estimate_of(result)
       type(motion_result_t), intent(in) :: result
 
-      estimate_of = hypot(result%certificate%truncation, result%certificate%aliasing)
+      estimate_of = max(estimate_of_motion(result), result%level_estimate)
    end function estimate_of
+
+   !> Estimated error that follows from the motion alone: those by its set and by its grid have nothing to do with each other.
+   pure real(wp) function estimate_of_motion(result) result(estimate)
+      type(motion_result_t), intent(in) :: result
+
+      estimate = hypot(result%certificate%truncation, result%certificate%aliasing)
+   end function estimate_of_motion
+
+   !> By how much the level below shows that the certificate estimates too little.
+   pure real(wp) function raised_by(result)
+      type(motion_result_t), intent(in) :: result
+
+      raised_by = max(1.0_wp, result%level_estimate/max(estimate_of_motion(result), tiny(1.0_wp)))
+   end function raised_by
 
    !> Largest estimated error of what the tolerance is for: the outputs that are named, or else the motion.
    pure real(wp) function estimate_of_wanted(result) result(estimate)
@@ -375,13 +391,13 @@ contains
       if (allocated(result%output_estimate)) estimate = maxval(result%output_estimate)
    end function estimate_of_wanted
 
-   !> Raises the estimate of a motion against rigid laws.
+   !> Estimates the error of a motion against rigid laws, of which certificates see too little.
    pure subroutine with_caution(scene, result)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(inout) :: result
 
       if (.not. is_rigid(scene)) return
-      result%certificate%truncation = min(1.0_wp, caution*result%certificate%truncation)
+      result%level_estimate = min(1.0_wp, hypot(caution*result%certificate%truncation, result%certificate%aliasing))
       if (allocated(result%output_estimate)) result%output_estimate = min(1.0_wp, caution*result%output_estimate)
    end subroutine with_caution
 

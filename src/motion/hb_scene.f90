@@ -61,8 +61,6 @@ module hb_scene
       real(wp) :: penetration = 1.0e-2_wp                             !! largest, relative to the largest harmonic
       real(wp) :: impact = 1.0e-2_wp                                  !! hardest blow against a rigid wall, its energy relative to
                                                                       !! that of the motion there
-      logical :: looks_near = .false.                                 !! in a set that reaches twice as far as that of the motion,
-                                                                      !! not in the box around it
       integer :: improvement_steps = 0                                !! steps towards the motion in a wider set
       real(wp) :: commensurability = 1.0e-3_wp                        !! smallest |k.omega| relative to the largest tone
    end type certificate_config_t

@@ -1,14 +1,18 @@
 !> Whether the points of a chain lie on one branch of motions. Where a point is not where those before it lead, the branch of the
-!> last one is followed up to it in small steps, hb_branch_tracking; what is found becomes the message of the point.
+!> last one is followed up to it in small steps, hb_branch_tracking; what is found becomes the message of the point. Where points choose
+!> their own sets it is followed in one that has the tuples of both, in which both motions are found anew: what one set lacks is no
+!> other branch.
 !>
 !> The work is bounded: that of all motions in between by the work of the points of the chain so far and a part of a second.
 module hb_chain_check
    use hb_branch_tracking, only: difference_of, find_branch, finding, smallest_jump, stretch_t, tracking_t
    use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_point_source, only: point_source_t
+   use hb_rung, only: carry, join, put_on_rung, rung_t, same_set
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
    use hb_stability, only: stability_method
@@ -29,8 +33,9 @@ module hb_chain_check
       integer :: last_point = 0                                       ! 0: none
       real(wp) :: work_left = free_work
       real(wp) :: last_value = 0.0_wp
-      integer, allocatable :: tuples(:, :)
-      real(wp), allocatable :: last(:), slope(:)                      ! coefficients; slope not allocated: not known
+      type(rung_t) :: last                                            ! set, grid and unknowns
+      type(harmonics_t) :: slope_set
+      real(wp), allocatable :: slope(:)                               ! of the coefficients; not allocated: not known
    contains
       procedure :: look => chain_check_look
    end type chain_check_t
@@ -42,6 +47,7 @@ module hb_chain_check
       integer :: first = 0, last = 0                                  ! points
       integer :: n_left = most_motions
       real(wp) :: work_left = 0.0_wp
+      type(rung_t) :: rung                                            ! set and grid, where points choose them
       real(wp), allocatable :: frequencies(:)                         ! behind the coefficients of a guess
    contains
       procedure :: solve => swept_stretch_solve
@@ -51,70 +57,109 @@ contains
 
    !> Looks at a solved point, which follows the last one that was looked at. The document and the scene may have values between
    !> the two afterwards.
-   subroutine chain_check_look(self, source, point, unknowns, result, watch)
+   subroutine chain_check_look(self, source, point, here, result, watch)
       class(chain_check_t), intent(inout) :: self
       type(point_source_t), intent(inout), target :: source
       integer, intent(in) :: point
-      real(wp), intent(in) :: unknowns(:)                             !! of the point: coefficients, then base frequencies
+      type(rung_t), intent(in) :: here                                !! set, grid and unknowns of the point
       type(motion_result_t), intent(inout) :: result                  !! of the point; gets the message
       class(watch_t), intent(inout), target :: watch
+      type(rung_t) :: both
       type(swept_stretch_t) :: stretch
       type(tracking_t) :: tracking
-      real(wp), allocatable :: motion(:)
+      real(wp), allocatable :: last(:), motion(:), slope(:)
       real(wp) :: length
+      logical :: is_comparable, is_joined
 
-      motion = unknowns(:size(unknowns) - source%scene%tones%n_tones)
       self%work_left = self%work_left + result%work
-      if (is_alike()) then
+      both = here
+      is_comparable = self%last_point > 0
+      if (is_comparable) then
+         is_comparable = n_functions(here) == n_functions(self%last)
+         if (source%layout%has_own_tuples) then
+            call join(both, self%last%set, is_joined)
+         else
+            is_comparable = is_comparable .and. same_set(here%set, self%last%set)
+         end if
+      end if
+      if (is_comparable) then
+         motion = coefficients_of(both, both%set)
+         last = coefficients_of(self%last, both%set)
+         if (allocated(self%slope)) slope = carry(self%slope_set, both%set, self%slope, 0)
          length = source%plan%fastest_value(point) - self%last_value
-         if (is_doubtful(self, motion, length) .and. self%work_left > 0.0_wp) then
+         if (is_doubtful(last, motion, length, slope) .and. self%work_left > 0.0_wp) then
             stretch%source => source
             stretch%watch => watch
             stretch%first = self%last_point
             stretch%last = point
-            stretch%frequencies = unknowns(size(motion) + 1:)
+            stretch%frequencies = both%unknowns(size(motion) + 1:)
             stretch%work_left = self%work_left
-            call find_branch(stretch, self%last, motion, tracking)
+            stretch%rung = both
+            if (allocated(self%last%n_samples)) stretch%rung%n_samples = max(both%n_samples, self%last%n_samples)
+            if (source%layout%has_own_tuples) then
+               call find_anew(stretch, 0.0_wp, last)
+               call find_anew(stretch, 1.0_wp, motion)
+            end if
+            call find_branch(stretch, last, motion, tracking)
             self%work_left = stretch%work_left
             call tell(tracking, source%plan%describe_between(self%last_point, point, tracking%share), result)
          end if
-         if (result%leaves_branch) then
-            if (allocated(self%slope)) deallocate (self%slope)
-         else
-            self%slope = (motion - self%last)/length
+         if (allocated(self%slope)) deallocate (self%slope)
+         if (.not. result%leaves_branch) then
+            self%slope = (coefficients_of(both, both%set) - coefficients_of(self%last, both%set))/length
+            self%slope_set = both%set
          end if
       else if (allocated(self%slope)) then
          deallocate (self%slope)
       end if
-      self%tuples = source%scene%harmonics%tuples
-      self%last = motion
+      self%last = here
       self%last_value = source%plan%fastest_value(point)
       self%last_point = point
-
-   contains
-
-      logical function is_alike()
-         is_alike = .false.
-         if (self%last_point == 0) return
-         associate (tuples => source%scene%harmonics%tuples)
-            if (any(shape(self%tuples) /= shape(tuples)) .or. size(self%last) /= size(motion)) return
-            is_alike = all(self%tuples == tuples)
-         end associate
-      end function is_alike
    end subroutine chain_check_look
 
-   !> Whether a point is not where those before it lead.
-   pure logical function is_doubtful(self, motion, length)
-      type(chain_check_t), intent(in) :: self
-      real(wp), intent(in) :: motion(:)
-      real(wp), intent(in) :: length                                  !! of the step in the parameter
+   !> Finds the motion at one end of the stretch in its set; it stays as it is where that leads elsewhere.
+   subroutine find_anew(stretch, share, motion)
+      type(swept_stretch_t), intent(inout) :: stretch
+      real(wp), intent(in) :: share
+      real(wp), intent(inout) :: motion(:)
+      real(wp), parameter :: largest_change = 0.1_wp                  ! relative to the motion: another one
+      real(wp) :: found(size(motion))
+      logical :: is_solved
 
-      is_doubtful = difference_of(motion, self%last) > smallest_jump
+      found = motion
+      call stretch%solve(share, found, is_solved)
+      if (is_solved) is_solved = difference_of(found, motion) <= largest_change
+      if (is_solved) motion = found
+   end subroutine find_anew
+
+   !> Coefficients of a motion in another set.
+   pure function coefficients_of(rung, set) result(coefficients)
+      type(rung_t), intent(in) :: rung
+      type(harmonics_t), intent(in) :: set
+      real(wp), allocatable :: coefficients(:)
+
+      coefficients = carry(rung%set, set, rung%unknowns(:size(rung%unknowns) - set%n_tones), 0)
+   end function coefficients_of
+
+   !> Coordinates of the laws of a motion.
+   pure integer function n_functions(rung)
+      type(rung_t), intent(in) :: rung
+
+      n_functions = (size(rung%unknowns) - rung%set%n_tones)/rung%set%n_coefficients
+   end function n_functions
+
+   !> Whether a point is not where those before it lead.
+   pure logical function is_doubtful(last, motion, length, slope)
+      real(wp), intent(in) :: last(:), motion(:)                      !! in one set
+      real(wp), intent(in) :: length                                  !! of the step in the parameter
+      real(wp), allocatable, intent(in) :: slope(:)                   !! not allocated: not known
+
+      is_doubtful = difference_of(motion, last) > smallest_jump
       if (.not. is_doubtful) return
-      if (allocated(self%slope)) then
-         is_doubtful = norm2(motion - self%last - length*self%slope) > largest_turn*norm2(motion - self%last)
+      if (allocated(slope)) then
+         is_doubtful = norm2(motion - last - length*slope) > largest_turn*norm2(motion - last)
       else
-         is_doubtful = difference_of(motion, self%last) > largest_first
+         is_doubtful = difference_of(motion, last) > largest_first
       end if
    end function is_doubtful
 
@@ -157,6 +202,8 @@ contains
       call update_scene(self%source%scene, self%source%document, is_new, error, self%source%available_memory)
       if (allocated(error)) return
       bare = self%source%scene
+      if (self%source%layout%has_own_tuples) call put_on_rung(bare, self%source%scene, self%rung, error)
+      if (allocated(error)) return
       bare%solver%rescue = .false.
       bare%solver%max_iterations = min(most_iterations, bare%solver%max_iterations)
       bare%certificate%is_on = .false.

@@ -259,6 +259,7 @@ contains
       if (self%has_accuracy) then
          call put(self, "n_rungs", [point%n_rungs], error)
          call put(self, "rung_difference", [point%rung_difference], error)
+         call put(self, "level_estimate", [point%level_estimate], error)
          if (allocated(point%n_samples)) call put(self, "grid", point%n_samples, error)
          if (allocated(point%output_estimate)) call put(self, "output_estimate", point%output_estimate, error)
       end if

@@ -142,6 +142,8 @@ contains
          if (layout%has_accuracy) then
             call add("n_rungs", is_integer, [point_axis], "1", "sets and grids that were solved until the tolerance was met")
             call add("rung_difference", is_real, [point_axis], "1", "difference of the last two of them, relative to the motion")
+            call add("level_estimate", is_real, [point_axis], "1", &
+               "estimated error as this difference shows it, where it is more than by the motion alone; else 0")
             call add("grid", is_integer, [tone_axis, point_axis], "1", "samples of each tone")
             if (size(layout%output_names) > 0) call add("output_estimate", is_real, [output_axis, point_axis], "1", &
                "estimated error of each output that the tolerance is for, relative to it")

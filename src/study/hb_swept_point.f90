@@ -70,7 +70,8 @@ contains
          if (.not. source%layout%has_own_tuples) call spread_result(source%scene%harmonics, source%layout, result)
       end if
       if (.not. allocated(error) .and. allocated(unknowns)) then
-         if (present(check) .and. .not. source%layout%has_own_tuples) call check%look(source, point, unknowns, result, watch)
+         rung%unknowns = unknowns
+         if (present(check)) call check%look(source, point, rung, result, watch)
          if (result%leaves_branch) call neighbour%forget()
          call neighbour%keep(value, rung%set%tuples, unknowns, rung%n_samples)
       else

@@ -180,3 +180,14 @@ def test_points_of_a_sweep_are_within_the_tolerance(tmp_path):
         assert max(errors) < 1e-2
         estimates = np.hypot(file["truncation_estimate"][()], file["aliasing_estimate"][()])
         assert np.all(np.array(errors) < 3.0 * estimates + 1e-5)
+
+
+@pytest.mark.parametrize(("sweep", "jump_to"), [("from = 0.9, to = 2.6, n = 12", 4), ("from = 0.5, to = 2.2, n = 9", 4)])
+def test_a_jump_is_found_whatever_the_sets_are(sweep, jump_to, tmp_path):
+    text = ODD_SWEEP.replace("from = 3.0, to = 0.15, n = 40", sweep)
+    for name, group in (("chosen.h5", ""), ("given.h5", "&harmonics order = 15 /\n")):
+        done, path = _solve(text + group, tmp_path, name=name)
+        with h5py.File(path) as file:
+            branch = file["branch"][()]
+        assert done.status == 0 and "1 jump between neighbours" in done.stderr + done.stdout
+        assert np.flatnonzero(np.diff(branch)).tolist() == [jump_to]

@@ -40,13 +40,6 @@ MUTANTS = [
             "accuracy_of_estimates = 1.0e-3_wp",
         ),
         (
-            "certificate_choice",
-            "test_hb_certificate",
-            "sets are chosen after products that are stopped at a tenth",
-            "accuracy_of_choice = 1.0e-3_wp",
-            "accuracy_of_choice = 1.0e-1_wp",
-        ),
-        (
             "certificate_next",
             "test_hb_certificate",
             "the next answer is that to the motion as it is",
