@@ -23,6 +23,7 @@ contains
 
       self%is_neutral = .true.
       self%is_left = .false.
+      self%runs_away = .false.
       self%reached = 0.0_wp
       self%report%status = outcome%pending
       if (allocated(self%message)) deallocate (self%message)

@@ -229,7 +229,7 @@ contains
             end if
             if (search%report%status == outcome%stalled) then
                trouble = search%message
-            else if (allocated(search%message)) then
+            else if (search%runs_away) then
                driven = search%message
             end if
             reached = min(reached, search%reached)
