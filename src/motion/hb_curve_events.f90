@@ -10,8 +10,8 @@ module hb_curve_events
    use hb_stability, only: stability_t
    implicit none
    private
-   public :: bifurcation_event_t, branch_event_t, find_extremes, find_stability, fold_event_t, graze_event_t, peak_event_t
-   public :: sharp, slope_at, square_at, value_event_t
+   public :: bifurcation_event_t, branch_event_t, count_event_t, find_extremes, find_stability, fold_event_t, graze_event_t
+   public :: n_outside, peak_event_t, sharp, slope_at, square_at, value_event_t
 
    real(wp), parameter :: sharp = 1.0e-11_wp                          !! tolerance of multipliers at a bifurcation
 
@@ -49,6 +49,15 @@ module hb_curve_events
       procedure :: value => bifurcation_event_value
    end type bifurcation_event_t
 
+   !> Where the number of multipliers outside of the unit circle changes: 1 as long as it is a given one, else -1.
+   type, extends(event_t) :: count_event_t
+      type(scene_problem_t), pointer :: problem => null()
+      integer, allocatable :: which(:)
+      integer :: n = 0
+   contains
+      procedure :: value => count_event_value
+   end type count_event_t
+
    !> Where an extreme of a switch of a law is zero.
    type, extends(event_t) :: graze_event_t
       type(scene_problem_t), pointer :: problem => null()
@@ -77,6 +86,23 @@ contains
       value = 0.0_wp
       if (allocated(there%multipliers)) value = bifurcation_value(self%kind, there%multipliers)
    end function bifurcation_event_value
+
+   real(wp) function count_event_value(self, x) result(value)
+      class(count_event_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      type(stability_t) :: there
+
+      call find_stability(self%problem, self%which, x, sharp, there)
+      value = 1.0_wp
+      if (allocated(there%multipliers)) value = merge(1.0_wp, -1.0_wp, n_outside(there) == self%n)
+   end function count_event_value
+
+   !> Number of multipliers outside of the unit circle.
+   pure integer function n_outside(stability)
+      type(stability_t), intent(in) :: stability
+
+      n_outside = count(abs(stability%multipliers) > 1.0_wp)
+   end function n_outside
 
    !> Smallest and largest value of each switch of the laws, (2, any), hb_grazing.
    subroutine find_extremes(problem, which, x, extremes)

@@ -26,6 +26,7 @@ module hb_curve_origin
       type(rung_t) :: rung                                            !! the wider set, and its grid
       real(wp), allocatable :: u(:, :)                                !! motion in the wider set, (n_coefficients, n_coordinates)
       real(wp), allocatable :: further(:)                             !! frequencies of unknown tones there, and the value
+      real(wp) :: angle = 0.0_wp                                      !! of the pair of multipliers, where a tone joins [rad]
    end type curve_origin_t
 
 contains
@@ -78,6 +79,7 @@ contains
             first = scene%tones%omega(1)
             if (scene%tones%is_unknown(1)) first = found(1)
             self%further = [found, angle/two_pi*first, value]
+            self%angle = angle
          else
             self%further = [0.5_wp*found, value]
          end if
@@ -123,18 +125,24 @@ contains
       end associate
    end subroutine choose_rung
 
-   !> Direction of the other motions at the origin, where the problem stands; it has the frequency `joined` of a tone that joins,
-   !> which may become another one.
+   !> Direction of the other motions at the origin, where the problem stands, and the frequency of a tone that joins, to which it is
+   !> moved. The scene from which the origin was made may have had another base frequency.
    subroutine find_direction(problem, origin, joined, direction, is_found)
       type(scene_problem_t), intent(inout) :: problem
       type(curve_origin_t), intent(in) :: origin
-      real(wp), intent(inout) :: joined                               !! [rad/s]; without one it stays
+      real(wp), intent(out) :: joined                                 !! [rad/s]; 0 without one
       real(wp), intent(out) :: direction(:)                           !! of largest entry 1 in units of x_scale
       logical, intent(out) :: is_found
       integer :: h, i, largest
       real(wp) :: amplitude, most, u(size(origin%u, 1), size(origin%u, 2))
       logical :: is_possible
 
+      joined = 0.0_wp
+      if (origin%is_torus) then
+         joined = origin%angle/two_pi*problem%balance%omega(1)
+         call problem%set_parameters([problem%scene%harmonics%n_tones], [joined], is_found)
+         if (.not. is_found) return
+      end if
       call iterate(problem, origin, direction, is_found)
       if (.not. (origin%is_torus .and. is_found)) return
       associate (set => problem%scene%harmonics)

@@ -262,6 +262,7 @@ contains
       call self%carry_start()
       report = self%curve%report
       self%curve = here%curve
+      self%curve%problem%has_preconditioner = .false.                 ! the balance is another one
       self%curve%report = report
       call self%keep_symmetry()
       self%first_waiting = size(self%waiting) + 1

@@ -18,6 +18,7 @@ submodule (hb_motion_curve) hb_motion_curve_start
 
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to what is expected next
+   real(wp), parameter :: farthest = 2.0_wp                           ! from where they leave it, relative to that part
    real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: others where they leave a curve
 
 contains
@@ -120,8 +121,6 @@ contains
          call self%move(self%x_first, is_possible)
          is_found = is_possible
          if (.not. is_found) return
-         joined = 0.0_wp
-         if (origin%is_torus) joined = self%x_first(n + n_which - 1)
          call find_direction(self%problem, origin, joined, across, is_found)
          if (.not. is_found) return
          if (origin%is_torus) self%x_first(n + n_which - 1) = joined
@@ -132,6 +131,7 @@ contains
       do i = 1, size(first_parts)                                     ! forces with kinks may have none just beside
          self%x_first = from + first_parts(i)*self%first_direction
          call self%find_on_plane(self%x_first, self%first_direction, is_found)
+         if (is_found) is_found = norm2((self%x_first - from)/units_at(self, from)) <= farthest*first_parts(i)
          if (is_found) exit
       end do
    end subroutine find_first

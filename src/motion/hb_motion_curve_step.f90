@@ -4,18 +4,26 @@ submodule (hb_motion_curve) hb_motion_curve_step
    use hb_bordered, only: bordered_problem_t
    use hb_curve, only: event_t
    use hb_curve_conditions, only: is_mirrored, set_conditions
-   use hb_curve_events, only: bifurcation_event_t, branch_event_t, find_extremes, find_stability, fold_event_t, graze_event_t, &
-      peak_event_t, sharp, value_event_t
+   use hb_curve_events, only: bifurcation_event_t, branch_event_t, count_event_t, find_extremes, find_stability, fold_event_t, &
+      graze_event_t, n_outside, peak_event_t, sharp, value_event_t
    use hb_newton, only: solve_newton
    use hb_stability, only: stability_method
    implicit none
 
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
+   real(wp), parameter :: longest_chord = 2.0_wp                      ! of a step, unless it is short: 1.05 with the largest turn
    real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
+   real(wp), parameter :: shortest_leap = 1.0e-4_wp                   ! of the longest step: the corner at which a curve may leap
+                                                                      ! is as long as the root of the damping
+   real(wp), parameter :: least_amplitude = 1.0e-3_wp                 ! of the largest: of harmonics whose phases are looked at
+   real(wp), parameter :: largest_phase = 0.5_wp                      ! its cosine; a phase may change by 60 degrees on a step
+   real(wp), parameter :: off_the_chord = 0.5_wp                      ! of an amplitude, in the middle of a step
+   real(wp), parameter :: off_the_line = 0.25_wp                      ! of a step, likewise: an arc that turns by 0.6 has 0.075
+   integer, parameter :: most_middles = 4                             ! points at which one step is looked at
    real(wp), parameter :: located = 1.0e-11_wp                        ! of a function that is zero at a fold or a peak
    real(wp), parameter :: located_multiplier = 1.0e-9_wp              ! of a function that is zero at a bifurcation
    real(wp), parameter :: at_start = 1.0e-4_wp                        ! of a step: where a branch begins rounding decides on zeros
-   real(wp), parameter :: left_behind = 1.0e-5_wp                     ! value of that function where a curve begins at its zero
+   real(wp), parameter :: uncertain = 100.0_wp                        ! times the tolerance of multipliers: to the unit circle
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
 
 contains
@@ -25,7 +33,7 @@ contains
       type(stability_t) :: stability
       real(wp) :: largest, units(size(self%curve%x))
       integer :: n_branch_points
-      logical :: is_possible
+      logical :: is_lost, is_near, is_possible, is_short, is_taken
 
       if (allocated(self%problem%complaint)) deallocate (self%problem%complaint)
       call self%move(self%curve%x, is_possible)
@@ -49,25 +57,31 @@ contains
             if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
             call self%renew()
             call curve%turn()
-            if (curve%angle <= largest_turn .or. curve%last_step <= short*curve%config%longest_step) exit
+            is_short = curve%last_step <= short*curve%config%longest_step
+            is_near = norm2((curve%x - curve%last_x)/curve%units) <= longest_chord*curve%last_step
+            is_taken = is_short .or. (curve%angle <= largest_turn .and. is_near)
+            if (is_taken) is_taken = .not. has_leapt(self)
+            if (is_taken) then
+               self%has_collapsed = is_mirrored(self%problem, self%which, self%curve, self%weights)
+               if (self%has_collapsed) then
+                  curve%status = outcome%collapsed
+                  return
+               end if
+               slopes = self%slopes_along()
+               self%waiting = [waiting_t ::]
+               self%first_waiting = 1
+               call find_stability(self%problem, self%which, curve%x, self%problem%scene%stability%tolerance, stability)
+               call find_extremes(self%problem, self%which, curve%x, extremes)
+               call look_back(self, self%slopes, slopes, curve%n_branch_points > n_branch_points, stability, extremes, is_lost)
+               if (is_short .or. self%is_uneven .or. .not. is_lost) exit
+               self%waiting = [waiting_t ::]
+            end if
             call curve%retreat()
             if (curve%status == outcome%stalled) call try_end(self)
             if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
             self%largest = largest
             curve%units = units
          end do
-         self%has_collapsed = is_mirrored(self%problem, self%which, self%curve, self%weights)
-         if (self%has_collapsed) then
-            curve%status = outcome%collapsed
-            return
-         end if
-         slopes = self%slopes_along()
-         deallocate (self%waiting)
-         allocate (self%waiting(0))
-         self%first_waiting = 1
-         call find_stability(self%problem, self%which, curve%x, self%problem%scene%stability%tolerance, stability)
-         call find_extremes(self%problem, self%which, curve%x, extremes)
-         call look_back(self, self%slopes, slopes, curve%n_branch_points > n_branch_points, stability, extremes)
          self%slopes = slopes
          self%stability = stability
          call move_alloc(extremes, self%extremes)
@@ -104,13 +118,69 @@ contains
       end do
    end subroutine try_end
 
+   !> Whether the step may have led to another part of the curve or to another curve, or over a narrow resonance.
+   !>
+   !> With little damping two parts come close where a coefficient is nearly zero, and go on in each other's direction: neither
+   !> tangents nor determinants show a leap from one to the other, but the phase of the coefficient turns by half a turn. It does so
+   !> also where the coefficient goes through zero. So the curve is looked at in between, where the chord comes closest to zero: it
+   !> must be there, and not far from the chord.
+   logical function has_leapt(self)
+      class(motion_curve_t), intent(inout), target :: self
+      complex(wp) :: before, behind
+      real(wp) :: middles(most_middles), share, size_of_motion, x(size(self%curve%x))
+      integer :: d, h, n_middles
+      logical :: is_on_curve
+
+      has_leapt = .false.
+      if (self%curve%last_step <= shortest_leap*self%curve%config%longest_step .or. self%is_uneven) return
+      if (size(self%which) > 1) return                                ! tones of the motion's own have no given phases
+      n_middles = 0
+      associate (curve => self%curve, set => self%problem%scene%harmonics, n => self%problem%n_unknowns)
+         size_of_motion = maxval(abs(curve%x(:n)/self%weights))
+         do h = 1, set%n_harmonics
+            do d = 0, self%problem%balance%n_dofs - 1
+               if (set%sin_at(h) == 0) cycle
+               before = coefficient_of(curve%last_x)
+               behind = coefficient_of(curve%x)
+               if (max(abs(before), abs(behind)) < least_amplitude*size_of_motion) cycle
+               if (real(conjg(before)*behind) >= largest_phase*abs(before)*abs(behind)) cycle
+               share = real(conjg(before)*(before - behind))/abs(before - behind)**2
+               if (n_middles == most_middles .or. share <= 0.0_wp .or. share >= 1.0_wp) cycle
+               if (any(abs(middles(:n_middles) - share) < 0.1_wp)) cycle
+               n_middles = n_middles + 1
+               middles(n_middles) = share
+               call curve%point_at(share*curve%last_step, x, is_on_curve)
+               has_leapt = .not. is_on_curve
+               if (.not. has_leapt) has_leapt = norm2((x - (curve%last_x + share*(curve%x - curve%last_x)))/curve%units) > &
+                                                off_the_line*curve%last_step
+               if (.not. has_leapt) has_leapt = abs(coefficient_of(x) - (before + share*(behind - before))) > &
+                                                off_the_chord*max(abs(before), abs(behind))
+               if (has_leapt .or. curve%status /= outcome%pending) return
+            end do
+         end do
+      end associate
+
+   contains
+
+      pure complex(wp) function coefficient_of(x)
+         real(wp), intent(in) :: x(:)
+
+         associate (set => self%problem%scene%harmonics)
+            associate (c => d*set%n_coefficients + set%cos_at(h), s => d*set%n_coefficients + set%sin_at(h))
+               coefficient_of = cmplx(x(c)/self%weights(c), x(s)/self%weights(s), wp)
+            end associate
+         end associate
+      end function coefficient_of
+   end function has_leapt
+
    !> Finds folds, peaks, bifurcations, wanted values and ends on the step behind the curve, in their order.
-   subroutine look_back(self, slopes_before, slopes, has_branched, stability, extremes)
+   subroutine look_back(self, slopes_before, slopes, has_branched, stability, extremes, is_lost)
       class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: slopes_before(:), slopes(:)             !! of the responses
       logical, intent(in) :: has_branched                             !! a branch point was passed by
       type(stability_t), intent(in) :: stability                      !! at the point of the curve
       real(wp), intent(in) :: extremes(:, :)                          !! of switches, likewise
+      logical, intent(out) :: is_lost                                 !! something on the step was not located, as it is too long
       type(bifurcation_event_t) :: change
       type(branch_event_t) :: branch
       type(fold_event_t) :: fold
@@ -122,6 +192,7 @@ contains
       integer :: i, k, n, n_pieces
       logical :: is_found, is_there
 
+      is_lost = .false.
       n = size(self%curve%x)
       allocate (x(n))
       associate (curve => self%curve, request => self%request)
@@ -204,6 +275,7 @@ contains
          real(wp) :: place
 
          call self%curve%find_zero(an_event, [0.0_wp, self%curve%last_step], at_ends, tolerance, x, place, is_found)
+         is_lost = is_lost .or. .not. is_found
          if (self%way > 2 .and. self%length <= 0.0_wp) is_found = is_found .and. place > at_start*self%curve%last_step
          if (is_found) call add(kind, place, x)
       end subroutine find
@@ -214,7 +286,7 @@ contains
          real(wp), allocatable :: grazes(:)
          type(stability_t) :: at_ends(2)
          real(wp) :: piece(2)
-         integer :: i_kind, i_piece
+         integer :: i_kind, i_piece, n_before
 
          change%problem => self%problem
          change%which = self%which
@@ -223,27 +295,97 @@ contains
          do i_piece = 0, size(grazes)
             piece = [0.0_wp, self%curve%last_step]
             at_ends = [self%stability, stability]
-            if (i_piece > 0) call look_at(grazes(i_piece) + beside*self%curve%last_step, piece(1), at_ends(1))
-            if (i_piece < size(grazes)) call look_at(grazes(i_piece + 1) - beside*self%curve%last_step, piece(2), at_ends(2))
+            associate (tolerance => self%problem%scene%stability%tolerance, length => self%curve%last_step)
+               if (i_piece > 0) call look_at(grazes(i_piece) + beside*length, piece(1), at_ends(1), tolerance)
+               if (i_piece < size(grazes)) call look_at(grazes(i_piece + 1) - beside*length, piece(2), at_ends(2), tolerance)
+            end associate
             if (.not. (piece(1) < piece(2) .and. allocated(at_ends(1)%multipliers) .and. allocated(at_ends(2)%multipliers))) cycle
+            call make_certain(piece(1), at_ends(1))
+            call make_certain(piece(2), at_ends(2))
+            n_before = size(self%waiting)
             do i_kind = bifurcation%branch, bifurcation%torus
                if (i_kind == bifurcation%branch .and. (n_pieces > 1 .or. has_branched .or. tells_all(self))) cycle   ! that is known
                change%kind = i_kind
                call find_bifurcation(piece, [bifurcation_value(i_kind, at_ends(1)%multipliers), &
                                              bifurcation_value(i_kind, at_ends(2)%multipliers)])
             end do
+            call find_the_rest(piece, n_outside(at_ends(1)), n_outside(at_ends(2)), n_before)
          end do
       end subroutine find_bifurcations
 
-      subroutine look_at(there, place, stability_there)
+      !> Finds multipliers again that are so close to the unit circle that their error may decide on which side they are.
+      subroutine make_certain(place, there)
+         real(wp), intent(in) :: place
+         type(stability_t), intent(inout) :: there
+         type(stability_t) :: better
+         real(wp) :: same_place
+
+         if (minval(abs(abs(there%multipliers) - 1.0_wp)) > uncertain*self%problem%scene%stability%tolerance) return
+         call look_at(place, same_place, better, sharp)
+         if (allocated(better%multipliers)) there%multipliers = better%multipliers
+      end subroutine make_certain
+
+      !> Where what was found does not explain how many more multipliers are outside of the unit circle at the end of a piece than
+      !> at its beginning, as two that cross it in the same way, each change of their number is located instead.
+      subroutine find_the_rest(piece, n_first, n_last, n_before)
+         real(wp), intent(in) :: piece(2)
+         integer, intent(in) :: n_first, n_last                       !! multipliers outside at both ends
+         integer, intent(in) :: n_before                              !! points that wait, of them found without multipliers
+         integer, parameter :: most_changes = 8
+         real(wp), parameter :: behind = 1.0e-9_wp                    ! a change, in steps
+         real(wp), parameter :: on_circle = 1.0e-6_wp                 ! else the multipliers jump
+         type(count_event_t) :: number
+         type(stability_t) :: there
+         real(wp) :: begin, place
+         integer :: i_change, n_pairs, n_single, nearest
+
+         if (n_first == n_last) return
+         associate (kinds => pack(self%waiting%kind, self%waiting%place >= piece(1) .and. self%waiting%place <= piece(2)))
+            n_single = count(kinds == curve_kind%fold .or. kinds == curve_kind%branch .or. kinds == curve_kind%flip .or. &
+                             kinds == curve_kind%split)
+            n_pairs = count(kinds == curve_kind%torus)
+         end associate
+         if (modulo(n_last - n_first - n_single, 2) == 0 .and. abs(n_last - n_first) <= n_single + 2*n_pairs) return
+         self%waiting = self%waiting(:n_before)
+         number%problem => self%problem
+         number%which = self%which
+         number%n = n_first
+         begin = piece(1)
+         do i_change = 1, most_changes
+            if (number%n == n_last) return
+            call self%curve%find_zero(number, [begin, piece(2)], [1.0_wp, -1.0_wp], 0.0_wp, x, place, is_found)
+            is_lost = is_lost .or. .not. is_found
+            if (.not. is_found) return
+            call find_stability(self%problem, self%which, x, sharp, there)
+            if (.not. allocated(there%multipliers)) return
+            nearest = minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)
+            associate (m => there%multipliers(nearest))
+               if (abs(abs(m) - 1.0_wp) <= on_circle) then
+                  if (abs(aimag(m)) > 0.0_wp) then
+                     call add(curve_kind%torus, place, x)
+                  else if (real(m) < 0.0_wp) then
+                     call add(curve_kind%flip, place, x)
+                  else if (.not. (n_pieces > 1 .or. has_branched .or. tells_all(self))) then
+                     call add(curve_kind%split, place, x)
+                  end if
+               end if
+            end associate
+            call look_at(min(piece(2), place + behind*self%curve%last_step), begin, there, sharp)
+            if (.not. allocated(there%multipliers)) return
+            number%n = n_outside(there)
+         end do
+      end subroutine find_the_rest
+
+      subroutine look_at(there, place, stability_there, tolerance)
          real(wp), intent(in) :: there
          real(wp), intent(out) :: place
          type(stability_t), intent(out) :: stability_there            !! without multipliers where they are not found
+         real(wp), intent(in) :: tolerance
          logical :: is_on_curve
 
          place = there
          call self%curve%point_at(place, x, is_on_curve)
-         if (is_on_curve) call find_stability(self%problem, self%which, x, self%problem%scene%stability%tolerance, stability_there)
+         if (is_on_curve) call find_stability(self%problem, self%which, x, tolerance, stability_there)
       end subroutine look_at
 
       !> On a piece of the step, at whose ends the function of `change` is known; real multipliers that pass each other's inverse
@@ -253,8 +395,9 @@ contains
          type(stability_t) :: there
          real(wp) :: place
 
-         if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) < left_behind) return
+         if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) <= located_multiplier) return
          call self%curve%find_zero(change, piece, at_ends, located_multiplier, x, place, is_found)
+         is_lost = is_lost .or. .not. is_found
          if (.not. is_found) return
          if (change%kind == bifurcation%torus) then
             call find_stability(self%problem, self%which, x, sharp, there)

@@ -230,6 +230,10 @@ contains
          end if
          if (.not. allocated(error)) self%scene%tones%omega = self%omega   ! unknown ones are where they were
          if (.not. allocated(error)) call rebuild(self, error)
+         if (allocated(error) .and. before%accuracy%is_on) then       ! a value that is refused leaves the set that was chosen
+            self%scene = before
+            self%scene%is_read = .false.
+         end if
       end if
       if (allocated(error)) then
          is_possible = .false.

@@ -1,9 +1,10 @@
 !> Functions of the multipliers whose zeros are bifurcations of periodic motions, for curves to locate.
 !>
-!> With all multipliers m but the one that is known: the product of 1 + m changes its sign where the period doubles, that of 1 - m
-!> where a branch begins (or at a fold, where the curve itself turns back), that of 1 - m n over all pairs where two leave the unit
-!> circle together, or where two real ones are the inverse of each other, which is nothing: `is_torus` tells. Each factor is divided
-!> by the larger of 1 and what it is made of, so that no product overflows.
+!> With all multipliers m but the one that is known: 1 + m is zero where the period doubles, 1 - m where a branch begins (or at a fold,
+!> where the curve itself turns back), 1 - m n of a complex pair where it leaves the unit circle, and of two real ones where they are
+!> the inverse of each other, which is nothing: `is_torus` tells. The function of each kind has the size of the factor that is
+!> closest to zero and the sign of the product of all. So it is zero where one factor is, changes its sign there, and multipliers
+!> that stay away from the unit circle, however many and however close to it, change neither.
 !> Source: Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, 3rd edition, Springer 2004, section 10.2
 !> (for the matrix itself).
 module hb_bifurcation
@@ -25,35 +26,52 @@ contains
    pure real(wp) function bifurcation_value(kind, multipliers) result(value)
       integer, intent(in) :: kind
       complex(wp), intent(in) :: multipliers(:)                       !! with each its conjugate, but half of the last pair
-      complex(wp) :: factor
       integer :: i, k
 
-      factor = (1.0_wp, 0.0_wp)
+      value = huge(1.0_wp)
       do i = 1, n_in_pairs(multipliers)
          associate (m => multipliers(i))
             select case (kind)
             case (bifurcation%branch)
-               factor = factor*(1.0_wp - m)/max(1.0_wp, abs(m))
+               call join(1.0_wp - m)
             case (bifurcation%doubling)
-               factor = factor*(1.0_wp + m)/max(1.0_wp, abs(m))
+               call join(1.0_wp + m)
             case default
                do k = 1, i - 1
-                  factor = factor*(1.0_wp - m*multipliers(k))/max(1.0_wp, abs(m*multipliers(k)))
+                  if (are_pair(m, multipliers(k))) call join(1.0_wp - m*multipliers(k))
                end do
             end select
          end associate
       end do
-      value = real(factor)
+      if (value >= huge(1.0_wp)) value = 1.0_wp                       ! there is no such factor
+
+   contains
+
+      !> Takes a factor: a complex one comes with its conjugate, and both together have a positive product.
+      pure subroutine join(factor)
+         complex(wp), intent(in) :: factor
+
+         if (abs(factor) < abs(value)) value = sign(abs(factor), value)
+         if (.not. abs(aimag(factor)) > 0.0_wp .and. real(factor) < 0.0_wp) value = -value
+      end subroutine join
    end function bifurcation_value
 
-   !> Whether the two multipliers whose product is closest to 1 are a complex pair.
+   !> Whether two multipliers are both real, or each the conjugate of the other.
+   elemental logical function are_pair(m, n)
+      complex(wp), intent(in) :: m, n
+
+      are_pair = .not. abs(aimag(m) + aimag(n)) > 0.0_wp
+      if (are_pair .and. abs(aimag(m)) > 0.0_wp) are_pair = .not. abs(real(m) - real(n)) > 0.0_wp
+   end function are_pair
+
+   !> Whether the pair, complex or real, whose product is closest to 1 is a complex one.
    pure logical function is_torus(multipliers)
       complex(wp), intent(in) :: multipliers(:)
 
       is_torus = angle_of_pair(multipliers) > 0.0_wp
    end function is_torus
 
-   !> Angle [rad] of the complex one of the two multipliers whose product is closest to 1; 0 where these are real.
+   !> Angle [rad] of the pair, complex or real, whose product is closest to 1; 0 where this is real.
    pure real(wp) function angle_of_pair(multipliers) result(angle)
       complex(wp), intent(in) :: multipliers(:)
       real(wp) :: least
@@ -63,6 +81,7 @@ contains
       least = huge(1.0_wp)
       do i = 1, n_in_pairs(multipliers)
          do k = 1, i - 1
+            if (.not. are_pair(multipliers(i), multipliers(k))) cycle
             if (abs(1.0_wp - multipliers(i)*multipliers(k)) >= least) cycle
             least = abs(1.0_wp - multipliers(i)*multipliers(k))
             angle = 0.0_wp

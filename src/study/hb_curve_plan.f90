@@ -220,7 +220,6 @@ contains
             error%message = self%place//": origin: "//error%message
             return
          end if
-         request%start = request%origin%further(size(request%origin%further))
       end if
       allocate (request%peaks(size(self%peak_of)))
       do i = 1, size(self%peak_of)

@@ -10,7 +10,7 @@ module hb_curve_table
    use hb_text, only: number_of, to_text
    implicit none
    private
-   public :: curve_lines, find_leaving, leaving_t, note_curve_values, number_cut_short
+   public :: curve_lines, find_gaps, find_leaving, leaving_t, note_curve_values, number_cut_short
 
    integer, parameter :: most_lines = 60
 
@@ -83,14 +83,17 @@ contains
       type(h5_file_t) :: file
       type(sweep_plan_t) :: rounded                                   ! to ten digits
       character(16) :: digits
-      integer, allocatable :: kind(:), status(:)
-      integer :: i, n
+      integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), status(:)
+      integer :: first_gap, i, n
 
       allocate (character(160) :: lines(0))
       call open_file(file, path, error)
       if (allocated(error)) return
       call file%get("curve_kind", kind, error, plan%n_points)
       call file%get("status", status, error, plan%n_points)
+      call file%get("curve_branch", branch, error, plan%n_points)
+      call file%get("is_stable", is_stable, error, plan%n_points)
+      call file%get("n_unstable", n_unstable, error, plan%n_points)
       call file%close(error_in_close)
       if (allocated(error)) return
       rounded = plan
@@ -103,6 +106,10 @@ contains
          if (n <= most_lines) lines = [character(160) :: lines, line_of(i)]
       end do
       if (n > most_lines) lines = [character(160) :: lines, "and "//to_text(n - most_lines)//" more (see 'curve_kind')"]
+      call find_gaps(merge(kind, curve_kind%none, is_solved(status)), branch, merge(n_unstable, -1, is_stable /= 0), &
+                     plan%n_fastest(), n, first_gap)
+      if (n > 0) lines = [character(160) :: lines, number_of(n, "step")//", first to "//rounded%describe(first_gap)// &
+         ", point "//to_text(first_gap - 1)//": 'n_unstable' changes and no bifurcation was located"]
       n = number_cut_short(kind, status, plan%n_fastest())
       if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" used all of "//to_text(plan%n_fastest())// &
          " points before any end: give &curve more 'points'"]
@@ -117,6 +124,46 @@ contains
          if (.not. is_solved(status(point))) line = line//", "//outcome_text(status(point))
       end function line_of
    end subroutine curve_lines
+
+   !> Counts the steps on which the number of growing disturbances changes without a point, on them or next to them, that tells why.
+   !> Steps on which it is not known at both ends do not count, nor does the start of a branch.
+   pure subroutine find_gaps(kind, branch, n_unstable, n_rows, n_gaps, first)
+      integer, intent(in) :: kind(:), branch(:)                       !! of all points of all curves
+      integer, intent(in) :: n_unstable(:)                            !! likewise, -1: not known
+      integer, intent(in) :: n_rows                                   !! for one curve
+      integer, intent(out) :: n_gaps
+      integer, intent(out) :: first                                   !! point at the end of the first such step; 0: there is none
+      integer, parameter :: steps(2) = [curve_kind%regular, curve_kind%start]
+      integer, parameter :: reasons(6) = [curve_kind%fold, curve_kind%branch, curve_kind%flip, curve_kind%torus, curve_kind%split, &
+                                          curve_kind%graze]
+      integer :: before, first_row, i, k, next
+
+      n_gaps = 0
+      first = 0
+      before = 0
+      do i = 1, size(kind)
+         if (modulo(i - 1, n_rows) == 0 .or. kind(i) == curve_kind%start) before = 0
+         if (all(steps /= kind(i)) .or. n_unstable(i) < 0) cycle
+         if (before > 0) then
+            if (n_unstable(before) /= n_unstable(i) .and. branch(before) == branch(i)) then
+               next = i                                               ! the end of the following step
+               do k = i + 1, min(size(kind), i + n_rows - 1 - modulo(i - 1, n_rows))
+                  next = k
+                  if (any(steps == kind(k))) exit
+               end do
+               do k = before - 1, i - modulo(i - 1, n_rows), -1       ! the beginning of the one before
+                  if (any(steps == kind(k))) exit
+               end do
+               first_row = max(k, i - modulo(i - 1, n_rows))
+               if (.not. any([(any(reasons == kind(k)), k=first_row, next)])) then
+                  n_gaps = n_gaps + 1
+                  if (first == 0) first = i
+               end if
+            end if
+         end if
+         before = i
+      end do
+   end subroutine find_gaps
 
    !> Curves whose last row is no end: they have used their points, and go on.
    pure integer function number_cut_short(kind, status, n_rows) result(n)

@@ -358,6 +358,65 @@ def test_symmetry_and_period_break_by_tolerance_where_shooting_has_it(tmp_path):
         assert results.stability()[at_value] == 1
 
 
+TWO_FLIPS = """
+&structure type='matrices', n_dofs=2, mass=1.0,1.0, stiffness=1.0,100.0, damping=0.1,0.2, labels='x','y' /
+&tones frequency=1.3 /
+&harmonics order=7 /
+&load dof='y', tuple=1, cos=100.0 /
+&law type='polynomial_coupled', dofs='x','y', coefficients=0.5, acts_on='x', displacement_exponents=1,1 /
+&law type='cubic_spring', dof='x', stiffness=0.5 /
+&curve parameter='tones%frequency', from=1.3, to=2.9, switch=.true., points=60 /
+"""
+RESONANCE = """
+&structure type='matrices', n_dofs=2, mass=1.0,1.0, stiffness=1.0,4.0, damping=0.02,0.04 /
+&tones frequency=1.008 /
+&harmonics order=5 /
+&load dof='x1', tuple=1, cos=0.02 /
+&law type='polynomial_coupled', dofs='x1','x2', coefficients=1.0,0.5, acts_on='x1','x2', displacement_exponents=1,1, 2,0 /
+&curve parameter='tones%frequency', from=1.008, to=1.001, switch=.true., points=30, torus_order=4,2 /
+"""
+
+
+def test_other_motions_begin_where_their_point_is(tmp_path):
+    """Not somewhere else, where the motion of the curve has no such point: frequencies along it differ from that at its start."""
+    path = solve(TWO_FLIPS, tmp_path)
+    with Results(path) as results:
+        flips = results.select({"curve_kind": "flip"})
+        values = results.curve.values[flips]
+    assert len(flips) == 2
+    for flip, value in zip(flips, values):
+        with Results(path.with_name(f"{path.stem}_{flip}.h5")) as results:
+            assert results.curve.values[0] == pytest.approx(value, abs=1e-3)
+
+
+def test_tone_that_joins_is_next_to_the_main_one(tmp_path):
+    """Its frequency is that which the angle of the multipliers gives, at the frequency of the point."""
+    path = solve(RESONANCE, tmp_path, status=None)
+    with Results(path) as results:
+        torus = results.select({"curve_kind": "torus"})[0]
+        value = results.curve.values[torus]
+        angle = np.angle(read(path, "multiplier_real")[0][torus, 0] + 1j * read(path, "multiplier_imag")[0][torus, 0])
+    with Results(path.with_name(f"{path.stem}_{torus}.h5")) as results:
+        first, second = results.frequency(0)
+        assert first == pytest.approx(value, abs=1e-3)
+        assert abs(second - first) == pytest.approx(abs(angle) / (2 * np.pi) * value, rel=1e-2)
+        assert results.status[0] == 1
+
+
+def test_damping_may_begin_at_zero(tmp_path):
+    """The value below it, of the central difference, is refused: van der Pol's motion dies out where the damping is 1."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1.0, stiffness=1.0 /
+&tones unknown=.true. /
+&accuracy tolerance=1e-2 /
+&law type='polynomial', dof='x1', damping=-1.0,0.0,0.333333333333333 /
+&curve parameter='structure%damping_diagonal', from=0.0, to=1.5, points=100 /
+"""
+    with Results(solve(text, tmp_path, status=NOT_ALL_CONVERGED)) as results:
+        assert results.status_name(results.used[-1]) == "collapsed"
+        assert results.curve.values[results.used[-1]] == pytest.approx(1.0, abs=1e-2)
+
+
 def test_torus_is_followed_by_tolerance(tmp_path):
     """Where its tone joins by shooting, its frequency and amplitudes at the end from a march (test_curve_switching)."""
     path = solve(FORCED_VAN_DER_POL, tmp_path)
