@@ -34,6 +34,7 @@ module hb_motion_curve
 
    real(wp), parameter :: least_motion = 1.0e-3_wp                    ! relative to the linear one: smaller is no unit of length
    real(wp), parameter :: most_slack = 1.0e4_wp
+   real(wp), parameter :: nearby = 1.0e-4_wp                          ! of the range: a refused value at which a curve ends
 
    !> Where another curve crosses, or a motion apart from the curves before.
    type :: origin_t
@@ -441,7 +442,10 @@ contains
       end if
       text = "no way on along the curve from the value "//to_text(self%curve%x(size(self%curve%x)))//" after the length "// &
              to_text(self%length)
-      if (allocated(self%problem%complaint)) text = text//": "//self%problem%complaint
+      if (.not. allocated(self%problem%complaint)) return
+      associate (value => self%curve%x(size(self%curve%x)), unit => self%curve%units(size(self%curve%x)))
+         if (abs(self%problem%refused - value) <= nearby*unit) text = text//": "//self%problem%complaint   ! else it is no reason
+      end associate
    end function lost_text
 
    !> This way has come to its end: the next one follows where there is one, along another curve behind a row for its start.

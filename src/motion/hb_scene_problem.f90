@@ -39,6 +39,7 @@ module hb_scene_problem
       integer :: own = 0                                              !! number of the moving value among the parameters
       logical :: moves_frequency = .false.                            !! the value is that of a tone, and loads do not grow with it
       character(:), allocatable :: complaint                          !! why the last value was refused
+      real(wp) :: refused = 0.0_wp                                    !! that value
       type(moving_value_t), private :: moving
       character(:), allocatable, private :: group                     ! of the value
       real(wp), private :: value = 0.0_wp                             ! the present one
@@ -206,6 +207,7 @@ contains
             is_possible = all(omega > 0.0_wp)
             if (.not. is_possible) then
                self%complaint = "frequencies must be greater than 0"
+               self%refused = value
                return
             end if
             where (.not. tones%is_unknown) tones%omega = omega
@@ -218,6 +220,7 @@ contains
          else
             call self%balance%set_parameters([(i, i=1, size(self%omega_slopes))], self%scene%tones%omega, is_possible)
             if (.not. is_possible) self%complaint = "the structure has no condensed stiffness at these frequencies"
+            if (.not. is_possible) self%refused = value
          end if
       else
          call self%document%set(self%moving%parameter, value)
@@ -238,6 +241,7 @@ contains
       if (allocated(error)) then
          is_possible = .false.
          self%complaint = error%message
+         self%refused = value
       end if
       self%is_sound = is_possible
    end subroutine move_to
