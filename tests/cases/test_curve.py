@@ -395,7 +395,8 @@ def test_tone_that_joins_is_next_to_the_main_one(tmp_path):
     with Results(path) as results:
         torus = results.select({"curve_kind": "torus"})[0]
         value = results.curve.values[torus]
-        angle = np.angle(read(path, "multiplier_real")[0][torus, 0] + 1j * read(path, "multiplier_imag")[0][torus, 0])
+    real, imaginary = read(path, "multiplier_real", "multiplier_imag")
+    angle = np.arctan2(imaginary[torus, 0], real[torus, 0])
     with Results(path.with_name(f"{path.stem}_{torus}.h5")) as results:
         first, second = results.frequency(0)
         assert first == pytest.approx(value, abs=1e-3)
