@@ -1,10 +1,10 @@
 !> Functions of the multipliers whose zeros are bifurcations of periodic motions, for curves to locate.
 !>
-!> With all multipliers m but the one that is known: 1 + m is zero where the period doubles, 1 - m where a branch begins (or at a fold,
-!> where the curve itself turns back), 1 - m n of a complex pair where it leaves the unit circle, and of two real ones where they are
-!> the inverse of each other, which is nothing: `is_torus` tells. The function of each kind has the size of the factor that is
-!> closest to zero and the sign of the product of all. So it is zero where one factor is, changes its sign there, and multipliers
-!> that stay away from the unit circle, however many and however close to it, change neither.
+!> With all multipliers m but the one that is known: 1 + m is zero where the period doubles, 1 - m where a branch begins (or at
+!> a fold, where the curve itself turns back), 1 - m n of a complex pair where it leaves the unit circle, and of two real ones
+!> where they are the inverse of each other, which is nothing: `is_torus` tells. The function of each kind has the size of the
+!> factor that is closest to zero and the sign of the product of all. So it is zero where one factor is, changes its sign there,
+!> and multipliers that stay away from the unit circle, however many and however close to it, change neither.
 !> Source: Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, 3rd edition, Springer 2004, section 10.2
 !> (for the matrix itself).
 module hb_bifurcation
