@@ -87,7 +87,8 @@ contains
       end if
       if (i <= most_steps .and. curve%status == outcome%pending) then
          self%runs_away = damping(1) < -neutral .and. point%amplitude(1) > last_amplitude*self%length
-         if (self%runs_away) self%message = "driven up to an amplitude of "//to_text(point%amplitude(1))//": the motion grows without bound"
+         if (self%runs_away) self%message = "driven up to an amplitude of "//to_text(point%amplitude(1))// &
+                                            ": the motion grows without bound"
          return
       end if
       self%report%status = outcome%stalled
