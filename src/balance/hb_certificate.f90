@@ -112,7 +112,7 @@ contains
       if (allocated(error)) return
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
-      call choose_wider(balance%harmonics, torus, set, grid, error)
+      call choose_wider(balance%harmonics, torus, has_multipliers(balance) .or. present(phase), set, grid, error)
       if (allocated(error)) return
       call make_wide_balance()
       if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
@@ -185,9 +185,11 @@ contains
    !> The wider set, which reaches twice as far as that of the motion in all directions, and a finer grid: of one tone with four times
    !> the samples or more, as a short touch lies between fewer; of several, whose samples lie at other phases in each period, twice.
    !> Half of a grid holds odd motions of odd equations, which do not answer in even tuples.
-   subroutine choose_wider(narrow, torus, set, grid, error)
+   subroutine choose_wider(narrow, torus, is_fine, set, grid, error)
       type(harmonics_t), intent(in) :: narrow
       type(torus_t), intent(in) :: torus
+      logical, intent(in) :: is_fine                                  !! four times the samples of several tones, too: penetration
+                                                                      !! of rigid walls and errors of frequencies need them
       type(harmonics_t), intent(out) :: set
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
@@ -199,7 +201,7 @@ contains
       if (set%n_harmonics > largest_wide_set) call choose_wider_set(narrow, set, error)
       if (allocated(error)) return
       samples = max(2*torus%n_samples, fast_size(ceiling(least_density*(2*set%highest + 1))))
-      if (narrow%n_tones == 1 .or. product(real(samples, wp)) > largest_fine_grid) &
+      if (narrow%n_tones == 1 .or. is_fine .or. product(real(samples, wp)) > largest_fine_grid) &
          samples = wider_samples(torus%n_samples, set%highest)
       call new_torus(grid, samples, set, error)
       grid%corrects_kinks = torus%corrects_kinks
