@@ -205,6 +205,7 @@ contains
             call find_monodromy(monodromy, variation, 0.0_wp, config%tolerance, work_on_demand)
          end if
       end associate
+      if (monodromy%estimate >= huge(1.0_wp)) return                  ! ended before it was known
       self%estimate = monodromy%estimate
       if (.not. all(ieee_is_finite(monodromy%matrix))) return
       if (is_free) then
