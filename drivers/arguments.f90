@@ -16,8 +16,6 @@ module arguments
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
       integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
-      real(wp) :: budget = 0.5_wp                                     !! seconds for each kernel of bench
-      integer :: n_repeats = 3                                        !! solutions of each point of bench
       integer :: n_periods = 0                                        !! 0: not given
       logical :: overwrite = .false.
       logical :: resumes = .false.                                    !! goes on with an existing result file
@@ -29,7 +27,6 @@ module arguments
       logical :: wants_version = .false.
       character(:), allocatable :: ranks, cost, cost_from             !! of plan
       character(:), allocatable :: points                             !! of plan their number, of verify a list
-      type(string_t), allocatable :: machine(:)                       !! of plan, key=value
       type(string_t), allocatable :: given(:)                         !! the options that were given, by their long names
    contains
       procedure :: result_path => arguments_result_path
@@ -59,7 +56,7 @@ contains
       integer :: i
       logical :: options_ended                                        !! by `--`: what follows are words
 
-      allocate (self%overrides(0), self%machine(0), self%given(0))
+      allocate (self%overrides(0), self%given(0))
       options_ended = .false.
       i = 1
       do while (i <= size(words))
@@ -158,11 +155,9 @@ contains
       character(*), intent(in) :: option, value
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: numbers(:)
-      logical :: is_number
 
       select case (option)
       case ("--set"); self%overrides = [self%overrides, string_t(value)]
-      case ("--machine"); self%machine = [self%machine, string_t(value)]
       case ("--ranks"); self%ranks = value
       case ("--points"); self%points = value
       case ("--point")
@@ -171,13 +166,6 @@ contains
       case ("--periods")
          call read_numbers(option, value, 2, numbers, error)
          if (.not. allocated(error)) self%n_periods = numbers(1)
-      case ("--repeats")
-         call read_numbers(option, value, 1, numbers, error)
-         if (.not. allocated(error)) self%n_repeats = numbers(1)
-      case ("--budget")
-         call parse_real(value, self%budget, is_number)
-         if (.not. (is_number .and. self%budget >= 0.0_wp .and. self%budget <= huge(1.0_wp))) &
-            call fail(error, option//" needs seconds, 0 or more, not '"//value//"'")
       case ("--cost"); self%cost = value
       case ("--cost-from"); self%cost_from = value
       case ("--time-limit"); call read_time_limit(value, self%time_limit, error)

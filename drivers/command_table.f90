@@ -20,34 +20,30 @@ module command_table
       character(200) :: text
    end type option_t
 
-   type(verb_t), parameter :: verbs(10) = [ &
+   type(verb_t), parameter :: verbs(9) = [ &
       verb_t("solve", "INPUT", "solve all points of a namelist file, write an HDF5 file"), &
       verb_t("resume", "RESULT", "solve the points that an ended run has left in its result file"), &
       verb_t("info", "RESULT", "what a result file holds, whether it is complete"), &
       verb_t("check", "INPUT", "read the input, every point of it, say what it asks for, and compare the derivatives of "// &
          "its laws with differences of their forces"), &
-      verb_t("plan", "INPUT", "say how large the result becomes and how the run would go on many ranks (docs/user/cluster.md)"), &
-      verb_t("bench", "INPUT", "solve each point from nothing again and again, and time its kernels (residual, tangent, "// &
-         "Newton step, solution) beside bare transforms and LU of the same size; nhbm-post work-precision, convergence, cost "// &
-         "and bench draw"), &
+      verb_t("plan", "INPUT", "say how large the result becomes and how long a run takes on many ranks"), &
       verb_t("march", "INPUT", "follow the motion through time as &march says, write an HDF5 record"), &
       verb_t("verify", "RESULT", "march from the points of a result file and say whether their motions stay"), &
       verb_t("version", "", "version and commit; also --version"), &
       verb_t("help", "", "this text; nhbm help VERB and nhbm VERB --help tell of one verb")]
 
-   character(*), parameter :: all_verbs = "solve resume info check plan bench march verify"
+   character(*), parameter :: all_verbs = "solve resume info check plan march verify"
 
-   type(option_t), parameter :: options(23) = [ &
-      option_t("--output", "-o", "FILE", "solve bench march", &
+   type(option_t), parameter :: options(19) = [ &
+      option_t("--output", "-o", "FILE", "solve march", &
          "file of results; default: name of the input, ending in .h5, in the current folder"), &
-      option_t("--output", "-o", "FILE", "plan", "write the table as comma-separated values too, for nhbm-post plan"), &
-      option_t("--overwrite", "", "", "solve plan bench march", "replace the file of results if there is one"), &
+      option_t("--overwrite", "", "", "solve march", "replace the file of results if there is one"), &
       option_t("--check", "", "", "info", "also compare the results with their checksums"), &
       option_t("--resume", "", "", "solve", "go on with the result file if there is one; the input must be the same"), &
       option_t("--retry", "", "", "solve resume", "when going on: also solve again the points that did not converge"), &
       option_t("--time-limit", "", "SECONDS", "solve resume", &
          "end the run then; points that are left are for nhbm resume"), &
-      option_t("--set", "", "PATH=VALUE", "solve check plan bench march", "change one input value, such as law(1)%gap=1.5e-3 "// &
+      option_t("--set", "", "PATH=VALUE", "solve check plan march", "change one input value, such as law(1)%gap=1.5e-3 "// &
          "or solver%method='broyden'; may be given several times"), &
       option_t("--quiet", "", "", all_verbs, "errors alone: neither progress nor summary; as --log-level quiet"), &
       option_t("--verbose", "", "", all_verbs, "also where the time of each rank went; as --log-level verbose"), &
@@ -56,14 +52,10 @@ module command_table
       option_t("--point", "", "N", "march", "the point of a sweep to be followed, from 0"), &
       option_t("--points", "", "N,N,...", "verify", "the points to start from; default: all that are solved"), &
       option_t("--periods", "", "N", "verify", "longest march in periods of the slowest tone"), &
-      option_t("--budget", "", "SECONDS", "bench", "time spent on each kernel of each point, 0.5 by default; 0: no kernels"), &
-      option_t("--repeats", "", "N", "bench", "solutions of each point, 3 by default"), &
-      option_t("--ranks", "", "N,N,...", "plan", "numbers of ranks; default: 1 to 100000 by tens"), &
+      option_t("--ranks", "", "N,N,...", "plan", "numbers of ranks; default: 1 to 10000 by tens"), &
       option_t("--points", "", "N", "plan", "points, in place of those of the input"), &
-      option_t("--cost-from", "", "FILE", "plan", "seconds of the points of a result file, in their order"), &
-      option_t("--cost", "", "MEAN,SPREAD", "plan", "seconds of a point, and the standard deviation of its logarithm"), &
-      option_t("--machine", "", "KEY=VALUE", "plan", "latency, counter_rate, write_latency, write_rate, bandwidth, hold, "// &
-         "group_size; may be given several times"), &
+      option_t("--cost-from", "", "FILE", "plan", "seconds of a point as in a result file, say of a smaller run"), &
+      option_t("--cost", "", "SECONDS", "plan", "seconds of a point"), &
       option_t("--help", "-h", "", all_verbs//" version help", "this text"), &
       option_t("--version", "", "", "version", "version and commit")]
 

@@ -17,7 +17,6 @@ program nhbm
    use hb_system, only: survive_failed_writes
    use hb_text, only: join
    use hb_version, only: git_commit, program_version
-   use verb_bench, only: run_bench_verb
    use verb_check, only: run_check
    use verb_info, only: run_info
    use verb_march, only: run_march
@@ -131,9 +130,6 @@ contains
          call run_info(options, comm, status, error)
       else if (verb == "plan") then
          call run_plan(options, comm, error)
-      else if (verb == "bench") then
-         call run_bench_verb(options, comm, all_right, error)
-         if (.not. all_right) status = not_all_right
       else if (verb == "resume") then
          call run_resume(options, comm, status, error)
       else if (verb == "verify") then

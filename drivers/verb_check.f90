@@ -9,7 +9,7 @@ module verb_check
    use hb_guard, only: lower_guard, raise_guard
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
-   use hb_law_check, only: check_derivatives, derivative_check_t
+   use law_check, only: check_derivatives, derivative_check_t
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text
    use hb_memory_sizes, only: sizes_of
    use hb_mpi, only: comm_t, rank_of

@@ -1,245 +1,128 @@
-!> `nhbm plan`: says how large the result file of an input becomes and how a run of it would go on any number of ranks.
+!> `nhbm plan`: how large the result file of an input becomes and how long a run of it takes on any number of ranks.
 module verb_plan
-   use arguments, only: arguments_t
+   use arguments, only: arguments_t, read_numbers
    use console, only: say
-   use hb_closest_word, only: closest_word
-   use hb_counter_speed, only: measure_counter
    use hb_error, only: annotate, error_t, fail
-   use hb_file_place, only: check_place, check_source
+   use hb_file_place, only: check_source
    use hb_hdf5, only: h5_file_t, open_file
-   use hb_row_buffer, only: hold_seconds
    use hb_kinds, only: wp
-   use hb_mpi, only: comm_t, rank_of, size_of
-   use hb_schedule, only: new_schedule, ranks_per_counter, schedule_t
-   use hb_simulation, only: forecast_t, lognormal_costs, machine_t, simulate, stretched_costs, tasks_t
+   use hb_mpi, only: comm_t, rank_of
    use hb_study, only: row_of_study, study_t
-   use hb_text, only: join, parse_real, split, string_t, to_text
-   use result_place, only: place_result
+   use hb_text, only: parse_real, to_text
    use verb_solve, only: load_study
    implicit none
    private
    public :: run_plan
 
-   character(13), parameter :: machine_keys(7) = [character(13) :: "latency", "counter_rate", "write_latency", &
-      "write_rate", "bandwidth", "hold", "group_size"]
-   character(*), parameter :: columns = "ranks,points,seconds,efficiency,drawing,writing,idle,draws,writes,bytes,"// &
-      "counter_load,file_load"
-   integer, parameter :: most_ranks = 10000000, most_points = 200000000
+   real(wp), parameter :: bytes_per_gigabyte = 1.0e9_wp
 
 contains
 
-   !> Runs the verb on rank 0. Several ranks measure how fast a shared counter is among them, for a machine like this one.
+   !> Runs the verb on rank 0. Times need the seconds of a point, or a result file with those of a smaller run.
    subroutine run_plan(options, comm, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
-      type(tasks_t) :: tasks
-      type(machine_t) :: machine
-      real(wp), allocatable :: ranks(:)
-      character(128) :: measured
-      character(:), allocatable :: path
-      integer :: chain, group_size, line, n_points
+      real(wp) :: bytes_per_point, mean, most, n_points
+      integer, allocatable :: ranks(:)
+      integer :: line, n_datasets, task
 
-      if (allocated(options%output)) then
-         call place_result(options, comm, path, error)
-         if (.not. allocated(error)) call check_place(path, options%overwrite, error)
-         call annotate(error, "'"//options%output//"' cannot be written")
-         if (allocated(error)) return
-      end if
       call load_study(options, comm, study, error)
-      if (allocated(error)) return
-      if (size_of(comm) > 1) call measure_counter(comm, machine%latency, machine%counter_rate, error)
       if (allocated(error) .or. rank_of(comm) > 0) return
-      if (size_of(comm) > 1) then
-         write (measured, "(a, es7.1, a, es7.1)") "measured among "//to_text(size_of(comm))//" ranks: latency=", &
-            machine%latency, " counter_rate=", machine%counter_rate
-         call say(trim(measured))
-      end if
-      n_points = study%plan%n_points
       line = study%plan%n_fastest()
-      chain = merge(study%scene%chain%length, 1, study%scene%chain%is_on)
-      if (allocated(study%plan%curve)) chain = line                   ! rooms of points are drawn as a whole
-      call read_points(options, line, n_points, error)
-      if (.not. allocated(error)) call read_costs(options, n_points, tasks, error)
-      if (.not. allocated(error)) call read_machine(options%machine, machine, group_size, error)
-      if (.not. allocated(error)) call read_ranks(options, ranks, error)
+      n_points = real(study%plan%n_points, wp)
+      if (allocated(options%points)) call read_positive("--points", options%points, n_points, error)
       if (allocated(error)) return
-      call row_of_study(study, tasks%bytes_per_point, tasks%writes_per_row)
-      call say(to_text(n_points)//" points of "//to_text(nint(tasks%bytes_per_point))//" B in "// &
-         to_text(tasks%writes_per_row)//" datasets: "//gigabytes(n_points*tasks%bytes_per_point)//" GB")
-      if (.not. allocated(tasks%ends)) return
-      call forecast_all(ranks, n_points, line, chain, group_size, tasks, machine, path, error)
+      n_points = real(line, wp)*aint((n_points + line - 1)/line)      ! whole lines of the grid
+      ranks = [1, 10, 100, 1000, 10000]
+      if (allocated(options%ranks)) call read_numbers("--ranks", options%ranks, 1, ranks, error)
+      mean = 0.0_wp
+      if (.not. allocated(error)) call read_seconds(options, mean, most, error)
+      if (allocated(error)) return
+      call row_of_study(study, bytes_per_point, n_datasets)
+      call say(rounded(n_points)//" points of "//to_text(nint(bytes_per_point))//" B in "//to_text(n_datasets)// &
+         " datasets: "//rounded(n_points*bytes_per_point/bytes_per_gigabyte)//" GB")
+      task = merge(study%scene%chain%length, 1, study%scene%chain%is_on)
+      if (allocated(study%plan%curve)) task = line                    ! curves are drawn as a whole
+      if (mean > 0.0_wp) call write_times(ranks, n_points, task, mean, most)
    end subroutine run_plan
 
-   subroutine read_points(options, line, n_points, error)
+   !> Seconds of a point: the mean, and those of the slowest.
+   subroutine read_seconds(options, mean, most, error)
       type(arguments_t), intent(in) :: options
-      integer, intent(in) :: line                                     !! points along the fastest parameter
-      integer, intent(inout) :: n_points
-      type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: numbers(:)
-
-      if (allocated(options%points)) then
-         call read_list("--points", options%points, 1.0_wp, real(most_points, wp), numbers, error)
-         if (allocated(error)) return
-         n_points = ((nint(numbers(1)) - 1)/line + 1)*line            ! whole lines of the grid
-      end if
-      if (n_points > most_points) call fail(error, "--points: a simulation takes up to "//to_text(most_points)//" points")
-   end subroutine read_points
-
-   !> Costs of all points, if any are given.
-   subroutine read_costs(options, n_points, tasks, error)
-      type(arguments_t), intent(in) :: options
-      integer, intent(in) :: n_points
-      type(tasks_t), intent(inout) :: tasks
-      type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: measured(:), numbers(:)
-
-      if (allocated(options%cost_from)) then
-         call read_measured(options%cost_from, measured, error)
-         call annotate(error, "--cost-from '"//options%cost_from//"'")
-         if (.not. allocated(error)) call stretched_costs(n_points, measured, tasks%ends)
-      else if (allocated(options%cost)) then
-         call read_list("--cost", options%cost, 0.0_wp, 1.0e9_wp, numbers, error)
-         if (allocated(error)) return
-         if (size(numbers) == 1) numbers = [numbers, 0.0_wp]
-         call lognormal_costs(n_points, numbers(1), numbers(2), tasks%ends)
-      end if
-   end subroutine read_costs
-
-   !> Seconds of all points of a result file that were solved.
-   subroutine read_measured(path, measured, error)
-      character(*), intent(in) :: path
-      real(wp), allocatable, intent(out) :: measured(:)
+      real(wp), intent(inout) :: mean
+      real(wp), intent(out) :: most
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: ignored
       type(h5_file_t) :: file
       real(wp), allocatable :: seconds(:)
 
-      call check_source(path, error)
-      if (.not. allocated(error)) call open_file(file, path, error)
+      if (allocated(options%cost)) call read_positive("--cost", options%cost, mean, error)
+      most = mean
+      if (allocated(error) .or. .not. allocated(options%cost_from)) return
+      call check_source(options%cost_from, error)
+      if (.not. allocated(error)) call open_file(file, options%cost_from, error)
+      if (.not. allocated(error)) then
+         call file%get("solve_seconds", seconds, error)
+         call file%close(ignored)
+      end if
+      if (.not. allocated(error)) then
+         seconds = pack(seconds, seconds > 0.0_wp)
+         if (size(seconds) == 0) call fail(error, "no point was solved")
+      end if
+      call annotate(error, "--cost-from '"//options%cost_from//"'")
       if (allocated(error)) return
-      call file%get("solve_seconds", seconds, error)
-      call file%close(ignored)
-      if (allocated(error)) return
-      measured = pack(seconds, seconds > 0.0_wp)
-      if (size(measured) == 0) call fail(error, "no point was solved")
-   end subroutine read_measured
+      mean = sum(seconds)/size(seconds)
+      most = maxval(seconds)
+   end subroutine read_seconds
 
-   !> Settings KEY=VALUE of the machine.
-   subroutine read_machine(settings, machine, group_size, error)
-      type(string_t), intent(in) :: settings(:)
-      type(machine_t), intent(inout) :: machine
-      integer, intent(out) :: group_size
-      type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: closest, key
-      real(wp), allocatable :: numbers(:)
-      integer :: equals, i
-
-      group_size = ranks_per_counter
-      do i = 1, size(settings)
-         equals = index(settings(i)%value//"=", "=")
-         key = settings(i)%value(:equals - 1)
-         if (all(machine_keys /= key)) then
-            closest = closest_word(key, machine_keys)
-            if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
-            call fail(error, "--machine: unknown key '"//key//"';"//closest//" known: "//join(machine_keys, ", "))
-            return
-         end if
-         call read_list("--machine "//key, settings(i)%value(equals + 1:), 1.0e-9_wp, 1.0e18_wp, numbers, error)
-         if (allocated(error)) return
-         select case (key)
-         case ("latency"); machine%latency = numbers(1)
-         case ("counter_rate"); machine%counter_rate = numbers(1)
-         case ("write_latency"); machine%write_latency = numbers(1)
-         case ("write_rate"); machine%write_rate = numbers(1)
-         case ("bandwidth"); machine%bandwidth = numbers(1)
-         case ("hold"); machine%hold = numbers(1)
-         case default; group_size = max(1, nint(min(numbers(1), real(most_ranks, wp))))
-         end select
-      end do
-   end subroutine read_machine
-
-   subroutine read_ranks(options, ranks, error)
-      type(arguments_t), intent(in) :: options
-      real(wp), allocatable, intent(out) :: ranks(:)
-      type(error_t), allocatable, intent(out) :: error
-
-      ranks = [1.0_wp, 10.0_wp, 100.0_wp, 1.0e3_wp, 1.0e4_wp, 1.0e5_wp]
-      if (allocated(options%ranks)) call read_list("--ranks", options%ranks, 1.0_wp, real(most_ranks, wp), ranks, error)
-   end subroutine read_ranks
-
-   !> Numbers with commas between them, each within limits; there is one at least.
-   subroutine read_list(name, text, least, most, numbers, error)
+   !> A number greater than 0.
+   subroutine read_positive(name, text, value, error)
       character(*), intent(in) :: name, text
-      real(wp), intent(in) :: least, most
-      real(wp), allocatable, intent(out) :: numbers(:)
+      real(wp), intent(inout) :: value
       type(error_t), allocatable, intent(out) :: error
-      type(string_t), allocatable :: words(:)
-      logical :: ok
+      logical :: is_right
+
+      call parse_real(text, value, is_right)
+      if (is_right) is_right = value > 0.0_wp .and. value <= huge(value)
+      if (.not. is_right) call fail(error, name//": '"//text//"' is no number greater than 0")
+   end subroutine read_positive
+
+   !> Wall time on each number of ranks. Ranks draw tasks until there are none (hb_schedule), so that the last of them ends at most
+   !> one slow task after the mean; start, the making of the file and a file system that is too slow come on top.
+   subroutine write_times(ranks, n_points, task, mean, most)
+      integer, intent(in) :: ranks(:)
+      real(wp), intent(in) :: n_points
+      integer, intent(in) :: task                                     !! points that one rank solves one after the other
+      real(wp), intent(in) :: mean, most                              !! [s] of a point
+      character(80) :: row
+      real(wp) :: n_tasks, seconds
       integer :: i
 
-      call split(text, ",", words)
-      allocate (numbers(size(words)), source=0.0_wp)
-      do i = 1, size(words)
-         call parse_real(words(i)%value, numbers(i), ok)
-         if (ok) ok = numbers(i) >= least .and. numbers(i) <= most
-         if (.not. ok) then
-            call fail(error, name//": '"//words(i)%value//"' is no number from "//to_text(least)//" to "//to_text(most))
-            return
-         end if
-      end do
-   end subroutine read_list
-
-   !> Simulates each number of ranks; the table goes to standard output, and to a file of comma-separated values if asked.
-   subroutine forecast_all(ranks, n_points, line, chain, group_size, tasks, machine, path, error)
-      real(wp), intent(in) :: ranks(:)
-      integer, intent(in) :: n_points, line, chain, group_size
-      type(tasks_t), intent(in) :: tasks
-      type(machine_t), intent(inout) :: machine
-      character(*), intent(in), optional :: path                      !! of a file of comma-separated values
-      type(error_t), allocatable, intent(out) :: error
-      type(schedule_t) :: schedule
-      type(forecast_t) :: forecast
-      character(160) :: row
-      real(wp) :: n_bytes
-      integer :: i, n_ranks, status, unit
-      logical :: is_hold_given
-
-      is_hold_given = machine%hold > 0.0_wp
-      if (present(path)) then
-         open (newunit=unit, file=path, action="write", status="replace", iostat=status)
-         if (status /= 0) then
-            call fail(error, "'"//path//"' cannot be written; give another --output")
-            return
-         end if
-         write (unit, "(a)") columns
-      end if
-      call say("     ranks    seconds  efficiency   drawing   writing      idle      draws    writes/s"// &
-         "        B/s  counter     file")
-      n_bytes = n_points*tasks%bytes_per_point
+      call say("     ranks    seconds  efficiency")
+      n_tasks = aint((n_points + task - 1)/task)
       do i = 1, size(ranks)
-         n_ranks = nint(ranks(i))
-         if (.not. is_hold_given) machine%hold = hold_seconds(n_ranks, tasks%writes_per_row)
-         call new_schedule(schedule, n_points, line, chain, n_ranks, machine%hold, group_size)
-         call simulate(schedule, n_ranks, tasks, machine, forecast)
-         write (row, "(i10, es11.3, f12.4, 3f10.4, 3es11.2, 2f9.4)") n_ranks, forecast%seconds, forecast%efficiency, &
-            forecast%drawing, forecast%writing, forecast%idle, forecast%draws, forecast%writes/forecast%seconds, &
-            n_bytes/forecast%seconds, forecast%counter_load, forecast%file_load
+         seconds = max(task*mean*aint((n_tasks + ranks(i) - 1)/ranks(i)), n_points*mean/ranks(i) + task*(most - mean))
+         write (row, "(i10, es11.3, f12.4)") ranks(i), seconds, n_points*mean/(ranks(i)*seconds)
          call say(trim(row))
-         if (present(path)) write (unit, "(i0, ',', i0, 10(',', es13.6))") n_ranks, n_points, forecast%seconds, &
-            forecast%efficiency, forecast%drawing, forecast%writing, forecast%idle, forecast%draws, forecast%writes, n_bytes, &
-            forecast%counter_load, forecast%file_load
       end do
-      if (present(path)) close (unit)
-   end subroutine forecast_all
+   end subroutine write_times
 
-   function gigabytes(n_bytes) result(text)
-      real(wp), intent(in) :: n_bytes
+   !> A number that is whole or has three decimals.
+   function rounded(value) result(text)
+      real(wp), intent(in) :: value
       character(:), allocatable :: text
-      character(24) :: buffer
+      character(40) :: buffer
 
-      write (buffer, "(f20.3)") n_bytes*1.0e-9_wp
+      if (value >= 1.0e15_wp) then
+         write (buffer, "(es10.3)") value
+      else if (value >= 0.0_wp .and. value - aint(value) <= 0.0_wp) then
+         write (buffer, "(f32.0)") value
+         buffer = buffer(:len_trim(buffer) - 1)
+      else
+         write (buffer, "(f32.3)") value
+      end if
       text = trim(adjustl(buffer))
-   end function gigabytes
+   end function rounded
 end module verb_plan

@@ -1,4 +1,4 @@
-"""Files of nhbm bench: the reader, errors against references, the rates, and the pictures."""
+"""Files of nhbm-bench: the reader, errors against references, the rates, and the pictures."""
 
 import h5py
 import numpy as np
@@ -228,5 +228,5 @@ def test_command_draws_kernels(ladder, capsys):
 
 
 def test_other_files_are_refused(sweep):
-    with pytest.raises(ReaderError, match="no file of 'nhbm bench'"):
+    with pytest.raises(ReaderError, match="no file of 'nhbm-bench'"):
         Bench(sweep)

@@ -14,7 +14,6 @@ from conftest import single, walled
 
 from nhbm_post import Results
 from nhbm_post.cli import main
-from nhbm_post.draw.plan import read_plan
 from nhbm_post.guard import guarded
 
 
@@ -105,34 +104,6 @@ def test_picture_is_named_after_the_file(tmp_path, capsys, words):
     picture = tmp_path / f"beam_{words[0]}.png"
     assert (status, out, err) == (0, f"wrote {picture}\n", "")
     assert picture.stat().st_size > 5000
-
-
-PLAN = """ranks,points,seconds,efficiency,drawing,writing,idle
-1000,1e7,1.0e4,0.99,0.0,0.005,0.005
-1,1e7,1.0e7,1.0,0.0,0.0,0.0
-"""
-
-
-def test_plan_draws_a_table(tmp_path, capsys):
-    table = tmp_path / "plan.csv"
-    table.write_text(PLAN)
-    assert run(capsys, "plan", table, "--dpi", 50) == (0, f"wrote {tmp_path / 'plan_plan.png'}\n", "")
-    assert (tmp_path / "plan_plan.png").stat().st_size > 5000
-
-
-def test_plan_is_sorted_by_ranks(tmp_path):
-    table = tmp_path / "plan.csv"
-    table.write_text(PLAN)
-    columns = read_plan(table)
-    assert columns["ranks"].tolist() == [1.0, 1000.0] and columns["efficiency"].tolist() == [1.0, 0.99]
-
-
-@pytest.mark.parametrize("text", ["", "ranks\n", "ranks,points\n1,2\n", PLAN + "1,2\n", PLAN.replace("0.99", "x")])
-def test_bad_plans_give_one_line(tmp_path, capsys, text):
-    table = tmp_path / "plan.csv"
-    table.write_text(text)
-    status, out, err = run(capsys, "plan", table)
-    assert (status, out, err.count("\n")) == (2, "", 1) and "plan.csv: no table of nhbm plan" in err
 
 
 def test_response_writes_a_pdf(sweep, tmp_path, capsys):
@@ -251,7 +222,7 @@ def test_bad_records_give_one_line(sweep, tmp_path, capsys, text):
     assert status == 2 and err.count("\n") == 1 and "r.csv" in err
 
 
-@pytest.mark.parametrize("command", ["info", "value", "correction", "time", "spectrum", "response", "plan"])
+@pytest.mark.parametrize("command", ["info", "value", "correction", "time", "spectrum", "response"])
 def test_help_says_something(capsys, command):
     status, out, _ = run(capsys, command, "--help")
     assert status == 0 and len(out) > 500

@@ -1,4 +1,4 @@
-"""`nhbm bench`: its numbers are positive and in order, its file is a result file, and the ladders keep what they promise.
+"""nhbm-bench: its numbers are positive and in order, its file is a result file, and the ladders keep what they promise.
 
 The inputs of inputs/ladder/ promise numbers in lines `! expect: [COLUMN=VALUE ...] COLUMN < NUMBER`, or `COLUMN = NUMBER to
 TOLERANCE` (relative), about the points whose columns have these values. `error` is that of nhbm-post: against the table beside the
@@ -170,9 +170,11 @@ def test_refusals(tmp_path):
     source = FOLDER / "duffing.nml"
     (tmp_path / "there.h5").write_text("precious")
     for words, message in (
-        ((source, "--budget", "soon"), "--budget needs seconds"),
-        ((source, "--budget", "-1"), "--budget needs seconds"),
-        ((source, "--repeats", "0"), "--repeats needs numbers from 1 on"),
+        ((source, "-o", "new.h5", "--budget", "soon"), "'--budget'"),
+        ((source, "-o", "new.h5", "--budget", "-1"), "'--budget'"),
+        ((source, "-o", "new.h5", "--repeats", "0"), "'--repeats'"),
+        ((source, "-o", "new.h5", "--retry"), "'--retry'"),
+        ((source,), "-o FILE"),
         ((source, "-o", "there.h5"), "--overwrite"),
     ):
         done = run("bench", *words, cwd=tmp_path)
@@ -182,7 +184,7 @@ def test_refusals(tmp_path):
 
 
 def test_ranks_are_refused(tmp_path):
-    done = run("bench", FOLDER / "duffing.nml", cwd=tmp_path, ranks=2)
+    done = run("bench", FOLDER / "duffing.nml", "-o", "times.h5", cwd=tmp_path, ranks=2)
     assert done.status == BAD_INPUT and "without mpirun" in done.stderr
 
 

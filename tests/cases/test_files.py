@@ -89,19 +89,13 @@ def test_links_that_go_round_are_refused(folder):
     refused(run("solve", "case.nml", "-o", "a", cwd=folder), "leads nowhere")
 
 
-@pytest.mark.parametrize("verb", ["solve", "march", "bench", "plan"])
+@pytest.mark.parametrize("verb", ["solve", "march"])
 @pytest.mark.parametrize("name", ["point.nml", "./point.nml", "link", "hard"])
 def test_input_is_never_replaced(verb, name, folder):
     (folder / "link").symlink_to("point.nml")
     os.link(folder / "point.nml", folder / "hard")
     refused(run(verb, "point.nml", "-o", name, "--overwrite", cwd=folder), "is the input file")
     assert (folder / "point.nml").read_text() == SCENE
-
-
-def test_table_of_plan_is_not_replaced_unasked(folder):
-    (folder / "plan.csv").write_text("mine")
-    refused(run("plan", "case.nml", "--cost", "1.0", "-o", "plan.csv", cwd=folder), "'plan.csv'", "--overwrite")
-    assert (folder / "plan.csv").read_text() == "mine"
 
 
 def test_wisdom_does_not_replace_another_file(folder):
@@ -158,7 +152,7 @@ def test_pipes_in_place_of_files_of_the_input(keys, folder):
     refused(run("solve", "piped.nml", "--quiet", cwd=folder), "pipe'", "is a pipe or a device")
 
 
-@pytest.mark.parametrize("verb", ["solve", "check", "bench", "info", "resume"])
+@pytest.mark.parametrize("verb", ["solve", "check", "info", "resume"])
 def test_sources_that_are_no_files(verb, folder):
     os.mkfifo(folder / "pipe")
     (folder / "empty").touch()

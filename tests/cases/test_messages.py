@@ -144,7 +144,7 @@ def test_readme_reads_files(is_by_tolerance, tmp_path):
 CONTROLS = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202e"
 
 
-LESS_OFTEN = [pytest.param(verb, marks=pytest.mark.long) for verb in ("check", "verify", "bench", "plan")]
+LESS_OFTEN = [pytest.param(verb, marks=pytest.mark.long) for verb in ("check", "verify", "plan")]
 
 
 @pytest.mark.parametrize("verb", ["solve", "info", *LESS_OFTEN])

@@ -215,7 +215,7 @@ def rogue(folder, **parts):
     return folder
 
 
-@pytest.mark.parametrize("verb", ["check", "solve", "march", "bench", "plan"])
+@pytest.mark.parametrize("verb", ["check", "solve", "march", "plan"])
 @pytest.mark.parametrize("status", [0, 7])
 def test_exit_at_loading_is_no_success(status, verb, tmp_path):
     folder = rogue(tmp_path, constructor=f"__attribute__((constructor)) static void begin(void) {{ exit({status}); }}")
@@ -223,7 +223,7 @@ def test_exit_at_loading_is_no_success(status, verb, tmp_path):
     assert done.status == BAD_INPUT and "has called exit()" in done.stderr, (done.status, done.stderr)
 
 
-@pytest.mark.parametrize("verb", ["check", "march", "bench"])
+@pytest.mark.parametrize("verb", ["check", "march"])
 @pytest.mark.parametrize("ending", ["exit(0);", "exit(7);", "quick_exit(0);"])
 def test_exit_of_a_law_is_no_success(ending, verb, tmp_path):
     done = run(verb, "rogue.nml", cwd=rogue(tmp_path, body=ending))

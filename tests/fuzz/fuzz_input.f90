@@ -9,7 +9,7 @@ program fuzz_input
    use, intrinsic :: iso_fortran_env, only: output_unit
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_law_check, only: check_derivatives, derivative_check_t
+   use law_check, only: check_derivatives, derivative_check_t
    use hb_law_coordinates, only: law_dofs_of
    use hb_marching_judge, only: marching_judge_t
    use hb_motion, only: solve_motion

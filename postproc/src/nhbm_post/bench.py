@@ -1,4 +1,4 @@
-"""Files of `nhbm bench`: a result file with the costs of its points beside them. And errors against a reference."""
+"""Files of `nhbm-bench`: a result file with the costs of its points beside them. And errors against a reference."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Motion:
 
 
 class Bench:
-    """Points of one file of `nhbm bench`, or of several with the same columns, one after the other."""
+    """Points of one file of `nhbm-bench`, or of several with the same columns, one after the other."""
 
     def __init__(self, *paths: str | os.PathLike):
         self.path = Path(paths[0])
@@ -60,7 +60,7 @@ class Bench:
     def _read(path: Path):
         with open_file(path) as file:
             if "bench_total_seconds" not in file:
-                raise ReaderError(f"{path}: no file of 'nhbm bench'")
+                raise ReaderError(f"{path}: no file of 'nhbm-bench'")
             version = int(np.ravel(file.attrs["schema_version"])[0])
             if version != SCHEMA_VERSION:
                 raise ReaderError(f"{path}: schema version {version}; this nhbm-post reads version {SCHEMA_VERSION}")

@@ -277,16 +277,6 @@ def _parser() -> argparse.ArgumentParser:
     options.add_output(sub)
 
     sub = command(
-        "plan",
-        verbs.plan,
-        "forecast of a run over many ranks",
-        "Draws the table of `nhbm plan INPUT -o FILE`: over the number of ranks the shares of solving (the "
-        "efficiency), of shared counters, of writing and of waiting in the time of all ranks, and the wall time.",
-        file_help="table of nhbm plan (comma-separated values)",
-    )
-    options.add_output(sub)
-
-    sub = command(
         "rotor",
         verbs.rotor,
         "bladed disk and casing (figure 9 of the paper)",
@@ -352,21 +342,21 @@ def _parser() -> argparse.ArgumentParser:
             "work-precision",
             verbs.work_precision,
             "error over time of the points of a ladder",
-            "Draws the error of each point of a file of nhbm bench over its wall time, one curve for each setting of all swept "
+            "Draws the error of each point of a file of nhbm-bench over its wall time, one curve for each setting of all swept "
             "values but one number.",
         ),
         (
             "convergence",
             verbs.convergence,
             "error over order, or another swept number, with its rate",
-            "Draws the error of each point of a file of nhbm bench over the number that is swept and prints the rate, exponential "
+            "Draws the error of each point of a file of nhbm-bench over the number that is swept and prints the rate, exponential "
             "or algebraic, whichever fits the falling part better.",
         ),
         (
             "cost",
             verbs.cost,
             "time over unknowns, with its exponent",
-            "Draws the wall time of each point of a file of nhbm bench over its number of unknowns and prints the exponent of "
+            "Draws the wall time of each point of a file of nhbm-bench over its number of unknowns and prints the exponent of "
             "the larger half.",
         ),
     ):
@@ -404,9 +394,9 @@ def _parser() -> argparse.ArgumentParser:
         "bench",
         verbs.bench,
         "time of each kernel over the size of a scene, with its exponent",
-        "Draws what nhbm bench measured (residual, tangent, Newton step, solution, whole point) over harmonics, tones, unknowns, "
+        "Draws what nhbm-bench measured (residual, tangent, Newton step, solution, whole point) over harmonics, tones, unknowns, "
         "samples or a swept parameter, with the yardsticks, and prints the exponents of the larger half of the sizes.",
-        file_help="file of nhbm bench (HDF5)",
+        file_help="file of nhbm-bench (HDF5)",
     )
     sub.add_argument("--also", type=Path, nargs="+", default=[], metavar="FILE", help="further files, such as of other tones")
     sub.add_argument(

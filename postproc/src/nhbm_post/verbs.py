@@ -165,10 +165,6 @@ def _tone(arguments, results: Results) -> int:
     return int(unknown[0]) if unknown.size else 0
 
 
-def plan(arguments):
-    from . import draw
-
-    _save(draw.draw_plan(arguments.file), arguments)
 
 
 def rotor(arguments):

@@ -1,4 +1,4 @@
-"""Pictures of result files and plans, one module a family; every `draw_*` returns a Figure and needs no display."""
+"""Pictures of result files, one module a family; every `draw_*` returns a Figure and needs no display."""
 
 from .bench import draw_bench
 from .contact import draw_contact_time, draw_patch
@@ -6,7 +6,6 @@ from .correction import draw_correction
 from .deflection import draw_deflection
 from .heat_map import draw_map
 from .multipliers import draw_multipliers
-from .plan import draw_plan
 from .response import draw_response
 from .rotor import draw_rotor
 from .spectrum import draw_spectrum
@@ -25,7 +24,6 @@ __all__ = [
     "draw_map",
     "draw_multipliers",
     "draw_patch",
-    "draw_plan",
     "draw_response",
     "draw_rotor",
     "draw_spectrum",

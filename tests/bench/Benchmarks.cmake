@@ -1,4 +1,4 @@
-# Runs `nhbm bench` over a folder of inputs: cmake -DNHBM=... -DINPUTS=... -DRESULTS=... -P Benchmarks.cmake
+# Runs nhbm-bench over a folder of inputs: cmake -DBENCH=... -DINPUTS=... -DRESULTS=... -P Benchmarks.cmake
 file(GLOB inputs ${INPUTS}/*.nml)
 file(MAKE_DIRECTORY ${RESULTS})
 set(ENV{OPENBLAS_NUM_THREADS} 1)
@@ -8,5 +8,5 @@ foreach(input IN LISTS inputs)
       continue() # many points, to be solved and not to be timed one by one
    endif()
    message(STATUS ${name})
-   execute_process(COMMAND ${NHBM} bench ${input} --output ${RESULTS}/${name}.h5 --overwrite COMMAND_ERROR_IS_FATAL ANY)
+   execute_process(COMMAND ${BENCH} ${input} --output ${RESULTS}/${name}.h5 --overwrite COMMAND_ERROR_IS_FATAL ANY)
 endforeach()

@@ -3,14 +3,14 @@
 !> From nothing: its input is read, FFTW forgets its plans, freed memory goes back to the system. The points take turns, up
 !> the list and down again, so that a machine that slows down hits all alike. The file is a result file of these points with
 !> the costs beside them, so that errors are found from it as from any other.
-module hb_bench
+module bench_points
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_clock, only: wall_clock
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_fftw, only: forget_plans
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
-   use hb_kernel_times, only: has_kernels, kernel_names, kernel_times_t, kernel_words, measure_kernels, median, &
+   use kernel_times, only: has_kernels, kernel_names, kernel_times_t, kernel_words, measure_kernels, median, &
       memory_bandwidth, yardstick_words
    use hb_kinds, only: wp
    use hb_memory, only: memory_peak, memory_resident, release_memory, reset_memory_peak
@@ -281,4 +281,4 @@ contains
          text = text//trim(names(i))//" "//trim(value)
       end do
    end function threads_text
-end module hb_bench
+end module bench_points

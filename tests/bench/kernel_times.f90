@@ -4,7 +4,7 @@
 !> ratio is the median over repetitions. Apart from that, the very first run of each is kept: nothing is planned, no memory is
 !> warm. Yardsticks: the bare FFTW pair (spectrum to samples and back) of the same grid, batch and planning (of the whole grid
 !> where odd motions are solved on half of it), and LAPACK's LU factorisation of a full matrix of the same size.
-module hb_kernel_times
+module kernel_times
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t
    use hb_clock, only: wall_clock
@@ -388,4 +388,4 @@ contains
       i = size(sorted)
       median = 0.5_wp*(sorted((i + 1)/2) + sorted(i/2 + 1))
    end function median
-end module hb_kernel_times
+end module kernel_times

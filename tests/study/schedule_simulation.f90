@@ -4,7 +4,7 @@
 !> Each rank has one event ahead of it, a draw or the writing of a block, in a heap ordered by time. A counter and the file
 !> system serve one request after the other: what arrives while they are busy waits. Source of the method: A. M. Law,
 !> Simulation Modeling and Analysis (5th edition, 2015), sections 1.3 and 2.8.
-module hb_simulation
+module schedule_simulation
    use hb_kinds, only: two_pi, wp
    use hb_schedule, only: cursor_t, schedule_t
    implicit none
@@ -180,4 +180,4 @@ contains
       end do
       heap(parent) = moved
    end subroutine sift_down
-end module hb_simulation
+end module schedule_simulation

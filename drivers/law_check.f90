@@ -3,7 +3,7 @@
 !> At random samples of magnitudes over several decades; where differences of two step sizes disagree (a kink in between, or
 !> rounding) a sample is skipped, otherwise both are extrapolated to step zero. Source: Richardson, Philos. Trans. R. Soc.
 !> London A 210 (1911) 307-357.
-module hb_law_check
+module law_check
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp
    use hb_law, only: law_t
@@ -313,4 +313,4 @@ contains
       if (n_v > 0) slopes(:, :, :, 2) = df_dv
       if (n_p > 0) slopes(:, :, :, 3) = df_dp
    end subroutine evaluate_block
-end module hb_law_check
+end module law_check
