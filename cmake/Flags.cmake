@@ -18,6 +18,9 @@ add_library(hb_flags INTERFACE)
 target_compile_options(hb_flags INTERFACE
    $<$<AND:$<CONFIG:Debug>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-Og -g -fcheck=all,no-recursion -ffpe-trap=invalid,zero,overflow -fbacktrace>
    $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-O3 -fno-math-errno -fno-trapping-math>)
+if(BUILD_SHARED_LIBS)                          # calls within a library are not for others to replace, and may be inlined
+   target_compile_options(hb_flags INTERFACE $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:-fno-semantic-interposition>)
+endif()
 # What suites do around what they test needs no speed, and compiles in a fifth of the time; stands behind hb_flags.
 add_library(hb_test_flags INTERFACE)
 target_compile_options(hb_test_flags INTERFACE $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:-O0>)

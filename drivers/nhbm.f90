@@ -9,12 +9,12 @@ program nhbm
    use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
+   use hb_guard, only: guard_outside_code
    use hb_hdf5, only: can_end_library
    use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, stop_mpi, world
-   use hb_signals, only: catch_signals, wait_for_points
+   use hb_signals, only: catch_signals, survive_failed_writes, wait_for_points
    use hb_memory, only: keep_freed_memory
    use hb_printable, only: printable
-   use hb_system, only: survive_failed_writes
    use hb_text, only: join
    use hb_version, only: git_commit, program_version
    use verb_check, only: run_check
@@ -54,6 +54,7 @@ program nhbm
    call keep_freed_memory()
    call use_one_blas_thread()
    call survive_failed_writes()
+   call guard_outside_code()
    call hb_refuse_exit("nhbm: a library has called exit(), maybe a law of the user's own; the work is not done"// &
       new_line("a")//c_null_char, int(bad_input, c_int))
    call read_arguments(options, argument_list(), error)

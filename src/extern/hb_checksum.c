@@ -3,6 +3,7 @@
 
 #include <dlfcn.h>
 #include <fcntl.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -13,6 +14,7 @@
 #define LEAST_ZEROS 256
 
 static uint32_t table[N_TABLES][256];
+static pthread_once_t has_tables = PTHREAD_ONCE_INIT;
 
 static void fill_tables(void)
 {
@@ -66,7 +68,7 @@ uint32_t hb_add_to_checksum(uint32_t checksum, const void *bytes, size_t n_bytes
    const unsigned char *b = bytes;
    uint32_t crc = ~checksum;
 
-   if (table[0][1] == 0) fill_tables();
+   (void)pthread_once(&has_tables, fill_tables);
    for (; n_bytes >= 8; n_bytes -= 8, b += 8) {
       const size_t n_zeros = b[0] == 0 && b[7] == 0 ? count_zeros(b, n_bytes) : 0;
       if (n_zeros > 0) {

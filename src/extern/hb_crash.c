@@ -1,7 +1,7 @@
 #define _GNU_SOURCE /* for sigaltstack and strnlen */
 #include "hb_crash.h"
 
-#include "hb_posix.h"
+#include "hb_process.h"
 
 #include <fcntl.h>
 #include <signal.h>

@@ -6,7 +6,7 @@ module hb_dynamic_library
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_funptr, c_int, c_null_char, c_null_ptr, c_ptr
    use hb_c_text, only: c_text
    use hb_error, only: error_t, fail
-   use hb_guard, only: lower_guard, raise_guard
+   use hb_outside_code, only: begin_outside_code, end_outside_code
    use hb_system, only: file_kind, kind_of_file
    implicit none
    private
@@ -51,9 +51,9 @@ contains
          call fail(error, "cannot load the library: '"//path//"' is a pipe or a device")
          return
       end if
-      call raise_guard("'"//path//"': the loader of the system died of this library; the file is damaged")   ! e.g. cut off
+      call begin_outside_code("'"//path//"': the loader of the system died of this library; the file is damaged")   ! e.g. cut off
       self%handle = dlopen(path//c_null_char, rtld_now)
-      call lower_guard()
+      call end_outside_code()
       if (.not. c_associated(self%handle)) call fail(error, "cannot load the library: "//last_reason(path))
    end subroutine open_library
 

@@ -3,10 +3,11 @@
 module hb_guard
    use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int, c_null_char, c_size_t
    use hb_kinds, only: int64, wp
+   use hb_outside_code, only: watch_outside_code
    use hb_printable, only: printable
    implicit none
    private
-   public :: guard_file, lower_guard, name_guarded, raise_guard
+   public :: guard_file, guard_outside_code, lower_guard, name_guarded, raise_guard
 
    integer(c_int), parameter :: bad_input = 2                         ! exit status, docs/user/running.md
    integer, parameter :: longest = 1000
@@ -47,6 +48,17 @@ contains
       words = printable(text(:min(len(text), longest)))
       ignored = hb_raise_guard("nhbm: "//words(:min(len(words), longest))//c_null_char, bad_input, limit)
    end subroutine raise_guard
+
+   !> Has calls of the user's own libraries and their loader guarded from here on.
+   subroutine guard_outside_code()
+      call watch_outside_code(guard_words, lower_guard)
+   end subroutine guard_outside_code
+
+   subroutine guard_words(text)
+      character(*), intent(in) :: text
+
+      call raise_guard(text)
+   end subroutine guard_words
 
    !> Raises a guard for an HDF5 file that this process reads by itself, with a limit of time by its size.
    subroutine guard_file(path)

@@ -1,14 +1,14 @@
 !> Signals by which a user or a batch system asks a run to end: SIGINT, SIGTERM, SIGUSR1, SIGUSR2.
 !>
 !> Before there are points, a signal ends the process at once. Afterwards the handler of the first one only takes a note, which
-!> `signal_caught` reads between two points; a second one ends the process. Source of the interface: hb_posix.h.
+!> `signal_caught` reads between two points; a second one ends the process. Source of the interface: hb_process.h.
 module hb_signals
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char, c_ptr
    use hb_c_text, only: c_text
    use hb_error, only: error_t, fail
    implicit none
    private
-   public :: catch_signals, note_unfinished, signal_caught, signal_name, wait_for_points
+   public :: catch_signals, note_unfinished, signal_caught, signal_name, survive_failed_writes, wait_for_points
 
    interface
       integer(c_int) function hb_catch_signals(text, exit_status) bind(c, name="hb_catch_signals")
@@ -20,6 +20,11 @@ module hb_signals
       !> From here on the first signal only takes a note; before, it ends the process at once.
       subroutine wait_for_points() bind(c, name="hb_wait_for_points")
       end subroutine wait_for_points
+
+      !> Has a write fail, instead of ending the process, where the reader has closed the pipe or a limit on the size of files
+      !> is reached.
+      subroutine survive_failed_writes() bind(c, name="hb_survive_failed_writes")
+      end subroutine survive_failed_writes
 
       subroutine hb_note_unfinished(path) bind(c, name="hb_note_unfinished")
          import :: c_char

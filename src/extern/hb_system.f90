@@ -1,12 +1,12 @@
 !> What the program asks of the operating system: names of files and locks on them, its own number, the time, terminals.
-!> Source of the interfaces: POSIX.1-2017, hb_posix.h.
+!> Source of the interfaces: POSIX.1-2017, hb_files.h.
 module hb_system
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_long_long, c_null_char, c_null_ptr, c_ptr, c_size_t
    use hb_error, only: error_t, fail
    implicit none
    private
    public :: check_held, exists, file_kind, finish_file, folder_of, follow_links, has_space, held_file_t, hold_file, is_same_file
-   public :: is_terminal, kind_of_file, link_file, process_id, release_file, remove_file, rename_file, survive_failed_writes
+   public :: is_terminal, kind_of_file, link_file, process_id, release_file, remove_file, rename_file
    public :: sync_file, take_file, utc_now
 
    !> What a name stands for; links are followed.
@@ -47,11 +47,6 @@ module hb_system
          import :: c_int
          integer(c_int), value :: descriptor
       end function c_isatty
-
-      !> Has a write fail, instead of ending the process, where the reader has closed the pipe or a limit on the size of files
-      !> is reached.
-      subroutine survive_failed_writes() bind(c, name="hb_survive_failed_writes")
-      end subroutine survive_failed_writes
 
       integer(c_int) function hb_kind_of_file(path) bind(c, name="hb_kind_of_file")
          import :: c_char, c_int

@@ -6,8 +6,8 @@ module hb_user_library
    use hb_checksum, only: library_mark
    use hb_dynamic_library, only: dynamic_library_t, open_library
    use hb_error, only: annotate, error_t, fail
-   use hb_guard, only: lower_guard, raise_guard
    use hb_kinds, only: wp
+   use hb_outside_code, only: begin_outside_code, end_outside_code
    use hb_text, only: to_text
    implicit none
    private
@@ -78,9 +78,9 @@ contains
       call annotate(error, "'"//path//"'")
       if (allocated(error)) return
       call c_f_procpointer(address, ask)
-      call raise_guard("'"//path//"': "//name//"_info ended the process")
+      call begin_outside_code("'"//path//"': "//name//"_info ended the process")
       code = ask(info)
-      call lower_guard()
+      call end_outside_code()
       if (code /= 0) then
          call fail(error, "'"//path//"': "//name//"_info returned "//to_text(int(code))//" instead of 0")
       else if (info%api_version /= api_version) then

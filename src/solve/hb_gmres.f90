@@ -78,7 +78,6 @@ contains
       real(wp), parameter :: stagnation = 0.9_wp                      ! gain of a cycle that is worth another
       real(wp) :: before, norm, norm_of_b
       integer :: slow_from
-      logical :: is_first
 
       slow_from = huge(1)/4
       if (present(fewer_than)) slow_from = (3*fewer_than)/2           ! with a margin: a pace is no promise

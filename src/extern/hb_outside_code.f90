@@ -1,0 +1,43 @@
+!> Calls of code from outside of nhbm, libraries of laws that are the user's own and their loader, which may end the process. A program
+!> may have something done before and after each of them, such as guarding it; without, nothing is done. To be set before there are
+!> threads.
+module hb_outside_code
+   implicit none
+   private
+   public :: begin_outside_code, end_outside_code, watch_outside_code
+
+   abstract interface
+      subroutine begin_hook(text)
+         character(*), intent(in) :: text                             !! what the user should know if the process ends
+      end subroutine begin_hook
+
+      subroutine end_hook()
+      end subroutine end_hook
+   end interface
+
+   procedure(begin_hook), pointer :: before => null()
+   procedure(end_hook), pointer :: after => null()
+
+contains
+
+   !> Has `before_it` called before each such call, and `after_it` after it.
+   subroutine watch_outside_code(before_it, after_it)
+      procedure(begin_hook) :: before_it
+      procedure(end_hook) :: after_it
+
+      before => before_it
+      after => after_it
+   end subroutine watch_outside_code
+
+   !> A call of such code begins; `text` is what the user should know if the process ends within.
+   subroutine begin_outside_code(text)
+      character(*), intent(in) :: text
+
+      if (associated(before)) call before(text)
+   end subroutine begin_outside_code
+
+   !> It has come back.
+   subroutine end_outside_code()
+      if (associated(after)) call after()
+   end subroutine end_outside_code
+end module hb_outside_code

@@ -1,0 +1,166 @@
+#define _GNU_SOURCE /* for syscall and strnlen */
+#include "hb_process.h"
+
+#include "hb_crash.h"
+
+#include <errno.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#ifdef __linux__
+#include <sys/syscall.h>
+#endif
+#include <unistd.h>
+
+#define MAX_TEXT 1024
+
+static const struct {
+   int number;
+   const char *name;
+} ending[] = {{SIGINT, "SIGINT"}, {SIGTERM, "SIGTERM"}, {SIGUSR1, "SIGUSR1"}, {SIGUSR2, "SIGUSR2"}};
+static const size_t n_ending = sizeof ending / sizeof ending[0];
+
+static volatile sig_atomic_t caught = 0;
+static volatile sig_atomic_t ends_at_once = 1;
+static char unfinished[4096];
+static char last_words[MAX_TEXT];
+static size_t n_last_words = 0;
+static int last_status = 1;
+
+/* Calls nothing but what POSIX allows in a handler. */
+static void on_signal(int number)
+{
+   if (ends_at_once) {
+      static const char words[] = "nhbm: ended by a signal before the first point was begun\n";
+      if (unfinished[0] != '\0') (void)unlink(unfinished);
+      if (write(STDERR_FILENO, words, sizeof words - 1) < 0) hb_leave(last_status);
+      hb_leave(last_status);
+   }
+   if (caught != 0) {
+      if (write(STDERR_FILENO, last_words, n_last_words) < 0) hb_leave(last_status);
+      hb_leave(last_status);
+   }
+   caught = number;
+}
+
+int hb_catch_signals(const char *text, int exit_status)
+{
+   n_last_words = strnlen(text, MAX_TEXT);
+   memcpy(last_words, text, n_last_words);
+   last_status = exit_status;
+
+   struct sigaction action;
+   memset(&action, 0, sizeof action);
+   action.sa_handler = on_signal;
+   action.sa_flags = SA_RESTART;
+   sigfillset(&action.sa_mask);
+   for (size_t i = 0; i < n_ending; i++)
+      if (sigaction(ending[i].number, &action, NULL) != 0) return -1;
+   return 0;
+}
+
+void hb_wait_for_points(void)
+{
+   ends_at_once = 0;
+}
+
+void hb_note_unfinished(const char *path)
+{
+   const size_t length = strlen(path);
+   unfinished[0] = '\0';
+   if (length == 0 || length >= sizeof unfinished) return;
+   memcpy(unfinished + 1, path + 1, length);
+   unfinished[0] = path[0]; /* last: the name is whole now */
+}
+
+void hb_survive_failed_writes(void)
+{
+   struct sigaction action;
+   memset(&action, 0, sizeof action);
+   action.sa_handler = SIG_IGN;
+   (void)sigaction(SIGPIPE, &action, NULL);
+   (void)sigaction(SIGXFSZ, &action, NULL);
+}
+
+int hb_caught_signal(void)
+{
+   return (int)caught;
+}
+
+const char *hb_caught_signal_name(void)
+{
+   for (size_t i = 0; i < n_ending; i++)
+      if (ending[i].number == caught) return ending[i].name;
+   return "no signal";
+}
+
+static char exit_words[MAX_TEXT];
+static int exit_status_of_others = 0; /* 0: exit() is ours */
+static pid_t this_process;
+
+static void on_exit_by_others(void)
+{
+   if (exit_status_of_others == 0) return;
+   (void)fflush(stdout);
+   if (write(STDERR_FILENO, exit_words, strnlen(exit_words, MAX_TEXT)) < 0) hb_leave(exit_status_of_others);
+   hb_leave(exit_status_of_others);
+}
+
+void hb_refuse_exit(const char *text, int exit_status)
+{
+   strncpy(exit_words, text, MAX_TEXT - 1);
+   this_process = getpid();
+   if (atexit(on_exit_by_others) == 0 && at_quick_exit(on_exit_by_others) == 0) exit_status_of_others = exit_status;
+}
+
+void hb_leave(int exit_status)
+{
+#ifdef __linux__
+   for (;;) (void)syscall(SYS_exit_group, exit_status);
+#else
+   _Exit(exit_status);
+#endif
+}
+
+#ifdef __linux__
+/* Takes the place of the C library's for all libraries of the process: called within a point by the code of a law, it would end
+   the run without a word. Children of the process end as they wish. */
+void _exit(int exit_status)
+{
+   if (exit_status_of_others == 0 || getpid() != this_process) hb_leave(exit_status);
+   const int status_within_point = hb_end_within_point("_exit()");
+   if (status_within_point != 0) hb_leave(status_within_point);
+   on_exit_by_others();
+   hb_leave(exit_status);
+}
+
+void _Exit(int exit_status)
+{
+   _exit(exit_status);
+}
+#endif
+
+void hb_exit(int exit_status)
+{
+   exit_status_of_others = 0;
+   exit(exit_status);
+}
+
+static int output_error = 0; /* errno of the first failure */
+
+void hb_say(const char *line)
+{
+   if (puts(line) == EOF && output_error == 0) output_error = errno;
+}
+
+int hb_finish_output(void)
+{
+   if (fflush(stdout) == EOF && output_error == 0) output_error = errno;
+   return output_error == EPIPE ? 0 : output_error;
+}
+
+void hb_set_default(const char *name, const char *value)
+{
+   (void)setenv(name, value, 0);
+}
