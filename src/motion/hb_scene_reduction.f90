@@ -177,7 +177,6 @@ contains
       type(named_vectors_t), intent(out) :: loads
       logical, intent(out) :: is_sound                                !! false where a name stands for nothing
       type(properties_t), pointer :: group
-      type(string_t), allocatable :: names(:)
       logical :: is_kept(self%structure%n_dofs)
       integer :: i
 
@@ -194,100 +193,88 @@ contains
       is_kept(self%accuracy%outputs%dof) = .true.
       is_sound = .true.
       do i = 1, document%count("start")
-         call keep_named(document%group("start", i), "dof")
+         call keep_named(self%structure, document%group("start", i), "dof", is_kept, is_sound)
       end do
-      if (document%count("curve") > 0) then
-         group => document%group("curve", 1)
-         call group%get("peak_of", names)
-         if (allocated(names)) then
-            do i = 1, size(names)
-               call keep(names(i)%value(:index(names(i)%value//"(", "(") - 1))
-            end do
-            deallocate (names)
-         end if
-      end if
-      if (document%count("normal_mode") > 0) call keep_named(document%optional_group("normal_mode"), "dof")
-      if (document%count("phase") > 0) then
-         group => document%optional_group("phase")
-         call group%get("dofs", names)
-         if (allocated(names)) then
-            do i = 1, size(names)
-               call keep(names(i)%value)
-            end do
-         end if
-      end if
+      if (document%count("curve") > 0) &
+         call keep_named(self%structure, document%group("curve", 1), "peak_of", is_kept, is_sound)
+      if (document%count("normal_mode") > 0) &
+         call keep_named(self%structure, document%group("normal_mode", 1), "dof", is_kept, is_sound)
+      if (document%count("phase") > 0) call keep_named(self%structure, document%group("phase", 1), "dofs", is_kept, is_sound)
       allocate (loads%names(0), loads%first(1), loads%dofs(0), loads%values(0))
       loads%first = 1
       do i = 1, document%count("load")
-         call take_load(document%group("load", i))
+         call take_load(self%structure, document%group("load", i), loads, is_kept, is_sound)
       end do
       kept = pack([(i, i=1, size(is_kept))], is_kept)
+   end subroutine find_names
 
-   contains
+   !> Keeps the degrees of freedom whose names stand at a key of a group, each up to a parenthesis.
+   subroutine keep_named(structure, group, key, is_kept, is_sound)
+      type(structure_t), intent(in) :: structure
+      type(properties_t), intent(inout) :: group
+      character(*), intent(in) :: key
+      logical, intent(inout) :: is_kept(:)                            !! (n_dofs)
+      logical, intent(inout) :: is_sound
+      type(error_t), allocatable :: trouble
+      type(string_t), allocatable :: names(:)
+      integer, allocatable :: dofs(:)
+      integer :: i
 
-      subroutine keep_named(of_group, key)
-         type(properties_t), intent(inout) :: of_group
-         character(*), intent(in) :: key
-         character(:), allocatable :: name
-
-         if (.not. of_group%given(key)) return
-         call of_group%get(key, name)
-         if (allocated(name)) call keep(name)
-      end subroutine keep_named
-
-      subroutine keep(name)
-         character(*), intent(in) :: name
-         integer, allocatable :: dofs(:)
-         type(error_t), allocatable :: trouble
-
-         call self%structure%find_dofs(name, dofs, trouble)
+      if (.not. group%given(key)) return
+      call group%get(key, names)
+      if (.not. allocated(names)) return
+      do i = 1, size(names)
+         associate (name => names(i)%value)
+            call structure%find_dofs(name(:index(name//"(", "(") - 1), dofs, trouble)
+         end associate
          if (allocated(trouble)) then
             is_sound = .false.
          else
             is_kept(dofs) = .true.
          end if
-      end subroutine keep
+      end do
+   end subroutine keep_named
 
-      subroutine take_load(of_group)
-         type(properties_t), intent(inout) :: of_group
-         character(:), allocatable :: name, vector
-         integer, allocatable :: dofs(:)
-         real(wp), allocatable :: values(:)
-         type(error_t), allocatable :: trouble
+   !> Keeps the few degrees of freedom of a load; one on many at once is a shape of its own.
+   subroutine take_load(structure, group, loads, is_kept, is_sound)
+      type(structure_t), intent(in) :: structure
+      type(properties_t), intent(inout) :: group
+      type(named_vectors_t), intent(inout) :: loads
+      logical, intent(inout) :: is_kept(:)                            !! (n_dofs)
+      logical, intent(inout) :: is_sound
+      character(:), allocatable :: name
+      character(name_length), allocatable :: longer(:)
+      integer, allocatable :: dofs(:)
+      real(wp), allocatable :: values(:)
+      type(error_t), allocatable :: trouble
 
-         if (of_group%given("dof")) call of_group%get("dof", name)
-         if (of_group%given("vector")) call of_group%get("vector", vector)
-         if (allocated(vector)) then
-            call self%structure%vectors%find(vector, dofs, values, trouble)
-         else if (allocated(name)) then
-            call self%structure%find_dofs(name, dofs, trouble)
-            if (.not. allocated(trouble)) then
-               if (size(dofs) <= most_spread .or. all(is_kept(dofs))) then
-                  is_kept(dofs) = .true.
-                  return
-               end if
-               values = spread(1.0_wp, 1, size(dofs))
-               vector = name
-            end if
-         end if
-         if (allocated(trouble) .or. .not. allocated(vector)) then
-            is_sound = .false.
+      if (group%given("vector")) then
+         call group%get("vector", name)
+         if (allocated(name)) call structure%vectors%find(name, dofs, values, trouble)
+      else if (group%given("dof")) then
+         call group%get("dof", name)
+         if (allocated(name)) call structure%find_dofs(name, dofs, trouble)
+      end if
+      if (allocated(trouble) .or. .not. allocated(name)) then
+         is_sound = .false.
+         return
+      end if
+      if (.not. allocated(values)) then
+         if (size(dofs) <= most_spread .or. all(is_kept(dofs))) then
+            is_kept(dofs) = .true.
             return
          end if
-         if (loads%has(vector)) return
-         block
-            character(name_length), allocatable :: longer(:)
-
-            allocate (longer(size(loads%names) + 1))
-            longer(:size(loads%names)) = loads%names
-            longer(size(longer)) = adjustl(vector)
-            call move_alloc(longer, loads%names)
-         end block
-         loads%dofs = [loads%dofs, dofs]
-         loads%values = [loads%values, values]
-         loads%first = [loads%first, size(loads%dofs) + 1]
-      end subroutine take_load
-   end subroutine find_names
+         values = spread(1.0_wp, 1, size(dofs))
+      end if
+      if (loads%has(name)) return
+      allocate (longer(size(loads%names) + 1))
+      longer(:size(loads%names)) = loads%names
+      longer(size(longer)) = adjustl(name)
+      call move_alloc(longer, loads%names)
+      loads%dofs = [loads%dofs, dofs]
+      loads%values = [loads%values, values]
+      loads%first = [loads%first, size(loads%dofs) + 1]
+   end subroutine take_load
 
    !> Laws and stored degrees of freedom by their numbers in the small structure, of which all are stored where none were named.
    subroutine number_anew(self, kept, n_small)
