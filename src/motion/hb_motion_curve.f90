@@ -7,7 +7,7 @@
 !> phase; of a normal mode the artificial damping as well, with a condition for the amplitude.
 !> Source: docs/user/curves.md; docs/user/theory.md, section 6.7.
 module hb_motion_curve
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan
    use hb_basis, only: whole_basis
    use hb_bifurcation, only: angle_of_pair
    use hb_clock, only: wall_clock
@@ -114,6 +114,8 @@ module hb_motion_curve
       procedure, private :: go => motion_curve_go
       procedure, private :: has_left_branch => motion_curve_has_left_branch
       procedure, private :: step => motion_curve_step
+      procedure, private :: land => motion_curve_land
+      procedure, private :: look_back => motion_curve_look_back
       procedure, private :: step_to_tolerance => motion_curve_step_to_tolerance
       procedure, private :: put_on => motion_curve_put_on
       procedure, private :: find_on_plane => motion_curve_find_on_plane
@@ -235,12 +237,32 @@ module hb_motion_curve
       end subroutine motion_curve_carry_start
    end interface
 
-   ! Its steps, and what is found on them; body in hb_motion_curve_step
+   ! Its steps; bodies in hb_motion_curve_step
    interface
       !> Goes one step, and puts what was found on it and its end into the list of those that wait.
       module subroutine motion_curve_step(self)
          class(motion_curve_t), intent(inout), target :: self
       end subroutine motion_curve_step
+
+      !> Solves for the motion at the value of x, next to where it is.
+      module subroutine motion_curve_land(self, x, is_there)
+         class(motion_curve_t), intent(inout), target :: self
+         real(wp), intent(inout) :: x(:)
+         logical, intent(out) :: is_there                             !! else x stays what it was
+      end subroutine motion_curve_land
+   end interface
+
+   ! What is found on a step; body in hb_motion_curve_found
+   interface
+      !> Finds folds, peaks, bifurcations, wanted values and ends on the step behind the curve, and lists them in their order.
+      module subroutine motion_curve_look_back(self, slopes, stability, extremes, has_branched, is_lost)
+         class(motion_curve_t), intent(inout), target :: self
+         real(wp), intent(in) :: slopes(:)                            !! of the responses, at the end of the step
+         type(stability_t), intent(in) :: stability                   !! likewise
+         real(wp), intent(in) :: extremes(:, :)                       !! of switches, likewise
+         logical, intent(in) :: has_branched                          !! a branch point was passed by
+         logical, intent(out) :: is_lost                              !! something was not located, as the step is too long
+      end subroutine motion_curve_look_back
    end interface
 
    ! Motions apart from all curves; body in hb_motion_curve_apart

@@ -10,6 +10,7 @@
 !> Source: docs/user/theory.md, section 6.4; Allgower and Georg, Introduction to Numerical Continuation Methods, SIAM 2003,
 !> chapters 2, 3, 6 and (orientation of piecewise linear curves) 12.
 module hb_curve
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_bordered, only: bordered_problem_t
    use hb_kinds, only: wp
    use hb_krylov, only: solve_krylov
@@ -75,8 +76,9 @@ module hb_curve
       procedure, private :: turn_at_kink => curve_turn_at_kink
    end type curve_t
 
-   !> A function along a curve that is looked for a zero.
+   !> A function along a curve whose zero is sought.
    type, abstract :: event_t
+      logical :: may_jump = .false.                                   !! a jump across zero counts as a zero
    contains
       procedure(event_value), deferred :: value
    end type event_t
@@ -86,6 +88,7 @@ module hb_curve
          import :: event_t, wp
          class(event_t), intent(inout) :: self
          real(wp), intent(in) :: x(:)                                 !! (n_unknowns)
+         !! NaN where it is not known
       end function event_value
    end interface
 
@@ -265,7 +268,8 @@ contains
    end subroutine curve_locate
 
    !> As `locate`, but leaves the curve where it is: by false position, whose older end counts for less from step to step, and by
-   !> bisection where that is slow. A function that jumps across zero has one there.
+   !> bisection where that is slow. What is left of the change of the function where the bracket can shrink no more tells a jump
+   !> from a zero.
    subroutine curve_find_zero(self, event, places, values, tolerance, x, step, is_found)
       class(curve_t), intent(inout) :: self
       class(event_t), intent(inout) :: event
@@ -277,36 +281,37 @@ contains
       logical, intent(out) :: is_found
       integer, parameter :: most_steps = 80, fast_steps = 24
       real(wp), parameter :: smallest_bracket = 4.0_wp*epsilon(1.0_wp)
-      real(wp) :: high, low, value, value_high, value_low
-      integer :: i, side
+      real(wp), parameter :: jump = 1.0e-3_wp                         ! of the change between both places
+      real(wp) :: at_ends(2), bracket(2), value, weights(2)
+      integer :: i, near
       logical :: is_on_curve
 
-      low = places(1)
-      high = places(2)
-      value_low = values(1)
-      value_high = values(2)
-      side = 0
+      bracket = places
+      at_ends = values
+      weights = 1.0_wp                                                ! of the values, for false position
+      near = 0
+      is_found = .false.
       do i = 1, most_steps
-         step = 0.5_wp*(low + high)
-         if (modulo(i, 4) > 0 .and. i <= fast_steps .and. abs(value_high - value_low) > 0.0_wp) &
-            step = low + (high - low)*min(0.999_wp, max(0.001_wp, -value_low/(value_high - value_low)))
+         step = 0.5_wp*sum(bracket)
+         associate (low => weights(1)*at_ends(1), high => weights(2)*at_ends(2))
+            if (modulo(i, 4) > 0 .and. i <= fast_steps .and. abs(high - low) > 0.0_wp) &
+               step = bracket(1) + (bracket(2) - bracket(1))*min(0.999_wp, max(0.001_wp, -low/(high - low)))
+         end associate
          call self%point_at(step, x, is_on_curve)
-         is_found = is_on_curve
-         if (.not. is_found) return
+         if (.not. is_on_curve) return
          value = event%value(x)
-         if (abs(value) <= tolerance .or. high - low <= smallest_bracket*self%last_step) return
-         is_found = .false.
-         if (value*values(1) > 0.0_wp) then
-            low = step
-            value_low = value
-            if (side == 1) value_high = 0.5_wp*value_high
-            side = 1
-         else
-            high = step
-            value_high = value
-            if (side == 2) value_low = 0.5_wp*value_low
-            side = 2
+         if (ieee_is_nan(value)) return
+         is_found = abs(value) <= tolerance
+         if (is_found) return
+         if (bracket(2) - bracket(1) <= smallest_bracket*self%last_step) then
+            is_found = event%may_jump .or. abs(at_ends(2) - at_ends(1)) <= jump*abs(values(2) - values(1))
+            return
          end if
+         if (near == merge(1, 2, value*values(1) > 0.0_wp)) weights(3 - near) = 0.5_wp*weights(3 - near)
+         near = merge(1, 2, value*values(1) > 0.0_wp)
+         bracket(near) = step
+         at_ends(near) = value
+         weights(near) = 1.0_wp
       end do
    end subroutine curve_find_zero
 
