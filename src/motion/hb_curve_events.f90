@@ -1,5 +1,6 @@
 !> Functions along a curve of motions whose zeros are of interest: folds, peaks of responses, branch points, bifurcations, values.
 module hb_curve_events
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_bifurcation, only: bifurcation_value
    use hb_curve, only: curve_t, event_t
    use hb_grazing, only: extremes_of_switches
@@ -83,7 +84,7 @@ contains
       type(stability_t) :: there
 
       call find_stability(self%problem, self%which, x, sharp, there, self%is_marched)
-      value = 0.0_wp
+      value = ieee_value(value, ieee_quiet_nan)
       if (allocated(there%multipliers)) value = bifurcation_value(self%kind, there%multipliers)
    end function bifurcation_event_value
 
@@ -93,7 +94,7 @@ contains
       type(stability_t) :: there
 
       call find_stability(self%problem, self%which, x, sharp, there)
-      value = 1.0_wp
+      value = ieee_value(value, ieee_quiet_nan)
       if (allocated(there%multipliers)) value = merge(1.0_wp, -1.0_wp, n_outside(there) == self%n)
    end function count_event_value
 
@@ -131,7 +132,7 @@ contains
       real(wp), allocatable :: extremes(:, :)
 
       call find_extremes(self%problem, self%which, x, extremes)
-      value = 0.0_wp
+      value = ieee_value(value, ieee_quiet_nan)
       if (size(extremes, 2) >= self%switch) value = extremes(self%extreme, self%switch)/self%unit
    end function graze_event_value
 
@@ -153,7 +154,7 @@ contains
       logical :: is_singular
 
       call self%curve%tangent_at(x, tangent, determinant_sign, is_singular)
-      value = 0.0_wp
+      value = ieee_value(value, ieee_quiet_nan)
       if (.not. is_singular) value = slope_at(self%problem, self%curve%problem%which, self%response, x, tangent)/self%unit
    end function peak_event_value
 

@@ -66,6 +66,7 @@ contains
       associate (curve => self%curve, n => size(self%curve%x))
          if (.not. curve%last_direction(n)*curve%direction(n) < 0.0_wp .or. is_at_origin(self)) return
          fold%curve = curve
+         fold%may_jump = .true.                                       ! a corner of the curve
          call find(self, search, fold, [curve%last_direction(n), curve%direction(n)]/curve%units(n), rounding_of(self), &
                    curve_kind%fold, search%has_fold)
          if (.not. search%has_fold) return
@@ -83,6 +84,7 @@ contains
       logical :: is_found, is_there
 
       branch%curve = self%curve
+      branch%may_jump = .true.                                        ! a sign alone
       call find(self, search, branch, [-1.0_wp, 1.0_wp]*self%curve%orientation, 0.0_wp, curve_kind%branch, is_found)
       if (is_found) call sharpen(self, bifurcation%branch, [0.0_wp, self%curve%last_step], is_there)
    end subroutine find_branch
@@ -95,6 +97,7 @@ contains
       integer :: i
       logical :: is_found
 
+      peak%may_jump = .true.                                          ! a maximum at a corner
       do i = 1, size(self%request%peaks)
          if (.not. (self%slopes(i) > 0.0_wp .and. search%slopes(i) <= 0.0_wp)) cycle
          peak%curve = self%curve
@@ -230,6 +233,7 @@ contains
       self%waiting = self%waiting(:n_before)
       number%problem => self%problem
       number%which = self%which
+      number%may_jump = .true.
       begin = piece%ends(1)
       do i = 1, most_changes
          if (number%n == n_last) return

@@ -84,11 +84,11 @@ module hb_curve
    end type event_t
 
    abstract interface
+      !> The function; NaN where it is not known.
       real(wp) function event_value(self, x)
          import :: event_t, wp
          class(event_t), intent(inout) :: self
          real(wp), intent(in) :: x(:)                                 !! (n_unknowns)
-         !! NaN where it is not known
       end function event_value
    end interface
 
@@ -268,8 +268,8 @@ contains
    end subroutine curve_locate
 
    !> As `locate`, but leaves the curve where it is: by false position, whose older end counts for less from step to step, and by
-   !> bisection where that is slow. What is left of the change of the function where the bracket can shrink no more tells a jump
-   !> from a zero.
+   !> bisection where that is slow. Where the bracket can shrink no more, what is left of the changes of the function and of x tells
+   !> a jump from a zero, and a leap to another curve from both.
    subroutine curve_find_zero(self, event, places, values, tolerance, x, step, is_found)
       class(curve_t), intent(inout) :: self
       class(event_t), intent(inout) :: event
@@ -282,12 +282,14 @@ contains
       integer, parameter :: most_steps = 80, fast_steps = 24
       real(wp), parameter :: smallest_bracket = 4.0_wp*epsilon(1.0_wp)
       real(wp), parameter :: jump = 1.0e-3_wp                         ! of the change between both places
-      real(wp) :: at_ends(2), bracket(2), value, weights(2)
+      real(wp) :: at_ends(2), bracket(2), value, weights(2), x_at(size(x), 2)
       integer :: i, near
       logical :: is_on_curve
 
       bracket = places
       at_ends = values
+      x_at(:, 1) = self%last_x
+      x_at(:, 2) = self%x
       weights = 1.0_wp                                                ! of the values, for false position
       near = 0
       is_found = .false.
@@ -304,13 +306,15 @@ contains
          is_found = abs(value) <= tolerance
          if (is_found) return
          if (bracket(2) - bracket(1) <= smallest_bracket*self%last_step) then
-            is_found = event%may_jump .or. abs(at_ends(2) - at_ends(1)) <= jump*abs(values(2) - values(1))
+            is_found = norm2((x_at(:, 2) - x_at(:, 1))/self%units) <= jump*self%last_step .and. &
+                       (event%may_jump .or. abs(at_ends(2) - at_ends(1)) <= jump*abs(values(2) - values(1)))
             return
          end if
          if (near == merge(1, 2, value*values(1) > 0.0_wp)) weights(3 - near) = 0.5_wp*weights(3 - near)
          near = merge(1, 2, value*values(1) > 0.0_wp)
          bracket(near) = step
          at_ends(near) = value
+         x_at(:, near) = x
          weights(near) = 1.0_wp
       end do
    end subroutine curve_find_zero
