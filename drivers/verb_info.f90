@@ -8,7 +8,8 @@ module verb_info
    use hb_curve_table, only: curve_lines, note_curve_values
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_failure_kinds, only: run_names_t, status_lines
+   use hb_failure_kinds, only: status_lines
+   use hb_next_step, only: run_names_t
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, max_over, rank_of, share_error
    use hb_outcome, only: is_solved, outcome, outcome_text

@@ -6,7 +6,8 @@ module verb_solve
    use hb_curve_request, only: curve_kind
    use hb_curve_table, only: curve_lines, find_leaving, leaving_t, note_curve_values
    use hb_error, only: error_t
-   use hb_failure_kinds, only: run_names_t, status_lines
+   use hb_failure_kinds, only: status_lines
+   use hb_next_step, only: run_names_t
    use hb_file_place, only: check_source
    use hb_interruption, only: interruption
    use hb_kinds, only: wp

@@ -26,7 +26,7 @@ SECTIONS_BY_FILE = {
     "hb_sweep_plan.f90": [("sweep", "")],
     "hb_curve_plan.f90": [("curve", "")],
     "hb_scene_reduction.f90": [],  # looks at keys that others read, as the next
-    "hb_failure_kinds.f90": [],
+    "hb_next_step.f90": [],
     "hb_switched_input.f90": [],
 }
 SECTIONS_BY_PROCEDURE = {

@@ -1,0 +1,442 @@
+!> The command to try where points of a run ended like this.
+module hb_next_step
+   use hb_document, only: document_t
+   use hb_error, only: error_t
+   use hb_kinds, only: two_pi, wp
+   use hb_outcome, only: outcome
+   use hb_properties, only: properties_t
+   use hb_scene, only: accuracy_t
+   use hb_scene_tones, only: read_tones
+   use hb_solver_types, only: share_of_solver, solver_config_t, unit_of_work
+   use hb_sweep_plan, only: sweep_plan_t
+   use hb_system, only: file_kind, kind_of_file
+   use hb_text, only: parse_integer, string_t, to_text
+   use hb_tones, only: tones_t
+   implicit none
+   private
+   public :: failure_kind_t, next_step, run_names_t, shell_word
+
+   character(*), parameter :: without_bounds(1) = ["jenkins_2d"]      ! laws with states that cvode cannot follow
+   integer, parameter :: more = 10                                    ! times a budget that was not enough
+
+   !> Points that ended the same way.
+   type :: failure_kind_t
+      integer :: status = outcome%pending
+      integer :: n_points = 0
+      integer :: first = 0                                            !! of the points, from 1
+      character(:), allocatable :: message                            !! of that one
+   end type failure_kind_t
+
+   !> What a command has to name.
+   type :: run_names_t
+      character(:), allocatable :: input, result                      !! paths
+      type(string_t), allocatable :: overrides(:)                     !! path=value, as they were given
+   end type run_names_t
+
+   !> A kind of failure with the scene of its first point.
+   type :: run_t
+      type(failure_kind_t) :: kind
+      type(run_names_t) :: names
+      type(sweep_plan_t) :: plan
+      type(document_t), pointer :: here => null()                     ! the input of that point
+      type(tones_t) :: tones
+   end type run_t
+
+contains
+
+   !> The command to try where points ended like this; empty where there is nothing to be tried.
+   function next_step(kind, names, plan, document) result(text)
+      type(failure_kind_t), intent(in) :: kind
+      type(run_names_t), intent(in) :: names
+      type(sweep_plan_t), intent(in) :: plan
+      type(document_t), intent(in) :: document                        !! the input of the run
+      character(:), allocatable :: text
+      type(document_t), target :: here
+      type(error_t), allocatable :: error
+      type(run_t) :: run
+
+      text = ""
+      if (kind_of_file(names%input) == file_kind%none) return         ! the input of a motion that leaves a curve has no file
+      here = document
+      call plan%apply(kind%first, here)
+      call here%begin()
+      run%kind = kind
+      run%names = names
+      run%plan = plan
+      run%here => here
+      call read_tones(run%tones, here, error)
+      if (.not. allocated(error)) text = solve_or_march(run)
+      if (.not. allocated(error) .and. len(text) == 0) text = look_into(run)
+   end function next_step
+
+   !> Another run that may find the motion.
+   function solve_or_march(run) result(text)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: text
+
+      text = ""
+      associate (message => run%kind%message)
+         select case (run%kind%status)
+         case (outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%not_finite, outcome%diverged, outcome%timed_out)
+            text = with_other_search(run)
+         case (outcome%truncated, outcome%penetrating)
+            text = with_more_harmonics(run)
+         case (outcome%aliased)
+            text = with_more_samples(run)
+         case (outcome%impact)
+            text = march_from_rest(run, "march%restitution=0.5")
+            if (len(text) > 0) text = text//"  (with the restitution of the wall)"
+         case (outcome%subharmonic)
+            text = with_lower_tones(run)
+         case (outcome%collapsed, outcome%locked, outcome%broadband)
+            text = march_from_rest(run)
+         case (outcome%failed)
+            if (index(message, " returned ") == 0 .and. index(message, run%names%input//":") == 0) text = march_from_rest(run)
+         end select
+      end associate
+   end function solve_or_march
+
+   !> What tells more about the failure.
+   function look_into(run) result(text)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: text
+
+      text = ""
+      select case (run%kind%status)
+      case (outcome%no_motion, outcome%collapsed)
+         text = "nhbm check "//shell_word(run%names%input)//"  (prints natural frequencies: a first guess for &tones)"
+      case (outcome%failed, outcome%crashed)
+         text = "nhbm check "//shell_word(run%names%input)//"; when the cause is gone: nhbm resume "// &
+                shell_word(run%names%result)//" --retry"
+      case (outcome%marched)
+         text = "nhbm verify "//shell_word(run%names%result)//" --points "//to_text(run%kind%first - 1)// &
+                "  (does the motion stay?)"
+      end select
+   end function look_into
+
+   !> The budget that was not enough, the ways that were left out, or time integration.
+   function with_other_search(run) result(text)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: text
+      character(*), parameter :: raise = "raise &solver "
+      character(:), allocatable :: guess
+      logical :: rescues
+
+      text = ""
+      if (index(run%kind%message, "no way on along the curve") == 1) then
+         text = with_finer_equations(run)
+      else if (index(run%kind%message, raise) > 0) then
+         text = raised(run, run%kind%message(index(run%kind%message, raise) + len(raise):))
+      else
+         rescues = .true.
+         guess = "auto"
+         call read_solver(run, rescues, guess)
+         if (.not. rescues) then
+            text = solve_with(run, "solver%rescue=.true.")
+         else if (guess /= "march" .and. .not. any(run%tones%is_unknown)) then
+            text = solve_with(run, "solver%first_guess='march'")
+         end if
+      end if
+      if (len(text) == 0) text = march_from_rest(run)
+   end function with_other_search
+
+   !> Where a curve is lost, more samples smooth out kinks and small folds that are not those of the structure.
+   function with_finer_equations(run) result(text)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: text
+      type(accuracy_t) :: accuracy                                    ! defaults
+
+      if (numbers_are_absent(run, "harmonics", "order") .and. numbers_are_absent(run, "harmonics", "tuples")) then
+         text = solve_with(run, "accuracy%tolerance="// &
+                           to_text(real_of(run, "accuracy", "tolerance", accuracy%tolerance)/more))
+      else
+         text = with_more_samples(run)
+      end if
+   end function with_finer_equations
+
+   function with_more_harmonics(run) result(text)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: text
+      type(accuracy_t) :: accuracy                                    ! defaults
+      integer, allocatable :: orders(:)
+
+      text = ""
+      orders = numbers_of(run, "harmonics", "order")
+      if (size(orders) > 0) then
+         text = solve_with(run, "harmonics%order="//list_of(2*max(orders, 1)))
+      else if (numbers_are_absent(run, "harmonics", "tuples")) then
+         text = solve_with(run, "accuracy%max_work="// &
+                           to_text(more*real_of(run, "accuracy", "max_work", accuracy%max_work/unit_of_work)))
+      end if
+   end function with_more_harmonics
+
+   function with_more_samples(run) result(text)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: text
+      integer, allocatable :: numbers(:)
+      real(wp) :: oversampling
+
+      numbers = numbers_of(run, "sampling", "samples")
+      oversampling = real_of(run, "sampling", "oversampling", 0.0_wp)
+      if (any(numbers > 0)) then
+         text = solve_with(run, "sampling%samples="//list_of(2*numbers))
+      else
+         text = solve_with(run, "sampling%oversampling="//to_text(merge(2.0_wp*oversampling, 6.0_wp, oversampling > 0.0_wp)))
+      end if
+   end function with_more_samples
+
+   !> The same run with some values changed, in a result file of its own; empty where a sweep gives one of them.
+   function solve_with(run, first, others) result(command)
+      type(run_t), intent(in) :: run
+      character(*), intent(in) :: first
+      type(string_t), intent(in), optional :: others(:)
+      character(:), allocatable :: command
+      integer :: i
+
+      command = ""
+      if (is_swept(run, first)) return
+      command = "nhbm solve "//shell_word(run%names%input)//earlier(run)//" --set "//shell_word(first)
+      if (present(others)) then
+         do i = 1, size(others)
+            command = command//" --set "//shell_word(others(i)%value)
+         end do
+      end if
+      command = command//" -o "//shell_word(beside_result(run, "_2"))
+   end function solve_with
+
+   !> Time integration of the point for 200 periods of the slowest tone.
+   function march_from_rest(run, first) result(command)
+      type(run_t), intent(in) :: run
+      character(*), intent(in), optional :: first
+      character(:), allocatable :: command
+      character(10) :: duration
+
+      command = ""
+      if (any(run%tones%is_unknown)) return
+      command = "nhbm march "//shell_word(run%names%input)//earlier(run)
+      if (size(run%plan%parameters) > 0) command = command//" --point "//to_text(run%kind%first - 1)
+      write (duration, "(es8.1e2)") 200.0_wp*two_pi/minval(run%tones%omega)
+      if (run%here%count("march") == 0) command = command//" --set march%duration="//trim(adjustl(duration))
+      if (present(first)) command = command//" --set "//first
+      if (needs_fixed_steps(run)) command = command//" --set "//shell_word("march%method='generalized_alpha'")
+      command = command//" -o "//shell_word(beside_result(run, "_march"))
+   end function march_from_rest
+
+   !> Whether the usual method cannot follow a law, and no other is asked for.
+   logical function needs_fixed_steps(run)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: type
+      integer :: i
+
+      needs_fixed_steps = .false.
+      if (.not. numbers_are_absent(run, "march", "method")) return
+      do i = 1, run%here%count("law")
+         type = ""
+         call read_law(run, i, type)
+         needs_fixed_steps = needs_fixed_steps .or. any(type == without_bounds)
+      end do
+   end function needs_fixed_steps
+
+   subroutine read_law(run, i, type)
+      type(run_t), intent(in) :: run
+      integer, intent(in) :: i
+      character(:), allocatable, intent(inout) :: type
+      type(properties_t), pointer :: group
+
+      group => group_of(run, "law", i)
+      call group%get("type", type)
+   end subroutine read_law
+
+   !> The key that a message names, with ten times its value.
+   function raised(run, words) result(command)
+      type(run_t), intent(in) :: run
+      character(*), intent(in) :: words
+      character(:), allocatable :: command, key
+      type(solver_config_t) :: solver                                 ! defaults
+      real(wp) :: before
+
+      key = words(:verify(words//" ", "abcdefghijklmnopqrstuvwxyz_") - 1)
+      select case (key)
+      case ("max_iterations")
+         before = solver%max_iterations
+         command = solve_with(run, "solver%"//key//"="//to_text(nint(more*real_of(run, "solver", key, before))))
+         return
+      case ("rescue_work")
+         before = solver%rescue_work/(share_of_solver*unit_of_work)
+      case default
+         before = 0.0_wp
+      end select
+      before = real_of(run, "solver", key, before)
+      command = ""
+      if (before > 0.0_wp) command = solve_with(run, "solver%"//key//"="//to_text(more*before))
+   end function raised
+
+   !> Twice, or as many times as the message says, the period: tuples of loads and orders count in the new tone.
+   function with_lower_tones(run) result(command)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: command
+      type(string_t), allocatable :: sets(:)
+      integer, allocatable :: values(:)
+      integer :: i, k, n
+      logical :: ok
+      character(5), parameter :: with_tuples(2) = [character(5) :: "load", "start"]
+
+      command = ""
+      n = index(run%kind%message, "repeats after ")
+      if (n == 0 .or. any(run%tones%is_unknown)) return
+      associate (rest => run%kind%message(n + 14:))
+         call parse_integer(rest(:index(rest//" ", " ") - 1), n, ok)
+      end associate
+      if (.not. ok .or. n < 2) return
+      allocate (sets(0))
+      do k = 1, size(with_tuples)
+         do i = 1, run%here%count(trim(with_tuples(k)))
+            values = numbers_of(run, trim(with_tuples(k)), "tuple", i)
+            if (size(values) > 0) sets = [sets, string_t(trim(with_tuples(k))//"("//to_text(i)//")%tuple="//list_of(n*values))]
+         end do
+      end do
+      values = numbers_of(run, "harmonics", "order")
+      if (size(values) > 0) sets = [sets, string_t("harmonics%order="//list_of(n*values))]
+      values = numbers_of(run, "sampling", "samples")
+      if (any(values > 0)) sets = [sets, string_t("sampling%samples="//list_of(n*values))]
+      command = solve_with(run, "tones%subharmonic="//to_text(n*tones_divided_by(run)), sets)
+   end function with_lower_tones
+
+   integer function tones_divided_by(run) result(n)
+      type(run_t), intent(in) :: run
+      integer, allocatable :: values(:)
+
+      values = numbers_of(run, "tones", "subharmonic")
+      n = 1
+      if (size(values) > 0) n = max(1, values(1))
+   end function tones_divided_by
+
+   !> Values that the run was started with.
+   function earlier(run) result(words)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: words
+      integer :: i
+
+      words = ""
+      do i = 1, size(run%names%overrides)
+         words = words//" --set "//shell_word(run%names%overrides(i)%value)
+      end do
+   end function earlier
+
+   function beside_result(run, ending) result(path)
+      type(run_t), intent(in) :: run
+      character(*), intent(in) :: ending
+      character(:), allocatable :: path
+      integer :: n
+
+      n = len(run%names%result)
+      if (index(run%names%result, ".h5", back=.true.) == n - 2) n = n - 3
+      path = run%names%result(:n)//ending//".h5"
+   end function beside_result
+
+   logical function is_swept(run, assignment)
+      type(run_t), intent(in) :: run
+      character(*), intent(in) :: assignment                          !! path=value
+      integer :: i
+
+      is_swept = .false.
+      do i = 1, size(run%plan%parameters)
+         is_swept = is_swept .or. index(run%plan%parameters(i)%path, assignment(:index(assignment, "=") - 1)) == 1
+      end do
+   end function is_swept
+
+   !> Whole numbers of a key; none where it is not given.
+   function numbers_of(run, group_name, key, i) result(values)
+      type(run_t), intent(in) :: run
+      character(*), intent(in) :: group_name, key
+      integer, intent(in), optional :: i
+      integer, allocatable :: values(:)
+      type(properties_t), pointer :: group
+
+      allocate (values(0))
+      group => group_of(run, group_name, i)
+      if (.not. associated(group)) return
+      if (group%given(key)) call group%get(key, values)
+   end function numbers_of
+
+   logical function numbers_are_absent(run, group_name, key)
+      type(run_t), intent(in) :: run
+      character(*), intent(in) :: group_name, key
+      type(properties_t), pointer :: group
+
+      group => group_of(run, group_name)
+      numbers_are_absent = .true.
+      if (associated(group)) numbers_are_absent = .not. group%given(key)
+   end function numbers_are_absent
+
+   real(wp) function real_of(run, group_name, key, default) result(value)
+      type(run_t), intent(in) :: run
+      character(*), intent(in) :: group_name, key
+      real(wp), intent(in) :: default
+      type(properties_t), pointer :: group
+
+      value = default
+      group => group_of(run, group_name)
+      if (associated(group)) call group%get(key, value)
+   end function real_of
+
+   subroutine read_solver(run, rescues, guess)
+      type(run_t), intent(in) :: run
+      logical, intent(inout) :: rescues
+      character(:), allocatable, intent(inout) :: guess
+      type(properties_t), pointer :: group
+
+      group => group_of(run, "solver")
+      if (.not. associated(group)) return
+      call group%get("rescue", rescues)
+      call group%get("first_guess", guess)
+   end subroutine read_solver
+
+   function group_of(run, name, i) result(group)
+      type(run_t), intent(in) :: run
+      character(*), intent(in) :: name
+      integer, intent(in), optional :: i
+      type(properties_t), pointer :: group
+      integer :: number
+
+      number = 1
+      if (present(i)) number = i
+      group => run%here%group(name, number)
+   end function group_of
+
+   pure function list_of(numbers) result(text)
+      integer, intent(in) :: numbers(:)
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ""
+      do i = 1, size(numbers)
+         if (i > 1) text = text//","
+         text = text//to_text(numbers(i))
+      end do
+   end function list_of
+
+   !> A word as a shell takes it for one.
+   pure function shell_word(text) result(word)
+      character(*), intent(in) :: text
+      character(:), allocatable :: word
+      character(*), parameter :: plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_./%=,+:-"
+      integer :: i
+
+      word = text
+      if (len(text) > 0 .and. verify(text, plain) == 0) return
+      if (scan(text, '"$`\!') == 0 .and. len(text) > 0) then
+         word = '"'//text//'"'
+         return
+      end if
+      word = "'"
+      do i = 1, len(text)
+         if (text(i:i) == "'") then
+            word = word//"'\''"
+         else
+            word = word//text(i:i)
+         end if
+      end do
+      word = word//"'"
+   end function shell_word
+end module hb_next_step
