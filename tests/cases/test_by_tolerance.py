@@ -3,6 +3,7 @@ and refused."""
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -191,3 +192,51 @@ def test_a_jump_is_found_whatever_the_sets_are(sweep, jump_to, tmp_path):
             branch = file["branch"][()]
         assert done.status == 0 and "1 jump between neighbours" in done.stderr + done.stdout
         assert np.flatnonzero(np.diff(branch)).tolist() == [jump_to]
+
+
+def _two_masses_at_a_stop(duration, record, step=5e-4):
+    """Times and places of two masses of 1 kg between springs of 1 kN/m, damper 1 Ns/m each, stop of 10 kN/m at 5 mm of the second:
+    by Runge and Kutta's method of fourth order from rest, the last of the record alone."""
+    w1, w2 = 2.0 * np.pi * 4.7, 2.0 * np.pi * 8.1
+
+    def rate(t, x1, x2, v1, v2):
+        stop = 1.0e4 * max(x2 - 5.0e-3, 0.0)
+        load = 10.0 * (math.cos(w1 * t) + math.cos(w2 * t))
+        return v1, v2, load - v1 - 2000.0 * x1 + 1000.0 * x2, 1000.0 * x1 - v2 - 2000.0 * x2 - stop
+
+    state, times, places = (0.0, 0.0, 0.0, 0.0), [], []
+    for i in range(round(duration / step)):
+        t = i * step
+        if t >= duration - record:
+            times.append(t)
+            places.append(state[:2])
+        a = rate(t, *state)
+        b = rate(t + step / 2, *(s + step / 2 * k for s, k in zip(state, a, strict=True)))
+        c = rate(t + step / 2, *(s + step / 2 * k for s, k in zip(state, b, strict=True)))
+        d = rate(t + step, *(s + step * k for s, k in zip(state, c, strict=True)))
+        state = tuple(s + step / 6 * (p + 2 * q + 2 * r + u) for s, p, q, r, u in zip(state, a, b, c, d, strict=True))
+    return np.array(times), np.array(places)
+
+
+@pytest.mark.long
+def test_a_stop_between_two_modes_is_found_by_time_integration(tmp_path):
+    scene = """
+&structure type = 'chain', n_masses = 2, ends = 'fixed', mass = 1.0, coupling_stiffness = 1000.0, damping_mass = 1.0 /
+&tones hertz = 4.7, 8.1 /
+&load dof = 'x1', tuple = 1, 0, cos = 10.0 /
+&load dof = 'x1', tuple = 0, 1, cos = 10.0 /
+&law type = 'elastic_stop', dof = 'x2', stiffness = 1.0e4, gap = 5.0e-3 /
+&accuracy tolerance = 1e-2 /
+"""
+    done, path = _solve(scene, tmp_path)
+    said = done.stdout + done.stderr
+    assert "does not repeat" not in said and "repeats after" not in said
+    with h5py.File(path) as file:
+        n = file["n_harmonics"][0]
+        phases = file["tuples"][0, :n] @ file["frequency"][0]
+        cosines, sines = np.moveaxis(file["coefficients"][0, :, :n], -1, 0)
+        estimate = file["truncation_estimate"][0]
+    times, places = _two_masses_at_a_stop(60.0, 20.0)
+    angles = np.outer(times, phases)
+    error = np.linalg.norm(np.cos(angles) @ cosines.T + np.sin(angles) @ sines.T - places) / np.linalg.norm(places)
+    assert error < 1e-2 and error < 3.0 * estimate
