@@ -24,6 +24,7 @@ module hb_march_to_tolerance
    use hb_scene_coordinates, only: coordinates_of
    use hb_stability, only: stability_method
    use hb_structure, only: most_dense, structure_t
+   use hb_text, only: to_text
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: largest_places, lowest_order, new_lowest_set
    use hb_watch, only: verdict, watch_t
@@ -229,6 +230,10 @@ contains
          call new_lowest_set(candidates, scene%tones%n_tones, loaded_tuples(scene), error, order)
          if (allocated(error)) exit
          if (settled%status /= outcome%pending .and. candidates%n_harmonics > candidates_of_kept*room) exit
+         if (settled%status /= outcome%pending .and. work >= most) then
+            if (n_found == 0) call leave_open(settled, here%harmonics%n_harmonics)
+            exit
+         end if
          call put_on_set(here, scene, candidates)
          call judge%settle(here, coordinates%dofs, watch, trial, error)
          work = work + trial%work
@@ -253,7 +258,6 @@ contains
          else if (all(trial%status /= [outcome%subharmonic, outcome%broadband])) then
             exit
          end if
-         if (work >= most) exit
          order = 2*order
       end do
       settled%work = work
@@ -262,6 +266,17 @@ contains
       result%n_motions = settled%n_motions
       if (allocated(settled%message)) result%message = settled%message
    end subroutine march
+
+   !> What a box leaves may be lines of the next one, for which no work is left: nothing is known of the motion.
+   subroutine leave_open(settled, n_candidates)
+      type(settled_t), intent(inout) :: settled
+      integer, intent(in) :: n_candidates
+
+      settled%status = outcome%pending
+      settled%message = "time integration over "//to_text(settled%n_periods)//" periods of the slowest tone: "// &
+                        to_text(n_candidates)//" tuples leave "//rounded(settled%spread)// &
+                        " of the worst quarter, and there is no work left for more; raise &solver rescue_work"
+   end subroutine leave_open
 
    !> Order of the first box of candidates: with one tone or a coarse tolerance fewer than there is room for.
    pure integer function first_order(scene, most)
