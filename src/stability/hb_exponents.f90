@@ -25,6 +25,8 @@ module hb_exponents
       integer :: n_followed = 0                                       !! disturbances without those that are known to stay
       real(wp) :: length = 0.0_wp                                     !! of a lap [s]
       real(wp) :: work = 0.0_wp                                       !! of a lap, in about a nanosecond
+      real(wp) :: surge = 0.0_wp                                      !! logarithm of the most by which the first disturbance has
+                                                                      !! grown from any time to a later one, where laps see that
    contains
       procedure(settle_memory), deferred :: settle
       procedure(carry_disturbances), deferred :: carry

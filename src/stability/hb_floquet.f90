@@ -23,6 +23,7 @@ module hb_floquet
    real(wp), parameter :: smallest_margin = 1.0e-9_wp                 ! of a multiplier from 1 that is sure
    real(wp), parameter :: safety = 10.0_wp                            ! on the estimate of the error
    real(wp), parameter :: safety_of_spread = 3.0_wp                   ! on the difference of both halves of a record
+   real(wp), parameter :: largest_surge = log(100.0_wp)               ! what is 1 % grows as large as the motion before it decays
    integer, parameter :: laps_of_haste = 25                           ! where more take too long; doubled while that is not enough
    real(wp), parameter :: most_work_of_orbit = 1.0e8_wp               ! likewise; high modes need more, and keep the series
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
@@ -161,6 +162,8 @@ contains
       self%n_unstable = count(found%rate > safety_of_spread*found%spread .and. found%rate > margin)
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable
+      else if (laps%surge > largest_surge) then                       ! stable for disturbances that are never met
+         self%verdict = verdict%unknown
       else if (maxval(found%rate) < -margin) then
          self%verdict = verdict%stable
       else

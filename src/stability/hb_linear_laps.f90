@@ -1,6 +1,7 @@
 !> Disturbances carried along a motion of several tones by its linearised equations.
 !>
-!> A phase of the motion's own can be shifted: such disturbances, known at each time, are taken out.
+!> A phase of the motion's own can be shifted: such disturbances, known at each time, are taken out. Beside a slow tone a
+!> disturbance may grow for a part of a lap and decay on the rest: laps are cut into parts to see how far it gets.
 module hb_linear_laps
    use hb_exponents, only: laps_t, orthogonalise
    use hb_kinds, only: two_pi, wp
@@ -14,6 +15,8 @@ module hb_linear_laps
    public :: linear_laps_t, new_linear_laps
 
    real(wp), parameter :: most_of_usual = 100.0_wp                    ! work of a lap
+   integer, parameter :: turns_of_part = 4                            ! of the fastest tone, at least
+   integer, parameter :: most_parts = 16                              ! of a lap
 
    type, extends(laps_t) :: linear_laps_t
       type(variation_t), pointer :: variation => null()
@@ -22,6 +25,9 @@ module hb_linear_laps
       real(wp) :: tolerance = 0.0_wp                                  !! of a lap, relative
       type(hill_t), allocatable :: hill                               !! follows them by Hill's problem, where there is one
       real(wp), private :: time = 0.0_wp                              ! [s]
+      integer, private :: n_parts = 1                                 ! of a lap
+      real(wp), private :: climb = 0.0_wp                             ! of the first disturbance from its last lowest point, in
+                                                                      ! logarithms
    contains
       procedure :: settle => linear_laps_settle
       procedure :: carry => linear_laps_carry
@@ -43,7 +49,10 @@ contains
       self%n_begun = 2*variation%n_dofs
       self%n_followed = self%n_begun - size(shifts, 3)
       self%length = two_pi/minval(variation%motion%omega)
-      self%work = work_of_transfer(variation, self%length)
+      associate (ratio => maxval(variation%motion%omega)/minval(variation%motion%omega))
+         self%n_parts = max(1, int(min(real(most_parts, wp), ratio/turns_of_part)))
+      end associate
+      self%work = self%n_parts*work_of_transfer(variation, self%length/self%n_parts)
    end subroutine new_linear_laps
 
    !> Lets sliders find their places.
@@ -67,17 +76,25 @@ contains
       class(linear_laps_t), intent(inout) :: self
       real(wp), intent(inout), contiguous :: x(:, :)
       logical, intent(out) :: is_done
-      type(monodromy_t) :: lap
+      type(monodromy_t) :: part
+      real(wp) :: before, length
+      integer :: i
 
       is_done = .true.
-      if (allocated(self%hill)) then
-         call self%hill%transfer(self%time, self%length, self%tolerance, lap%matrix, lap%estimate)
-      else
-         call find_transfer(lap, self%variation, self%time, self%time + self%length, self%tolerance, most_of_usual*self%work)
-      end if
-      x = matmul(lap%matrix, x)
-      self%time = self%time + self%length
-      call remove_shifts(self, x)
+      length = self%length/self%n_parts
+      do i = 1, self%n_parts
+         if (allocated(self%hill)) then
+            call self%hill%transfer(self%time, length, self%tolerance, part%matrix, part%estimate)
+         else
+            call find_transfer(part, self%variation, self%time, self%time + length, self%tolerance, most_of_usual*self%work)
+         end if
+         before = norm2(x(:, 1))
+         x = matmul(part%matrix, x)
+         self%time = self%time + length
+         call remove_shifts(self, x)
+         self%climb = max(0.0_wp, self%climb + log(max(norm2(x(:, 1)), tiny(1.0_wp))/max(before, tiny(1.0_wp))))
+         if (self%n_parts > 1) self%surge = max(self%surge, self%climb)
+      end do
    end subroutine linear_laps_carry
 
    !> Takes out of disturbances what shifts phases of the motion.
