@@ -392,7 +392,7 @@ contains
       if (rank_of(comm) == 0) then
          call read_record(record, path, error)
          if (.not. allocated(error)) then
-            name = record%input_name                                  ! files that it names are those of the run, wherever this one is
+            name = record%input_name                               ! files that it names are those of the run, wherever this one is
             if (kind_of_file(record%input_folder) == file_kind%folder) name = record%input_folder//last_name(name)
             text = record%input_text
             lines = join(record%overrides, new_line("a"))

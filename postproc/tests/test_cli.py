@@ -270,7 +270,8 @@ def test_titles_and_names_do_not_command_the_terminal(sweep, tmp_path):
         file.attrs["title"] = "x\x1b]0;owned\x07\x9b31m\u202e\ny"
     for words in (["info", str(path)], ["info", str(path), "--dof", "\x1b[31m"], ["peaks", str(path)], ["\x1b[2J"],
                   ["info", os.fsdecode(b"no\x9b.h5")]):  # fmt: skip
-        done = subprocess.run([sys.executable, "-m", "nhbm_post", *words], capture_output=True, env={"PYTHONPATH": ":".join(sys.path)})
+        command = [sys.executable, "-m", "nhbm_post", *words]
+        done = subprocess.run(command, capture_output=True, env={"PYTHONPATH": ":".join(sys.path)})
         said = (done.stdout + done.stderr).decode()
         assert not [c for c in said if c != "\n" and not c.isprintable()], (words, said)
         assert "Traceback" not in said, said

@@ -80,9 +80,9 @@ contains
    end function chosen_tuples
 
    !> Makes the set that reaches twice as far as another in all directions: all tuples j of which j/2, with each entry rounded
-   !> up or down, is in it, and all within two steps of each. Both, because a set of odd tuples has (2, 3) but not (3, 3) for (5, 6).
-   !> Two steps, because odd laws answer a tuple j in the next odd ones, j + k with an even sum of |k|: within one step of {0, 1} is
-   !> no third harmonic, and an estimate without it is 0 for good. A box of order N > 1 becomes one of order 2 N.
+   !> up or down, is in it, and all within two steps of each. Both, because a set of odd tuples has (2, 3) but not (3, 3) for
+   !> (5, 6). Two steps, because odd laws answer a tuple j in the next odd ones, j + k with an even sum of |k|: within one step of
+   !> {0, 1} is no third harmonic, and an estimate without it is 0 for good. A box of order N > 1 becomes one of order 2 N.
    subroutine new_doubled_set(self, set, error)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set

@@ -1,4 +1,4 @@
-"""Signals and limits end a run within a second, whatever it does. Many more places by `tests/limits`, which runs with label long."""
+"""Signals and limits end a run within a second, whatever it does. Many more places by `tests/limits`, label long."""
 
 import os
 import signal
@@ -62,9 +62,10 @@ def test_limits_hold_everywhere():
 
 
 def test_what_lies_beyond_the_set_is_in_the_estimate(tmp_path):
-    """Averages of a motion integrated in time are exact to 1e-10; what the set of order 1 cannot hold of it is a hundredth and more."""
+    """Averages of a motion integrated in time are exact to 1e-10; what order 1 leaves out is a hundredth and more."""
     text = (
-        "&structure type='matrices', n_dofs=1, mass=1.0, damping=0.2, stiffness=1.0 /\n&tones frequency=0.8 /\n&harmonics order=1 /\n"
+        "&structure type='matrices', n_dofs=1, mass=1.0, damping=0.2, stiffness=1.0 /\n"
+        "&tones frequency=0.8 /\n&harmonics order=1 /\n"
         "&load dof='x1', tuple=1, cos=1.0 /\n&law type='elastic_stop', dof='x1', stiffness=10.0, gap=0.5 /\n"
         "&solver first_way='march' /\n"
     )

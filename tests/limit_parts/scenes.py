@@ -31,7 +31,10 @@ SCENES = {
     + STOP
     + NO_BALANCE,
     "time integration to 1e-20": oscillator(0.1) + TWO_TONES + STOP + "&accuracy tolerance=1e-20 /\n" + NO_BALANCE,
-    "starts": oscillator(1e-3) + "&tones frequency=1.3 /\n&load dof='x1', tuple=1, cos=0.5 /\n&march starts=100 /\n" + STOP + NO_BALANCE,
+    "starts": oscillator(1e-3)
+    + "&tones frequency=1.3 /\n&load dof='x1', tuple=1, cos=0.5 /\n&march starts=100 /\n"
+    + STOP
+    + NO_BALANCE,
     "recoverable law": "&structure type='chain', n_masses=1, ends='free', mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, "
     "damping_mass=0.02 /\n&tones frequency=0.6 /\n&load dof='x1', tuple=1, cos=0.008 /\n"
     "&law type='user', library='./electro.so', name='electro', dof='x1', parameters=0.3, 1.0 /\n",

@@ -39,8 +39,8 @@ MUTANTS = [
             "bifurcation_doubling",
             "test_curve_bifurcations",
             "the period is thought to double where a multiplier is 1",
-            "factor = factor*(1.0_wp + m)/max(1.0_wp, abs(m))",
-            "factor = factor*(1.0_wp - m)/max(1.0_wp, abs(m))",
+            "call join(1.0_wp + m)",
+            "call join(1.0_wp - m)",
         ),
         (
             "bifurcation_pair",
