@@ -69,6 +69,12 @@ function(hb_add_test name)
   endforeach()
 
   add_pfunit_ctest(${name} ${passed_on})
+  if("unit" IN_LIST arg_LABELS)
+    add_dependencies(unit_suites ${name})
+    if(NOT HB_UNIT_SUITES)
+      set_target_properties(${name} PROPERTIES EXCLUDE_FROM_ALL ON)
+    endif()
+  endif()
   set_tests_properties(${name} PROPERTIES
     ENVIRONMENT "${environment}"
     LABELS "${arg_LABELS}"

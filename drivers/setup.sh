@@ -99,12 +99,10 @@ hb_make_venv() {
       echo "no scikit-fem: 'nhbm-model' makes no examples, and tests with them are left out"
 }
 
-# Configures and builds a preset: hb_build PRESET JOBS [TARGET]
+# Configures and builds a preset: hb_build PRESET JOBS [TARGET [option of cmake]...]
 hb_build() {
-   local target=()
-   (($# > 2)) && target=(--target "$3")
    hb_say "Building the $1 preset in build/$1"
-   (cd "$hb_root" && cmake --preset "$1" -DPython3_EXECUTABLE="$hb_venv/bin/python" -DHB_PYTHON="$hb_venv/bin/python") ||
+   (cd "$hb_root" && cmake --preset "$1" -DPython3_EXECUTABLE="$hb_venv/bin/python" -DHB_PYTHON="$hb_venv/bin/python" "${@:4}") ||
       hb_fail "cmake could not configure $1"
-   (cd "$hb_root" && cmake --build --preset "$1" --parallel "$2" "${target[@]}") || hb_fail "the $1 build failed"
+   (cd "$hb_root" && cmake --build --preset "$1" --parallel "$2" --target "${3:-all}") || hb_fail "the $1 build failed"
 }

@@ -273,7 +273,12 @@ def make_model(name, folder):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in INPUTS.glob("*.nml")))
+def gallery_case(file):
+    """Wheels, joints and casings take many seconds."""
+    return pytest.param(file.stem, marks=[] if file.stem in ("rattling_plate", "rotor_rub") else [pytest.mark.long])
+
+
+@pytest.mark.parametrize("name", [gallery_case(file) for file in sorted(INPUTS.glob("*.nml"))])
 def test_gallery(name, tmp_path):
     """From the script to pictures, with the numbers that the input promises."""
     pytest.importorskip("skfem")
@@ -338,6 +343,7 @@ WHEEL = """&structure type = 'model', file = 'FILE.h5', damping_stiffness = 1e-6
 WAVE = ("--sectors", "8", "--neighbours", "damper=under_high,under_low")
 
 
+@pytest.mark.long
 def test_a_wheel_that_was_never_put_together_moves_as_the_whole(tmp_path, monkeypatch):
     """Under a load of two nodal diameters that turns, with friction between neighbours: each sector moves as the one before did.
     One nodal diameter is enough where all odd harmonics belong to it, or the first alone is looked for."""

@@ -2,7 +2,8 @@
 
 The libraries are shared and count the lines that are executed. A mutant costs one object, one library that stands before the
 right one when suites are loaded, and the suites that reach its line: those of its module first, then the fastest. The first that
-fails catches it. Where the change shows in the module file, as that of a public constant, all that use the module are built again.
+fails catches it. As many mutants run at once as there are processors. Where the change shows in the module file, as that of a
+public constant, all that use the module are built again, one such mutant at a time.
 """
 
 from __future__ import annotations
@@ -12,15 +13,17 @@ import hashlib
 import json
 import math
 import os
-import resource
 import shlex
 import shutil
 import signal
 import struct
 import subprocess
+import threading
 import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from mutant_parts.drawing import Draw, draws
@@ -29,7 +32,7 @@ from mutant_parts.tree import ROOT, SCRATCH, SOURCE, copy_tree
 BUILD = SCRATCH / "random"
 REACH = BUILD / "reach.json"
 COUNTERS = BUILD / "counters"
-ALONE = BUILD / "mutant"  # object and library of one mutant
+ALONE = BUILD / "mutant"  # object and library of each mutant
 NO_COUNTERS = Path(os.devnull) / "none"  # where none can be written
 CONFIGURE = (
     *("-G", "Ninja", "-DBUILD_SHARED_LIBS=ON", "-DHB_COVERAGE=ON", "-DCMAKE_BUILD_TYPE=None", "-DCMAKE_LINK_DEPENDS_NO_SHARED=ON"),
@@ -75,14 +78,30 @@ def judge(count: int, seed: int, note) -> list[Verdict]:
     suites = unit_suites()
     reach = reach_of(suites)
     verdicts: list[Verdict] = []
-    try:
-        for draw in draws(ROOT, 10 * count, seed):
-            verdicts.append(verdict_of(draw, suites, reach))
-            note(verdicts[-1])
-            if sum(verdict.verdict != NOT_BUILT for verdict in verdicts) == count:
-                break
-    except KeyboardInterrupt:  # what was found so far
-        pass
+    shutil.rmtree(ALONE, ignore_errors=True)
+    drawn = enumerate(draws(ROOT, 10 * count, seed))
+
+    def missing() -> int:
+        return count - sum(verdict.verdict != NOT_BUILT for verdict in verdicts)
+
+    def one(numbered: tuple[int, Draw]) -> tuple[Draw, Verdict | None]:
+        return numbered[1], verdict_alone(*numbered, suites, reach)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        try:
+            while missing() > 0 and (batch := list(islice(drawn, missing()))):
+                in_tree = []
+                for draw, verdict in pool.map(one, batch):
+                    if verdict is None:
+                        in_tree.append(draw)
+                        continue
+                    verdicts.append(verdict)
+                    note(verdict)
+                for draw in in_tree:
+                    verdicts.append(verdict_in_tree(draw, suites, reach))
+                    note(verdicts[-1])
+        except KeyboardInterrupt:  # what was found so far
+            pool.shutdown(cancel_futures=True)
     return verdicts
 
 
@@ -108,23 +127,28 @@ def outcome_of(suite: Suite, seconds: float, counters: Path, libraries: str = ""
     environment = {**os.environ, **suite.environment, "GCOV_PREFIX": str(counters)}
     environment["LD_LIBRARY_PATH"] = ":".join(filter(None, [libraries, os.environ.get("LD_LIBRARY_PATH")]))
     limit = math.ceil(seconds)
-    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with subprocess.Popen(
-        suite.command,
+        ["sh", "-c", f'ulimit -t {limit}; exec "$@"', "sh", *suite.command],
         cwd=suite.folder,
         env=environment,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit)),
-        **silent,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
     ) as running:
-        try:
-            status = running.wait(WAITING * limit)
-            outcome = "passed" if status == 0 else TOO_LONG if -status in (signal.SIGXCPU, signal.SIGKILL) else CAUGHT
-        except subprocess.TimeoutExpired:
+        too_long = threading.Event()
+
+        def end() -> None:
+            too_long.set()
             os.killpg(running.pid, signal.SIGKILL)
-            outcome = TOO_LONG
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return outcome, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+        timer = threading.Timer(WAITING * limit, end)
+        timer.start()
+        _, status, usage = os.wait4(running.pid, 0)
+        timer.cancel()
+        running.returncode = os.waitstatus_to_exitcode(status)
+    ended = -running.returncode in (signal.SIGXCPU, signal.SIGKILL) or too_long.is_set()
+    outcome = "passed" if running.returncode == 0 else TOO_LONG if ended else CAUGHT
+    return outcome, usage.ru_utime + usage.ru_stime
 
 
 def reach_of(suites: dict[str, Suite]) -> dict:
@@ -133,15 +157,22 @@ def reach_of(suites: dict[str, Suite]) -> dict:
     source = stamp_of_source()
     stamp = {name: stamp_of(suite, source) for name, suite in suites.items()}
     reach = {name: known[name] for name in suites if name in known and known[name]["stamp"] == stamp[name]}
-    for name, suite in suites.items():
-        if name in reach:
-            continue
-        shutil.rmtree(COUNTERS, ignore_errors=True)
-        outcome, seconds = outcome_of(suite, LONGEST, COUNTERS)
+
+    def one(name: str) -> dict:
+        counters = COUNTERS / name
+        shutil.rmtree(counters, ignore_errors=True)
+        outcome, seconds = outcome_of(suites[name], LONGEST, counters)
         if outcome == CAUGHT and seconds < LONGEST:
             raise Failure(f"{name} fails without a mutant")
-        reach[name] = {"stamp": stamp[name], "seconds": seconds, "lines": executed_lines() if outcome == "passed" else {}}
-        REACH.write_text(json.dumps(reach), encoding="utf-8")
+        found = {"stamp": stamp[name], "seconds": seconds, "lines": executed_lines(counters) if outcome == "passed" else {}}
+        shutil.rmtree(counters, ignore_errors=True)
+        return found
+
+    new = [name for name in suites if name not in reach]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for name, found in zip(new, pool.map(one, new)):
+            reach[name] = found
+    REACH.write_text(json.dumps(reach), encoding="utf-8")
     return reach
 
 
@@ -154,13 +185,13 @@ def stamp_of_source() -> str:
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted((ROOT / "src").rglob("*.[fch]*")))).hexdigest()
 
 
-def executed_lines() -> dict[str, dict[str, list[int]]]:
+def executed_lines(counters: Path) -> dict[str, dict[str, list[int]]]:
     """Of each source the lines with counters, and those that were executed."""
-    data = [path for path in COUNTERS.rglob("*.gcda") if "/src/CMakeFiles/" in str(path) and has_counted(path.read_bytes())]
+    data = [path for path in counters.rglob("*.gcda") if "/src/CMakeFiles/" in str(path) and has_counted(path.read_bytes())]
     for path in data:  # gcov wants the notes of the compiler beside them
-        notes = Path("/", path.relative_to(COUNTERS)).with_suffix(".gcno")
+        notes = Path("/", path.relative_to(counters)).with_suffix(".gcno")
         path.with_suffix(".gcno").symlink_to(notes)
-    work = COUNTERS / "gcov"
+    work = counters / "gcov"
     work.mkdir(parents=True, exist_ok=True)
     subprocess.run(["gcov", "-i", *map(str, data)], cwd=work, capture_output=True, check=False)
     lines: dict[str, dict[str, set[int]]] = {}
@@ -201,60 +232,68 @@ def reaching(draw: Draw, reach: dict) -> list[str]:
     return sorted(found, key=lambda name: (name != f"test_{module}", reach[name]["seconds"]))
 
 
-def verdict_of(draw: Draw, suites: dict[str, Suite], reach: dict) -> Verdict:
+def verdict_alone(number: int, draw: Draw, suites: dict[str, Suite], reach: dict) -> Verdict | None:
+    """That of a mutant whose object alone is built; none where that does not do."""
     started = time.monotonic()
-    names = reaching(draw, reach)
+    folder = ALONE / str(number)
+    try:
+        is_built, is_alone = build_alone(draw.file, draw.applied_to((SOURCE / draw.file).read_text(encoding="utf-8")), folder)
+        if not is_built:
+            return Verdict(draw, NOT_BUILT, "", 0, time.monotonic() - started)
+        return judged(draw, suites, reach, str(folder), started) if is_alone else None
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def verdict_in_tree(draw: Draw, suites: dict[str, Suite], reach: dict) -> Verdict:
+    started = time.monotonic()
+    words = ["cmake", "--build", str(BUILD), "--target", "hb", *reaching(draw, reach)]
     target = SOURCE / draw.file
     whole = target.read_text(encoding="utf-8")
-    changed = draw.applied_to(whole)
-
-    def verdict(word: str, suite: str = "") -> Verdict:
-        return Verdict(draw, word, suite, len(names), time.monotonic() - started)
-
-    def judged(libraries: str) -> Verdict:
-        spent = 0.0
-        for name in names:
-            if spent > ENOUGH:
-                break
-            spent += reach[name]["seconds"]
-            outcome, _ = outcome_of(suites[name], SLOWER * reach[name]["seconds"] + PATIENCE, NO_COUNTERS, libraries)
-            if outcome != "passed":
-                return verdict(outcome, name)
-        return verdict(SURVIVED)
-
-    is_built, is_alone = build_alone(draw.file, changed)
-    if not is_built:
-        return verdict(NOT_BUILT)
-    if is_alone:
-        return judged(str(ALONE))
-    target.write_text(changed, encoding="utf-8")
+    target.write_text(draw.applied_to(whole), encoding="utf-8")
     try:
-        words = ["cmake", "--build", str(BUILD), "--target", "hb", *names]
-        return verdict(NOT_BUILT) if subprocess.run(words, capture_output=True, check=False).returncode != 0 else judged("")
+        if subprocess.run(words, capture_output=True, check=False).returncode != 0:
+            return Verdict(draw, NOT_BUILT, "", 0, time.monotonic() - started)
+        return judged(draw, suites, reach, "", started)
     finally:
         target.write_text(whole, encoding="utf-8")
+        run(words)  # the next mutants stand in a build without this one
 
 
-def build_alone(file: str, text: str) -> tuple[bool, bool]:
+def judged(draw: Draw, suites: dict[str, Suite], reach: dict, libraries: str, started: float) -> Verdict:
+    """By the suites that reach it, with the libraries of a folder before those of the build."""
+    names = reaching(draw, reach)
+    spent, word, by = 0.0, SURVIVED, ""
+    for name in names:
+        if spent > ENOUGH:
+            break
+        spent += reach[name]["seconds"]
+        outcome, _ = outcome_of(suites[name], SLOWER * reach[name]["seconds"] + PATIENCE, NO_COUNTERS, libraries)
+        if outcome != "passed":
+            word, by = outcome, name
+            break
+    return Verdict(draw, word, by, len(names), time.monotonic() - started)
+
+
+def build_alone(file: str, text: str, folder: Path) -> tuple[bool, bool]:
     """Whether a changed source can be compiled, and whether a library with it serves what was built without it."""
-    shutil.rmtree(ALONE, ignore_errors=True)
-    ALONE.mkdir(parents=True)
-    source, thing = ALONE / Path(file).name, ALONE / "changed.o"
+    folder.mkdir(parents=True)
+    source, thing = folder / Path(file).name, folder / "changed.o"
     source.write_text(text, encoding="utf-8")
     commands = json.loads((BUILD / "compile_commands.json").read_text(encoding="utf-8"))
     words = shlex.split(next(entry["command"] for entry in commands if entry["file"] == str(SOURCE / file)))
     place = words[words.index("-o") + 1]
-    changes = {place: str(thing), str(SOURCE / file): str(source), "-Jsrc/modules": f"-J{ALONE}", "--coverage": "", "-O1": "-O0"}
+    changes = {place: str(thing), str(SOURCE / file): str(source), "-Jsrc/modules": f"-J{folder}", "--coverage": "", "-O1": "-O0"}
     words = [changes.get(word, word) for word in words]
     words = [word for word in words if word] + [f"-I{(SOURCE / file).parent}", "-Isrc/modules"]
     if subprocess.run(words, cwd=BUILD, capture_output=True, check=False).returncode != 0:
         return False, False
-    for module in ALONE.glob("*.mod"):
+    for module in folder.glob("*.mod"):
         if meaning(module) != meaning(BUILD / "src" / "modules" / module.name):
             return True, False
     library = "lib" + place.split("/CMakeFiles/")[1].split(".dir/")[0] + ".so"
     link = run(["ninja", "-C", str(BUILD), "-t", "commands", f"src/{library}"]).splitlines()[-1]
-    link = link.replace(f" {place} ", f" {thing} ").replace(f"-o src/{library} ", f"-o {ALONE / library} ")
+    link = link.replace(f" {place} ", f" {thing} ").replace(f"-o src/{library} ", f"-o {folder / library} ")
     return True, subprocess.run(link, shell=True, cwd=BUILD, capture_output=True, check=False).returncode == 0
 
 
