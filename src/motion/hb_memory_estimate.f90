@@ -330,7 +330,7 @@ contains
 
       part = 1                                                        ! of the grid that a stage still holds
       spectra = 0
-      do m = 1, size(samples)
+      do m = 1, min(size(samples), size(highest))                     ! a grid of other tones is refused later
          spectra = spectra + part*merge(2, 1, m <= 2)                 ! two of them also as work arrays
          part = part*min(1.0_wp, (2*highest(m) + 2)/(samples(m)/merge(2.0_wp, 1.0_wp, m == 1)))
       end do

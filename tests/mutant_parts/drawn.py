@@ -18,6 +18,7 @@ import shutil
 import signal
 import struct
 import subprocess
+import tempfile
 import threading
 import time
 from collections import Counter
@@ -42,7 +43,7 @@ CONFIGURE = (
 )
 SLOWER, PATIENCE = 3, 3  # a suite may take so many times its processor time without a mutant, and so many seconds more
 WAITING = 20  # wall time for a second of that: other programs run beside
-LONGEST = 5.0  # [s] of the processor: suites that take longer are left out
+LONGEST = 15.0  # [s] of the processor: suites that take longer are left out
 ENOUGH = 12.0  # [s] of the processor without a mutant, of the suites that are run for one
 CAUGHT, SURVIVED, TOO_LONG, NOT_BUILT = "caught", "survived", "too long", "does not build"
 
@@ -53,7 +54,6 @@ class Suite:
 
     name: str
     command: list[str]
-    folder: str
     environment: dict[str, str]
 
 
@@ -118,7 +118,7 @@ def unit_suites() -> dict[str, Suite]:
         values = {item["name"]: item["value"] for item in test["properties"]}
         environment = dict(word.split("=", 1) for word in values.get("ENVIRONMENT", []))
         if "command" in test and test["name"].startswith("test_"):  # not what configures or tests the runner
-            found[test["name"]] = Suite(test["name"], test["command"], values["WORKING_DIRECTORY"], environment)
+            found[test["name"]] = Suite(test["name"], test["command"], environment)
     return found
 
 
@@ -127,9 +127,9 @@ def outcome_of(suite: Suite, seconds: float, counters: Path, libraries: str = ""
     environment = {**os.environ, **suite.environment, "GCOV_PREFIX": str(counters)}
     environment["LD_LIBRARY_PATH"] = ":".join(filter(None, [libraries, os.environ.get("LD_LIBRARY_PATH")]))
     limit = math.ceil(seconds)
-    with subprocess.Popen(
+    with tempfile.TemporaryDirectory(prefix="mutant-") as folder, subprocess.Popen(  # suites write files of the same names
         ["sh", "-c", f'ulimit -t {limit}; exec "$@"', "sh", *suite.command],
-        cwd=suite.folder,
+        cwd=folder,
         env=environment,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -157,6 +157,7 @@ def reach_of(suites: dict[str, Suite]) -> dict:
     source = stamp_of_source()
     stamp = {name: stamp_of(suite, source) for name, suite in suites.items()}
     reach = {name: known[name] for name in suites if name in known and known[name]["stamp"] == stamp[name]}
+    reach = {name: found for name, found in reach.items() if found["lines"] or found["seconds"] >= LONGEST - 1}
 
     def one(name: str) -> dict:
         counters = COUNTERS / name
@@ -172,7 +173,7 @@ def reach_of(suites: dict[str, Suite]) -> dict:
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for name, found in zip(new, pool.map(one, new)):
             reach[name] = found
-    REACH.write_text(json.dumps(reach), encoding="utf-8")
+            REACH.write_text(json.dumps(reach), encoding="utf-8")
     return reach
 
 
@@ -292,8 +293,9 @@ def build_alone(file: str, text: str, folder: Path) -> tuple[bool, bool]:
         if meaning(module) != meaning(BUILD / "src" / "modules" / module.name):
             return True, False
     library = "lib" + place.split("/CMakeFiles/")[1].split(".dir/")[0] + ".so"
-    link = run(["ninja", "-C", str(BUILD), "-t", "commands", f"src/{library}"]).splitlines()[-1]
-    link = link.replace(f" {place} ", f" {thing} ").replace(f"-o src/{library} ", f"-o {folder / library} ")
+    built = next(BUILD.rglob(library)).relative_to(BUILD)
+    link = run(["ninja", "-C", str(BUILD), "-t", "commands", str(built)]).splitlines()[-1]
+    link = link.replace(f" {place} ", f" {thing} ").replace(f"-o {built} ", f"-o {folder / library} ")
     return True, subprocess.run(link, shell=True, cwd=BUILD, capture_output=True, check=False).returncode == 0
 
 
