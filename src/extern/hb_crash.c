@@ -6,8 +6,10 @@
 #include <fcntl.h>
 #include <signal.h>
 #include <stdatomic.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/time.h>
 #include <unistd.h>
 
@@ -48,6 +50,8 @@ static size_t n_last_entry = 0;
 static int last_status = 1;
 static int has_limit = 0;
 static struct sigaction before_limit;
+static int has_less_memory = 0;
+static struct rlimit memory_before;
 
 static int is_caught = 0;
 static struct sigaction before[sizeof crashes / sizeof crashes[0]];
@@ -218,7 +222,23 @@ static int set_limit(double seconds)
    return setitimer(ITIMER_VIRTUAL, &timer, NULL);
 }
 
-int hb_raise_guard(const char *text, int exit_status, double seconds)
+/* Lowers the limit on the address space to so much more than is in use. */
+static void limit_memory(double bytes)
+{
+   FILE *const pages = fopen("/proc/self/statm", "r");
+   double n_pages = 0.0;
+   if (pages == NULL) return;
+   const int n_read = fscanf(pages, "%lf", &n_pages);
+   fclose(pages);
+   if (n_read != 1 || has_less_memory || getrlimit(RLIMIT_AS, &memory_before) != 0) return;
+   struct rlimit less = memory_before;
+   bytes += n_pages * (double)sysconf(_SC_PAGESIZE);
+   if (less.rlim_cur != RLIM_INFINITY && (double)less.rlim_cur <= bytes) return;
+   less.rlim_cur = (rlim_t)bytes;
+   has_less_memory = setrlimit(RLIMIT_AS, &less) == 0;
+}
+
+int hb_raise_guard(const char *text, int exit_status, double seconds, double bytes)
 {
    n_last_entry = 0;
    n_last_words = strnlen(text, MAX_LAST_WORDS);
@@ -226,6 +246,7 @@ int hb_raise_guard(const char *text, int exit_status, double seconds)
    last_status = exit_status;
    is_guarded = catch_crashes() == 0;
    if (is_guarded && seconds > 0.0) (void)set_limit(seconds);
+   if (is_guarded && bytes > 0.0) limit_memory(bytes);
    return is_guarded ? 0 : -1;
 }
 
@@ -241,6 +262,8 @@ void hb_guard_entry(const char *entry, size_t n_bytes)
 void hb_lower_guard(void)
 {
    is_guarded = 0;
+   if (has_less_memory) (void)setrlimit(RLIMIT_AS, &memory_before);
+   has_less_memory = 0;
    if (has_limit) {
       const struct itimerval none = {.it_value = {.tv_sec = 0}};
       (void)setitimer(ITIMER_VIRTUAL, &none, NULL);

@@ -38,8 +38,9 @@ void hb_end_watch(void);
 
 /* From here on, should this process receive one of these signals, it writes `text`, cut to 1024 bytes, to standard error and ends
    at once with `exit_status`; a point under way is noted as crashed. The same when it has worked for `seconds` of its own time,
-   unless that is 0. Returns 0, or -1 where a handler cannot be set. */
-int hb_raise_guard(const char *text, int exit_status, double seconds);
+   unless that is 0. Unless `bytes` is 0, no more of the memory than so many is to be had until the guard is lowered (Linux).
+   Returns 0, or -1 where a handler cannot be set. */
+int hb_raise_guard(const char *text, int exit_status, double seconds, double bytes);
 
 /* Says what a guarded library is at, for the text: `entry`, of n_bytes, is written behind it. */
 void hb_guard_entry(const char *entry, size_t n_bytes);

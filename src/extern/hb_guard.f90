@@ -13,13 +13,15 @@ module hb_guard
    integer, parameter :: longest = 1000
    real(wp), parameter :: seconds_at_least = 2.0_wp                   ! that any file may take; most take 0.01 s
    real(wp), parameter :: bytes_per_second = 1.0e6_wp                 ! a hundredth of what computers read
+   real(wp), parameter :: bytes_at_least = 2.0_wp**29                 ! of memory, that reading any file may take
+   real(wp), parameter :: bytes_per_byte = 4.0_wp                     ! and more for long ones: entries and what is made of them
 
    interface
-      integer(c_int) function hb_raise_guard(text, exit_status, seconds) bind(c, name="hb_raise_guard")
+      integer(c_int) function hb_raise_guard(text, exit_status, seconds, bytes) bind(c, name="hb_raise_guard")
          import :: c_char, c_double, c_int
          character(c_char), intent(in) :: text(*)
          integer(c_int), value :: exit_status
-         real(c_double), value :: seconds
+         real(c_double), value :: seconds, bytes
       end function hb_raise_guard
 
       subroutine hb_guard_entry(entry, n_bytes) bind(c, name="hb_guard_entry")
@@ -36,17 +38,19 @@ contains
 
    !> From here on a signal such as SIGSEGV or SIGBUS makes the process write `text`, cut to 1000 bytes, and end. Where the
    !> system does not allow this, the signal does what it would have done.
-   subroutine raise_guard(text, seconds)
+   subroutine raise_guard(text, seconds, bytes)
       character(*), intent(in) :: text                                !! what the user should know; `nhbm: ` comes before it
       real(wp), intent(in), optional :: seconds                       !! of processor time after which the same happens; else never
+      real(wp), intent(in), optional :: bytes                         !! of memory that are to be had until it is lowered; else all
       character(:), allocatable :: words
       integer(c_int) :: ignored
-      real(c_double) :: limit
+      real(c_double) :: limits(2)
 
-      limit = 0.0_c_double
-      if (present(seconds)) limit = seconds
+      limits = 0.0_c_double
+      if (present(seconds)) limits(1) = seconds
+      if (present(bytes)) limits(2) = bytes
       words = printable(text(:min(len(text), longest)))
-      ignored = hb_raise_guard("nhbm: "//words(:min(len(words), longest))//c_null_char, bad_input, limit)
+      ignored = hb_raise_guard("nhbm: "//words(:min(len(words), longest))//c_null_char, bad_input, limits(1), limits(2))
    end subroutine raise_guard
 
    !> Has calls of the user's own libraries and their loader guarded from here on.
@@ -60,14 +64,20 @@ contains
       call raise_guard(text)
    end subroutine guard_words
 
-   !> Raises a guard for an HDF5 file that this process reads by itself, with a limit of time by its size.
-   subroutine guard_file(path)
+   !> Raises a guard for an HDF5 file that this process reads by itself, with limits of time and memory by its size.
+   subroutine guard_file(path, text)
       character(*), intent(in) :: path
-      integer(int64) :: n_bytes
+      character(*), intent(in), optional :: text                      !! behind the path
+      character(:), allocatable :: words
+      integer(int64) :: size_of_file
+      real(wp) :: n_bytes
 
-      inquire (file=path, size=n_bytes)
-      call raise_guard("'"//path//"': HDF5 died of this file; it is damaged", &
-                       seconds_at_least + real(max(n_bytes, 0_int64), wp)/bytes_per_second)
+      words = "HDF5 died of this file; it is damaged"
+      if (present(text)) words = text
+      inquire (file=path, size=size_of_file)
+      n_bytes = real(max(size_of_file, 0_int64), wp)
+      call raise_guard("'"//path//"': "//words, seconds_at_least + n_bytes/bytes_per_second, &
+                       bytes_at_least + bytes_per_byte*n_bytes)
    end subroutine guard_file
 
    !> Says which entry of a guarded file is read, for the message.

@@ -14,7 +14,7 @@ module hb_hdf5
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_loc, c_long_long, c_null_char, &
       c_null_ptr, c_ptr
    use hb_error, only: annotate, error_t, fail
-   use hb_guard, only: name_guarded
+   use hb_guard, only: guard_file, lower_guard, name_guarded
    use hb_hdf5_attributes, only: h5_object_t
    use hb_hdf5_datasets, only: h5_dataset_t
    use hb_hdf5_library, only: check, new_byte_type, new_space, new_text_type, no_id, start_library, switch_locking_off
@@ -22,19 +22,20 @@ module hb_hdf5
    use hb_mpi, only: comm_handle, comm_t, no_info_handle
    use hb_text, only: to_text
    use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, H5D_FILL_TIME_NEVER_F, h5dcreate_f, h5dget_space_f, &
-      h5dopen_f, h5dwrite_f, H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, &
-      H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, h5fflush_f, &
-      h5fget_file_image_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, &
+      h5dget_storage_size_f, h5dget_type_f, h5dopen_f, h5dwrite_f, H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, &
+      H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, &
+      h5fflush_f, h5fget_file_image_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, &
       h5pset_alloc_time_f, h5pset_fapl_core_f, h5pset_fapl_mpio_f, h5pset_fclose_degree_f, h5pset_fill_time_f, &
-      h5pset_fill_value_f, h5pset_libver_bounds_f, h5sclose_f, h5sget_simple_extent_dims_f, &
-      h5sget_simple_extent_ndims_f, h5sget_simple_extent_type_f, H5S_NULL_F, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, &
-      H5T_NATIVE_INTEGER, H5T_STD_I32LE, h5tclose_f, hid_t, hsize_t, size_t
+      h5pset_fill_value_f, h5pset_libver_bounds_f, H5S_NULL_F, h5sclose_f, h5sget_simple_extent_dims_f, &
+      h5sget_simple_extent_ndims_f, h5sget_simple_extent_type_f, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, &
+      H5T_STD_I32LE, h5tclose_f, h5tget_size_f, hid_t, hsize_t, size_t
    implicit none
    private
    public :: can_end_library, create_file, create_in_memory, h5_dataset_t, h5_file_t, open_file, open_file_parallel
 
    !> An open file. Results stand in its root group, models have groups of their own.
    type, extends(h5_object_t) :: h5_file_t
+      logical, private :: is_guarded = .false.           ! until it is closed
    contains
       procedure :: abandon => file_abandon
       procedure :: add_characters => file_add_characters
@@ -139,15 +140,18 @@ contains
       if (hb_write_file(path//c_null_char, address, int(n_bytes, c_long_long)) /= 0) call fail(error, "cannot be written")
    end subroutine file_save
 
-   !> Opens a file by this process alone, for reading unless `for_writing` is true.
-   subroutine open_file(self, path, error, for_writing)
+   !> Opens a file by this process alone, for reading unless `for_writing` is true. Until it is closed the process ends with a message
+   !> when the library dies of the file, finds no end in it, or takes much more memory than the file has bytes.
+   subroutine open_file(self, path, error, for_writing, last_words)
       type(h5_file_t), intent(out) :: self
       character(*), intent(in) :: path
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: for_writing
+      character(*), intent(in), optional :: last_words   !! that message; default: the file is damaged
       integer(hid_t) :: access
       integer :: flags, status
 
+      call guard_file(path, last_words)
       flags = H5F_ACC_RDONLY_F
       if (present(for_writing)) flags = merge(H5F_ACC_RDWR_F, flags, for_writing)
       call begin_opening(self, path, access, error)
@@ -156,6 +160,8 @@ contains
          call check(status, "open", error)
       end if
       call end_opening(self, access, error)
+      self%is_guarded = .not. allocated(error)
+      if (allocated(error)) call lower_guard()
    end subroutine open_file
 
    !> Opens a file for writing on all ranks of `comm`; collective, and so is its `close`. Raw data may then be
@@ -239,6 +245,8 @@ contains
       call check(status, "close", error, self%place)
       if (status < 0) is_library_sound = .false.
       self%id = no_id
+      if (self%is_guarded) call lower_guard()
+      self%is_guarded = .false.
    end subroutine file_close
 
    !> Leaves the file open until the process ends, which has to do without the end of the library: see `can_end_library`.
@@ -407,12 +415,13 @@ contains
       call h5sclose_f(space, status)
    end subroutine add_dataset
 
-   !> Opens a dataset of the file.
-   subroutine file_open_dataset(self, name, dataset, error)
+   !> Opens a dataset of the file. Fails where it claims more values than the file holds.
+   subroutine file_open_dataset(self, name, dataset, error, n_axes)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       type(h5_dataset_t), intent(out) :: dataset
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: n_axes             !! that it has to have; default: any number
       integer(hsize_t), allocatable :: max_extents(:)
       integer(hid_t) :: space
       integer :: class, n_dimensions, status
@@ -439,10 +448,38 @@ contains
             call fail(error, dataset%place//" holds nothing, not even a size")
          else if (any(dataset%extents > huge(1))) then
             call fail(error, dataset%place//" has an axis of "//to_text(maxval(dataset%extents))//" entries")
+         else if (present(n_axes)) then
+            if (n_dimensions /= n_axes) &
+               call fail(error, dataset%place//" has "//to_text(n_dimensions)//" axes, expected "//to_text(n_axes))
          end if
       end if
+      if (.not. allocated(error)) call check_stored(dataset, error)
       if (allocated(error)) call dataset%close()
    end subroutine file_open_dataset
+
+   !> Fails where a dataset has more bytes than stand in the file, but for some that its owner may have compressed.
+   subroutine check_stored(dataset, error)
+      type(h5_dataset_t), intent(in) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), parameter :: most_compressed = 2.0_wp**26 ! bytes; of a run's columns a dozen are read together
+      integer(hid_t) :: value_type
+      integer(hsize_t) :: n_stored
+      integer(size_t) :: n_bytes
+      integer :: status
+
+      call h5dget_type_f(dataset%id, value_type, status)
+      if (status >= 0) call h5tget_size_f(value_type, n_bytes, status)
+      if (status >= 0) call h5tclose_f(value_type, status)
+      call check(status, "ask for the type", error, dataset%place)
+      if (allocated(error)) return
+      call h5dget_storage_size_f(dataset%id, n_stored, status)
+      if (status < 0) n_stored = 0                        ! it fails, too, where nothing is stored
+      associate (n_claimed => product(real(dataset%extents, wp))*real(n_bytes, wp))
+         if (n_claimed - real(n_stored, wp) > most_compressed) call fail(error, dataset%place//" claims "// &
+            to_text(nint(n_claimed/1.0e6_wp))//" MB, and "//to_text(nint(n_stored/1.0e6_wp))// &
+            " MB of it are in the file; if it is compressed: h5repack -f NONE")
+      end associate
+   end subroutine check_stored
 
    !> Whether there is something of a name in the file, or in a group of it that there is.
    logical function file_has(self, name) result(has)

@@ -378,10 +378,14 @@ contains
       do i = 1, size(addresses)
          length = max(length, len(c_text(addresses(i))))
       end do
-      allocate (character(length) :: values(size(addresses)))
-      do i = 1, size(addresses)
-         values(i) = c_text(addresses(i))
-      end do
+      allocate (character(length) :: values(size(addresses)), stat=status)
+      if (status == 0) then
+         do i = 1, size(addresses)
+            values(i) = c_text(addresses(i))
+         end do
+      else
+         call fail(error, "there is no memory for its "//to_text(size(addresses))//" texts of "//to_text(length)//" letters")
+      end if
       call h5dget_space_f(self%id, space, status)
       if (size(addresses) > 0) call h5dvlen_reclaim_f(text_type, space, H5P_DEFAULT_F, list, status)
       call h5sclose_f(space, status)
@@ -405,7 +409,11 @@ contains
       call h5dread_f(self%id, byte_type, address, status)
       call check(status, "read", error)
       if (allocated(error)) return
-      allocate (character(size(bytes, 1)) :: values(size(bytes, 2)))
+      allocate (character(size(bytes, 1)) :: values(size(bytes, 2)), stat=status)
+      if (status /= 0) then
+         call fail(error, "there is no memory for its "//to_text(size(bytes, 2))//" texts")
+         return
+      end if
       do j = 1, size(values)
          values(j) = ""
          do i = 1, size(bytes, 1)

@@ -3,7 +3,6 @@ module hb_model_file
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_source
-   use hb_guard, only: guard_file, lower_guard
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_model, only: model_source_t, model_t
@@ -103,14 +102,12 @@ contains
 
       call check_source(path, error)
       if (allocated(error)) return
-      call guard_file(path)
       call open_file(file, path, error)
       if (.not. allocated(error)) then
          call check_form(file, error)
          if (.not. allocated(error)) call read_parts(file, model, error)
          call file%close(ignored)
       end if
-      call lower_guard()
       if (.not. allocated(error)) return
       if (index(error%message, path) == 0) call annotate(error, "file '"//path//"'")
    end subroutine read_model_file
@@ -123,7 +120,6 @@ contains
 
       is_model_file = kind_of_file(path) == file_kind%regular         ! to open a pipe waits for who writes
       if (.not. is_model_file) return
-      call guard_file(path)
       call open_file(file, path, error)
       is_model_file = .not. allocated(error)
       if (is_model_file) then
@@ -131,7 +127,6 @@ contains
          is_model_file = .not. allocated(error)
          call file%close(ignored)
       end if
-      call lower_guard()
    end function is_model_file
 
    !> Refuses a file of another form.

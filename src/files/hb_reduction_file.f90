@@ -6,7 +6,6 @@
 module hb_reduction_file
    use hb_checksum, only: checksum
    use hb_error, only: error_t, fail
-   use hb_guard, only: guard_file, lower_guard
    use hb_hdf5, only: create_in_memory, h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_node_sets, only: direction_length, name_length
@@ -120,13 +119,11 @@ contains
 
       is_found = kind_of_file(reduction_path(model, mark)) == file_kind%regular
       if (.not. is_found) return
-      call guard_file(reduction_path(model, mark))
       call open_file(file, reduction_path(model, mark), error)
       if (.not. allocated(error)) then
          call read_parts(file, mark, found, error)
          call file%close(ignored)
       end if
-      call lower_guard()
       is_found = .not. allocated(error)
       if (is_found) then
          structure = found

@@ -77,10 +77,11 @@ contains
       stability%method = stability_method%march
       if (config%method == stability_method%hill .and. variation%is_smooth()) then
          allocate (hill)
-         call new_hill(hill, variation, error)
+         call new_hill(hill, variation, work_on_demand, error)
          if (allocated(error)) return
-         stability%method = stability_method%hill
+         if (hill%is_too_large) deallocate (hill)
       end if
+      if (allocated(hill)) stability%method = stability_method%hill
       is_orbit_sought = .false.
       if (has_piecewise_orbit(variation) .and. .not. any(motion%tones%is_unknown)) &
          is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, most_work_of_orbit)

@@ -10,7 +10,7 @@ module hb_koopman_hill
    use hb_error, only: error_t
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box
    use hb_kinds, only: two_pi, wp
-   use hb_matrix_exponential, only: exponential_of
+   use hb_matrix_exponential, only: count_exponential, exponential_of
    use hb_variation, only: variation_t
    use hb_watch, only: work_is_over
    implicit none
@@ -24,6 +24,7 @@ module hb_koopman_hill
    !> The series of A and the matrix of Hill.
    type :: hill_t
       integer :: n = 0                                                !! rows of A
+      logical :: is_too_large = .false.                               !! it would take more work than is allowed
       type(harmonics_t) :: set                                        !! of the products
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones)
       real(wp), allocatable :: matrix(:, :)                           !! H, (n*n_coefficients, n*n_coefficients)
@@ -39,10 +40,11 @@ module hb_koopman_hill
 contains
 
    !> Hill's problem of a motion whose laws are smooth. A has twice the order of the motion where its law is cubic; what is
-   !> negligible there is left out.
-   subroutine new_hill(self, variation, error)
+   !> negligible there is left out. Nothing is made where a period of the slowest tone would take more than `work_limit`.
+   subroutine new_hill(self, variation, work_limit, error)
       type(hill_t), intent(out) :: self
       type(variation_t), intent(inout) :: variation
+      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: series
       real(wp), allocatable :: cosine(:, :, :), sine(:, :, :)
@@ -64,7 +66,9 @@ contains
             order = max(order, abs(series%tuples(:, h)))
       end do
       call new_box(self%set, order + beyond, .false., error)
-      if (.not. allocated(error)) call fill(self, series, cosine, sine)
+      if (allocated(error)) return
+      self%is_too_large = work_of(self) > work_limit
+      if (.not. self%is_too_large) call fill(self, series, cosine, sine)
 
    contains
 
@@ -74,6 +78,15 @@ contains
          is_negligible = max(maxval(abs(cosine(:, :, h))), maxval(abs(sine(:, :, h)))) <= negligible*maxval(abs(cosine))
       end function is_negligible
    end subroutine new_hill
+
+   !> The first two rounds of `transfer` over a period of the slowest tone.
+   pure real(wp) function work_of(self) result(work)
+      type(hill_t), intent(in) :: self
+      real(wp) :: turn
+
+      turn = two_pi*sum(self%set%highest*self%omega)/minval(self%omega)  ! of the fastest harmonic
+      work = 2*count_exponential(self%n*self%set%n_coefficients, turn/fewest_parts)
+   end function work_of
 
    !> Coefficients of A over the torus, by sums over a grid that does not alias them.
    subroutine find_series(variation, series, cosine, sine)

@@ -13,6 +13,7 @@ module hb_matrix_exponential
 
    integer, parameter :: degree = 6
    integer, parameter :: largest_plain = 12                           ! rows up to which the compiler's products are faster
+   real(wp), parameter :: uncut = 1.0e8_wp                            ! [ns] of work between looks whether it shall end
 
 contains
 
@@ -41,14 +42,19 @@ contains
       do k = 1, degree
          factor = factor*real(degree - k + 1, wp)/real(k*(2*degree - k + 1), wp)
          if (n > largest_plain) then
-            if (work_is_over()) return                               ! a product takes milliseconds and more
+            if (work_is_over()) return                                ! a product takes milliseconds and more
          end if
          power = product_of(scaled, power)
          e = e + factor*power
          denominator = denominator + merge(-factor, factor, modulo(k, 2) == 1)*power
       end do
       call dgetrf(n, n, denominator, n, pivots, info)
-      call dgetrs("N", n, n, denominator, n, pivots, e, n, info)
+      do i = 1, n, panel_of(n)
+         if (i > 1) then
+            if (work_is_over()) return
+         end if
+         call dgetrs("N", n, min(panel_of(n), n - i + 1), denominator, n, pivots, e(:, i:), n, info)
+      end do
       do i = 1, n_squarings
          if (n > largest_plain) then
             if (work_is_over()) return
@@ -120,15 +126,30 @@ contains
       norm_of = maxval(sum(abs(a), dim=1))
    end function norm_of
 
-   !> a b, (n, any).
+   !> Columns of a product of so many rows, or solutions, that take no longer than `uncut`.
+   pure integer function panel_of(n)
+      integer, intent(in) :: n
+
+      panel_of = max(1, int(min(real(n, wp), uncut/(per_multiplication(n)*real(n, wp)**2))))
+   end function panel_of
+
+   !> a b, (n, any); not whole where the work of the thread shall end.
    function product_of(a, b) result(c)
       real(wp), intent(in), contiguous :: a(:, :), b(:, :)
       real(wp) :: c(size(a, 1), size(b, 2))
+      integer :: first, n, n_columns
 
       if (size(a, 1) <= largest_plain) then
          c = matmul(a, b)
       else
-         call dgemm("N", "N", size(a, 1), size(b, 2), size(a, 2), 1.0_wp, a, size(a, 1), b, size(b, 1), 0.0_wp, c, size(c, 1))
+         n = size(a, 1)
+         do first = 1, size(b, 2), panel_of(n)
+            if (first > 1) then
+               if (work_is_over()) exit
+            end if
+            n_columns = min(panel_of(n), size(b, 2) - first + 1)
+            call dgemm("N", "N", n, n_columns, n, 1.0_wp, a, n, b(:, first:), n, 0.0_wp, c(:, first:), n)
+         end do
       end if
    end function product_of
 end module hb_matrix_exponential

@@ -3,7 +3,6 @@
 module hb_results_record
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_source
-   use hb_guard, only: guard_file, lower_guard
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, is_status, outcome
@@ -71,7 +70,6 @@ contains
       do i = 1, size(points)
          messages(i)%value = ""
       end do
-      call guard_file(path)
       call open_file(file, path, error)
       if (.not. allocated(error)) call file%open_dataset("message", dataset, error)
       do i = 1, size(points)
@@ -79,7 +77,6 @@ contains
          call dataset%read_text_row(points(i), messages(i)%value, error)
       end do
       call file%close(error)
-      call lower_guard()
    end subroutine messages_of
 
    !> Reads how the points of a file ended; none where it does not tell.
@@ -89,12 +86,10 @@ contains
       type(error_t), allocatable :: error
       type(h5_file_t) :: file
 
-      call guard_file(path)
       call open_file(file, path, error)
       if (.not. allocated(error)) call file%get("status", status, error)
       if (.not. allocated(status)) allocate (status(0))
       call file%close(error)
-      call lower_guard()
    end function statuses_of
 
    !> Reads the file; it may be that of a run which is still going on.
@@ -107,12 +102,10 @@ contains
 
       call check_source(path, error)
       if (allocated(error)) return
-      call guard_file(path)
       call open_file(file, path, error)
       if (.not. allocated(error)) call read_attributes(self, file, error)
       if (.not. allocated(error)) call read_datasets(self, file, error)
       call file%close(error_in_close)
-      call lower_guard()
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
       call annotate(error, "'"//path//"' is no result file of this program")
    end subroutine read_record
@@ -128,7 +121,6 @@ contains
       integer :: i
       logical :: is_open
 
-      call guard_file(path)
       call open_file(file, path, error)
       is_open = .not. allocated(error)
       do i = 1, size(plan%parameters)
@@ -141,7 +133,6 @@ contains
          call dataset%close()
       end do
       if (is_open) call file%close(error)
-      call lower_guard()
    end subroutine read_units
 
    subroutine read_attributes(self, file, error)
@@ -213,11 +204,12 @@ contains
       if (allocated(error)) return
       self%has_own_tuples = file%has("tuples")
       if (self%has_own_tuples) then
-         call open_column(file, "tuples", dataset, 3, extents, error)
+         call file%open_dataset("tuples", dataset, error, n_axes=3)
       else
-         call open_column(file, "tuple", dataset, 2, extents, error)
+         call file%open_dataset("tuple", dataset, error, n_axes=2)
       end if
       if (allocated(error)) return
+      extents = dataset%get_extents()
       allocate (self%tuples(extents(1), extents(2)), stat=status)
       if (status == 0 .and. self%has_own_tuples) then
          self%tuples = 0
@@ -226,8 +218,9 @@ contains
       else
          call fail(error, "there is no memory for dataset 'tuple'")
       end if
-      if (.not. allocated(error)) call open_column(file, "frequency", dataset, 2, extents, error)
+      if (.not. allocated(error)) call file%open_dataset("frequency", dataset, error, n_axes=2)
       if (allocated(error)) return
+      extents = dataset%get_extents()
       if (any(extents /= [size(self%tuples, 1), self%n_points])) then
          call fail(error, "dataset 'frequency' has not one number for each tone and point")
          return
@@ -239,25 +232,6 @@ contains
          call fail(error, "there is no memory for dataset 'frequency'")
       end if
    end subroutine read_datasets
-
-   !> Opens a dataset of so many axes.
-   subroutine open_column(file, name, dataset, n_axes, extents, error)
-      type(h5_file_t), intent(in) :: file
-      character(*), intent(in) :: name
-      type(h5_dataset_t), intent(out) :: dataset
-      integer, intent(in) :: n_axes
-      integer, allocatable, intent(out) :: extents(:)
-      type(error_t), allocatable, intent(out) :: error
-
-      call file%open_dataset(name, dataset, error)
-      if (allocated(error)) return
-      extents = dataset%get_extents()
-      if (size(extents) /= n_axes) then
-         call fail(error, "dataset '"//name//"' has "//to_text(size(extents))//" axes, expected "//to_text(n_axes))
-      else if (product(real(extents, wp)) > huge(1)) then
-         call fail(error, "dataset '"//name//"' has more than "//to_text(huge(1))//" values")
-      end if
-   end subroutine open_column
 
    !> Reads a text that stands alone; does nothing once there is an error.
    subroutine read_one(file, name, text, error)

@@ -2,7 +2,6 @@
 module hb_row_checks
    use hb_checksum, only: checksum_rows
    use hb_error, only: annotate, error_t, fail
-   use hb_guard, only: guard_file, lower_guard, raise_guard
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: int64
    use hb_outcome, only: outcome
@@ -26,14 +25,12 @@ contains
       integer :: expected(size(status)), found(size(status))
 
       allocate (is_damaged(size(status)), source=.false.)
-      call guard_file(path)
       call open_file(file, path, error)
       if (.not. allocated(error)) call file%open_dataset("checksum", dataset, error)
       if (.not. allocated(error)) call dataset%read(expected, error)
       if (.not. allocated(error)) call dataset%get_attribute("of", names, error)
       if (.not. allocated(error)) call add_up(file, path, names, found, error)
       call file%close(error_in_close)
-      call lower_guard()
       call annotate(error, "checksums of '"//path//"'")
       if (allocated(error)) return
       is_damaged = found /= expected .and. status /= outcome%pending .and. status /= outcome%crashed
@@ -124,11 +121,9 @@ contains
       integer, allocatable :: status(:)
 
       n_pending = 0
-      call raise_guard("'"//path//"': was changed while the run wrote it, HDF5 dies of it; results are lost")
-      call open_file(file, path, error)
+      call open_file(file, path, error, last_words="was changed while the run wrote it, HDF5 dies of it; results are lost")
       call file%get("status", status, error)
       if (.not. allocated(error)) n_pending = count(status == outcome%pending)
       call file%close(error_in_close)
-      call lower_guard()
    end subroutine count_pending
 end module hb_row_checks

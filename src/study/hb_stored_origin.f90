@@ -61,7 +61,7 @@ contains
          if (file%has("tuples")) then
             call read_own_tuples()
          else
-            call file%open_dataset("tuple", dataset, error)
+            call file%open_dataset("tuple", dataset, error, n_axes=2)
             if (allocated(error)) return
             extents = dataset%get_extents()
             allocate (tuples(extents(1), extents(2)))
@@ -72,7 +72,7 @@ contains
             call file%open_dataset("grid", dataset, error)
             if (.not. allocated(error)) call dataset%read_rows(point + 1, grid, error)
          end if
-         if (.not. allocated(error)) call file%open_dataset("curve_state", dataset, error)
+         if (.not. allocated(error)) call file%open_dataset("curve_state", dataset, error, n_axes=2)
          if (allocated(error)) return
          extents = dataset%get_extents()
          if (point + 1 > extents(2)) then
@@ -95,7 +95,7 @@ contains
       subroutine read_own_tuples()
          integer :: n_harmonics(1)
 
-         call file%open_dataset("tuples", dataset, error)
+         call file%open_dataset("tuples", dataset, error, n_axes=3)
          if (allocated(error)) return
          extents = dataset%get_extents()
          if (point + 1 > extents(3)) then
@@ -106,7 +106,7 @@ contains
          call dataset%read_rows(point + 1, own, error)
          if (.not. allocated(error)) call file%open_dataset("n_harmonics", dataset, error)
          if (.not. allocated(error)) call dataset%read_rows(point + 1, n_harmonics, error)
-         if (.not. allocated(error)) tuples = own(:, :n_harmonics(1), 1)
+         if (.not. allocated(error)) tuples = own(:, :max(1, min(n_harmonics(1), size(own, 2))), 1)
       end subroutine read_own_tuples
    end subroutine read_curve_origin
 end module hb_stored_origin

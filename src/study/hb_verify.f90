@@ -162,26 +162,14 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
-      type(h5_dataset_t) :: dataset
       character(:), allocatable :: folder
 
       call read_record(stored%record_t, path, error)
       if (allocated(error)) return
       stored%estimates = stored%truncation + stored%aliasing
-      allocate (stored%frequency_estimates, mold=stored%frequency)
-      allocate (stored%coefficients(2, size(stored%tuples, 2), size(stored%dofs), stored%n_points))
       call open_file(file, path, error)
       if (allocated(error)) return
-      call file%open_dataset("coefficients", dataset, error)
-      if (.not. allocated(error)) call dataset%read(stored%coefficients, error)
-      if (.not. allocated(error)) call file%open_dataset("frequency_estimate", dataset, error)
-      if (.not. allocated(error)) call dataset%read(stored%frequency_estimates, error)
-      if (stored%has_own_tuples .and. .not. allocated(error)) then
-         allocate (stored%own_tuples(size(stored%tuples, 1), size(stored%tuples, 2), stored%n_points))
-         call file%open_dataset("tuples", dataset, error)
-         if (.not. allocated(error)) call dataset%read(stored%own_tuples, error)
-         call file%get("n_harmonics", stored%n_harmonics, error, stored%n_points)
-      end if
+      call read_motions(file, stored, error)
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
       folder = stored%input_folder                                    ! files that the input names are those of the run
@@ -204,6 +192,34 @@ contains
          of_files = lines(:index(lines//kept_reduction, kept_reduction) - 1)
       end function of_files
    end subroutine read_stored
+
+   !> Coefficients and frequencies of all points.
+   subroutine read_motions(file, stored, error)
+      type(h5_file_t), intent(in) :: file
+      type(stored_t), intent(inout) :: stored
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: dataset
+
+      call file%open_dataset("coefficients", dataset, error, n_axes=4)
+      if (allocated(error)) return
+      associate (sizes => [2, size(stored%tuples, 2), size(stored%dofs), stored%n_points])
+         if (any(dataset%get_extents() /= sizes)) then
+            call fail(error, "dataset 'coefficients' has not two numbers for each harmonic, degree of freedom and point")
+            return
+         end if
+         allocate (stored%coefficients(sizes(1), sizes(2), sizes(3), sizes(4)))
+      end associate
+      call dataset%read(stored%coefficients, error)
+      allocate (stored%frequency_estimates, mold=stored%frequency)
+      if (.not. allocated(error)) call file%open_dataset("frequency_estimate", dataset, error)
+      if (.not. allocated(error)) call dataset%read(stored%frequency_estimates, error)
+      if (allocated(error) .or. .not. stored%has_own_tuples) return
+      allocate (stored%own_tuples(size(stored%tuples, 1), size(stored%tuples, 2), stored%n_points))
+      call file%open_dataset("tuples", dataset, error)
+      if (.not. allocated(error)) call dataset%read(stored%own_tuples, error)
+      call file%get("n_harmonics", stored%n_harmonics, error, stored%n_points)
+      if (.not. allocated(error)) stored%n_harmonics = max(1, min(stored%n_harmonics, size(stored%tuples, 2)))
+   end subroutine read_motions
 
    !> Marches from one point.
    subroutine verify_point(stored, point, n_periods, result, error)
@@ -231,7 +247,7 @@ contains
       if (allocated(error)) return
       associate (omega => stored%frequency(:, point))
          tuples = stored%tuples
-         if (stored%has_own_tuples) tuples = stored%own_tuples(:, :max(1, stored%n_harmonics(point)), point)
+         if (stored%has_own_tuples) tuples = stored%own_tuples(:, :stored%n_harmonics(point), point)
          allocate (amplitudes(size(tuples, 2), scene%structure%n_dofs))
          amplitudes(:, scene%output%dofs) = cmplx(stored%coefficients(1, :size(tuples, 2), :, point), &
                                                   -stored%coefficients(2, :size(tuples, 2), :, point), wp)

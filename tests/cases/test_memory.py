@@ -5,7 +5,8 @@ import subprocess
 import sys
 
 import pytest
-from program import BAD_INPUT, command, environment, run
+from limit_parts.scenes import SCENES
+from program import BAD_INPUT, command, environment, read, run
 
 # Two tones, order 28, three degrees of freedom: the tangent takes nearly all.
 LARGE = """&structure
@@ -79,6 +80,15 @@ def estimate_and_measurement(source, tmp_path):
     between = [sys.executable, "-c", code, *words]
     done = subprocess.run(between, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=True)
     return int(estimate.group(1)) * MIB, int(done.stdout) * 1024
+
+
+def test_hill_gives_way_where_its_matrix_would_take_minutes(tmp_path):
+    """13,068 rows for six masses under two tones: more than 4 GB beside the estimate and no end; marched, 40 MB and a second."""
+    source = tmp_path / "hill.nml"
+    source.write_text(SCENES["exponents by hill"])
+    estimated, measured = estimate_and_measurement(source, tmp_path)
+    assert measured < estimated + 60 * MIB
+    assert [rows.tolist() for rows in read(tmp_path / "result.h5", "is_stable", "stability_method")] == [[-1], [3]]
 
 
 def test_limit_refuses_with_what_would_fit(tmp_path):

@@ -30,7 +30,9 @@ from fuzz_results import damaged
 
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = ("input", "law", "wisdom", "result", "content")
-ALLOWED = {"check": {0, 1, 2}, "solve": {0, 1, 2, 3}, "resume": {0, 1, 2, 3}, "info": {0, 2, 3}}
+ALLOWED = {"check": {0, 1, 2}, "solve": {0, 1, 2, 3}, "resume": {0, 1, 2, 3}, "info": {0, 2, 3}, "verify": {0, 1, 2}}
+READERS = (["info"], ["info", "--check"], ["resume"], ["verify", "--points", "1", "--periods", "2"])
+HUGE = 300_000_000  # rows of a dataset that holds none of them
 SECONDS, GIBIBYTES, PATIENCE, FILE_BYTES = 10.0, 1.0, 3.0, 100_000_000
 WALL = 120.0  # seconds after which a process that waits for something is a finding, too
 TRACES = ("Fortran runtime", "Backtrace for", "Error termination", "Program received", "MPI_ABORT", "HDF5-DIAG",
@@ -46,6 +48,13 @@ SCENE = """
 """
 SPRING = "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n"
 SWEEP = "&sweep parameter = 'load(1)%cos', values = 0.1, 0.2, 0.3 /\n"
+ONE_TONE = "&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.05, stiffness = 1.0 /\n&tones frequency = 0.8 /\n"
+ONE_TONE += "&load dof = 'x1', tuple = 1, cos = 0.2 /\n&law type = 'elastic_stop', dof = 'x1', stiffness = 5.0, gap = 0.4 /\n"
+OTHER_RESULTS = {
+    "curve": ONE_TONE + "&harmonics order = 7 /\n&curve parameter = 'tones%frequency', from = 0.8, to = 1.0, points = 40 /\n",
+    "adaptive": SCENE.replace("&harmonics order = 3 /", "&accuracy tolerance = 1e-3 /") + SPRING + SWEEP,
+    "march": ONE_TONE.replace("damping = 0.05", "damping = 0.3") + "&harmonics order = 15 /\n&solver first_way = 'march' /\n",
+}
 TEXT_ACCIDENTS = ("number", "number", "number", "piece", "cut", "bits", "double", "tail", "long")
 NUMBERS = ("0", "-1", "1", "7", "1000", "100000", "100000000", "2147483647", "2147483648", "1e308", "-1e309", "5e-324",
            "nan", "inf", "1000000*0", "3*", "1.5.2", "'x1'", ".true.")  # fmt: skip
@@ -126,7 +135,10 @@ class Campaign:
         (folder / "good.nml").write_text(SCENE + SPRING + SWEEP + "&output samples = 8, title = 'sound' /\n")
         self._make("solve", "good.nml", "--output", "whole.h5", "--overwrite", status=0)
         self._make("solve", "good.nml", "--output", "begun.h5", "--overwrite", "--time-limit", "0", status=3)
-        self.results = [(folder / name).read_bytes() for name in ("whole.h5", "begun.h5")]
+        for name, text in OTHER_RESULTS.items():
+            (folder / f"{name}.nml").write_text(text)
+            self._make("solve", f"{name}.nml", "--overwrite", status=0)
+        self.results = [(folder / f"{name}.h5").read_bytes() for name in ("whole", "begun", *OTHER_RESULTS)]
         (folder / "wise.nml").write_text(SCENE + SPRING + "&sampling planning = 'measure', wisdom = 'plans.fftw' /\n")
         self._make("solve", "wise.nml", status=0)
         self.wisdom = (folder / "plans.fftw").read_bytes()
@@ -232,13 +244,13 @@ class Campaign:
 
     def _prepare_result(self, generator: random.Random) -> Case:
         (self.folder / "damaged.h5").write_bytes(damaged(generator.choice(self.results), generator))
-        return Case("result", [generator.choice(("info", "resume")), "damaged.h5"])
+        return Case("result", reading(generator))
 
     def _prepare_content(self, generator: random.Random) -> Case:
         path = self.folder / "damaged.h5"
         path.write_bytes(generator.choice(self.results))
         what = ", ".join(change_content(path, generator) for _ in range(generator.randint(1, 3)))
-        return Case(f"content {what}", [generator.choice(("info", "resume")), "damaged.h5"])
+        return Case(f"content {what}", reading(generator))
 
     def run(self, case: Case) -> tuple[str, float, int]:
         """What is wrong with how the case ended (empty: nothing), processor time [s], resident memory [kiB]."""
@@ -302,6 +314,12 @@ def _processor_time(pid: int) -> float:
     except (OSError, IndexError):
         return 0.0
     return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def reading(generator: random.Random) -> list[str]:
+    """Words of a run that reads the damaged file."""
+    verb, *options = generator.choice(READERS)
+    return [verb, "damaged.h5", *options]
 
 
 def mutated(text: bytes, others: list[bytes], generator: random.Random, numbers_only: bool = False) -> bytes:
@@ -377,11 +395,14 @@ def change_content(path: Path, generator: random.Random) -> str:
             file[name][...] = values.reshape(file[name].shape)
             return f"numbers {name}"
         data = file[name][()]
-        shape = file[name].shape
+        shape, dtype = file[name].shape, file[name].dtype
         del file[name]
         if how == "shape":
             sizes = generator.choice(((), (0,), (1,), (2, 2), (1000,), tuple(reversed(shape)), shape + (2,), (3, 100_000)))
-            file[name] = np.zeros(sizes)
+            if generator.random() < 0.2:
+                file.create_dataset(name, (HUGE, *shape[1:]), "f8" if dtype.kind == "O" else dtype, chunks=(1000, *shape[1:]))
+            else:
+                file[name] = np.zeros(sizes)
         elif how == "kind":
             others = (np.asarray("text", dtype="S9"), "text", np.zeros(shape, "c16"), np.zeros(shape, "u1"), 7, 1.5)
             file[name] = generator.choice(others)

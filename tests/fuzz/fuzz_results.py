@@ -18,7 +18,7 @@ import tempfile
 import time
 from pathlib import Path
 
-LAST_WORDS = ("corrupted", "double free", "free()", "malloc()", "munmap_chunk()", "realloc()")  # of the C library before it aborts
+LAST_WORDS = ("corrupted", "double free", "free()", "malloc()", "munmap_chunk()", "realloc()", "Fatal glibc error")  # of the C library
 
 
 def damaged(good: bytes, generator: random.Random) -> bytes:

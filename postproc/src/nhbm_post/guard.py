@@ -59,6 +59,8 @@ def guarded(main, program: str) -> int:
                 status = 2
                 print(f"{program}: standard output cannot be written ({error.strerror})", file=sys.stderr)
             finally:
+                with suppress(OSError):
+                    sys.stderr.flush()
                 os._exit(status)
     # The child ends of signals; this process then removes what it was writing.
     before = {number: signal.signal(number, lambda number, _: os.kill(child, number)) for number in _ENDING}
