@@ -139,9 +139,11 @@ def test_record_of_many_forms(tmp_path, text):
 
 @pytest.mark.parametrize("ending, start", [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_ending_chooses_the_format(tmp_path, ending, start):
+    """The same bytes each time."""
     with Results(single(tmp_path / "a.h5", 1)) as results:
-        path = save(draw_spectrum(results.series(0)), tmp_path / f"a.{ending}")
-    assert path.read_bytes().startswith(start)
+        paths = [save(draw_spectrum(results.series(0)), tmp_path / f"{name}.{ending}") for name in ("a", "b")]
+    assert paths[0].read_bytes().startswith(start)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
 def test_saving_refuses_bad_names(tmp_path):

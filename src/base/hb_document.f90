@@ -51,6 +51,7 @@ module hb_document
       procedure :: group => document_group
       procedure :: has_changed => document_has_changed
       procedure :: is_real => document_is_real
+      procedure :: n_tones_of => document_n_tones_of
       procedure :: optional_group => document_optional_group
       procedure :: required_group => document_required_group
       procedure :: resolve => document_resolve
@@ -301,6 +302,20 @@ contains
          is_real = group%asked(group%content%keys(i_key)%asked)%kind == kind_of%number
       end associate
    end function document_is_real
+
+   !> How many tones the input has, where a parameter is the frequency of them all; else 0.
+   pure integer function document_n_tones_of(self, parameter) result(n_tones)
+      class(document_t), intent(in) :: self
+      type(parameter_t), intent(in) :: parameter
+      integer :: i_key
+
+      n_tones = 0
+      associate (group => self%groups%holders(parameter%i_group)%group)
+         if (group%name /= "tones" .or. parameter%key /= "frequency" .or. parameter%element(1) > 0) return
+         i_key = group%content%names%find(trim(parameter%key))
+         if (i_key > 0) n_tones = max(group%content%keys(i_key)%n_listed, group%content%keys(i_key)%n_elements)
+      end associate
+   end function document_n_tones_of
 
    !> Whether a value in a group of a name has changed since `accept_changes`, or with `others`, in a group of another name.
    pure logical function document_has_changed(self, names, others) result(has_changed)

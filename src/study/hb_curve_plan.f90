@@ -114,8 +114,11 @@ contains
       if (allocated(self%over)) then
          call document%resolve(self%over, self%first_parameter, error)
          if (.not. allocated(error)) then
-            if (.not. any(groups == document%groups%holders(self%first_parameter%i_group)%group%name)) &
+            if (.not. any(groups == document%groups%holders(self%first_parameter%i_group)%group%name)) then
                call fail(error, "a curve follows a number of &structure, &tones, &load or &law")
+            else if (document%n_tones_of(self%first_parameter) > 1) then
+               call fail(error, "say which tone moves, such as '"//trim(lower(self%over))//"(1)'")
+            end if
          end if
          if (allocated(error)) then
             error%message = self%place//": over '"//shown(self%over)//"': "//error%message
@@ -128,6 +131,10 @@ contains
          if (name /= "tones" .and. self%tie == ties(2)) &
             call fail(error, self%place//": tie: 'ratio' is for the frequency of a tone")
       end associate
+      if (document%n_tones_of(self%parameter) > 1) &
+         call fail(error, self%place//": parameter '"//shown(self%path)//"': there are "// &
+                   to_text(document%n_tones_of(self%parameter))//" tones; say which of them moves, such as '"// &
+                   trim(lower(self%path))//"(1)', and tie = 'ratio' if the others move along")
       group => document%group("curve", 1)
       self%parameter%line = group%line
 
@@ -164,9 +171,6 @@ contains
          complaint = "is no real number; only such can move by and by"
       else if (scene%normal_mode%is_asked .and. scene%normal_mode%has_energy) then
          complaint = "a curve keeps the amplitude of a &normal_mode, not its energy"
-      else if (is_tones .and. scene%tones%n_tones > 1 .and. self%parameter%element(1) == 0) then
-         complaint = "there are "//to_text(scene%tones%n_tones)//" tones; say which of them moves, such as '"// &
-                     trim(lower(self%path))//"(1)', and tie = 'ratio' if the others move along"
       else if (size(scene%laws) == 0) then
          complaint = "a curve needs at least one &law; without any, a &sweep shows all there is"
       end if
@@ -185,9 +189,6 @@ contains
       if (allocated(self%over)) then
          if (any(scene%tones%is_unknown)) then
             complaint = "tones must be given"
-         else if (scene%tones%n_tones > 1 .and. self%first_parameter%element(1) == 0 .and. &
-                  document%groups%holders(self%first_parameter%i_group)%group%name == "tones") then
-            complaint = "say which tone moves, such as '"//trim(lower(self%over))//"(1)'"
          else if (.not. document%is_real(self%first_parameter)) then
             complaint = "is no real number; only such can move by and by"
          end if

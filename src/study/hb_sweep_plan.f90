@@ -125,6 +125,8 @@ contains
             swept%parameter%line = -group%line
             if (.not. allocated(error)) then
                if (allocated(self%curve)) call refuse_curve(self%curve, swept, error)
+               if (document%n_tones_of(swept%parameter) > 1) call fail(error, "there are "// &
+                  to_text(document%n_tones_of(swept%parameter))//" tones; say which, such as '"//trim(swept%path)//"(1)'")
                if (.not. allocated(error)) cycle
             end if
             error%message = swept%place//": parameter '"//shown(swept%path)//"': "//error%message
@@ -580,7 +582,23 @@ contains
       else if (self%value(i) == anint(self%value(i)) .and. abs(self%value(i)) <= real(huge(i), wp)) then
          text = to_text(nint(self%value(i)))
       else
-         text = to_text(self%value(i))
+         text = to_text(told_apart(self%value(i), self%value(merge(i - 1, min(2, self%length()), i > 1)), &
+                                   self%value(merge(i + 1, max(1, i - 1), i < self%length()))))
       end if
    end function value_text
+
+   !> A value with as many digits as tell it from its neighbours: off by less than a hundredth of the distance to the next.
+   real(wp) function told_apart(value, before, after) result(rounded)
+      real(wp), intent(in) :: value
+      real(wp), intent(in) :: before, after                           !! at an end the same, and the value itself where it is alone
+      character(40) :: buffer, form
+      integer :: n_digits
+
+      do n_digits = 3, 17
+         write (form, "(a, i0, a)") "(es40.", n_digits - 1, "e4)"
+         write (buffer, form) value
+         read (buffer, *) rounded
+         if (100.0_wp*abs(rounded - value) <= min(abs(value - before), abs(value - after))) return
+      end do
+   end function told_apart
 end module hb_sweep_plan

@@ -56,6 +56,7 @@ _RC = {
     "hatch.linewidth": 0.5,
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
+    "svg.hashsalt": "nhbm",  # names of parts; else drawn at random, so that no picture would be made twice
 }
 
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
