@@ -174,7 +174,8 @@ contains
 
       associate (reduction => structure%reduction)
          if (reduction%n_full == 0) then
-            call say("structure   "//to_text(structure%n_dofs)//" degrees of freedom")
+            call say("structure   "//to_text(structure%n_dofs)// &
+                     trim(merge(" degree ", " degrees", structure%n_dofs == 1))//" of freedom")
             if (allocated(reduction%left_out)) call say("            not reduced: "//reduction%left_out)
             return
          end if

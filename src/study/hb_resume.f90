@@ -86,6 +86,9 @@ contains
       if (len(differences) > 0) then
          call fail(error, "result file '"//path//"' was made from another input; give the same or another --output"// &
             new_line("a")//differences)
+      else if (len(self%libraries) > 0 .and. len(record%input_libraries) == 0 .and. .not. retries) then
+         call fail(error, "result file '"//path//"' does not say which model and libraries of laws it was made with; "// &
+            "--retry goes on with those of now, if they are the same"//new_line("a")//self%libraries)
       else if (self%libraries /= record%input_libraries .and. .not. retries) then
          call fail(error, "result file '"//path//"' was made with another model or other libraries of laws; give the same or "// &
             "another --output, or --retry to go on with these"//new_line("a")//"now:"//new_line("a")// &

@@ -583,6 +583,17 @@ def test_a_changed_model_is_not_gone_on_with_unasked(what, net):
     assert run("resume", "changed.h5", "--quiet", cwd=net).status == ALL_CONVERGED
 
 
+def test_a_file_that_does_not_tell_its_model_says_what_to_do(net):
+    """As those made before models were marked."""
+    (net / "older.nml").write_text(NET)
+    assert run("solve", "older.nml", "--overwrite", "--quiet", "--time-limit", "0", cwd=net).status == INCOMPLETE
+    with h5py.File(net / "older.h5", "r+") as file:
+        file["input_libraries"][()] = ""
+    done = run("resume", "older.h5", cwd=net)
+    assert done.status == BAD_INPUT and "does not say which model" in done.stderr and "--retry goes on" in done.stderr
+    assert run("resume", "older.h5", "--retry", "--quiet", cwd=net).status == ALL_CONVERGED
+
+
 @pytest.mark.parametrize("n_bytes", [10**9, 2**62])
 def test_a_kept_reduction_of_which_the_library_dies_is_named(n_bytes, net):
     """Its texts are said to be longer than the file."""
