@@ -9,6 +9,7 @@
 !> Glossary: u unknowns, S condensed dynamic stiffness, s reaction = F_ext - S u, q motion and v rate on the samples.
 module hb_balance
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_block_factors, only: block_factors_t
    use hb_dense_tangent, only: dense_tangent_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t
    use hb_error, only: error_t
@@ -48,6 +49,8 @@ module hb_balance
       real(wp), allocatable, private :: sampled(:, :)                 ! (n_coefficients, n_dofs) motion that law_set holds
       logical, private :: has_samples = .false.                       ! of it, at today's frequencies and loads
       logical, private :: has_slopes = .false.                        ! and forces and slopes of the laws at these samples
+      type(block_factors_t), private :: mean_factors                  ! of the tangent of each harmonic by itself
+      logical, allocatable, private :: has_mean_factors(:)            ! (n_harmonics)
       logical, private :: has_moved = .false.                         ! to other frequencies than it was made for
       integer, private :: effort = 0                                  ! one of hb_fftw%planning
       integer, private :: n_rounds = 1                                ! of sliders, which `tangent_work` counts
@@ -62,8 +65,8 @@ module hb_balance
       procedure :: solve_linear => balance_solve_linear
       procedure :: compliance_of_law => balance_compliance_of_law
       procedure :: rounding_level => balance_rounding_level
-      procedure :: mean_response => balance_mean_response
       procedure :: set_scales => balance_set_scales
+      procedure :: factorise_mean_tangent => balance_factorise_mean_tangent
       procedure :: solve_mean_tangent => balance_solve_mean_tangent
       procedure :: mean_slopes => balance_mean_slopes
       procedure :: move => balance_move
@@ -140,21 +143,17 @@ module hb_balance
          real(wp), intent(out), contiguous :: step(:)
       end subroutine balance_precondition
 
-      module subroutine balance_solve_mean_tangent(self, u, r, step, error)
+      module subroutine balance_factorise_mean_tangent(self, u, error)
          class(balance_t), intent(inout) :: self
          real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
-         real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)    !! [N]
-         real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
          type(error_t), allocatable, intent(out) :: error
-      end subroutine balance_solve_mean_tangent
+      end subroutine balance_factorise_mean_tangent
 
-      module subroutine balance_mean_response(self, u, r, step, error)
-         class(balance_t), intent(inout) :: self
-         real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      module subroutine balance_solve_mean_tangent(self, r, step)
+         class(balance_t), intent(in) :: self
          real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)    !! [N]
          real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine balance_mean_response
+      end subroutine balance_solve_mean_tangent
 
       module subroutine balance_mean_slopes(self, u, df_dq, df_dv, error)
          class(balance_t), intent(inout) :: self

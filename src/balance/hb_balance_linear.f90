@@ -78,8 +78,9 @@ contains
       if (.not. self%law_set%has_memory .or. .not. self%has_sound_scales()) return
       at_rest = 0.0_wp
       call self%residual([(0.0_wp, i=1, size(r))], r)
-      call self%solve_mean_tangent(at_rest, reshape(r, shape(u)), stuck, error)
+      call self%factorise_mean_tangent(at_rest, error)
       if (allocated(error)) return
+      call self%solve_mean_tangent(r, stuck)
       if (.not. all(ieee_is_finite(stuck))) return
       stuck = -stuck
       call self%sample(stuck)

@@ -21,6 +21,7 @@ module hb_certificate
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_phase, only: phase_problem_t
+   use hb_problem, only: problem_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: structure_t
@@ -29,6 +30,7 @@ module hb_certificate
    use hb_torus, only: fast_size, new_torus, samples_for, torus_t
    use hb_tuple_choice, only: new_doubled_set
    use hb_two_level, only: clear_kept, improve, residual_of
+   use hb_wide_problem, only: new_wide_problem, wide_problem_t
    implicit none
    private
    public :: certificate_t, certify, certify_linear, choose_wider_set, near_commensurate, wider_orders, wider_samples
@@ -36,18 +38,11 @@ module hb_certificate
    real(wp), parameter :: smallest_size = 1.0e-6_wp                    ! motion relative to what the loads do to the stiffest
                                                                       ! harmonic, below which nothing moves
    real(wp), parameter :: linear = 0.1_wp                             ! largest error that one linear step tells
-   real(wp), parameter :: much_force = 1.0e-2_wp                      ! beyond the balance on the finer grid, relative to its scale
-   real(wp), parameter :: nearer = 0.5_wp                             ! to the balance there after one linear step
-   real(wp), parameter :: most_given_way = 2.0_wp                     ! to a stop: motion kept, relative to that left out
+   real(wp), parameter :: nearer = 0.5_wp                             ! a second step, relative to the first
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
-   real(wp), parameter :: accuracy_of_estimates = 1.0e-6_wp           ! solutions with the tangent from products
-   real(wp), parameter :: accuracy_of_wide_steps = 1.0e-1_wp          ! likewise, in the wider set
+   real(wp), parameter :: accuracy_of_estimates = 1.0e-4_wp           ! solutions with the tangent from products
+   real(wp), parameter :: small_step = 5.0e-2_wp                      ! of the one before
    real(wp), parameter :: accuracy_of_improvement = 1.0e-8_wp
-   real(wp), parameter :: leads_away = 6.0_wp                         ! answer of the tuples left out after a step in blocks, relative
-                                                                      ! to that before: up to 5.6 such steps were right within a
-                                                                      ! factor of 1.7, from 7.2 on up to 300 times too long (stops,
-                                                                      ! two tones)
-   integer, parameter :: largest_wide_problem = 200000                ! unknowns of the wider set, for Newton's method there
    integer, parameter :: most_iterations = 30                         ! of another solution to compare with
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
    real(wp), parameter :: least_density = 1.25_wp                      ! samples of the finer grid, relative to 2 N + 1
@@ -70,9 +65,6 @@ module hb_certificate
       type(harmonics_t) :: around                                     !! the wider set in which the motion was looked at
       real(wp), allocatable :: neglected(:)                           !! first-order answer of each of its tuples that is not kept,
                                                                       !! relative to the motion; not allocated where not known
-      real(wp) :: next_answer = 0.0_wp                                !! of those tuples to the motion with its first-order errors
-                                                                      !! taken out, relative to what they answered before; of given
-                                                                      !! tones
       real(wp), allocatable :: first_order(:, :)                      !! motion with its first-order errors taken out [m],
                                                                       !! (n_coefficients of `around`, n_dofs of the balance)
       real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_law_dofs);
@@ -112,7 +104,8 @@ contains
       if (allocated(error)) return
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
-      call choose_wider(balance%harmonics, torus, has_multipliers(balance) .or. present(phase), set, grid, error)
+      call choose_wider(balance%harmonics, amplitudes(balance%harmonics, u), torus, has_multipliers(balance) .or. present(phase), &
+                        set, grid, error)
       if (allocated(error)) return
       call make_wide_balance()
       if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
@@ -185,8 +178,9 @@ contains
    !> The wider set, which reaches twice as far as that of the motion in all directions, and a finer grid: of one tone with four times
    !> the samples or more, as a short touch lies between fewer; of several, whose samples lie at other phases in each period, twice.
    !> Half of a grid holds odd motions of odd equations, which do not answer in even tuples.
-   subroutine choose_wider(narrow, torus, is_fine, set, grid, error)
+   subroutine choose_wider(narrow, carried, torus, is_fine, set, grid, error)
       type(harmonics_t), intent(in) :: narrow
+      real(wp), intent(in) :: carried(:)                              !! amplitudes of the motion (narrow%n_harmonics)
       type(torus_t), intent(in) :: torus
       logical, intent(in) :: is_fine                                  !! four times the samples of several tones, too: penetration
                                                                       !! of rigid walls and errors of frequencies need them
@@ -196,7 +190,7 @@ contains
       type(harmonics_t) :: all_tuples
       integer :: samples(narrow%n_tones)
 
-      call new_doubled_set(set, narrow, error)
+      call new_doubled_set(set, narrow, error, carried)
       if (allocated(error)) return
       if (set%n_harmonics > largest_wide_set) call choose_wider_set(narrow, set, error)
       if (allocated(error)) return
@@ -294,213 +288,132 @@ contains
       reference_size = max(norm2(u), smallest_size*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
    end function reference_size
 
-   !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: the harmonics
-   !> outside answer the forces that nothing balances, through their stiffness with the mean stiffness of the laws; what
-   !> this motion then changes in the kept ones, and in unknown frequencies, comes by the exact tangent. The tangent knows nothing
-   !> of a stop that only this motion touches, and would have its force answered by the structure alone; the kept motion gives way
-   !> to a stiff stop by about as much as that motion, no more.
+   !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: what two steps of Newton's
+   !> method in the wider set, with its exact tangent, change beside that, in kept harmonics, others and unknown frequencies. The
+   !> second step is taken where the first leads: contacts that only the harmonics outside touch answer there.
    subroutine estimate_errors(self, balance, wide, u, n_steps, error, phase, curve)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(inout), target :: balance
-      type(balance_t), intent(inout) :: wide
+      type(balance_t), intent(inout), target :: wide
       real(wp), intent(in) :: u(:, :)
       integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
-      type(phase_problem_t), intent(inout), optional :: phase
-      class(bordered_problem_t), intent(inout), optional :: curve
-      type(tangent_solver_t) :: tangent
-      real(wp), allocatable :: big(:, :), defect(:, :), answer(:, :), change(:), alias(:), unbalanced(:)
-      real(wp) :: aliasing, size_of_motion
-      integer :: i, n
-      logical :: is_rigid, is_singular, is_there
+      type(phase_problem_t), intent(inout), optional, target :: phase
+      class(bordered_problem_t), intent(inout), optional, target :: curve
+      type(tangent_solver_t), target :: tangent
+      type(wide_problem_t) :: whole
+      class(problem_t), pointer :: problem
+      real(wp), allocatable :: alias(:), big(:, :), change(:), first(:), second(:), x(:)
+      real(wp) :: size_of_motion
+      logical :: is_lost
 
       if (all(u == 0.0_wp)) return
-      size_of_motion = reference_size(balance, u)
-      allocate (big(wide%harmonics%n_coefficients, wide%n_dofs), source=0.0_wp)
-      allocate (defect, mold=big)
-      allocate (answer, mold=big)
-      n = balance%n_unknowns
-      if (present(phase)) n = phase%n_unknowns
-      if (present(curve)) n = curve%n_unknowns
-      allocate (change(n), alias(n), unbalanced(n))
       self%truncation = huge(1.0_wp)
       self%aliasing = huge(1.0_wp)
-      if (present(phase)) then
-         self%frequency_error(phase%tones) = balance%omega(phase%tones)
-         call new_tangent_solver(tangent, phase, phase%unknowns([u]), is_singular)
-      else if (present(curve)) then
-         call new_tangent_solver(tangent, curve, curve%unknowns([u]), is_singular)
-      else
-         call new_tangent_solver(tangent, balance, reshape(u, [size(u)]), is_singular, self%accuracy)
-      end if
-      if (is_singular) return
+      if (present(phase)) self%frequency_error(phase%tones) = balance%omega(phase%tones)
+      size_of_motion = reference_size(balance, u)
+      call choose_problem()
+      call new_tangent_solver(tangent, problem, x, is_lost, self%accuracy)
+      if (is_lost) return
+      allocate (big(wide%harmonics%n_coefficients, wide%n_dofs))
       call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
-      call wide%differentiate(big, error)                              ! `solve_mean_tangent` needs its slopes
+      call wide%factorise_mean_tangent(big, error)
       if (allocated(error)) return
-      call wide%residual_there(big, defect)
-      if (.not. all(ieee_is_finite(defect))) return                   ! out of the range of a law, between samples
-      unbalanced = restricted(defect, big)
-      alias = unbalanced
-      call solve_tangent(alias)
-      if (is_singular) return
-      aliasing = norm2(alias(:size(u)))/size_of_motion
-      if (.not. has_multipliers(balance) .and. any(abs(unbalanced(:size(u))) > much_force*balance%r_scale)) then
-         call start_from_finer_grid(is_there)
-         if (is_singular .or. .not. is_there) return
+      call new_wide_problem(whole, wide, balance, problem, tangent)
+      allocate (first(whole%n_unknowns), second(whole%n_unknowns))
+      call find_step(big, 0.0_wp*first, first)
+      if (is_lost) return
+      self%aliasing = norm2(alias(:size(u)))/size_of_motion
+      call find_step(big - on_wide(first), first, second)
+      if (is_lost) return
+      self%truncation = hypot(norm2(on_wide(first)), norm2(on_wide(second)))/size_of_motion
+      if (norm2(on_wide(second)) < nearer*norm2(on_wide(first))) then
+         first = first + second
+         change = first
+         change(whole%places) = change(whole%places) - alias(:size(u))
+         self%truncation = norm2(on_wide(change))/size_of_motion
       end if
-      self%aliasing = aliasing
-
-      call find_answer(answer)
-      if (allocated(error)) return
-      self%around = wide%harmonics
-      self%neglected = amplitudes(wide%harmonics, answer)/size_of_motion
-      call residual_of(wide, big - answer, defect)
-      if (.not. all(ieee_is_finite(defect))) return                   ! what cannot be looked at is not known
-      change = restricted(defect, big - answer) - unbalanced
-      call solve_tangent(change)
-      if (is_singular) return
-      if (is_rigid .and. .not. has_multipliers(balance)) &
-         change = change*min(1.0_wp, most_given_way*norm2(answer)/max(norm2(change(:size(u))), tiny(1.0_wp)))
-      self%truncation = sqrt(norm2(change(:size(u)))**2 + norm2(answer)**2)/size_of_motion
-      call find_first_order()
-      if (.not. (present(phase) .or. present(curve) .or. is_rigid)) then ! the tangent of a blow hides what it does to the motion
-         call find_next_answer()
-         if (allocated(error)) return
-         if (self%next_answer > leads_away .and. wide%n_unknowns <= largest_wide_problem) call step_in_wider_set()
-      end if
-      if (keeps_all(self, balance)) call keep_refined()
+      call keep_step()
       if (present(phase)) then
-         associate (first => size(u) + 1, last => size(u) + size(phase%tones))
-            self%frequency_error(phase%tones) = hypot(change(first:last), alias(first:last))
-         end associate
-         if (is_rigid .or. self%truncation > linear) call compare_with_half(self, balance%harmonics, phase, u, size_of_motion)
+         if (has_multipliers(balance) .or. self%truncation > linear) &
+            call compare_with_half(self, balance%harmonics, phase, u, size_of_motion)
          return                                                       ! the improvement holds the frequencies
-      end if
-      if (present(curve)) then
-         do i = 1, count(curve%which <= size(balance%omega))
-            self%frequency_error(curve%which(i)) = hypot(change(size(u) + i), alias(size(u) + i))
-         end do
       end if
       if (n_steps == 0 .or. present(curve)) return
       self%wider = wide%harmonics
       allocate (self%improved, mold=big)
-      call improve(balance, wide, tangent, u, n_steps, self%improved, error)
-      if (.not. allocated(error)) self%improved = wide%at_law_dofs(self%improved)
+      call improve(balance, wide, tangent, u, n_steps, self%improved)
+      self%improved = wide%at_law_dofs(self%improved)
 
    contains
 
-      !> The kept part of wide coefficients, as a vector, and what the equations added for unknown tones say of a wide motion.
-      function restricted(wide_coefficients, motion) result(kept)
-         real(wp), intent(in) :: wide_coefficients(:, :), motion(:, :)
-         real(wp) :: kept(n)
-         real(wp) :: pairs(size(u, 1), size(u, 2))
+      subroutine choose_problem()
+         if (present(phase)) then
+            problem => phase
+            x = phase%unknowns([u])
+         else if (present(curve)) then
+            problem => curve
+            x = curve%unknowns([u])
+         else
+            problem => balance
+            x = [u]
+         end if
+      end subroutine choose_problem
 
-         call transfer_coefficients(wide%harmonics, balance%harmonics, wide_coefficients, pairs)
-         kept = 0.0_wp
-         kept(:size(u)) = reshape(pairs, [size(u)])
-         if (present(phase)) kept(size(u) + 1:) = phase%added_residual(wide, motion)
-      end function restricted
-
-      !> Goes on from where the balance on the finer grid holds: a contact of few samples, or between them, may be missed there, and
-      !> what the motion is then left with are not its forces. Where one linear step does not lead there, nothing is known.
-      subroutine start_from_finer_grid(is_there)
-         logical, intent(out) :: is_there
-         real(wp) :: moved(size(big, 1), size(big, 2)), before
-
-         before = norm2(unbalanced(:size(u)))
-         call transfer_coefficients(balance%harmonics, wide%harmonics, reshape(alias(:size(u)), shape(u)), moved)
-         big = big - moved
-         call residual_of(wide, big, defect)
-         unbalanced = restricted(defect, big)
-         alias = unbalanced
-         is_there = norm2(unbalanced(:size(u))) < nearer*before
-         if (is_there) call solve_tangent(alias)
-      end subroutine start_from_finer_grid
-
-      !> Answer of the tuples that are not kept to `defect`.
-      subroutine find_answer(its_answer)
-         real(wp), intent(out) :: its_answer(:, :)
-
-         call clear_kept(balance%harmonics, wide%harmonics, defect)
-         call wide%solve_mean_tangent(big, defect, its_answer, error)
-         if (allocated(error)) return
-         is_rigid = acts_rigidly(balance, wide)
-         if (is_rigid .and. .not. has_multipliers(balance)) call wide%mean_response(big, defect, its_answer, error)
-         if (.not. allocated(error)) call clear_kept(balance%harmonics, wide%harmonics, its_answer)
-      end subroutine find_answer
-
-      subroutine find_next_answer()
-         real(wp) :: next(size(big, 1), size(big, 2))
-
-         self%next_answer = huge(1.0_wp)
-         call residual_of(wide, self%first_order, defect)
-         if (.not. all(ieee_is_finite(defect))) return
-         call find_answer(next)
-         if (.not. allocated(error)) self%next_answer = norm2(next)/max(norm2(answer), tiny(1.0_wp))
-      end subroutine find_next_answer
-
-      !> Two steps of Newton's method with the tangent of the wider set in the place of one in blocks, which leads away: what is kept
-      !> and what is left out answer each other strongly. Where there are none the estimate stays.
-      subroutine step_in_wider_set()
-         real(wp) :: first(size(big)), second(size(big))
+      !> Step from `motion`, to which `before` has led; beside the first one, the part of it that is in the kept harmonics alone.
+      subroutine find_step(motion, before, step)
+         real(wp), intent(in) :: motion(:, :), before(:)
+         real(wp), intent(out) :: step(:)
+         real(wp) :: defect(size(motion, 1), size(motion, 2)), r(size(before))
          logical :: is_found
 
-         call newton_step(big, first, is_found)
-         if (.not. is_found) return
-         call newton_step(big - reshape(first, shape(big)), second, is_found)
-         if (.not. is_found) return
-         self%truncation = hypot(norm2(first), norm2(second))/size_of_motion
-         if (norm2(second) < norm2(first)) first = first + second
-         self%first_order = big - reshape(first, shape(big))
-         answer = reshape(first, shape(big))
-         call clear_kept(balance%harmonics, wide%harmonics, answer)
-         self%neglected = amplitudes(wide%harmonics, answer)/size_of_motion
-      end subroutine step_in_wider_set
-
-      subroutine newton_step(at, step, is_found)
-         real(wp), intent(in) :: at(:, :)
-         real(wp), intent(out), contiguous :: step(:)
-         logical, intent(out) :: is_found
-         type(tangent_solver_t) :: whole
-         logical :: is_lost
-
-         is_found = .false.
-         call new_tangent_solver(whole, wide, reshape(at, [size(at)]), is_lost, accuracy_of_wide_steps)
+         call residual_of(wide, motion, defect)
+         is_lost = .not. all(ieee_is_finite(defect))                  ! out of the range of a law
          if (is_lost) return
-         call residual_of(wide, at, defect)
-         if (.not. all(ieee_is_finite(defect))) return
-         step = reshape(defect, [size(at)])
-         call whole%solve(wide, step, is_lost)
-         is_found = all(ieee_is_finite(step)) .and. .not. is_lost
-      end subroutine newton_step
+         r = 0.0_wp
+         r(:size(motion)) = [defect]
+         associate (n => size(motion), n_more => size(before) - size(motion))
+            if (n_more > 0) r(:n) = r(:n) - matmul(whole%border, before(n + 1:))
+            if (present(phase)) then
+               r(n + 1:) = phase%added_residual(wide, motion)
+               if (allocated(phase%row)) r(n + n_more) = r(n + n_more) - dot_product(whole%forms(n + 1:, n_more), before(n + 1:))
+            end if
+            if (.not. allocated(alias)) then
+               alias = [r(whole%places), r(n + 1:)]
+               call tangent%solve(problem, alias, is_lost)
+               if (is_lost) return
+            end if
+         end associate
+         call whole%find_step(motion, r, small_step*norm2(before(:size(motion))), step, is_found)
+         is_lost = .not. is_found
+      end subroutine find_step
 
-      subroutine find_first_order()
-         real(wp) :: kept(size(u))
+      !> The coefficients in a vector of all unknowns.
+      function on_wide(vector) result(coefficients)
+         real(wp), intent(in) :: vector(:)
+         real(wp) :: coefficients(size(big, 1), size(big, 2))
 
-         kept = alias(:size(u)) + change(:size(u))
-         if (allocated(self%first_order)) deallocate (self%first_order)
-         allocate (self%first_order, mold=big)
-         call transfer_coefficients(balance%harmonics, wide%harmonics, reshape(kept, shape(u)), self%first_order)
-         self%first_order = big - answer - self%first_order
-      end subroutine find_first_order
+         coefficients = reshape(vector(:size(big)), shape(big))
+      end function on_wide
 
-      subroutine keep_refined()
+      !> Keeps what the step says of the tuples outside, the motion after it, and the errors of frequencies.
+      subroutine keep_step()
+         real(wp) :: outside(size(big, 1), size(big, 2))
+         integer :: i
+
+         outside = on_wide(first)
+         self%first_order = big - outside
+         call clear_kept(balance%harmonics, wide%harmonics, outside)
+         self%around = wide%harmonics
+         self%neglected = amplitudes(wide%harmonics, outside)/size_of_motion
+         do i = 1, size(whole%which)
+            if (whole%which(i) <= size(balance%omega)) self%frequency_error(whole%which(i)) = abs(first(size(big) + i))
+         end do
+         if (.not. keeps_all(self, balance)) return
          if (allocated(self%refined)) deallocate (self%refined)
          allocate (self%refined(wide%stiffness%n_dofs, wide%harmonics%n_harmonics))
          call wide%all_dofs(self%first_order, self%refined)
-      end subroutine keep_refined
-
-      subroutine solve_tangent(r)
-         real(wp), intent(inout), contiguous :: r(:)
-
-         if (present(phase)) then
-            call tangent%solve(phase, r, is_singular)
-         else if (present(curve)) then
-            call tangent%solve(curve, r, is_singular)
-         else
-            call tangent%solve(balance, r, is_singular)
-         end if
-      end subroutine solve_tangent
+      end subroutine keep_step
    end subroutine estimate_errors
 
    !> Whether the motion of all degrees of freedom is found in the wider set, too.
@@ -522,28 +435,6 @@ contains
          sizes(h) = norm2(u(set%cos_at(h):max(set%cos_at(h), set%sin_at(h)), :))
       end do
    end function amplitudes
-
-   !> Whether a law that is not smooth is rigid, or so much stiffer than the structure in the fastest kept harmonic that it acts
-   !> as if it were: such a blow is shorter than what the set can follow.
-   logical function acts_rigidly(balance, wide)
-      type(balance_t), intent(in) :: balance
-      type(balance_t), intent(in) :: wide                             !! has the derivatives of its laws
-      real(wp), parameter :: much = 4.0_wp
-      integer :: fastest, i
-
-      associate (set => wide%law_set, stiffness => balance%stiffness)
-         acts_rigidly = has_multipliers(balance)
-         if (acts_rigidly .or. all([(set%laws(i)%law%degree > 0, i=1, size(set%laws))])) return
-         fastest = maxloc(abs(balance%frequencies), dim=1)
-         do i = 1, set%jacobian%n_pairs
-            associate (dof => set%jacobian%row(i), shift => stiffness%pattern%shift)
-               if (set%jacobian%column(i) /= dof) cycle
-               acts_rigidly = acts_rigidly .or. maxval(abs(set%jacobian%df_dq%values(:, i))) > &
-                              much*abs(stiffness%condensed(shift(dof) + dof, dof, fastest))
-            end associate
-         end do
-      end associate
-   end function acts_rigidly
 
    !> Whether a law is rigid.
    pure logical function has_multipliers(balance)

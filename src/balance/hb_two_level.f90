@@ -8,7 +8,6 @@ module hb_two_level
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_balance, only: balance_t
    use hb_basis, only: transfer_coefficients
-   use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_tangent_solver, only: tangent_solver_t
@@ -30,13 +29,12 @@ contains
 
    !> Improves the motion u in the wider set by some accelerated steps; of all motions on the way the one with the least
    !> approximate step is taken, u itself among them. Costs n_steps + 1 evaluations of the wider balance.
-   subroutine improve(narrow, wide, tangent, u, n_steps, improved, error)
+   subroutine improve(narrow, wide, tangent, u, n_steps, improved)
       type(balance_t), intent(inout) :: narrow, wide
       type(tangent_solver_t), intent(inout) :: tangent                !! of the narrow balance at u
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
       integer, intent(in) :: n_steps                                  !! >= 1
       real(wp), intent(out) :: improved(:, :)                         !! [m], (n_coefficients of the wider set, n_dofs)
-      type(error_t), allocatable, intent(out) :: error
       type(history_t) :: history
       real(wp), allocatable :: motion(:, :), start(:, :), step(:, :), step_before(:), motion_before(:)
       real(wp) :: least
@@ -52,8 +50,8 @@ contains
       least = huge(1.0_wp)
       do i = 0, n_steps
          if (work_is_over()) return
-         call approximate_step(narrow, wide, tangent, start, motion, step, is_lost, error)
-         if (allocated(error) .or. is_lost) return
+         call approximate_step(narrow, wide, tangent, motion, step, is_lost)
+         if (is_lost) return
          if (.not. all(ieee_is_finite(step))) return                  ! out of the range of a law
          if (norm2(step) < least) then
             least = norm2(step)
@@ -67,15 +65,14 @@ contains
       end do
    end subroutine improve
 
-   !> Step from a motion by the approximate tangent, - P**-1 R; the mean tangent is that at the start. `is_lost` where products
-   !> with the tangent lead to no step.
-   subroutine approximate_step(narrow, wide, tangent, start, motion, step, is_lost, error)
+   !> Step from a motion by the approximate tangent, - P**-1 R; the mean tangent is that of the factors of the wide balance. `is_lost`
+   !> where products with the tangent lead to no step.
+   subroutine approximate_step(narrow, wide, tangent, motion, step, is_lost)
       type(balance_t), intent(inout) :: narrow, wide
       type(tangent_solver_t), intent(inout) :: tangent
-      real(wp), intent(in) :: start(:, :), motion(:, :)
+      real(wp), intent(in) :: motion(:, :)
       real(wp), intent(out) :: step(:, :)
       logical, intent(out) :: is_lost
-      type(error_t), allocatable, intent(out) :: error
       real(wp) :: defect(size(motion, 1), size(motion, 2)), outside(size(motion, 1), size(motion, 2))
       real(wp) :: kept(narrow%n_unknowns), pairs(narrow%harmonics%n_coefficients, narrow%n_dofs)
 
@@ -86,8 +83,7 @@ contains
       call tangent%solve(narrow, kept, is_lost)
       if (is_lost) return
       call clear_kept(narrow%harmonics, wide%harmonics, defect)
-      call wide%solve_mean_tangent(start, defect, outside, error)
-      if (allocated(error)) return
+      call wide%solve_mean_tangent(defect, outside)
       call clear_kept(narrow%harmonics, wide%harmonics, outside)
       call transfer_coefficients(narrow%harmonics, wide%harmonics, reshape(kept, shape(pairs)), step)
       step = -step - outside

@@ -80,17 +80,28 @@ contains
    end function chosen_tuples
 
    !> Makes the set that reaches twice as far as another in all directions: all tuples j of which j/2, with each entry rounded
-   !> up or down, is in it, and all within two steps of each. Both, because a set of odd tuples has (2, 3) but not (3, 3) for
-   !> (5, 6). Two steps, because odd laws answer a tuple j in the next odd ones, j + k with an even sum of |k|: within one step of
-   !> {0, 1} is no third harmonic, and an estimate without it is 0 for good. A box of order N > 1 becomes one of order 2 N.
-   subroutine new_doubled_set(self, set, error)
+   !> up or down, is in it, and all within two steps of each. Both, because a set of odd tuples has (2, 3) but not (3, 3) for (5, 6).
+   !> Two steps, because odd laws answer a tuple j in the next odd ones, j + k with an even sum of |k|: within one step of {0, 1} is
+   !> no third harmonic, and an estimate without it is 0 for good. Of one tone five steps: of a stop that is touched for a short
+   !> part of the period the error of order 3 is not seen by order 6. And what forces of second and third degree answer to the largest
+   !> tuples: a load at tuple 7 has its next harmonics at 14 and 21.
+   subroutine new_doubled_set(self, set, error, carried)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: carried(:)                    !! amplitudes of a motion (set%n_harmonics)
+      integer, parameter :: steps_of_one_tone = 5
       type(tuple_union_t) :: union
       integer :: h, j(set%n_tones), k, m, s
 
       call union%add(set%tuples)
+      if (present(carried)) call add_answers(union, set, carried)
+      if (set%n_tones == 1) then
+         do k = 1, steps_of_one_tone
+            call union%add(set%tuples + k)
+            call union%add(abs(set%tuples - k))
+         end do
+      end if
       do h = 1, set%n_harmonics
          do k = 0, 3**set%n_tones - 1                                 ! digit m: what is added to entry m, and one
             j = [(2*set%tuples(m, h) + modulo(k/3**(m - 1), 3) - 1, m=1, set%n_tones)]
@@ -109,6 +120,27 @@ contains
       end do
       call new_harmonics(self, union%list(), error)
    end subroutine new_doubled_set
+
+   !> Adds i + k, i - k, 2 i + k and 2 i - k for the largest tuples i and k of a motion.
+   pure subroutine add_answers(union, set, carried)
+      type(tuple_union_t), intent(inout) :: union
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: carried(:)                              !! amplitudes (set%n_harmonics)
+      real(wp), parameter :: large = 0.1_wp                           ! of the largest amplitude: the third power of less is nothing
+      integer, parameter :: most_large = 8                            ! tuples
+      integer :: i, j(set%n_tones), k, n, order(set%n_harmonics), s
+
+      call sort_descending(carried, order)
+      n = min(most_large, count(carried > large*maxval(carried)))
+      do i = 1, n
+         do k = 1, n
+            do s = 0, 3
+               j = (2 - s/2)*set%tuples(:, order(i)) + (1 - 2*modulo(s, 2))*set%tuples(:, order(k))
+               call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
+            end do
+         end do
+      end do
+   end subroutine add_answers
 
    !> Places, ascending, of the largest amplitudes: as few as leave at most `tail` out, but no more than `room`. Of equal ones the
    !> first is taken first.

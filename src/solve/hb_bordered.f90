@@ -32,7 +32,8 @@ module hb_bordered
       logical, allocatable :: is_held(:)                              !! unknowns of the base problem held at zero; none if not
                                                                       !! allocated
       integer :: n_base = 0                                           !! unknowns of the base problem
-      real(wp), allocatable, private :: border(:, :)                  ! derivatives by the parameters, (n_base, parameters)
+      real(wp), allocatable :: border(:, :)                           !! derivatives by the parameters, (n_base, parameters), where
+                                                                      !! the last tangent is
       real(wp), allocatable, private :: eliminated(:, :), schur(:, :) ! preconditioner by block elimination
       integer, allocatable, private :: schur_pivots(:)
       logical, private :: has_schur = .false.
@@ -167,7 +168,8 @@ contains
          call take_trouble(self)
          if (allocated(self%row)) call self%row%gradient(self%base, x, self%forms(:, size(self%values)))
          jacobian(n + 1:, :) = transpose(self%forms)
-         call self%find_border(x, jacobian(:n, n + 1:))
+         call self%find_border(x, self%border)
+         jacobian(:n, n + 1:) = self%border
          if (.not. allocated(self%is_held)) return
          do i = 1, n
             if (.not. self%is_held(i)) cycle

@@ -1,0 +1,174 @@
+!> Newton's step in a wider set than that of a solution: kept and added harmonics answer each other.
+!>
+!> Nothing of the size of the wider set is factorised. In its place stand the exact tangent of the solution and, of each harmonic
+!> outside, the tangent with the mean slopes of the laws: M. GMRES solves M**-1 J s = M**-1 r with the exact tangent J of the wider
+!> balance, so that what is left of the equations is told as a part of the step; M**-1 r itself is the step in blocks. Unknown
+!> frequencies and what a curve moves along stay unknown. Source: docs/user/theory.md, section 7.
+module hb_wide_problem
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_balance, only: balance_t
+   use hb_bordered, only: bordered_problem_t, new_bordered_problem
+   use hb_gmres, only: gmres_t, new_gmres
+   use hb_kinds, only: wp
+   use hb_phase, only: peak_form, peak_rate_form, phase_problem_t
+   use hb_problem, only: problem_t
+   use hb_tangent_solver, only: tangent_solver_t
+   implicit none
+   private
+   public :: new_wide_problem, wide_problem_t
+
+   type, extends(bordered_problem_t) :: wide_problem_t
+      integer :: n_products = 0                                       !! so far
+      type(balance_t), pointer, private :: wide => null()
+      class(problem_t), pointer, private :: narrow => null()
+      type(tangent_solver_t), pointer, private :: solver => null()    ! of `narrow`
+      integer, allocatable :: places(:)                               !! of the kept unknowns among all
+      logical, private :: is_lost = .false.                           ! the tangent of `narrow` led to nothing
+   contains
+      procedure :: find_step => wide_problem_find_step
+      procedure :: apply_tangent => wide_problem_apply_tangent
+      procedure :: precondition => wide_problem_precondition
+      procedure :: step_in_blocks => wide_problem_step_in_blocks
+   end type wide_problem_t
+
+   real(wp), parameter :: accuracy = 5.0e-2_wp                        ! of a step
+   integer, parameter :: of_one_tone = 100, of_several = 8            ! products for one step: of stops under two tones 16 and 30 made
+                                                                      ! points dearer and their sets no smaller
+
+contains
+
+   !> Problem of a wide balance with the factors of its mean tangent, around a narrow one with its tangent, which may have unknown
+   !> parameters; the border of these is that of the kept harmonics.
+   subroutine new_wide_problem(self, wide, balance, narrow, tangent)
+      type(wide_problem_t), intent(out) :: self
+      type(balance_t), intent(inout), target :: wide
+      type(balance_t), intent(in) :: balance                          !! the narrow one
+      class(problem_t), intent(inout), target :: narrow               !! on it
+      type(tangent_solver_t), intent(inout), target :: tangent        !! of `narrow`, not singular
+      real(wp), allocatable :: forms(:, :), border(:, :)
+      integer :: h, i, n, n_kept
+
+      self%wide => wide
+      self%narrow => narrow
+      self%solver => tangent
+      n = wide%n_unknowns
+      n_kept = balance%n_unknowns
+      allocate (self%places(n_kept))
+      associate (from => balance%harmonics, to => wide%harmonics)
+         do h = 1, from%n_harmonics
+            i = to%index_of(from%tuples(:, h))
+            self%places(from%cos_at(h)) = to%cos_at(i)
+            if (from%sin_at(h) > 0) self%places(from%sin_at(h)) = to%sin_at(i)
+         end do
+         do i = 2, balance%n_dofs
+            associate (n_from => from%n_coefficients)
+               self%places((i - 1)*n_from + 1:i*n_from) = self%places(:n_from) + (i - 1)*to%n_coefficients
+            end associate
+         end do
+      end associate
+      allocate (forms(n, 0))
+      call new_bordered_problem(self%bordered_problem_t, wide, [integer ::], forms, [real(wp) ::])
+      select type (narrow)
+      class is (bordered_problem_t)
+         self%which = narrow%which
+         self%values = narrow%values
+         self%n_unknowns = n + size(self%which)
+         deallocate (forms)
+         allocate (forms(self%n_unknowns, size(self%which)), border(n, size(self%which)), source=0.0_wp)
+         forms(self%places, :) = narrow%forms(:n_kept, :)
+         forms(n + 1:, :) = narrow%forms(n_kept + 1:, :)
+         border(self%places, :) = narrow%border
+         call take_peaks()
+         call move_alloc(forms, self%forms)
+         call move_alloc(border, self%border)
+      end select
+      self%r_scale = [(1.0_wp, i=1, self%n_unknowns)]                 ! equations are steps
+      self%x_scale = self%r_scale
+
+   contains
+
+      !> Peaks have a part outside of the kept harmonics.
+      subroutine take_peaks()
+         select type (narrow)
+         class is (phase_problem_t)
+            if (narrow%peak_dof == 0) return
+            forms(:n, 1) = peak_rate_form(wide%harmonics, wide%n_dofs, narrow%peak_dof, narrow%tones(1))
+            forms(:n, 2) = peak_form(wide%harmonics, wide%n_dofs, narrow%peak_dof)
+         end select
+      end subroutine take_peaks
+   end subroutine new_wide_problem
+
+   !> Finds the step s of J s = r at a motion; `is_found` is false where nothing near it comes out.
+   subroutine wide_problem_find_step(self, motion, r, least, step, is_found)
+      class(wide_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
+      real(wp), intent(in) :: r(:)                                    !! (n_unknowns)
+      real(wp), intent(in) :: least                                   !! size of steps that matter
+      real(wp), intent(out) :: step(:)                                !! (n_unknowns)
+      logical, intent(out) :: is_found
+      type(gmres_t) :: gmres
+      integer :: most
+      real(wp) :: first(size(step)), found(size(step))
+
+      is_found = .false.
+      self%is_lost = .false.
+      call self%step_in_blocks(r, first)
+      if (self%is_lost .or. .not. all(ieee_is_finite(first))) return
+      is_found = norm2(first) <= least
+      step = first
+      if (is_found) return
+      call self%wide%linearise(reshape(motion, [size(motion)]), is_found)
+      if (.not. is_found) return
+      most = merge(of_one_tone, of_several, size(self%wide%omega) == 1)
+      call new_gmres(gmres, self%n_unknowns, most)
+      found = first
+      call gmres%solve(self, first, max(accuracy, least/norm2(first)), most, found)
+      self%n_products = self%n_products + gmres%n_products
+      step = found
+      is_found = all(ieee_is_finite(step)) .and. .not. self%is_lost
+   end subroutine wide_problem_find_step
+
+   subroutine wide_problem_apply_tangent(self, x, product)
+      class(wide_problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(out), contiguous :: product(:)
+      real(wp) :: r(size(x))
+
+      associate (n => self%wide%n_unknowns)
+         call self%wide%apply_tangent(x(:n), r(:n))
+         if (self%n_unknowns > n) then
+            r(:n) = r(:n) + matmul(self%border, x(n + 1:))
+            r(n + 1:) = matmul(x, self%forms)
+         end if
+      end associate
+      call self%step_in_blocks(r, product)
+   end subroutine wide_problem_apply_tangent
+
+   !> The equations are preconditioned as they stand.
+   subroutine wide_problem_precondition(self, r, step)
+      class(wide_problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: r(:)
+      real(wp), intent(out), contiguous :: step(:)
+
+      step = r(:self%n_unknowns)
+   end subroutine wide_problem_precondition
+
+   !> M**-1 r: the step of the kept unknowns and parameters by themselves, and of each harmonic outside by itself.
+   subroutine wide_problem_step_in_blocks(self, r, step)
+      class(wide_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: r(:)
+      real(wp), intent(out) :: step(:)
+      real(wp) :: kept(size(self%places) + size(self%which))
+      logical :: is_lost
+
+      associate (n => self%wide%n_unknowns, n_kept => size(self%places))
+         call self%wide%solve_mean_tangent(r(:n), step(:n))
+         kept(:n_kept) = r(self%places)
+         kept(n_kept + 1:) = r(n + 1:)
+         call self%solver%solve(self%narrow, kept, is_lost)
+         self%is_lost = self%is_lost .or. is_lost
+         step(self%places) = kept(:n_kept)
+         step(n + 1:) = kept(n_kept + 1:)
+      end associate
+   end subroutine wide_problem_step_in_blocks
+end module hb_wide_problem
