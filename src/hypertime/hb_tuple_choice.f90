@@ -79,12 +79,13 @@ contains
       end do
    end function chosen_tuples
 
-   !> Makes the set that reaches twice as far as another in all directions: all tuples j of which j/2, with each entry rounded
-   !> up or down, is in it, and all within two steps of each. Both, because a set of odd tuples has (2, 3) but not (3, 3) for (5, 6).
-   !> Two steps, because odd laws answer a tuple j in the next odd ones, j + k with an even sum of |k|: within one step of {0, 1} is
-   !> no third harmonic, and an estimate without it is 0 for good. Of one tone five steps: of a stop that is touched for a short
-   !> part of the period the error of order 3 is not seen by order 6. And what forces of second and third degree answer to the largest
-   !> tuples: a load at tuple 7 has its next harmonics at 14 and 21.
+   !> Makes the set that reaches twice as far as another in all directions: all tuples j of which j/2, with each entry
+   !> rounded up or down, is in it, and all within two steps of each. Both, because a set of odd tuples has (2, 3) but
+   !> not (3, 3) for (5, 6). Two steps, because odd laws answer a tuple j in the next odd ones, j + k with an even sum
+   !> of |k|: within one step of {0, 1} is no third harmonic, and an estimate without it is 0 for good. Of one tone five
+   !> steps: of a stop that is touched for a short part of the period the error of order 3 is not seen by order 6. And
+   !> what forces of second and third degree answer to the largest tuples: a load at tuple 7 has its next harmonics at
+   !> 14 and 21.
    subroutine new_doubled_set(self, set, error, carried)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
