@@ -41,7 +41,7 @@ module hb_certificate
    real(wp), parameter :: nearer = 0.5_wp                             ! a second step, relative to the first
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
    real(wp), parameter :: accuracy_of_estimates = 1.0e-4_wp           ! solutions with the tangent from products
-   real(wp), parameter :: small_step = 5.0e-2_wp                      ! of the one before
+   real(wp), parameter :: small_step = 1.0e-2_wp                      ! of the one before
    real(wp), parameter :: accuracy_of_improvement = 1.0e-8_wp
    integer, parameter :: most_iterations = 30                         ! of another solution to compare with
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set

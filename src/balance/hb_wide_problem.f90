@@ -31,9 +31,9 @@ module hb_wide_problem
       procedure :: step_in_blocks => wide_problem_step_in_blocks
    end type wide_problem_t
 
-   real(wp), parameter :: accuracy = 5.0e-2_wp                        ! of a step
-   integer, parameter :: of_one_tone = 100, of_several = 8            ! products for one step: of stops under two tones 16 and 30 made
-                                                                      ! points dearer and their sets no smaller
+   real(wp), parameter :: accuracy = 1.0e-2_wp                        ! of a step
+   integer, parameter :: of_one_tone = 100, of_several = 8            ! products for one step: 16 and 30 made points of stops under two
+                                                                      ! tones dearer
 
 contains
 

@@ -31,7 +31,7 @@ STOP = """
 &tones frequency = 0.3 /
 &load dof = 'x2', tuple = 1, cos = 0.1 /
 &law type = 'elastic_stop', dof = 'x2', stiffness = 100.0, gap = 1.0 /
-&accuracy tolerance = 1e-3 /
+&accuracy tolerance = 5e-4 /
 &curve parameter = 'tones%frequency', from = 0.3, to = 1.2, points = 300 /
 """
 RIDGE = "parameter = 'load(1)%cos', from = 0.18, to = 0.1, follow = 'fold'"
@@ -165,7 +165,7 @@ def test_sets_along_a_curve_follow_the_tolerance(by_tolerance):
     status, kind, n_harmonics, truncation, aliasing, frequency = (a[:300] for a in read(by_tolerance, *names))
     used = status != UNUSED
     assert (status[used] == 1).all()
-    assert np.nanmax(np.hypot(truncation[used], aliasing[used])) <= 1e-3
+    assert np.nanmax(np.hypot(truncation[used], aliasing[used])) <= 5e-4
     folds = frequency[kind == 3]
     assert np.allclose(folds, [0.763852, 0.673056730], rtol=1e-5), folds
     assert (n_harmonics[(kind > 0) & (frequency < 0.55)] == 8).all()
@@ -346,7 +346,7 @@ def test_curves_by_tolerance_go_on_bit_by_bit(followed, tmp_path, name, share):
 
 def test_symmetry_and_period_break_by_tolerance_where_shooting_has_it(tmp_path):
     """Ueda's oscillator: the tuples that carry nothing before symmetry breaks are in the set where it does."""
-    path = solve(UEDA, tmp_path)
+    path = solve(UEDA.replace("1e-6", "1e-7"), tmp_path)
     with Results(path) as results:
         (branch,) = results.select({"curve_kind": "branch"})
         (flip, other) = results.select({"curve_kind": "flip"})
