@@ -99,8 +99,8 @@ MUTANTS = [
             "curve_bisection",
             "test_hb_curve",
             "an event is looked for in the wrong half",
-            "if (value*values(1) > 0.0_wp) then",
-            "if (value*values(1) < 0.0_wp) then",
+            "         near = merge(1, 2, value*values(1) > 0.0_wp)\n",
+            "         near = merge(2, 1, value*values(1) > 0.0_wp)\n",
         ),
         (
             "curve_angle",
