@@ -175,9 +175,9 @@ contains
       call new_box(set, orders, .false., error)
    end subroutine choose_wider_set
 
-   !> The wider set, which reaches twice as far as that of the motion in all directions, and a finer grid: of one tone with four times
-   !> the samples or more, as a short touch lies between fewer; of several, whose samples lie at other phases in each period, twice.
-   !> Half of a grid holds odd motions of odd equations, which do not answer in even tuples.
+   !> The wider set, which reaches twice as far as that of the motion in all directions, and a finer grid: of one tone with four
+   !> times the samples or more, as a short touch lies between fewer; of several, whose samples lie at other phases in each
+   !> period, twice. Half of a grid holds odd motions of odd equations, which do not answer in even tuples.
    subroutine choose_wider(narrow, carried, torus, is_fine, set, grid, error)
       type(harmonics_t), intent(in) :: narrow
       real(wp), intent(in) :: carried(:)                              !! amplitudes of the motion (narrow%n_harmonics)
@@ -288,9 +288,9 @@ contains
       reference_size = max(norm2(u), smallest_size*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
    end function reference_size
 
-   !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: what two steps of Newton's
-   !> method in the wider set, with its exact tangent, change beside that, in kept harmonics, others and unknown frequencies. The
-   !> second step is taken where the first leads: contacts that only the harmonics outside touch answer there.
+   !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: what two steps of
+   !> Newton's method in the wider set, with its exact tangent, change beside that, in kept harmonics, others and unknown
+   !> frequencies. The second step is taken where the first leads: contacts that only the harmonics outside touch answer there.
    subroutine estimate_errors(self, balance, wide, u, n_steps, error, phase, curve)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(inout), target :: balance

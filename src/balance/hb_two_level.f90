@@ -65,8 +65,8 @@ contains
       end do
    end subroutine improve
 
-   !> Step from a motion by the approximate tangent, - P**-1 R; the mean tangent is that of the factors of the wide balance. `is_lost`
-   !> where products with the tangent lead to no step.
+   !> Step from a motion by the approximate tangent, - P**-1 R; the mean tangent is that of the factors of the wide balance.
+   !> `is_lost` where products with the tangent lead to no step.
    subroutine approximate_step(narrow, wide, tangent, motion, step, is_lost)
       type(balance_t), intent(inout) :: narrow, wide
       type(tangent_solver_t), intent(inout) :: tangent

@@ -32,8 +32,8 @@ module hb_wide_problem
    end type wide_problem_t
 
    real(wp), parameter :: accuracy = 1.0e-2_wp                        ! of a step
-   integer, parameter :: of_one_tone = 100, of_several = 8            ! products for one step: 16 and 30 made points of stops under two
-                                                                      ! tones dearer
+   ! products for one step: 16 and 30 made points of stops under two tones dearer and their sets no smaller
+   integer, parameter :: of_one_tone = 100, of_several = 8
 
 contains
 

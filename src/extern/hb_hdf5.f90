@@ -140,8 +140,8 @@ contains
       if (hb_write_file(path//c_null_char, address, int(n_bytes, c_long_long)) /= 0) call fail(error, "cannot be written")
    end subroutine file_save
 
-   !> Opens a file by this process alone, for reading unless `for_writing` is true. Until it is closed the process ends with a message
-   !> when the library dies of the file, finds no end in it, or takes much more memory than the file has bytes.
+   !> Opens a file by this process alone, for reading unless `for_writing` is true. Until it is closed the process ends with a
+   !> message when the library dies of the file, finds no end in it, or takes much more memory than the file has bytes.
    subroutine open_file(self, path, error, for_writing, last_words)
       type(h5_file_t), intent(out) :: self
       character(*), intent(in) :: path

@@ -1,6 +1,6 @@
-!> Calls of code from outside of nhbm, libraries of laws that are the user's own and their loader, which may end the process. A program
-!> may have something done before and after each of them, such as guarding it; without, nothing is done. To be set before there are
-!> threads.
+!> Calls of code from outside of nhbm, libraries of laws that are the user's own and their loader, which may end the process. A
+!> program may have something done before and after each of them, such as guarding it; without, nothing is done. To be set
+!> before there are threads.
 module hb_outside_code
    implicit none
    private

@@ -42,8 +42,8 @@ module hb_sweep
    private
    public :: run_options_t, run_study
 
-   ! The file is made whole before the first point: of one degree of freedom and two harmonics a point takes 872 bytes of it, 50 million
-   ! 44 GB, and 15 bytes of memory while that is done, 0.8 GB (measured with 100,000 and a million points).
+   ! The file is made whole before the first point: of one degree of freedom and two harmonics a point takes 872 bytes of it, 50
+   ! million 44 GB, and 15 bytes of memory while that is done, 0.8 GB (measured with 100,000 and a million points).
    integer, parameter :: most_points = 50000000
 
    !> How to run a study.
