@@ -320,8 +320,8 @@ contains
       call wide%factorise_mean_tangent(big, error)
       if (allocated(error)) return
       call new_wide_problem(whole, wide, balance, problem, tangent)
-      allocate (first(whole%n_unknowns), second(whole%n_unknowns))
-      call find_step(big, 0.0_wp*first, first)
+      allocate (first(whole%n_unknowns), second(whole%n_unknowns), source=0.0_wp)
+      call find_step(big, second, first)
       if (is_lost) return
       self%aliasing = norm2(alias(:size(u)))/size_of_motion
       call find_step(big - on_wide(first), first, second)
