@@ -335,7 +335,7 @@ contains
       end if
       call keep_step()
       if (present(phase)) then
-         if (has_multipliers(balance) .or. self%truncation > linear) &
+         if (acts_rigidly(balance, wide) .or. self%truncation > linear) &
             call compare_with_half(self, balance%harmonics, phase, u, size_of_motion)
          return                                                       ! the improvement holds the frequencies
       end if
@@ -435,6 +435,28 @@ contains
          sizes(h) = norm2(u(set%cos_at(h):max(set%cos_at(h), set%sin_at(h)), :))
       end do
    end function amplitudes
+
+   !> Whether a law that is not smooth is rigid, or so much stiffer than the structure in the fastest kept harmonic that it acts
+   !> as if it were: such a blow is shorter than what the set can follow.
+   logical function acts_rigidly(balance, wide)
+      type(balance_t), intent(in) :: balance
+      type(balance_t), intent(in) :: wide                             !! has the derivatives of its laws
+      real(wp), parameter :: much = 4.0_wp
+      integer :: fastest, i
+
+      associate (set => wide%law_set, stiffness => balance%stiffness)
+         acts_rigidly = has_multipliers(balance)
+         if (acts_rigidly .or. all([(set%laws(i)%law%degree > 0, i=1, size(set%laws))])) return
+         fastest = maxloc(abs(balance%frequencies), dim=1)
+         do i = 1, set%jacobian%n_pairs
+            associate (dof => set%jacobian%row(i), shift => stiffness%pattern%shift)
+               if (set%jacobian%column(i) /= dof) cycle
+               acts_rigidly = acts_rigidly .or. maxval(abs(set%jacobian%df_dq%values(:, i))) > &
+                              much*abs(stiffness%condensed(shift(dof) + dof, dof, fastest))
+            end associate
+         end do
+      end associate
+   end function acts_rigidly
 
    !> Whether a law is rigid.
    pure logical function has_multipliers(balance)

@@ -29,7 +29,7 @@ file(WRITE ${FOLDER}/prefix/include/sundials/sundials_config.h "
 #define ${precision} 1
 #define ${index} 1
 ")
-file(STRINGS ${ROOT}/CMakeLists.txt command REGEX "^find_package\\(CVODE")
+file(STRINGS ${ROOT}/CMakeLists.txt command REGEX "^ *find_package\\(CVODE")
 file(WRITE ${FOLDER}/CMakeLists.txt "
 cmake_minimum_required(VERSION 3.25)
 project(probe LANGUAGES NONE)
