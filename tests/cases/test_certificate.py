@@ -73,6 +73,38 @@ def test_estimate_is_within_a_factor_of_three_of_the_true_error(name, tmp_path):
         assert true_error / FACTOR <= estimate <= FACTOR * true_error, (order, true_error, estimate)
 
 
+# One tone each: at the same frequency the motion is the same whichever way a run comes there.
+FRAMES = {
+    "cubic spring": "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n",
+    "elastic stop": "&law type = 'elastic_stop', dof = 'x1', stiffness = 10.0, gap = 0.5 /\n",
+    "Jenkins element": "&law type = 'jenkins', dof = 'x1', stiffness = 0.5, limit = 0.1 /\n&sampling samples = 256 /\n",
+}
+
+
+@pytest.mark.parametrize("law", FRAMES)
+def test_the_same_motion_has_the_same_estimate(law, tmp_path):
+    """As a point, in sweeps from both sides, as its last point, and where a sweep was taken up again."""
+    scene = MASS.format(damping=0.2, tones="{tone}", load=0.4).replace("tuple = 1, 0", "tuple = 1")
+    scene = "".join(line for line in scene.splitlines(True) if "0, 1" not in line).format(tone=0.7)
+    scene += FRAMES[law] + "&harmonics order = 7 /\n"
+    frequency = "&sweep parameter = 'tones%frequency', from = {}, to = {}, n = 9 /\n"
+    names = ("coefficients", "truncation_estimate", "aliasing_estimate", "status")
+    found = {"point": [column[0] for column in read(solve(scene, tmp_path, name="point", status=None), *names)]}
+    for name, ends, at in (("up", (0.5, 0.9), 4), ("down", (0.9, 0.5), 4), ("to it", (0.4, 0.7), 8)):
+        path = solve(scene + frequency.format(*ends), tmp_path, name=name.replace(" ", "_"), status=None)
+        found[name] = [column[at] for column in read(path, *names)]
+    text = scene + frequency.format(0.5, 0.9)
+    (tmp_path / "again.nml").write_text(text)
+    run("solve", "again.nml", "--time-limit", "0", cwd=tmp_path)
+    run("resume", "again.h5", cwd=tmp_path)
+    found["resumed"] = [column[4] for column in read(tmp_path / "again.h5", *names)]
+    motion, truncation, aliasing, status = found.pop("point")
+    assert status in (CONVERGED, TRUNCATED) and truncation > 1e-9
+    for name, (other, *estimates, _) in found.items():
+        np.testing.assert_allclose(other, motion, rtol=0, atol=1e-10 * np.abs(motion).max(), err_msg=name)
+        np.testing.assert_allclose(estimates, [truncation, aliasing], rtol=1e-6, atol=1e-13, err_msg=name)
+
+
 def test_near_commensurate_tones_are_flagged(tmp_path):
     scene = MASS.format(damping=0.2, tones="0.9, 1.4142135623730951", load=0.1) + "&harmonics order = 2 /\n"
     scene += "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /\n"
