@@ -172,6 +172,12 @@ def test_sets_along_a_curve_follow_the_tolerance(by_tolerance):
     assert n_harmonics.max() > 20 and n_harmonics[used][-1] == 8
 
 
+@pytest.mark.xfail(strict=True, reason="two false folds within 4e-6 of the first, next to where the set changes")
+def test_sets_along_a_curve_make_no_folds(tmp_path):
+    kind, frequency = read(solve(STOP.replace("5e-4", "1e-3"), tmp_path), "curve_kind", "tones_frequency")
+    assert (kind == 3).sum() == 2, frequency[kind == 3]
+
+
 def test_curves_by_tolerance_have_the_same_bits_on_two_ranks_and_resumed(by_tolerance, tmp_path):
     text = STOP + "&sweep parameter = 'law%gap', values = 1.0, 1.2 /\n"
     names = (*SOLUTION, "tuples", "grid", "n_harmonics")
