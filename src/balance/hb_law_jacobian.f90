@@ -32,7 +32,6 @@ module hb_law_jacobian
       procedure :: add_product => law_jacobian_add_product
       procedure :: mean => law_jacobian_mean
       procedure :: variation => law_jacobian_variation
-      procedure :: held => law_jacobian_held
       procedure :: destroy => law_jacobian_destroy
    end type law_jacobian_t
 
@@ -236,11 +235,10 @@ contains
       end do
    end subroutine law_jacobian_add_product
 
-   !> Finds the means of all derivatives over the torus, or over some of its samples.
-   subroutine law_jacobian_mean(self, df_dq, df_dv, df_ds, samples)
+   !> Finds the means of all derivatives over the torus.
+   subroutine law_jacobian_mean(self, df_dq, df_dv, df_ds)
       class(law_jacobian_t), intent(in) :: self
       real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (n_dofs, n_dofs)
-      logical, intent(in), optional :: samples(:)                     !! (n_samples)
       real(wp) :: weight
       integer :: i
 
@@ -248,47 +246,14 @@ contains
       df_dv = 0.0_wp
       df_ds = 0.0_wp
       weight = 1.0_wp/real(size(self%df_dq%values, 1), wp)
-      if (present(samples)) weight = 1.0_wp/real(count(samples), wp)
       do i = 1, self%n_pairs
          associate (row => self%row(i), column => self%column(i))
-            df_dq(row, column) = mean_of(self%df_dq%values(:, i))
-            if (self%needs_velocity) df_dv(row, column) = mean_of(self%df_dv%values(:, i))
-            if (self%needs_reaction) df_ds(row, column) = mean_of(self%df_ds%values(:, i))
+            df_dq(row, column) = weight*sum(self%df_dq%values(:, i))
+            if (self%needs_velocity) df_dv(row, column) = weight*sum(self%df_dv%values(:, i))
+            if (self%needs_reaction) df_ds(row, column) = weight*sum(self%df_ds%values(:, i))
          end associate
       end do
-
-   contains
-
-      pure real(wp) function mean_of(values)
-         real(wp), intent(in) :: values(:)
-
-         if (present(samples)) then
-            mean_of = weight*sum(values, mask=samples)
-         else
-            mean_of = weight*sum(values)
-         end if
-      end function mean_of
    end subroutine law_jacobian_mean
-
-   !> Samples at which contacts hold the motion: those where the slopes of the laws, each relative to its largest, are above their
-   !> mean in sum. None with rigid laws, whose slopes are those of multipliers.
-   pure function law_jacobian_held(self) result(is_held)
-      class(law_jacobian_t), intent(in) :: self
-      logical :: is_held(size(self%df_dq%values, 1))
-      real(wp), parameter :: varies = 1.0e-6_wp                       ! above what rounding makes of a contact that never opens
-      real(wp) :: largest, slope(size(self%df_dq%values, 1))
-      integer :: i
-
-      slope = 0.0_wp
-      if (.not. self%needs_reaction) then
-         do i = 1, self%n_pairs
-            if (self%row(i) /= self%column(i)) cycle
-            largest = maxval(abs(self%df_dq%values(:, i)))
-            if (largest > 0.0_wp) slope = slope + self%df_dq%values(:, i)/largest
-         end do
-      end if
-      is_held = slope > sum(slope)/size(slope) + varies*maxval(abs(slope))
-   end function law_jacobian_held
 
    !> Finds the standard deviations over the torus of the derivatives of each force by the motion of its own degree of freedom.
    subroutine law_jacobian_variation(self, df_dq, df_dv, df_ds)

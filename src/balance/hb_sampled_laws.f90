@@ -57,7 +57,6 @@ module hb_sampled_laws
       procedure :: defects => sampled_laws_defects
       procedure :: potential => sampled_laws_potential
       procedure :: mean_slopes => sampled_laws_mean_slopes
-      procedure :: held => sampled_laws_held
       procedure :: destroy => sampled_laws_destroy
    end type sampled_laws_t
 
@@ -273,28 +272,17 @@ contains
    end subroutine sampled_laws_differentiate_along
 
    !> Finds the means over the torus of df/dq, df/dv and df/ds, after `differentiate`.
-   subroutine sampled_laws_mean_slopes(self, df_dq, df_dv, df_ds, samples)
+   subroutine sampled_laws_mean_slopes(self, df_dq, df_dv, df_ds)
       class(sampled_laws_t), intent(inout) :: self
       real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (n_dofs, n_dofs)
-      logical, intent(in), optional :: samples(:)                     !! (n_samples) of explicit laws; those with memory over all
       integer :: i
 
-      call self%jacobian%mean(df_dq, df_dv, df_ds, samples)
+      call self%jacobian%mean(df_dq, df_dv, df_ds)
       do i = 1, size(self%sampled)
          if (allocated(self%sampled(i)%hysteresis)) &
             call self%sampled(i)%hysteresis%add_mean_slope(self%characteristic, df_dq)
       end do
    end subroutine sampled_laws_mean_slopes
-
-   !> Samples at which contacts hold the motion, after `differentiate`; none where no law switches.
-   pure function sampled_laws_held(self) result(is_held)
-      class(sampled_laws_t), intent(in) :: self
-      logical, allocatable :: is_held(:)
-      integer :: i
-
-      is_held = self%jacobian%held()
-      if (all([(self%laws(i)%law%n_switches == 0, i=1, size(self%laws))])) is_held = .false.
-   end function sampled_laws_held
 
    !> Largest distance between degrees of freedom, among those of all laws, that one law with memory couples.
    pure integer function sampled_laws_memory_reach(self) result(reach)
