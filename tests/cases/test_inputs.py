@@ -1,6 +1,6 @@
 """Every example input runs as it is and gives the numbers that it promises in its `! expect:` lines.
 
-Of the random problems every tenth is solved in the short run as well.
+Of the random problems every twentieth is solved in the short run as well.
 """
 
 import re
@@ -41,17 +41,17 @@ def test_input_gives_what_it_promises(source, tmp_path):
     assert not problems, "\n".join(problems)
 
 
-@pytest.mark.parametrize(("name", "least"), [("random_contact_beam", 16), ("random_contact_mass", 9)])
-def test_a_tenth_of_the_random_problems(name, least, tmp_path):
-    """Of every tenth of 200 problems as large a share is solved by the balance alone as of all."""
+@pytest.mark.parametrize(("name", "least"), [("random_contact_beam", 8), ("random_contact_mass", 5)])
+def test_some_of_the_random_problems(name, least, tmp_path):
+    """Of every twentieth of 200 problems as large a share is solved by the balance alone as of all."""
 
-    def every_tenth(values):
-        return "values =" + ",".join(values.group(1).split(",")[::10]) + "/"
+    def some(values):
+        return "values =" + ",".join(values.group(1).split(",")[::20]) + "/"
 
-    text = re.sub(r"values =([^/]*)/", every_tenth, (INPUTS / "hard" / f"{name}.nml").read_text())
+    text = re.sub(r"values =([^/]*)/", some, (INPUTS / "hard" / f"{name}.nml").read_text())
     text += "&solver rescue_by_march = .false. /\n"
     with Results(solve(text, tmp_path, status=NOT_ALL_CONVERGED)) as results:
-        assert results.n_points == 20
+        assert results.n_points == 10
         assert sum(status in SOLVED for status in results.status) >= least
 
 

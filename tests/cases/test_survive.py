@@ -309,19 +309,28 @@ def test_signal_ends_a_run_within_the_point_in_flight(number, tmp_path):
     assert not in_flight.any(), "the point in flight is left as if it had never been begun"
 
 
-@pytest.mark.parametrize("ending", [signal.SIGTERM, None], ids=["SIGTERM", "time limit"])
-def test_point_in_flight_is_left_between_iterations_and_solved_again(ending, tmp_path):
-    """A point of some seconds: its run ends long before, and what resume makes of it is what an undisturbed run gives."""
-    long_point = BEAM.format(order=14, samples=60, augmentation=1.0e3)
-    dense = ("--set", "solver%method='newton'", "--set", "solver%rescue=.false.", "--set", "solver%tolerance=1e-30")
-    dense += ("--set", "solver%max_iterations=60", "--set", "solver%line_search=.false.")
-    source, result = write(tmp_path, long_point), tmp_path / "case.h5"
+POINT_OF_SECONDS = BEAM.format(order=14, samples=60, augmentation=1.0e3)
+DENSE = ("--set", "solver%method='newton'", "--set", "solver%rescue=.false.", "--set", "solver%tolerance=1e-30")
+DENSE += ("--set", "solver%max_iterations=40", "--set", "solver%line_search=.false.")
+
+
+@pytest.fixture(scope="module")
+def undisturbed_point(tmp_path_factory):
+    """A result file, and the seconds that its run took."""
+    folder = tmp_path_factory.mktemp("point")
     began = time.monotonic()
-    run("solve", source, "--quiet", "--output", "whole.h5", *dense, cwd=tmp_path)
-    undisturbed = time.monotonic() - began
+    run("solve", write(folder, POINT_OF_SECONDS), "--quiet", *DENSE, cwd=folder)
+    return folder / "case.h5", time.monotonic() - began
+
+
+@pytest.mark.parametrize("ending", [signal.SIGTERM, None], ids=["SIGTERM", "time limit"])
+def test_point_in_flight_is_left_between_iterations_and_solved_again(ending, undisturbed_point, tmp_path):
+    """A point of some seconds: its run ends long before, and what resume makes of it is what an undisturbed run gives."""
+    whole, undisturbed = undisturbed_point
+    source, result = write(tmp_path, POINT_OF_SECONDS), tmp_path / "case.h5"
     began = time.monotonic()
     limit = () if ending else ("--time-limit", str(0.2 * undisturbed))
-    process = begin(tmp_path, "solve", source, "--quiet", *dense, *limit)
+    process = begin(tmp_path, "solve", source, "--quiet", *DENSE, *limit)
     if ending:
         wait_for(process, result.exists)
         time.sleep(0.2 * undisturbed)
@@ -331,7 +340,7 @@ def test_point_in_flight_is_left_between_iterations_and_solved_again(ending, tmp
     assert time.monotonic() - began < 0.7 * undisturbed
     assert read(result, "status").tolist() == [PENDING]
     run("resume", result, cwd=tmp_path)
-    assert_same(result, tmp_path / "whole.h5")
+    assert_same(result, whole)
 
 
 def test_second_signal_drops_the_point_in_flight(tmp_path):

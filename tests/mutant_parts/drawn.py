@@ -70,13 +70,13 @@ class Failure(Exception):
     """The source does not build, or a suite fails, without a mutant."""
 
 
-def judge(count: int, seed: int, note) -> list[Verdict]:
-    """So many mutants that build, fewer where it is interrupted; `note` is called with each verdict."""
+def judge(count: int, seed: int, jobs: int, note) -> list[Verdict]:
+    """So many mutants that build, `jobs` at once, fewer where it is interrupted; `note` is called with each verdict."""
     copy_tree()
     run(["cmake", "-S", str(SOURCE), "-B", str(BUILD), *CONFIGURE])
-    run(["cmake", "--build", str(BUILD)])
+    run(["cmake", "--build", str(BUILD), "--parallel", str(jobs), "--target", "unit_suites"])
     suites = unit_suites()
-    reach = reach_of(suites)
+    reach = reach_of(suites, jobs)
     verdicts: list[Verdict] = []
     shutil.rmtree(ALONE, ignore_errors=True)
     drawn = enumerate(draws(ROOT, 10 * count, seed))
@@ -87,7 +87,7 @@ def judge(count: int, seed: int, note) -> list[Verdict]:
     def one(numbered: tuple[int, Draw]) -> tuple[Draw, Verdict | None]:
         return numbered[1], verdict_alone(*numbered, suites, reach)
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(jobs) as pool:
         try:
             while missing() > 0 and (batch := list(islice(drawn, missing()))):
                 in_tree = []
@@ -151,7 +151,7 @@ def outcome_of(suite: Suite, seconds: float, counters: Path, libraries: str = ""
     return outcome, usage.ru_utime + usage.ru_stime
 
 
-def reach_of(suites: dict[str, Suite]) -> dict:
+def reach_of(suites: dict[str, Suite], jobs: int) -> dict:
     """For each suite its seconds and, of each source, the lines that it executes and all that count; known ones are used again."""
     known = json.loads(REACH.read_text(encoding="utf-8")) if REACH.is_file() else {}
     source = stamp_of_source()
@@ -170,7 +170,7 @@ def reach_of(suites: dict[str, Suite]) -> dict:
         return found
 
     new = [name for name in suites if name not in reach]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(jobs) as pool:
         for name, found in zip(new, pool.map(one, new)):
             reach[name] = found
             REACH.write_text(json.dumps(reach), encoding="utf-8")
