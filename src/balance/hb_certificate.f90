@@ -52,6 +52,7 @@ module hb_certificate
       real(wp) :: truncation = 0.0_wp                                 !! estimated error by the harmonics left out, relative
       real(wp) :: aliasing = 0.0_wp                                   !! estimated error by the finite grid, relative
       real(wp), allocatable :: frequency_error(:)                     !! of unknown tones, by both [rad/s], (n_tones)
+      real(wp) :: parameter_error = 0.0_wp                            !! of the value along which a curve runs, by both
       type(defects_t) :: defects                                      !! of rigid walls and rigid friction, on the finer grid
       real(wp) :: impact = 0.0_wp                                     !! energy of the hardest blow against a rigid wall, relative
                                                                       !! to that of the motion there
@@ -409,6 +410,7 @@ contains
          do i = 1, size(whole%which)
             if (whole%which(i) <= size(balance%omega)) self%frequency_error(whole%which(i)) = abs(first(size(big) + i))
          end do
+         if (present(curve)) self%parameter_error = abs(first(size(first)))
          if (.not. keeps_all(self, balance)) return
          if (allocated(self%refined)) deallocate (self%refined)
          allocate (self%refined(wide%stiffness%n_dofs, wide%harmonics%n_harmonics))

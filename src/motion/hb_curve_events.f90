@@ -12,9 +12,10 @@ module hb_curve_events
    implicit none
    private
    public :: bifurcation_event_t, branch_event_t, count_event_t, find_extremes, find_stability, fold_event_t, graze_event_t
-   public :: n_outside, peak_event_t, sharp, slope_at, square_at, value_event_t
+   public :: n_outside, on_circle, peak_event_t, sharp, slope_at, square_at, value_event_t
 
    real(wp), parameter :: sharp = 1.0e-11_wp                          !! tolerance of multipliers at a bifurcation
+   real(wp), parameter :: on_circle = 1.0e-9_wp                       !! a multiplier that is so close is on the unit circle
 
    !> Where the value turns back: its part of the tangent.
    type, extends(event_t) :: fold_event_t
@@ -98,11 +99,11 @@ contains
       if (allocated(there%multipliers)) value = merge(1.0_wp, -1.0_wp, n_outside(there) == self%n)
    end function count_event_value
 
-   !> Number of multipliers outside of the unit circle.
+   !> Number of multipliers outside of the unit circle; what rounding leaves of those on it, as without damping, is not outside.
    pure integer function n_outside(stability)
       type(stability_t), intent(in) :: stability
 
-      n_outside = count(abs(stability%multipliers) > 1.0_wp)
+      n_outside = count(abs(stability%multipliers) > 1.0_wp + on_circle)
    end function n_outside
 
    !> Smallest and largest value of each switch of the laws, (2, any), hb_grazing.

@@ -50,7 +50,14 @@ module hb_motion_curve
       real(wp), allocatable :: x(:)
       type(stability_t), allocatable :: stability                     ! where that is known
       type(motion_result_t), allocatable :: result                    ! what is known of it already
+      integer :: response = 0                                         ! that has its peak there, of those of the request
    end type waiting_t
+
+   !> A fold or peak that was reported.
+   type :: extreme_told_t
+      integer :: response = 0                                         ! of the request; 0: a fold
+      real(wp) :: length = 0.0_wp                                     ! of this way up to there
+   end type extreme_told_t
 
    !> The curve at one of its points.
    type :: standing_t
@@ -85,6 +92,7 @@ module hb_motion_curve
       real(wp), allocatable, private :: first_direction(:)            ! there, where the curve leaves another one
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first way
       real(wp), private :: length = 0.0_wp                            ! of this way so far
+      type(extreme_told_t), allocatable, private :: extremes_told(:)  ! on this way
       type(rung_t), private :: first_rung                             ! its set and grid
       real(wp), allocatable, private :: x_start(:), direction_start(:)
       type(origin_t), private :: outset                               ! these two on the set of the start of this way
@@ -116,6 +124,7 @@ module hb_motion_curve
       procedure, private :: step => motion_curve_step
       procedure, private :: land => motion_curve_land
       procedure, private :: look_back => motion_curve_look_back
+      procedure, private :: drop_doubtful => motion_curve_drop_doubtful
       procedure, private :: step_to_tolerance => motion_curve_step_to_tolerance
       procedure, private :: put_on => motion_curve_put_on
       procedure, private :: find_on_plane => motion_curve_find_on_plane
@@ -263,6 +272,15 @@ module hb_motion_curve
          logical, intent(in) :: has_branched                          !! a branch point was passed by
          logical, intent(out) :: is_lost                              !! something was not located, as the step is too long
       end subroutine motion_curve_look_back
+   end interface
+
+   ! What of it is smaller than errors; body in hb_motion_curve_doubtful
+   interface
+      !> Drops the folds and peaks of the step that are smaller than the estimated error of the motion there.
+      module subroutine motion_curve_drop_doubtful(self, error)
+         class(motion_curve_t), intent(inout), target :: self
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine motion_curve_drop_doubtful
    end interface
 
    ! Motions apart from all curves; body in hb_motion_curve_apart
@@ -442,6 +460,8 @@ contains
       else
          call self%step()
       end if
+      if (allocated(error) .or. self%curve%status /= outcome%pending .or. self%watch%verdict /= verdict%go_on) return
+      call self%drop_doubtful(error)
    end subroutine motion_curve_go
 
    !> Notes what a point has taken.
@@ -612,6 +632,8 @@ contains
          if (self%request%switches .and. self%way <= 2) call self%note_origin(result%curve%state, self%rung)
       else if (any(point%kind == [curve_kind%fold, curve_kind%peak])) then
          result%curve%state = [point%x, self%curve%direction]
+         if (size(self%request%peaks) > 1) result%curve%state = [result%curve%state, real(point%response, wp)]
+         self%extremes_told = [self%extremes_told, extreme_told_t(point%response, length)]
       else if (any(point%kind == [curve_kind%flip, curve_kind%torus]) .and. allocated(result%stability%multipliers)) then
          result%curve%state = [point%x, self%curve%direction, angle_of_pair(result%stability%multipliers)]
       end if

@@ -3,12 +3,11 @@ submodule (hb_motion_curve) hb_motion_curve_found
    use hb_bifurcation, only: bifurcation, bifurcation_value, is_torus
    use hb_curve, only: event_t
    use hb_curve_events, only: bifurcation_event_t, branch_event_t, count_event_t, fold_event_t, graze_event_t, n_outside, &
-      peak_event_t, sharp, value_event_t
+      on_circle, peak_event_t, sharp, value_event_t
    use hb_stability, only: stability_method
    implicit none
 
    real(wp), parameter :: located = 1.0e-11_wp                        ! of a function that is zero at a fold or a peak
-   real(wp), parameter :: located_multiplier = 1.0e-9_wp              ! of a function that is zero at a bifurcation
    real(wp), parameter :: at_start = 1.0e-4_wp                        ! of a step: where a branch begins rounding decides on zeros
    real(wp), parameter :: uncertain = 100.0_wp                        ! times the tolerance of multipliers: to the unit circle
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
@@ -106,6 +105,7 @@ contains
          peak%unit = square_at(self%problem, self%which, self%request%peaks(i), self%curve%x)
          if (.not. peak%unit > 0.0_wp) cycle
          call find(self, search, peak, [self%slopes(i), search%slopes(i)]/peak%unit, rounding_of(self), curve_kind%peak, is_found)
+         if (is_found) self%waiting(size(self%waiting))%response = i
       end do
    end subroutine find_peaks
 
@@ -197,9 +197,9 @@ contains
          if (kind == bifurcation%branch .and. is_branch_known(self, search)) cycle
          at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
-         if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) <= located_multiplier) cycle
+         if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) <= on_circle) cycle
          change%kind = kind
-         call self%curve%find_zero(change, piece%ends, at_ends, located_multiplier, x, place, is_found)
+         call self%curve%find_zero(change, piece%ends, at_ends, on_circle, x, place, is_found)
          search%is_lost = search%is_lost .or. .not. is_found
          if (.not. is_found) cycle
          if (kind == bifurcation%torus) then
@@ -220,7 +220,7 @@ contains
       integer, intent(in) :: n_before                                 !! points that wait, of them found without multipliers
       integer, parameter :: most_changes = 8
       real(wp), parameter :: behind = 1.0e-9_wp                       ! a change, in steps
-      real(wp), parameter :: on_circle = 1.0e-6_wp                    ! else the multipliers jump
+      real(wp), parameter :: no_jump = 1.0e-6_wp                      ! of a multiplier from the unit circle
       type(count_event_t) :: number
       type(stability_t) :: there
       real(wp) :: begin, place, x(size(self%curve%x))
@@ -245,7 +245,7 @@ contains
          associate (nearest => there%multipliers(minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)))
             kind = kind_at(nearest)
             is_new = .not. (kind == bifurcation%branch .and. is_branch_known(self, search))
-            if (abs(abs(nearest) - 1.0_wp) <= on_circle .and. is_new) call add_bifurcation(self, kind, piece, place, x)
+            if (abs(abs(nearest) - 1.0_wp) <= no_jump .and. is_new) call add_bifurcation(self, kind, piece, place, x)
          end associate
          call look_at(self, min(piece%ends(2), place + behind*self%curve%last_step), sharp, begin, there)
          if (.not. allocated(there%multipliers)) return
@@ -331,7 +331,7 @@ contains
                if (ieee_is_nan(values(k))) return
             end do
             if (.not. values(1)*values(2) < 0.0_wp) cycle
-            call curve%find_zero(marched, ends, values, located_multiplier, x, place, is_there)
+            call curve%find_zero(marched, ends, values, on_circle, x, place, is_there)
             if (.not. is_there) return
             found%place = place
             found%x = x

@@ -245,6 +245,7 @@ contains
          self%curve%step = last%state(2*n + 1)
          self%curve%orientation = last%state(2*n + 2)
          self%largest = last%state(2*n + 3)
+         call note_extremes(self, stored)
       end associate
       call self%renew()
       call self%look_here()
@@ -256,6 +257,24 @@ contains
       end associate
       self%is_done = self%n_told >= request%n_points
    end procedure motion_curve_go_on_from
+
+   !> Notes the folds and peaks of stored points that are on the way of the last one.
+   subroutine note_extremes(self, stored)
+      class(motion_curve_t), intent(inout) :: self
+      type(curve_place_t), intent(in) :: stored(:)
+      integer :: i, n, response
+
+      n = size(self%request%peaks)
+      associate (last => stored(size(stored)))
+         do i = size(stored), 2, -1
+            if (stored(i)%kind == curve_kind%start .or. stored(i)%length*last%length < 0.0_wp) exit
+            if (.not. any(stored(i)%kind == [curve_kind%fold, curve_kind%peak])) cycle
+            response = merge(min(n, 1), 0, stored(i)%kind == curve_kind%peak)
+            if (n > 1) response = nint(stored(i)%state(size(stored(i)%state)))
+            self%extremes_told = [self%extremes_told, extreme_told_t(response, abs(stored(i)%length))]
+         end do
+      end associate
+   end subroutine note_extremes
 
    !> Makes the curve ready to begin on a set and a grid.
    subroutine prepare(self, scene, document, further, rung, error)
@@ -435,6 +454,7 @@ contains
       end if
       self%has_collapsed = .false.
       self%length = 0.0_wp
+      self%extremes_told = [extreme_told_t ::]
       self%estimate = huge(1.0_wp)
       self%largest = least_motion
       call self%move(self%x_start, is_possible)

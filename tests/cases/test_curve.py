@@ -31,7 +31,7 @@ STOP = """
 &tones frequency = 0.3 /
 &load dof = 'x2', tuple = 1, cos = 0.1 /
 &law type = 'elastic_stop', dof = 'x2', stiffness = 100.0, gap = 1.0 /
-&accuracy tolerance = 5e-4 /
+&accuracy tolerance = 1e-3 /
 &curve parameter = 'tones%frequency', from = 0.3, to = 1.2, points = 300 /
 """
 RIDGE = "parameter = 'load(1)%cos', from = 0.18, to = 0.1, follow = 'fold'"
@@ -165,17 +165,46 @@ def test_sets_along_a_curve_follow_the_tolerance(by_tolerance):
     status, kind, n_harmonics, truncation, aliasing, frequency = (a[:300] for a in read(by_tolerance, *names))
     used = status != UNUSED
     assert (status[used] == 1).all()
-    assert np.nanmax(np.hypot(truncation[used], aliasing[used])) <= 5e-4
+    assert np.nanmax(np.hypot(truncation[used], aliasing[used])) <= 1e-3
     folds = frequency[kind == 3]
     assert np.allclose(folds, [0.763852, 0.673056730], rtol=1e-5), folds
     assert (n_harmonics[(kind > 0) & (frequency < 0.55)] == 8).all()
     assert n_harmonics.max() > 20 and n_harmonics[used][-1] == 8
 
 
-@pytest.mark.xfail(strict=True, reason="two false folds within 4e-6 of the first, next to where the set changes")
-def test_sets_along_a_curve_make_no_folds(tmp_path):
-    kind, frequency = read(solve(STOP.replace("5e-4", "1e-3"), tmp_path), "curve_kind", "tones_frequency")
-    assert (kind == 3).sum() == 2, frequency[kind == 3]
+ONE_STOP = """
+&structure type = 'chain', n_masses = 1, mass = 1.0, coupling_stiffness = 1.0, ground_stiffness = 0.5, damping_mass = 0.02, ends = 'free' /
+&tones frequency = 1.6 /
+&load dof = 'x1', tuple = 1, cos = 0.4 /
+&law type = 'elastic_stop', dof = 'x1', stiffness = 27.2, gap = 0.633 /
+&curve parameter = 'tones%frequency', from = 1.6, to = 0.3, points = 600, peak_of = 'x1' /
+"""
+
+
+def test_folds_and_peaks_are_those_of_a_fine_tolerance(tmp_path):
+    """The curve to 1e-2 is wavy: as its discretisation has it, it turns back more often."""
+    events = []
+    for tolerance in ("1e-2", "1e-4"):
+        (tmp_path / tolerance).mkdir()
+        path = solve(ONE_STOP + f"&accuracy tolerance = {tolerance} /\n", tmp_path / tolerance)
+        with Results(path) as results:
+            events += [[[float(results.curve.values[i]) for i in results.select({"curve_kind": kind})] for kind in ("fold", "peak")]]
+    assert [len(places) for places in events[1]] == [6, 3]
+    for coarse, fine in zip(*events):
+        assert coarse == pytest.approx(fine, rel=2e-3)
+
+
+def test_motions_without_damping_make_no_torus(tmp_path):
+    """At the start all multipliers are on the unit circle, and rounding decides on which side."""
+    text = """
+&structure type = 'chain', n_masses = 2, mass = 1.0, coupling_stiffness = 1.0, ground_stiffness = 1.0, damping_mass = 0.0 /
+&tones frequency = 1.3 /
+&load dof = 'x1', tuple = 1, cos = 0.1 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /
+&curve parameter = 'structure%damping_mass', from = 0.0, to = 0.5, points = 100 /
+"""
+    with Results(solve(text, tmp_path)) as results:
+        assert "torus" not in results.curve_kind() and "end" in results.curve_kind()
 
 
 def test_curves_by_tolerance_have_the_same_bits_on_two_ranks_and_resumed(by_tolerance, tmp_path):
