@@ -173,7 +173,8 @@ def test_sets_along_a_curve_follow_the_tolerance(by_tolerance):
 
 
 ONE_STOP = """
-&structure type = 'chain', n_masses = 1, mass = 1.0, coupling_stiffness = 1.0, ground_stiffness = 0.5, damping_mass = 0.02, ends = 'free' /
+&structure type = 'chain', n_masses = 1, mass = 1.0, coupling_stiffness = 1.0, ground_stiffness = 0.5, damping_mass = 0.02,
+   ends = 'free' /
 &tones frequency = 1.6 /
 &load dof = 'x1', tuple = 1, cos = 0.4 /
 &law type = 'elastic_stop', dof = 'x1', stiffness = 27.2, gap = 0.633 /
@@ -188,7 +189,7 @@ def test_folds_and_peaks_are_those_of_a_fine_tolerance(tmp_path):
         (tmp_path / tolerance).mkdir()
         path = solve(ONE_STOP + f"&accuracy tolerance = {tolerance} /\n", tmp_path / tolerance)
         with Results(path) as results:
-            events += [[[float(results.curve.values[i]) for i in results.select({"curve_kind": kind})] for kind in ("fold", "peak")]]
+            events.append([results.curve.values[results.select({"curve_kind": kind})].tolist() for kind in ("fold", "peak")])
     assert [len(places) for places in events[1]] == [6, 3]
     for coarse, fine in zip(*events):
         assert coarse == pytest.approx(fine, rel=2e-3)
