@@ -2,7 +2,7 @@
 !>
 !> A truncated motion depends on where its samples lie relative to the kinks of laws, so that its curve is slightly wavy and turns
 !> back where the exact one does not. A maximum belongs to the motion where the curve falls on either side by more than both ends of
-!> the fall may be off, before it has risen as far: the curve turns as a whole. Of several on such a top the first one is reported. A
+!> the fall may be off, before it has risen as far: the curve turns as a whole. Of several on such a top the first is reported. A
 !> minimum is the maximum of the negative function.
 submodule (hb_motion_curve) hb_motion_curve_doubtful
    use hb_stability, only: stability_method

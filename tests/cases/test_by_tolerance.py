@@ -232,7 +232,7 @@ JUMPS = {
 
 @pytest.mark.parametrize("scene", JUMPS)
 def test_jumps_are_those_of_order_40(scene, tmp_path):
-    """Of 25 random scenes of this kind 32 jumps are found with a tolerance and 34 at order 40: some sweeps are on other branches."""
+    """Of 25 random scenes of this kind 32 jumps are found with a tolerance and 34 at order 40; some sweeps differ."""
     found = []
     for name, group in (("chosen.h5", ""), ("given.h5", "&harmonics order = 40 /\n")):
         _, path = _solve(JUMPS[scene] + group, tmp_path, name=name)
