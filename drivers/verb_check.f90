@@ -126,7 +126,7 @@ contains
             call say("swept       "//study%plan%parameters(i)%describe())
          end do
          if (allocated(study%plan%curve)) call say("curve       "//study%plan%curve%describe())
-         call describe_structure(scene%structure)
+         call say("structure   "//number_of(scene%structure%n_dofs, "degree")//" of freedom")
          call describe_frequencies(scene%structure)
          tones = tone_text(scene, 1)
          samples = to_text(scene%torus%n_samples(1))
@@ -167,25 +167,6 @@ contains
       if (is_chosen) text = " to begin with"
    end function on_lowest
 
-   !> Says how large the structure is, and what has become of a large one.
-   subroutine describe_structure(structure)
-      type(structure_t), intent(in) :: structure
-      character(80) :: words
-
-      associate (reduction => structure%reduction)
-         if (reduction%n_full == 0) then
-            call say("structure   "//to_text(structure%n_dofs)// &
-                     trim(merge(" degree ", " degrees", structure%n_dofs == 1))//" of freedom")
-            if (allocated(reduction%left_out)) call say("            not reduced: "//reduction%left_out)
-            return
-         end if
-         call say("structure   "//to_text(reduction%n_full)//" degrees of freedom, reduced to "//to_text(structure%n_dofs))
-         write (words, "(es7.1, a, es9.3, a, es7.1, a)") reduction%error, " up to ", reduction%reach%up_to, " rad/s; made in ", &
-            reduction%seconds, " s"
-         call say("            error of its flexibility "//trim(words))
-      end associate
-   end subroutine describe_structure
-
    !> Lists the lowest natural frequencies of the linear structure, those of a reduced one as far as its error is known.
    subroutine describe_frequencies(structure)
       type(structure_t), intent(in) :: structure
@@ -213,7 +194,7 @@ contains
       if (.not. allocated(frequencies)) frequencies = natural_frequencies(structure%mass, structure%stiffness)
       n = min(size(frequencies), most)
       note = ""
-      if (structure%reduction%n_full > 0) n = min(n, count(frequencies <= structure%reduction%reach%up_to))
+      if (structure%up_to > 0.0_wp) n = min(n, count(frequencies <= structure%up_to))
       if (n < size(frequencies)) note = "  (the "//to_text(n)//" lowest)"
       if (is_gyroscopic) note = note//"  (without gyroscopic terms)"
       if (size(frequencies) == 0) then

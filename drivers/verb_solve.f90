@@ -18,7 +18,7 @@ module verb_solve
    use hb_results_record, only: read_record, record_t, statuses_of
    use hb_run_summary, only: answers_text, found_frequency, number_answered, number_solved, run_summary_t, stability_text
    use hb_scene, only: scene_t
-   use hb_scene_warnings, only: commensurate_text
+   use hb_scene_warnings, only: commensurate_text, model_text
    use hb_signals, only: signal_caught, signal_name
    use hb_stability, only: stability_method
    use hb_study, only: new_study, study_t
@@ -415,6 +415,7 @@ contains
       type(string_t), intent(in) :: overrides(:)
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: warning
       real(wp) :: memory
 
       memory = memory_share(comm)
@@ -424,9 +425,8 @@ contains
       if (rank_of(comm) > 0) call new_study(study, name, text, overrides, error, memory)
       call share_error(comm, error)
       if (allocated(error) .or. rank_of(comm) > 0) return
-      associate (reduction => study%scene%structure%reduction)
-         if (allocated(reduction%remade)) call say("warning: the reduction kept in "//reduction%remade//"; it was made anew")
-      end associate
+      warning = model_text(study%scene, study%document)
+      if (len(warning) > 0) call say("warning: "//warning)
    end subroutine make_study
 
    !> Memory [bytes] that each process may take: the smallest share of all ranks; collective.

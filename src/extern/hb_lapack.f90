@@ -7,7 +7,7 @@ module hb_lapack
    implicit none
    private
    public :: dgbtrf, dgbtrs, dgeev, dgemm, dgemv, dgeqrf, dgetrf, dgetrs
-   public :: dggev, dnrm2, dorgqr, dpotrf, dpotrs, dsyev, dsygv, dtrsm, zgbcon, zgbtrf, zgbtrs, zgecon
+   public :: dggev, dnrm2, dorgqr, dpotrf, dpotrs, dsyev, dsygv, zgbcon, zgbtrf, zgbtrs, zgecon
    public :: zgemm, zgetrf, zgetrs
 
    ! Linear equations, dense
@@ -210,15 +210,6 @@ module hb_lapack
          real(wp), intent(in) :: a(lda, *), x(*)
          real(wp), intent(inout) :: y(*)
       end subroutine dgemv
-
-      !> X A = b, or A X = b, in place for a triangular A.
-      subroutine dtrsm(side, uplo, transa, diag, m, n, alpha, a, lda, b, ldb)
-         import :: wp
-         character, intent(in) :: side, uplo, transa, diag
-         integer, intent(in) :: m, n, lda, ldb
-         real(wp), intent(in) :: alpha, a(lda, *)
-         real(wp), intent(inout) :: b(ldb, *)
-      end subroutine dtrsm
 
       !> Factors Q R of a matrix, Q by its reflectors.
       subroutine dgeqrf(m, n, a, lda, tau, work, lwork, info)

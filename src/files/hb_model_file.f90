@@ -6,9 +6,7 @@ module hb_model_file
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_model, only: model_source_t, model_t
-   use hb_reduction_file, only: read_reduction, write_reduction
    use hb_sparse, only: new_sparse, sparse_t
-   use hb_structure, only: structure_t
    use hb_system, only: file_kind, kind_of_file
    use hb_text, only: to_text
    implicit none
@@ -22,18 +20,7 @@ module hb_model_file
    type, extends(model_source_t) :: model_file_t
    contains
       procedure :: fetch => model_file_fetch
-      procedure :: keep => model_file_keep
-      procedure :: recall => model_file_recall
    end type model_file_t
-
-   !> A structure that was reduced before, by the mark of all that it was made from: all scenes of a process share it.
-   type :: kept_structure_t
-      integer, allocatable :: mark(:)
-      type(structure_t) :: structure
-   end type kept_structure_t
-   integer, parameter :: most_kept = 4
-   type(kept_structure_t) :: kept(most_kept)
-   integer :: n_kept = 0
 
 contains
 
@@ -45,51 +32,6 @@ contains
 
       call read_model_file(name, model, error)
    end subroutine model_file_fetch
-
-   !> Keeps a structure, in place of the oldest one where there are many, and in a file beside its model where one can be written.
-   subroutine model_file_keep(self, mark, structure, recovery, model)
-      class(model_file_t), intent(in) :: self
-      integer, intent(in) :: mark(:)
-      type(structure_t), intent(in) :: structure
-      real(wp), intent(in) :: recovery(:, :)
-      character(*), intent(in) :: model
-
-      call remember(mark, structure)
-      if (len(model) > 0) call write_reduction(model, mark, structure, recovery)
-   end subroutine model_file_keep
-
-   subroutine remember(mark, structure)
-      integer, intent(in) :: mark(:)
-      type(structure_t), intent(in) :: structure
-
-      n_kept = n_kept + 1
-      associate (place => kept(1 + modulo(n_kept - 1, most_kept)))
-         place%mark = mark
-         place%structure = structure
-      end associate
-   end subroutine remember
-
-   subroutine model_file_recall(self, mark, structure, is_found, model, trouble)
-      class(model_file_t), intent(in) :: self
-      integer, intent(in) :: mark(:)
-      type(structure_t), intent(inout) :: structure
-      logical, intent(out) :: is_found
-      character(*), intent(in) :: model
-      character(:), allocatable, intent(out) :: trouble
-      integer :: i
-
-      is_found = .false.
-      do i = 1, min(n_kept, most_kept)
-         if (size(kept(i)%mark) /= size(mark)) cycle
-         is_found = all(kept(i)%mark == mark)
-         if (.not. is_found) cycle
-         structure = kept(i)%structure
-         return
-      end do
-      if (len(model) == 0) return
-      call read_reduction(model, mark, structure, is_found, trouble)
-      if (is_found) call remember(mark, structure)
-   end subroutine model_file_recall
 
    !> Reads a model file. Fails for what is no model file, or one of a later form, and for entries that are missing, of a wrong size
    !> or not finite.
@@ -154,6 +96,7 @@ contains
       type(h5_file_t), intent(in) :: file
       type(model_t), intent(inout) :: model
       type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: up_to(:)
 
       call file%get("labels", model%labels, error)
       if (allocated(error)) return
@@ -169,6 +112,10 @@ contains
       if (.not. allocated(error)) call read_matrix(file, "structural", .false., model%n_dofs, model%structural, error)
       if (.not. allocated(error)) call read_sets(file, model, error)
       if (.not. allocated(error)) call read_vectors(file, model, error)
+      if (allocated(error) .or. .not. file%has("up_to")) return
+      call file%get("up_to", up_to, error)
+      if (.not. allocated(error)) call check_size("up_to", size(up_to), 1, error)
+      if (.not. allocated(error)) model%up_to = up_to(1)
    end subroutine read_parts
 
    subroutine read_matrix(file, name, is_required, n_dofs, matrix, error)

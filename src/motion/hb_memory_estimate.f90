@@ -25,7 +25,6 @@ module hb_memory_estimate
 
    !> Bytes, by part.
    type :: memory_estimate_t
-      real(wp) :: model = 0                                           !! before the point, while a model is read and reduced
       real(wp) :: structure = 0                                       !! matrices and interior factors
       real(wp) :: linear = 0                                          !! loads, condensed stiffness, transfer to the interior
       real(wp) :: samples = 0                                         !! on the torus: motions, forces, spectra, derivatives
@@ -48,7 +47,6 @@ contains
       integer, allocatable :: orders(:), samples(:)
 
       n = unknowns(s, s%n_harmonics)
-      bytes%model = s%reading
       bytes%structure = copies_kept*real_bytes*merge(3*s%n_entries, s%n_dofs**2, s%is_sparse) + interior_bytes(s)
       bytes%linear = linear_bytes(s, s%n_harmonics, .true.)
       bytes%samples = sample_bytes(s, s%n_harmonics, s%samples, .true., .true.)
@@ -89,8 +87,8 @@ contains
    pure real(wp) function memory_estimate_usual(self)
       class(memory_estimate_t), intent(in) :: self
 
-      memory_estimate_usual = of_program + max(self%model, self%structure + self%linear + self%samples + self%results + &
-                                               max(self%tangent, self%certificate))
+      memory_estimate_usual = of_program + self%structure + self%linear + self%samples + self%results + &
+                              max(self%tangent, self%certificate)
    end function memory_estimate_usual
 
    !> Bytes of a point that needs all that its settings allow.
@@ -136,12 +134,12 @@ contains
    pure function memory_text(bytes) result(text)
       type(memory_estimate_t), intent(in) :: bytes
       character(:), allocatable :: text
-      character(11), parameter :: names(8) = [character(11) :: &
-         "model", "structure", "linear part", "samples", "tangent", "rescue", "certificate", "results"]
-      real(wp) :: parts(8)
+      character(11), parameter :: names(7) = [character(11) :: &
+         "structure", "linear part", "samples", "tangent", "rescue", "certificate", "results"]
+      real(wp) :: parts(7)
       integer :: i, k
 
-      parts = [bytes%model, bytes%structure, bytes%linear, bytes%samples, bytes%tangent, bytes%rescue, bytes%certificate, &
+      parts = [bytes%structure, bytes%linear, bytes%samples, bytes%tangent, bytes%rescue, bytes%certificate, &
                bytes%results]
       text = ""
       do k = 1, size(parts)

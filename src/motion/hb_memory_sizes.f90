@@ -37,7 +37,6 @@ module hb_memory_sizes
       real(wp) :: n_stored_dofs = 0
       integer, allocatable :: highest(:), samples(:)                  !! (n_tones)
       integer, allocatable :: stored_samples(:)                       !! of surfaces, size 0: none
-      real(wp) :: reading = 0                                         !! bytes that a model took before it was a scene
       logical :: is_sparse = .false.                                  !! the matrices are
       logical :: has_certificate = .false.
       logical :: has_unknown_tones = .false.
@@ -74,7 +73,6 @@ contains
       coordinates = coordinates_of(scene, n)
       laws = laws_at(coordinates, scene%laws(:n))
       self%n_dofs = scene%structure%n_dofs
-      self%reading = scene%structure%reduction%memory
       self%n_law_dofs = size(coordinates%dofs)
       self%n_coordinates = coordinates%n
       self%n_harmonics = basis%harmonics%n_harmonics

@@ -269,8 +269,6 @@ contains
       end if
       result%frequency = start%omega
       result%n_harmonics = basis%whole%n_harmonics
-      call scene%structure%reduction%reach%check(basis%harmonics%frequencies(start%omega), error)
-      if (allocated(error)) return
       keeps = .false.
       if (present(kept)) keeps = associated(kept) .and. coordinates%n > 0
       if (keeps) then

@@ -95,8 +95,6 @@ contains
       if (allocated(vector)) then
          call self%structure%vectors%find(vector, dofs, weights, error)
          if (allocated(error)) call group%problem("vector", error%message)
-      else if (self%structure%reduction%n_full > 0 .and. self%structure%vectors%has(name)) then
-         call self%structure%vectors%find(name, dofs, weights, error) ! a set whose degrees of freedom are not kept one by one
       else
          call self%structure%find_dofs(name, dofs, error)
          if (allocated(error)) call group%problem("dof", error%message)

@@ -12,7 +12,6 @@ module hb_scene_reader
    use hb_scene_laws, only: read_laws, update_laws
    use hb_floquet, only: floquet_t
    use hb_scene_loads, only: loaded_tuples, read_loads, read_starts
-   use hb_scene_reduction, only: is_reduced_for, reduce_scene
    use hb_text, only: to_text
    use hb_scene_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
    use hb_scene_symmetry, only: check_symmetry
@@ -135,8 +134,6 @@ contains
       call read_stability(self%stability, document%optional_group("stability"), &
                           is_patient=(document%count("curve") > 0 .or. self%accuracy%is_on) .and. self%tones%n_tones == 1)
       call read_output(self, document%optional_group("output"))
-      call reduce_scene(self, document, error)
-      if (allocated(error)) return
       call read_sampling(self, document%optional_group("sampling"), on_curve=document%count("curve") > 0)
       call check_memory(sizes_of(self), self%memory_limit, error)
       if (allocated(error)) then
@@ -192,7 +189,6 @@ contains
          call read_tones(tones, document, error)
          if (allocated(error)) return
          if (tones%n_tones /= self%tones%n_tones .or. any(tones%is_unknown)) return
-         if (.not. is_reduced_for(self, tones%omega)) return
          self%tones = tones
       end if
       call update_laws(self, document, is_read)

@@ -18,7 +18,7 @@ module hb_dynamic_stiffness
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_lapack, only: zgbcon, zgbtrf, zgbtrs, zgecon, zgemm, zgetrf, zgetrs
-   use hb_structure, only: reach_t, structure_t
+   use hb_structure, only: structure_t
    use hb_structure_block, only: new_structure_block, structure_block_t
    use hb_text, only: to_text
    implicit none
@@ -45,7 +45,6 @@ module hb_dynamic_stiffness
       type(block_solver_t) :: solver                         ! of rr
       type(amplitudes_t) :: loads                            ! [N]
       type(amplitudes_t) :: load_slopes                      ! dP/dw [N s]
-      type(reach_t) :: reach                                 ! of the frequencies
       ! of the harmonic that is condensed: y, T, entries of S_lr, room for slopes of entries and of loads
       complex(wp), allocatable :: held_motion(:), transfer(:, :), s_lr(:), slope(:), load_slope(:)
    end type parts_t
@@ -128,7 +127,6 @@ contains
       self%coordinates = coordinates
       self%interior = all_but(coordinates%places, structure%n_dofs)
       allocate (parts)
-      parts%reach = structure%reduction%reach
       parts%loads = loads
       parts%loads%values = coordinates%forces_in(loads%values)
       call new_amplitudes(parts%load_slopes, structure%n_dofs, self%n_harmonics)
@@ -195,8 +193,6 @@ contains
          call fail(error, "dynamic stiffness: made without slopes, it cannot move to other frequencies")
          return
       end if
-      call self%parts%reach%check(frequencies, error)
-      if (allocated(error)) return
       call move_alloc(self%parts, parts)
       call condense(self, parts, frequencies, drives, error)
       call move_alloc(parts, self%parts)

@@ -10,8 +10,7 @@ module hb_model
    use hb_properties, only: limits_t, properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_sparse, only: sparse_sum, sparse_t
-   use hb_structure, only: check_room, flexibility, flexibility_names, max_sparse_dofs, new_structure, reduction_t, &
-                           structure_t
+   use hb_structure, only: check_room, max_sparse_dofs, new_structure, structure_t
    use hb_structure_mark, only: structure_mark
    use hb_text, only: to_text
    implicit none
@@ -28,14 +27,13 @@ module hb_model
       character(:), allocatable :: labels(:), units(:)                !! (n_dofs)
       type(node_sets_t) :: sets
       type(named_vectors_t) :: vectors
+      real(wp) :: up_to = 0.0_wp                                      !! [rad/s], as of `structure_t`
    end type model_t
 
    !> Where models come from.
    type, abstract :: model_source_t
    contains
       procedure(fetch_model), deferred :: fetch
-      procedure :: keep => model_source_keep
-      procedure :: recall => model_source_recall
    end type model_source_t
 
    abstract interface
@@ -51,27 +49,6 @@ module hb_model
 
 contains
 
-   !> Is told what a structure has been reduced to; whoever does not remember it forgets it.
-   subroutine model_source_keep(self, mark, structure, recovery, model)
-      class(model_source_t), intent(in) :: self
-      integer, intent(in) :: mark(:)                                  !! of all that it was made from
-      type(structure_t), intent(in) :: structure
-      real(wp), intent(in) :: recovery(:, :)                          !! as of `reduce_structure`
-      character(*), intent(in) :: model                               !! beside which it may be kept for later runs; empty: not so
-   end subroutine model_source_keep
-
-   !> Gives what was kept under a mark.
-   subroutine model_source_recall(self, mark, structure, is_found, model, trouble)
-      class(model_source_t), intent(in) :: self
-      integer, intent(in) :: mark(:)
-      type(structure_t), intent(inout) :: structure                   !! stays where nothing is found
-      logical, intent(out) :: is_found
-      character(*), intent(in) :: model                               !! as for `keep`
-      character(:), allocatable, intent(out) :: trouble               !! which file of it is there and of no use, and why
-
-      is_found = .false.
-   end subroutine model_source_recall
-
    !> Reads the structure from the keys of its group `&structure`.
    subroutine read_model(group, structure, error, memory_limit, source)
       type(properties_t), intent(inout) :: group
@@ -81,19 +58,10 @@ contains
       class(model_source_t), intent(in), optional :: source
       type(model_t) :: model
       type(proportional_damping_t) :: proportional
-      type(reduction_t) :: reduction
-      character(:), allocatable :: file, word
+      character(:), allocatable :: file
       real(wp) :: structural_frequency
-      logical :: is_kept
 
       call group%get("file", file, required=.true.)
-      word = trim(flexibility_names(flexibility%auto))
-      call group%get("flexibility", word, choices=flexibility_names)
-      reduction%flexibility = max(1, findloc(flexibility_names == word, .true., dim=1))
-      call group%get("flexibility_tolerance", reduction%tolerance, unit="1", limits=limits_t(above=0.0_wp))
-      call group%get("flexibility_up_to", reduction%asked_up_to, unit="rad/s", limits=limits_t(minimum=0.0_wp))
-      is_kept = .true.
-      call group%get("flexibility_file", is_kept)                      ! read where the structure is reduced
       structural_frequency = 0.0_wp
       call group%get("structural_frequency", structural_frequency, unit="rad/s", limits=limits_t(minimum=0.0_wp))
       call read_proportional_damping(group, proportional)
@@ -109,7 +77,6 @@ contains
       if (.not. allocated(error)) call new_model_structure(structure, model, proportional, structural_frequency, error)
       if (.not. allocated(error)) structure%origin = "model '"//file//"': "//structure_mark(structure)
       call annotate(error, group%place())
-      structure%reduction = reduction
    end subroutine read_model
 
    !> Makes a structure from a model. Structural damping becomes viscous damping that is the same at one frequency. Fails for a
@@ -143,6 +110,7 @@ contains
       if (allocated(error)) return
       structure%sets = model%sets
       structure%vectors = model%vectors
+      structure%up_to = model%up_to
    end subroutine new_model_structure
 
    subroutine check_skew(matrix, labels, error)

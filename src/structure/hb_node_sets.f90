@@ -30,7 +30,6 @@ module hb_node_sets
       real(wp), allocatable :: values(:)                              !! [N]
    contains
       procedure :: find => named_vectors_find
-      procedure :: has => named_vectors_has
    end type named_vectors_t
 
 contains
@@ -108,15 +107,6 @@ contains
       dofs = self%dofs(self%first(i):self%first(i + 1) - 1)
       values = self%values(self%first(i):self%first(i + 1) - 1)
    end subroutine named_vectors_find
-
-   !> Whether there is a vector of this name.
-   pure logical function named_vectors_has(self, name) result(has)
-      class(named_vectors_t), intent(in) :: self
-      character(*), intent(in) :: name
-
-      has = .false.
-      if (allocated(self%names)) has = position_of(self%names, trim(adjustl(name))) > 0
-   end function named_vectors_has
 
    pure integer function position_of(names, name) result(position)
       character(*), intent(in) :: names(:), name

@@ -13,8 +13,7 @@ module hb_structure
    use hb_text, only: join, parse_integer, to_text
    implicit none
    private
-   public :: check_room, flexibility, flexibility_names, label_length, max_dofs, max_sparse_dofs, most_dense, new_structure
-   public :: reach_t, reduction_t, structure_t, unit_length
+   public :: check_room, label_length, max_dofs, max_sparse_dofs, most_dense, new_structure, structure_t, unit_length
 
    integer, parameter :: label_length = 16                   !! longest name of a degree of freedom
    integer, parameter :: unit_length = 8
@@ -27,40 +26,6 @@ module hb_structure
       type(sparse_t) :: mass, damping, stiffness
    end type sparse_matrices_t
 
-   !> How a large structure answers at the places of laws and loads.
-   type :: flexibility_t
-      integer :: auto = 1                                             !! krylov for models with more than `most_dense` dofs
-      integer :: exact = 2                                            !! by factors at each frequency
-      integer :: krylov = 3                                           !! by a reduced structure
-   end type flexibility_t
-   type(flexibility_t), parameter :: flexibility = flexibility_t()
-   character(6), parameter :: flexibility_names(3) = [character(6) :: "auto", "exact", "krylov"]
-
-   !> Frequencies for which a structure holds.
-   type :: reach_t
-      logical :: is_limited = .false.
-      real(wp) :: up_to = 0.0_wp                                      !! [rad/s]
-   contains
-      procedure :: check => reach_check
-   end type reach_t
-
-   !> What a structure is to be reduced to, and has been.
-   type :: reduction_t
-      integer :: flexibility = flexibility%exact
-      real(wp) :: tolerance = 1.0e-10_wp                              !! error of the flexibility, relative
-      real(wp) :: asked_up_to = 0.0_wp                                !! [rad/s], 0: as the tones ask for
-      real(wp) :: widening = 1.0_wp                                   !! of the tones, that something else than them asks for
-      type(reach_t) :: reach                                          !! of the reduced structure
-      integer :: n_full = 0                                           !! degrees of freedom before; 0: it is not reduced
-      real(wp) :: error = 0.0_wp                                      !! of the flexibility up to there, estimated at frequencies
-                                                                      !! left out, relative
-      real(wp) :: seconds = 0.0_wp                                    !! that it took
-      real(wp) :: bytes = 0.0_wp                                      !! that its factors took
-      real(wp) :: memory = 0.0_wp                                     !! bytes that reading the model, and reducing it, took
-      character(:), allocatable :: remade                             !! which file of it was of no use, and why
-      character(:), allocatable :: left_out                           !! why a structure that might have been reduced was not
-   end type reduction_t
-
    type :: structure_t
       integer :: n_dofs = 0
       real(wp), allocatable :: mass(:, :)                    !! [kg], (n_dofs, n_dofs), symmetric
@@ -71,7 +36,7 @@ module hb_structure
       character(unit_length), allocatable :: units(:)        !! (n_dofs), of the coordinate: `m`, `rad`
       type(node_sets_t) :: sets                              !! names for many degrees of freedom; of models alone
       type(named_vectors_t) :: vectors                       !! named loads; of models alone
-      type(reduction_t) :: reduction
+      real(wp) :: up_to = 0.0_wp                             !! [rad/s], frequencies that it was reduced for; 0: it was not
       character(:), allocatable :: origin                    !! the model that it was read from and what marks it; else not given
    contains
       procedure :: damping_times => structure_damping_times
@@ -272,19 +237,6 @@ contains
       if (self%n_dofs > most) call fail(error, what//" takes structures of at most "//to_text(most)// &
                                         " degrees of freedom, this one has "//to_text(self%n_dofs))
    end subroutine structure_refuse_large
-
-   !> Fails where a reduced structure is asked for what it does beyond the frequencies that it holds for.
-   pure subroutine reach_check(self, frequencies, error)
-      class(reach_t), intent(in) :: self
-      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], of any sign
-      type(error_t), allocatable, intent(out) :: error
-      real(wp), parameter :: rounding = 1.0e-12_wp
-
-      if (.not. self%is_limited) return
-      if (maxval([0.0_wp, abs(frequencies)]) <= (1.0_wp + rounding)*self%up_to) return
-      call fail(error, "a harmonic of "//to_text(maxval(abs(frequencies)))//" rad/s is beyond those for which the structure "// &
-                "was reduced, "//to_text(self%up_to)//" rad/s; give a higher flexibility_up_to in &structure")
-   end subroutine reach_check
 
    !> Makes the matrices dense.
    subroutine structure_unpack(self)

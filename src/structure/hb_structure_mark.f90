@@ -5,10 +5,7 @@ module hb_structure_mark
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: kept_reduction, structure_mark
-
-   !> What stands before the mark of a reduction, behind that of its model.
-   character(*), parameter :: kept_reduction = new_line("a")//"reduction kept beside it: "
+   public :: structure_mark
 
 contains
 

@@ -1,13 +1,16 @@
-!> What is doubtful about a scene that can be solved: tones that are multiples of each other, and nothing that moves it.
+!> What is doubtful about a scene that can be solved: tones that are multiples of each other, nothing that moves it, and models that
+!> are large or were reduced for lower frequencies.
 module hb_scene_warnings
    use hb_certificate, only: near_commensurate
+   use hb_document, only: document_t
    use hb_kinds, only: wp
+   use hb_properties, only: properties_t
    use hb_scene, only: scene_t
    use hb_text, only: join, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: commensurate_text, has_no_load
+   public :: commensurate_text, has_no_load, model_text
 
    real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
 
@@ -19,6 +22,58 @@ contains
 
       has_no_load = .not. any(scene%tones%is_unknown) .and. scene%loads%is_zero()
    end function has_no_load
+
+   !> What is doubtful about a structure from a model, empty for none: it is large, or was reduced for lower frequencies.
+   function model_text(scene, document) result(text)
+      type(scene_t), intent(in) :: scene
+      type(document_t), intent(inout) :: document                     !! that the scene was made from
+      character(:), allocatable :: text
+      type(properties_t), pointer :: group
+      character(:), allocatable :: file
+      real(wp) :: highest
+
+      text = ""
+      highest = maxval([0.0_wp, abs(scene%harmonics%frequencies(scene%tones%omega))])
+      associate (structure => scene%structure)
+         if (structure%up_to > 0.0_wp .and. highest > structure%up_to) then
+            text = "harmonics up to "//to_text(highest)//" rad/s: the model was reduced for frequencies up to "// &
+                   to_text(structure%up_to)//" rad/s (nhbm-model reduce --up-to)"
+         else if (allocated(structure%sparse) .and. allocated(structure%origin) .and. .not. structure%up_to > 0.0_wp) then
+            group => document%optional_group("structure")
+            call group%get("file", file)
+            text = "the model has "//to_text(structure%n_dofs)//" degrees of freedom, which are condensed at each frequency "// &
+                   "anew; a small model of it, made once, is much faster:"//new_line("a")// &
+                   "   nhbm-model reduce "//file//" --keep "//named_dofs(document)//" --up-to "// &
+                   to_text(real(ceiling(1.01_wp*highest), wp))//" -o small.h5"
+         end if
+      end associate
+   end function model_text
+
+   !> Names of degrees of freedom and sets in an input, with commas.
+   function named_dofs(document) result(text)
+      type(document_t), intent(inout) :: document
+      character(:), allocatable :: text
+      character(6), parameter :: groups(4) = [character(6) :: "law", "load", "start", "output"]
+      character(11), parameter :: keys(3) = [character(11) :: "dof", "dofs", "normal_dofs"]
+      type(properties_t), pointer :: group
+      type(string_t), allocatable :: names(:)
+      integer :: g, i, k, n
+
+      text = ""
+      do g = 1, size(groups)
+         do i = 1, document%count(trim(groups(g)))
+            group => document%group(trim(groups(g)), i)
+            do k = 1, size(keys)
+               if (.not. group%given(trim(keys(k)))) cycle
+               call group%get(trim(keys(k)), names)
+               do n = 1, size(names)
+                  if (index(","//text//",", ","//names(n)%value//",") == 0) text = text//","//names(n)%value
+               end do
+            end do
+         end do
+      end do
+      text = text(2:)
+   end function named_dofs
 
    !> Which combination of given tones has a frequency below `limit` times the largest, and the scene with fewer tones that is
    !> meant where it is zero; empty where there is none.

@@ -31,7 +31,6 @@ module hb_verify
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use hb_structure, only: max_dofs
-   use hb_structure_mark, only: kept_reduction
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
    use hb_watch, only: watch_t
@@ -177,20 +176,10 @@ contains
       if (.not. allocated(error)) call new_study(stored%study, &
          folder//path(index(path, "/", back=.true.) + 1:)//": input_complete", stored%input_complete, [string_t ::], error)
       if (allocated(error)) return
-      if (of_files(stored%study%libraries()) /= of_files(stored%input_libraries)) call fail(error, "'"//path// &
+      if (stored%study%libraries() /= stored%input_libraries) call fail(error, "'"//path// &
          "' was made with another model or another library of a law, which is needed to verify it"//new_line("a")// &
          "now:"//new_line("a")//stored%study%libraries()//new_line("a")//"in the file:"//new_line("a")//stored%input_libraries)
       if (.not. allocated(error)) call note_curve_values(path, stored%study%plan, error)
-
-   contains
-
-      !> The lines of files that the user gives: a reduction made anew may differ in the last digits.
-      pure function of_files(lines)
-         character(*), intent(in) :: lines
-         character(:), allocatable :: of_files
-
-         of_files = lines(:index(lines//kept_reduction, kept_reduction) - 1)
-      end function of_files
    end subroutine read_stored
 
    !> Coefficients and frequencies of all points.

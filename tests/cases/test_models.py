@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
-import errno
 import os
 import subprocess
 import sys
-import zlib
 from pathlib import Path
 
 import h5py
@@ -27,7 +24,6 @@ from nhbm_post.structure import Structure, harmonic_of, motions
 from scipy.sparse.linalg import spsolve
 
 from expectations import failures, read_expectations
-from faults import run_with_fault
 from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, run
 
 INPUTS = Path(__file__).resolve().parents[2] / "inputs" / "models"
@@ -471,111 +467,48 @@ NET = """&structure type = 'model', file = 'net.h5', damping_mass = 0.001 /
 &certificate is_on = .false. /
 &solver tolerance = 1e-13 /
 """
-EXACT = ("--set", "structure%flexibility='exact'")
+SMALL = NET.replace("net.h5", "small.h5")
 
 
 def largest_difference(ours, other):
     return np.abs(ours - other).max() / np.abs(other).max()
 
 
-def test_a_reduced_model_moves_as_the_whole(net):
-    """At the places of laws and &output, under loads on many nodes and on one, with a dashpot."""
-    ours = solve(net, NET)
-    whole = solve(net, NET, *EXACT, name="whole")
+def reduce(folder, command):
+    words = command.split()[1:]
+    assert nhbm_model([str(folder / word) if word.endswith(".h5") else word for word in words] + ["--overwrite"]) == 0
+
+
+def test_a_large_model_is_said_to_be_and_the_command_makes_a_small_one(net):
+    """That moves as the whole at the places of laws and &output, under loads on many nodes and on one, with a dashpot."""
+    (net / "large.nml").write_text(NET)
+    told = run("check", "large.nml", cwd=net).stdout
+    assert "1200 degrees of freedom, which are condensed at each frequency anew" in told
+    (command,) = (line.strip() for line in told.splitlines() if "nhbm-model reduce" in line)
+    assert "--keep stops.z,edge.z,n100.z,n1111.z" in command
+    reduce(net, command)
+    whole, ours = solve(net, NET, name="large"), solve(net, SMALL, name="small_of_it")
     assert np.abs(whole["force_coefficients"]).max() > 1e-3
     for key in ("coefficients", "force_coefficients"):
         assert largest_difference(ours[key], whole[key]) < 1e-9
 
 
-def test_the_error_of_a_reduced_model_is_told(net):
-    loose = solve(net, NET, "--set", "structure%flexibility_tolerance=1e-4", name="loose")
-    told = run("check", "loose.nml", "--set", "structure%flexibility_tolerance=1e-4", cwd=net).stdout
-    assert "1200 degrees of freedom, reduced to" in told
-    error = float(told.split("error of its flexibility")[1].split()[0])
-    assert error <= 1e-4
-    whole = solve(net, NET, *EXACT, name="whole")
-    assert 1e-12 < largest_difference(loose["coefficients"], whole["coefficients"]) < 10 * error
+def test_harmonics_beyond_what_a_model_was_reduced_for_are_told(net):
+    reduce(net, "nhbm-model reduce net.h5 --keep stops.z,edge.z,n100.z,n1111.z --up-to 0.37 -o small.h5")
+    (net / "beyond.nml").write_text(SMALL)
+    assert "warning" not in run("check", "beyond.nml", cwd=net).stdout
+    told = run("check", "beyond.nml", "--set", "harmonics%order=4", cwd=net).stdout
+    assert "the model was reduced for frequencies up to 0.37 rad/s" in told
 
 
-def test_a_second_run_reads_the_reduction(net):
-    """It gives the same bits; a file that is damaged or cut off is made anew, and none is made where none is wanted."""
-
-    def kept():
-        return sorted(net.glob("net.h5.*.reduced"))
-
-    for file in kept():
-        file.unlink()
-    off = solve(net, NET, "--set", "structure%flexibility_file=.false.", name="kept")
-    assert kept() == []
-    first = solve(net, NET, name="kept")
-    (file,) = kept()
-    made = file.stat().st_ino, file.stat().st_mtime_ns
-    second = solve(net, NET, name="kept")
-    assert (file.stat().st_ino, file.stat().st_mtime_ns) == made
-    for key in ("coefficients", "force_coefficients"):
-        np.testing.assert_array_equal(first[key], off[key])
-        np.testing.assert_array_equal(second[key], off[key])
-    with h5py.File(file, "r+") as damaged:
-        damaged["stiffness"][0, 0] *= 1.001
-    told = run("check", "kept.nml", cwd=net).stdout
-    assert told.count(f"warning: the reduction kept in ./{file.name}: is damaged; it was made anew") == 1
-    assert "warning" not in run("check", "kept.nml", cwd=net).stdout
-    with h5py.File(file, "r+") as damaged:
-        damaged["stiffness"][0, 0] *= 1.001
-    np.testing.assert_array_equal(solve(net, NET, name="kept")["coefficients"], off["coefficients"])
-    file.write_bytes(file.read_bytes()[:3000])
-    np.testing.assert_array_equal(solve(net, NET, name="kept")["coefficients"], off["coefficients"])
-    with h5py.File(net / "net.h5", "r+") as model:
-        model["stiffness/data"][0] += 0.5
-    other = solve(net, NET, name="kept")
-    with h5py.File(net / "net.h5", "r+") as model:
-        model["stiffness/data"][0] -= 0.5
-    assert len(kept()) == 2 and (other["coefficients"] != off["coefficients"]).any()
-    assert list(net.glob("*.part")) == []
-
-
-def test_a_full_disk_costs_the_kept_reduction_not_the_run(net):
-    for file in net.glob("net.h5.*.reduced"):
-        file.unlink()
-    (net / "full.nml").write_text(NET)
-    done = run_with_fault("solve", "full.nml", "--quiet", cwd=net, call="write", file=".reduced", at=1, number=errno.ENOSPC)
-    assert done.status == ALL_CONVERGED and list(net.glob("net.h5.*.reduced*")) == [], (done.status, done.stderr)
-
-
-def sum_of_reduction(file):
-    """The checksum that a kept reduction has of its own numbers."""
-    found = 0
-    for name in ("figures", "mass", "damping", "stiffness"):
-        found = zlib.crc32(file[name][()].tobytes(), found)
-    for label, unit in zip(file["labels"].asstr()[()], file["units"].asstr()[()]):
-        found = zlib.crc32(unit.ljust(8).encode(), zlib.crc32(label.ljust(16).encode(), found))
-    parts = (("set_first", "set_nodes", "node_of"), ("vector_first", "vector_dofs", "vector_values"))
-    names = (("set_names", 64), ("direction", 8)), (("vector_names", 64),)
-    for numbers, words in zip(parts, names):
-        for name in numbers:
-            found = zlib.crc32(file[name][()].tobytes(), found) if name in file else found
-        for name, width in words:
-            for word in file[name].asstr()[()] if name in file else ():
-                found = zlib.crc32(word.ljust(width).encode(), found)
-    return np.uint32(found).astype(np.int32)
-
-
-@pytest.mark.parametrize("what", ["model", "reduction"])
-def test_a_changed_model_is_not_gone_on_with_unasked(what, net):
-    for made in net.glob("net.h5.*.reduced"):
-        made.unlink()
+def test_a_changed_model_is_not_gone_on_with_unasked(net):
     (net / "changed.nml").write_text(NET)
     done = run("solve", "changed.nml", "--overwrite", "--quiet", "--time-limit", "0", cwd=net)
     assert done.status == INCOMPLETE, done.stderr
-    file = net / "net.h5" if what == "model" else next(net.glob("net.h5.*.reduced"))
+    file = net / "net.h5"
     before = file.read_bytes()
     with h5py.File(file, "r+") as model:
-        if what == "model":
-            model["stiffness/data"][0] += 0.5
-        else:
-            assert model["sum"][0] == sum_of_reduction(model)
-            model["stiffness"][0, 0] *= 1.001
-            model["sum"][0] = sum_of_reduction(model)
+        model["stiffness/data"][0] += 0.5
     for words in (("resume", "changed.h5"), ("solve", "changed.nml", "--resume")):
         done = run(*words, cwd=net)
         assert done.status == BAD_INPUT and "made with another model" in done.stderr and "'net.h5': CRC-32" in done.stderr
@@ -594,105 +527,16 @@ def test_a_file_that_does_not_tell_its_model_says_what_to_do(net):
     assert run("resume", "older.h5", "--retry", "--quiet", cwd=net).status == ALL_CONVERGED
 
 
-@pytest.mark.parametrize("n_bytes", [10**9, 2**62])
-def test_a_kept_reduction_of_which_the_library_dies_is_named(n_bytes, net):
-    """Its texts are said to be longer than the file."""
-    solve(net, NET, name="kept")
-    file = max(net.glob("net.h5.*.reduced"), key=lambda made: made.stat().st_mtime_ns)
-    data = bytearray(file.read_bytes())
-    at = data.find(b"GCOL")
-    while at >= 0:
-        data[at + 24 : at + 32] = n_bytes.to_bytes(8, "little")
-        at = data.find(b"GCOL", at + 1)
-    for made in net.glob("net.h5.*.reduced"):
-        made.write_bytes(data)
-    done = run("check", "kept.nml", cwd=net)
-    for made in net.glob("net.h5.*.reduced"):
-        made.unlink()
-    if "AddressSanitizer" in done.stderr and "libhdf5" in done.stderr:
-        pytest.skip("the sanitizer ends the process where the library errs, before it dies of a signal")
-    assert done.status == BAD_INPUT and ".reduced': HDF5 died of this file" in done.stderr, (done.status, done.stderr)
-
-
-def test_one_rank_reduces_for_all(net):
-    """The file is made under a name of each process: once."""
-    for file in net.glob("net.h5.*.reduced"):
-        file.unlink()
-    (net / "ranks.nml").write_text(NET)
-    libc = ctypes.CDLL(None)
-    watch, is_made = libc.inotify_init(), 0x100
-    assert watch >= 0 and libc.inotify_add_watch(watch, os.fsencode(net), is_made) >= 0
-    made = run("solve", "ranks.nml", "-o", "ranks.h5", "--overwrite", cwd=net, ranks=3)
-    events = os.read(watch, 1 << 16)
-    os.close(watch)
-    assert made.status == ALL_CONVERGED, made.stderr
-    assert events.count(b".reduced.") == 1 and len(list(net.glob("net.h5.*.reduced"))) == 1
-
-
-def test_a_reduction_belongs_to_its_sets(net):
-    """Two sets that change their nodes among degrees of freedom that are kept anyway: the load on one of them moves."""
-    text = NET.replace("'n100.z'", "'stops.z'").replace("label = 'stop', dof = 'stops.z'", "label = 'stop', dof = 'n400.z'")
-    text = text.replace("dofs = 'stops.z', 'n1111.z'", "dofs = 'n400.z', 'n550.z', 'n800.z'")
-    before = solve(net, text, name="sets")["coefficients"]
-    with h5py.File(net / "net.h5", "r+") as model:
-        nodes = model["sets/nodes"][()]
-        last = model["sets/indptr"][()][list(model["sets/names"].asstr()[()]).index("stops") + 1] - 1
-        model["sets/nodes"][last] = 549
-    after = solve(net, text, name="sets")["coefficients"]
-    with h5py.File(net / "net.h5", "r+") as model:
-        model["sets/nodes"][()] = nodes
-    assert largest_difference(after, before) > 1e-3
-
-
 def test_all_nodes_of_a_reduced_model_are_recovered(net):
+    reduce(net, "nhbm-model reduce net.h5 --keep stops.z,edge.z,n100.z --up-to 0.5 -o shapes.h5")
     everything = NET.replace("&output dofs = 'stops.z', 'n1111.z' /\n", "")
-    for file in net.glob("net.h5.*.reduced"):
-        file.unlink()
-    solve(net, everything, name="shapes")
-    solve(net, everything, *EXACT, name="whole")
+    solve(net, everything.replace("net.h5", "shapes.h5"), name="of_shapes")
+    solve(net, everything, name="whole")
     fields = []
-    for name in ("shapes", "whole"):
-        structure = Structure(net / "net.h5")
+    for name, model in (("of_shapes", "shapes.h5"), ("whole", "net.h5")):
+        structure = Structure(net / model)
         tuples, _, coefficients = motions(Results(net / f"{name}.h5"), structure, 0)
         h = harmonic_of(tuples, coefficients, (1, 0))
         fields.append(structure.displacement(coefficients[:, h].real))
     assert np.abs(fields[1][:, 2]).min() > 0.0
     assert largest_difference(*fields) < 1e-4
-
-
-def test_sweeps_of_a_reduced_model(net):
-    """Over gaps, and over frequencies beyond what the first reduction holds for; on two ranks as on one."""
-    for parameter, values in (("law(stop)%gap", "0.025, 0.03"), ("tones%frequency(1)", "0.05, 0.09")):
-        sweep = f"&sweep parameter = '{parameter}', values = {values} /\n&solver first_guess = 'linear', tolerance = 1e-13 /\n"
-        text = NET.replace("&solver tolerance = 1e-13 /\n", sweep)
-        ours = solve(net, text, ranks=2)
-        np.testing.assert_array_equal(ours["coefficients"], solve(net, text, name="alone")["coefficients"])
-        assert largest_difference(ours["coefficients"], solve(net, text, *EXACT, name="whole")["coefficients"]) < 1e-9
-
-
-def test_curves_of_a_reduced_model_reach_their_end(net):
-    one = "&tones frequency = 0.05 /\n&harmonics order = 3 /\n&load dof = 'edge.z', tuple = 1, cos = 0.001 /\n"
-    text = NET.splitlines()[0] + "\n" + one + "\n".join(NET.splitlines()[5:]) + "\n"
-    text += "&curve parameter = 'tones%frequency', from = 0.05, to = 0.1, peak_of = 'n1111.z (1)' /\n"
-    (net / "curve.nml").write_text(text)
-    done = run("solve", "curve.nml", "--overwrite", cwd=net)
-    with h5py.File(net / "curve.h5") as file:
-        frequency = file["frequency"][()]
-    assert np.nanmax(frequency) == pytest.approx(0.1), done.stdout + done.stderr
-
-
-def test_what_cannot_be_reduced_is_refused_or_exact(net):
-    with h5py.File(net / "net.h5") as source, h5py.File(net / "soft.h5", "w") as copy:
-        for key in source:
-            source.copy(key, copy)
-        copy.attrs.update(source.attrs)
-        copy["stiffness/data"][0] = -50.0
-    soft = NET.replace("net.h5", "soft.h5")
-    asked = soft.replace("&structure", "&structure flexibility = 'krylov',")
-    (net / "soft.nml").write_text(asked)
-    done = run("check", "soft.nml", cwd=net)
-    assert done.status == BAD_INPUT
-    assert "the stiffness is indefinite" in done.stderr and "soft.nml:1" in done.stderr
-    (net / "soft.nml").write_text(soft)
-    told = run("check", "soft.nml", cwd=net).stdout
-    assert "1200 degrees of freedom\n            not reduced: " in told and "the stiffness is indefinite" in told

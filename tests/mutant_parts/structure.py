@@ -103,30 +103,6 @@ MUTANTS = [
         ),
     ),
     *of(
-        "structure/hb_krylov_basis.f90",
-        (
-            "krylov_outliers",
-            "test_hb_reduction",
-            "a dashpot spoils what is proportional in the damping",
-            "self%alpha = median(pack(alpha, is_sound))",
-            "self%alpha = sum(pack(alpha, is_sound))/count(is_sound)",
-        ),
-        (
-            "krylov_change",
-            "test_hb_reduction",
-            "no change by a block is ever seen",
-            "call find_flexibility(self, self%n_before, frequencies, before)",
-            "call find_flexibility(self, self%n, frequencies, before)",
-        ),
-        (
-            "krylov_inertia",
-            "test_hb_reduction",
-            "the space goes on with what the shapes are, not with their inertia",
-            "call self%m%times(w, x)\n      call project(self, x, self%mass",
-            "x = w\n      call project(self, x, self%mass",
-        ),
-    ),
-    *of(
         "structure/hb_mean_energy.f90",
         (
             "energy_of_mean",
@@ -158,30 +134,6 @@ MUTANTS = [
             "modes are not sorted",
             "if (self%frequency(k - 1) <= self%frequency(k)) exit",
             "if (self%frequency(k - 1) <= huge(1.0_wp)) exit",
-        ),
-    ),
-    *of(
-        "structure/hb_reduction.f90",
-        (
-            "reduction_shift",
-            "test_hb_reduction",
-            "the shift stays in the stiffness",
-            "stiffness = energy - basis%shift*mass",
-            "stiffness = energy",
-        ),
-        (
-            "reduction_rests",
-            "test_hb_reduction",
-            "dashpots act against the motion by half",
-            "matrix(k, column) = matrix(k, column) + remainder%value(e)",
-            "matrix(k, column) = matrix(k, column) + 0.5_wp*remainder%value(e)",
-        ),
-        (
-            "reduction_complement",
-            "test_hb_reduction",
-            "loads do not reach the shapes in their coordinates",
-            "small%vectors%values = [small%vectors%values, matmul(f, t)]",
-            "small%vectors%values = [small%vectors%values, f]",
         ),
     ),
 ]

@@ -40,7 +40,7 @@ def test_sets_that_do_not_meet_are_refused(two):
         assembly.assemble({"a": two, "b": two}, {"c": (0, 0, 0)})
 
 
-@pytest.mark.parametrize("method", reduction.METHODS)
+@pytest.mark.parametrize("method", reduction.MODAL)
 def test_a_pair_is_kept_by_its_difference(two, method):
     """Flexibility against forces that push the two apart, at rest: that of the full model."""
     assembly.add_pair(two, "joint", "a_tail", "b_head")

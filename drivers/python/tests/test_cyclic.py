@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from nhbm import Model, ModelError, cyclic, examples
 from nhbm.command import main
 from nhbm.factors import lowest_modes
-from nhbm.reduction import METHODS
+from nhbm.reduction import MODAL
 
 N = 6
 
@@ -174,7 +174,7 @@ def motion_under(model, load, w):
 
 
 def test_one_nodal_diameter_moves_as_the_wheel_does_under_a_wave_that_turns(dented):
-    wanted = cyclic.Reduction(["joint.r", "low.t"], 9, METHODS[0], NEIGHBOURS, {"push": cyclic.Wave("low.t", 4)})
+    wanted = cyclic.Reduction(["joint.r", "low.t"], 9, MODAL[0], NEIGHBOURS, {"push": cyclic.Wave("low.t", 4)})
     ours, _ = cyclic.reduced_wheel(cyclic.sector_of(dented, N, "low", "high"), wanted, 4)
     wheel = whole(dented, 4)
     a, b = (motion_under(model, "push_cos", 0.7) - 1j * motion_under(model, "push_sin", 0.7) for model in (ours, wheel))

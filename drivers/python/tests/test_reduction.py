@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
+import scipy.sparse.linalg as spla
 
 from nhbm import Model, ModelError, examples, rotors
 from nhbm.command import main
 from nhbm.factors import Factors, lowest_modes
-from nhbm.reduction import METHODS, band, compare, reduce
+from nhbm.reduction import MODAL, band, compare, load_matrix, reduce
 
 
 def flexibility(model, names, w):
@@ -19,7 +20,7 @@ def flexibility(model, names, w):
     return np.linalg.inv(dynamic.toarray())[np.ix_(dofs, dofs)]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", MODAL)
 def test_all_modes_leave_nothing_out(chain, method):
     chain = dataclasses.replace(chain, damping=None, loads={})
     reduced = reduce(chain, ["contact.z", "n9.z"], 9, method)
@@ -56,7 +57,7 @@ def test_kept_degrees_of_freedom_that_move_as_one_are_told(chain):
         reduce(rigid, ["n4.z", "n5.z"], 3)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", MODAL)
 def test_static_answer_is_exact(block, method):
     kept = ["right.z"]
     reduced = reduce(block, kept, 3, method)
@@ -65,7 +66,7 @@ def test_static_answer_is_exact(block, method):
     np.testing.assert_allclose(flexibility(reduced, names, 0.0), exact, rtol=1e-7, atol=1e-8 * abs(exact).max())
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", MODAL)
 def test_error_that_is_told_is_the_true_one(block, method):
     reduced = reduce(block, ["right.z"], 8, method)
     names = [block.labels[dof] for dof in block.dofs_of("right.z")]
@@ -77,7 +78,7 @@ def test_error_that_is_told_is_the_true_one(block, method):
     assert report.errors[0] < 1e-4
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", MODAL)
 def test_largest_error_that_is_told_is_that_of_the_band(block, method):
     """Within a factor of ten of the largest of many frequencies and all resonances of both models."""
     reduced = reduce(block, ["right.z"], 6, method)
@@ -119,7 +120,7 @@ def test_an_error_that_is_asked_for_is_met(tmp_path, capsys):
         assert main([*words, *more]) == 2 and message in capsys.readouterr().err
     assert main(["reduce", out, "--keep", "corner.z", "-o", path, "--overwrite"]) == 2
     assert "the model is reduced already" in capsys.readouterr().err
-    for method in METHODS:
+    for method in MODAL:
         assert main([*words, "--tolerance", "1e-15", "--up-to", "4e3", "--method", method]) == 2
         assert "--tolerance 1e-15 is not met" in capsys.readouterr().err
 
@@ -148,7 +149,7 @@ def test_loads_and_recovery(chain):
     np.testing.assert_allclose(static, np.linalg.solve(chain.stiffness.toarray(), full), rtol=1e-10)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", MODAL)
 def test_loads_on_what_is_kept_add_nothing(block, method):
     """Their static shapes are there already; rounding must not become shapes that move what is kept."""
     kept = block.dofs_of("right.z")
@@ -170,7 +171,7 @@ def test_file_of_a_reduced_model(chain, tmp_path):
     assert small.dofs_of("contact.z") == [0, 1]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", MODAL)
 def test_degrees_of_freedom_without_mass(chain, method):
     """Kept or not, they are followed by the stiffness; nothing is left out with all modes that there are."""
     mass = chain.mass.diagonal()
@@ -217,7 +218,7 @@ def test_superlu_where_there_is_no_cholmod(block, monkeypatch):
         Factors(-1.0 * block.stiffness, "stiffness")
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", MODAL)
 def test_error_of_a_body_that_turns_is_told_at_its_whirls(block, method):
     """A bar with Coriolis terms about its axis: within a factor of ten of the largest of many frequencies and all whirls."""
     at = {(node, d): i for i, (node, d) in enumerate(zip(block.dof_node, block.dof_direction))}
@@ -260,7 +261,7 @@ def exact_flexibility(model, names, w):
     return np.linalg.inv(dynamic.toarray())[np.ix_(dofs, dofs)]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", MODAL)
 @pytest.mark.parametrize("everywhere", [False, True])
 def test_unsymmetric_stiffness(method, everywhere):
     """The static answer of bearings is exact, no half of the stiffness is lost, and the error told is that of the band."""
@@ -284,3 +285,102 @@ def test_unsymmetric_stiffness(method, everywhere):
         errors.append(abs(exact_flexibility(reduced, names, w) - exact).max() / abs(exact).max())
     assert max(errors) / 10 < report.errors.max() < 10 * max(errors)
     assert max(errors) < (1e-2 if everywhere else 1e-3)
+
+
+def response(model, dofs, forces, w):
+    """Motion of some degrees of freedom under some forces (n_dofs, any) at a frequency."""
+    matrices = model.matrices()
+    none = sp.csr_matrix(model.mass.shape)
+    viscous = matrices.get("damping", none) + matrices.get("gyroscopic", none)
+    dynamic = model.stiffness + 1j * matrices.get("structural", none) - w**2 * model.mass + 1j * w * viscous
+    return spla.spsolve(sp.csc_matrix(dynamic), forces.astype(complex)).reshape(len(forces), -1)[dofs]
+
+
+def largest_difference(full, small, names, up_to):
+    """Of the motion of the kept degrees of freedom under forces at these and the loads, at frequencies that nothing was tuned to."""
+    worst = 0.0
+    for w in up_to * np.array([0.0123, 0.257, 0.533, 0.871, 0.997]):
+        answers = []
+        for model in (full, small):
+            dofs = [model.labels.index(name) for name in names]
+            unit = np.zeros((model.n_dofs, len(dofs)))
+            unit[dofs, np.arange(len(dofs))] = 1.0
+            answers.append(response(model, dofs, np.hstack([unit, load_matrix(model)]), w))
+        worst = max(worst, np.abs(answers[1] - answers[0]).max() / np.abs(answers[0]).max())
+    return worst
+
+
+KEPT = ["n1.z", "n150.z", "n299.z"]
+
+
+@pytest.fixture
+def long_chain():
+    """300 masses in a row, held at one end, damped in proportion, with a load on all of them; ten resonances up to .11 rad/s."""
+    n = 300
+    stiffness = sp.diags([np.r_[np.full(n - 1, 2.0), 1.0], -np.ones(n - 1), -np.ones(n - 1)], [0, 1, -1]).tocsr()
+    mass = sp.diags(1.0 + 0.1 * (np.arange(n) % 5)).tocsr()
+    return Model(mass=mass, stiffness=stiffness, damping=1e-2 * stiffness + 1e-4 * mass, labels=[f"n{i + 1}.z" for i in range(n)],
+                 node_numbers=np.arange(1, n + 1), coordinates=np.zeros((n, 3)), dof_node=np.arange(n), dof_direction=["z"] * n,
+                 loads={"all": (np.arange(n), np.ones(n))})  # fmt: skip
+
+
+def krylov(model, up_to=0.11, **more):
+    return reduce(model, KEPT, method="krylov", up_to=up_to, **more)
+
+
+def test_a_krylov_space_answers_as_the_whole(long_chain):
+    small = krylov(long_chain)
+    assert small.labels[:3] == KEPT and small.n_dofs < 60 and small.up_to == 0.11
+    assert largest_difference(long_chain, small, KEPT, 0.11) < 1e-9
+    shapes = small.stiffness.toarray()[3:, 3:]
+    assert np.count_nonzero(shapes - np.diag(np.diag(shapes))) == 0  # which makes it cheap to solve with
+
+
+def test_a_krylov_space_grows_with_the_tolerance_and_the_frequency(long_chain):
+    few, many = krylov(long_chain, tolerance=1e-3), krylov(long_chain)
+    assert few.n_dofs < many.n_dofs < krylov(long_chain, up_to=0.3).n_dofs
+    assert 1e-9 < largest_difference(long_chain, few, KEPT, 0.11) < 1e-2
+
+
+def test_dashpots_and_skew_stiffness_stay_exact(long_chain):
+    damping, stiffness = long_chain.damping.tolil(), long_chain.stiffness.tolil()
+    damping[76, 76] += 0.3
+    stiffness[200, 201], stiffness[201, 200] = stiffness[200, 201] + 2e-3, stiffness[201, 200] - 2e-3
+    full = dataclasses.replace(long_chain, damping=damping.tocsr(), stiffness=stiffness.tocsr())
+    small = krylov(full)
+    assert small.labels[:6] == [*KEPT, "n77.z", "n201.z", "n202.z"]
+    assert largest_difference(full, small, KEPT, 0.11) < 1e-9
+
+
+def test_damping_all_over_is_projected(long_chain):
+    full = dataclasses.replace(long_chain, damping=sp.diags(2e-2 * np.linspace(0.0, 1.0, 300) ** 2).tocsr())
+    small = krylov(full, up_to=0.05)
+    assert small.n_dofs < 100 and largest_difference(full, small, KEPT, 0.05) < 1e-8
+
+
+def test_free_bodies_and_structural_damping(long_chain):
+    stiffness = long_chain.stiffness.tolil()
+    stiffness[0, 0] = 1.0
+    free = dataclasses.replace(long_chain, stiffness=stiffness.tocsr(), damping=None, structural=0.01 * stiffness.tocsr())
+    assert largest_difference(free, krylov(free), KEPT, 0.11) < 1e-9
+
+
+def test_what_no_krylov_space_can_do_is_said(long_chain):
+    soft = long_chain.stiffness.tolil()
+    soft[9, 9] = -50.0
+    with pytest.raises(ModelError, match="is not positive definite"):
+        krylov(dataclasses.replace(long_chain, stiffness=soft.tocsr()))
+    with pytest.raises(ModelError, match="needs the highest frequency"):
+        reduce(long_chain, KEPT, method="krylov")
+
+
+def test_the_method_follows_from_what_is_given(long_chain, tmp_path, capsys):
+    path, out = str(tmp_path / "full.h5"), str(tmp_path / "small.h5")
+    long_chain.write(path)
+    words = ["reduce", path, "--keep", ",".join(KEPT), "-o", out, "--overwrite"]
+    for more, up_to in ((["--up-to", "0.11"], 0.11), (["--up-to", "0.11", "--modes", "30"], None), ([], None)):
+        assert main([*words, *more]) == 0
+        assert Model.read(out).up_to == up_to
+    capsys.readouterr()
+    assert main([*words, "--method", "krylov", "--up-to", "0.11", "--modes", "30"]) == 2
+    assert "--modes belongs to the other methods" in capsys.readouterr().err

@@ -39,7 +39,6 @@ class Structure:
         self._cells = [nodes[starts[i] : starts[i + 1]] for i in range(len(self._types))]
         where = zip(self.labels, file["dofs/node"][()], file["dofs/direction"][()])
         self._place = {label: (int(node), _AXES[d.decode()]) for label, node, d in where if node >= 0 and d.decode() in _AXES}
-        self._all_labels = list(self.labels)  # a reduction that a run has kept may have others
         self._labels_at: dict[int, dict[str, str]] = {}  # node: direction: label
         for label, node, d in zip(self.labels, file["dofs/node"][()], file["dofs/direction"][()]):
             self._labels_at.setdefault(int(node), {})[d.decode()] = label
@@ -56,28 +55,6 @@ class Structure:
         self._polar = np.unique([node[i] for i in rows if direction[i] in "rt"]).astype(int)
         self._matrix = file["recovery/matrix"][rows] if place == "recovery" else None
         self._rows = np.array(rows, dtype=int)
-
-    def recover(self, stored: Collection[str]) -> bool:
-        """Goes over to the degrees of freedom of a reduction that a run has kept beside the model, all of which are stored, so that
-        every node moves. False where there is none."""
-        fitting = [path for path in sorted(self.path.parent.glob(f"{self.path.name}.*.reduced")) if self._fits(path, stored)]
-        if len(fitting) > 1:
-            names = ", ".join(path.name for path in fitting)
-            raise UsageError(f"the degrees of freedom of the result are those of {names}; move away all but that of its run")
-        if not fitting:
-            return False
-        with h5py.File(fitting[0], "r") as file:
-            self.labels = [label.decode() for label in file["labels"][()]]
-            self._matrix = file["recovery"][()][self._rows]
-        return True
-
-    def _fits(self, path: Path, stored: Collection[str]) -> bool:
-        try:
-            with h5py.File(path, "r") as file:
-                labels = [label.decode() for label in file["labels"][()]]
-                return file["recovery"].shape == (len(self.labels), len(labels)) and set(labels) == set(stored)
-        except (KeyError, OSError):
-            return False  # damaged: the program takes no notice of it either
 
     @property
     def has_axis(self) -> bool:
@@ -98,10 +75,10 @@ class Structure:
 
     def dofs_of(self, name: str) -> list[str]:
         """Labels of what a name in the input stands for: a degree of freedom, its number, or all of a set in its order."""
-        if name in self._all_labels:
+        if name in self.labels:
             return [name]
-        if name.isdigit() and 1 <= int(name) <= len(self._all_labels):
-            return [self._all_labels[int(name) - 1]]
+        if name.isdigit() and 1 <= int(name) <= len(self.labels):
+            return [self.labels[int(name) - 1]]
         stem, _, direction = (name, "", None) if name in self.sets else name.rpartition(".")
         at = [self._labels_at.get(int(node), {}) for node in self.sets.get(stem, ())]
         found = [label for labels in at for d, label in labels.items() if direction in (None, d)]

@@ -129,19 +129,22 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--keep", required=True,
                       help="degrees of freedom and sets that stay as they are: n3.z,contact.z,corner; a pair keeps what its "
                       "sets move relative to each other")  # fmt: skip
-    _reduction(verb, 20)
+    _reduction(verb, 20, methods=reduction.METHODS)
     _output(verb)
     return top
 
 
-def _reduction(verb, n_modes: int, more: str = "") -> None:
-    verb.add_argument("--modes", type=int, default=n_modes, help=f"number of modes{' ' * bool(more)}{more} (default: {n_modes})")
-    verb.add_argument(
-        "--method", choices=reduction.METHODS, default=reduction.METHODS[0], help=f"(default: {reduction.METHODS[0]})"
-    )
-    verb.add_argument("--up-to", type=float, metavar="RAD/S", help="highest frequency at which the error is told")
+def _reduction(verb, n_modes: int, more: str = "", methods=reduction.MODAL) -> None:
+    has_krylov = methods is reduction.METHODS
+    default = "krylov with --up-to and without --modes, else free-interface" if has_krylov else methods[0]
+    verb.add_argument("--modes", type=int, help=f"number of modes{' ' * bool(more)}{more} (default: {n_modes})")
+    verb.add_argument("--method", choices=methods, help=f"(default: {default})")
+    verb.add_argument("--up-to", type=float, metavar="RAD/S", help="highest frequency that the model is for, where errors are told")
     verb.add_argument("--no-error", action="store_true", help="do not compare with the full model")
-    verb.add_argument("--tolerance", type=float, metavar="E", help="doubles the modes until the errors are below this")
+    verb.add_argument("--tolerance", type=float, metavar="E",
+                      help="largest error up to there: doubles the modes until it is met"
+                      + has_krylov * "; krylov: of each step (default: 1e-10)")  # fmt: skip
+    verb.set_defaults(n_modes=n_modes, has_krylov=has_krylov)
 
 
 def _loads(verb) -> None:
@@ -358,7 +361,9 @@ def run_reduce(options) -> int:
     model = Model.read(options.model)
 
     def reduced_model(n_modes):
-        reduced = reduction.reduce(model, options.keep.split(","), n_modes, options.method)
+        reduced = reduction.reduce(
+            model, options.keep.split(","), n_modes, options.method, options.up_to, options.tolerance or reduction.KRYLOV_TOLERANCE
+        )
         return reduced, [(model, reduced)]
 
     _write(_reduced(reduced_model, options), options)
@@ -367,6 +372,13 @@ def run_reduce(options) -> int:
 
 def _reduced(reduce, options) -> Model:
     """What `reduce` makes with a number of modes: a model, and pairs to compare. With more until errors are below the tolerance."""
+    if options.method is None:
+        is_krylov = options.has_krylov and options.up_to is not None and options.modes is None
+        options.method = "krylov" if is_krylov else reduction.MODAL[0]
+    if options.modes is None:
+        options.modes = options.n_modes
+    elif options.method == "krylov":
+        raise ModelError("--modes belongs to the other methods: krylov takes as many shapes as --tolerance needs")
     if options.modes < 0:
         raise ModelError(f"--modes must be 0 or more, not {options.modes}")
     for name, value in (("--up-to", options.up_to), ("--tolerance", options.tolerance)):
@@ -387,7 +399,7 @@ def _reduced(reduce, options) -> Model:
         if options.no_error:
             return model
         error = _tell_errors(pairs, options.up_to)
-        if options.tolerance is None or error <= options.tolerance:
+        if options.tolerance is None or error <= options.tolerance or options.method == "krylov":
             return model
         if model.n_dofs == before:
             raise ModelError(f"--tolerance {options.tolerance:g} is not met: the error is {error:.1e}, and there are no more modes")

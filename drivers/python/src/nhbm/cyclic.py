@@ -19,7 +19,7 @@ from nhbm.assembly import meeting_nodes
 from nhbm.errors import ModelError
 from nhbm.factors import lowest_modes, symmetric_part
 from nhbm.model import Model, Recovery
-from nhbm.reduction import METHODS, load_matrix, reduce
+from nhbm.reduction import MODAL, load_matrix, reduce
 
 POLAR = {"x": "r", "y": "t"}
 
@@ -192,7 +192,7 @@ class Reduction:
 
     keep: list[str]
     n_modes: int  # of each nodal diameter; of those with two waves pairs
-    method: str = METHODS[0]
+    method: str = MODAL[0]
     neighbours: dict[str, tuple[str, str]] = field(default_factory=dict)
     waves: dict[str, Wave] = field(default_factory=dict)
 

@@ -53,6 +53,7 @@ class Model:
     unit_system: str = "m kg s"
     source: str = ""
     recovery: Recovery | None = None
+    up_to: float | None = None  # frequencies that a reduced model is for [rad/s]
 
     def __post_init__(self):
         for name in MATRICES:
@@ -176,6 +177,8 @@ class Model:
                 file["recovery/matrix"] = self.recovery.matrix
                 file["recovery/node"] = np.asarray(self.recovery.node, dtype=np.int64)
                 file.create_dataset("recovery/direction", data=self.recovery.direction, dtype=texts)
+            if self.up_to is not None:
+                file["up_to"] = np.array([self.up_to])
             file.flush()
             return file.id.get_file_image()
 
@@ -231,6 +234,8 @@ class Model:
         if "recovery" in file:
             parts = (_values(file, "recovery/matrix"), _values(file, "recovery/node"), _texts(file, "recovery/direction"))
             more["recovery"] = Recovery(*parts)
+        if "up_to" in file:
+            more["up_to"] = float(_values(file, "up_to")[0])
         return cls(
             labels=labels,
             units=_texts(file, "units"),

@@ -1,5 +1,7 @@
 """Small models of large ones that keep chosen degrees of freedom as they are, with their error against the full model.
 
+Krylov: shapes K_s^-1 B, K_s^-1 M K_s^-1 B, ... of the shifted stiffness K_s = K + s^2 M for forces B at the kept degrees of freedom
+and the loads, as many as the flexibility takes up to a frequency (Bai, Appl. Numer. Math. 43 (2002), sections 3 and 5).
 Craig-Bampton: x = T [x_b; q], static shapes of the kept degrees of freedom and modes with these held (Craig and Bampton 1968).
 Free interface with residual attachment: modes of the free structure, and what they leave of the static response to forces at the
 kept degrees of freedom (Rubin 1975, MacNeal 1971); rewritten in the kept degrees of freedom and modes, as Craig-Bampton's.
@@ -21,13 +23,20 @@ from nhbm.errors import ModelError
 from nhbm.factors import Factors, dense_modes, lowest_modes, symmetric_part
 from nhbm.model import Model, Recovery
 
-METHODS = ("free-interface", "craig-bampton")
+MODAL = ("free-interface", "craig-bampton")  # with a number of modes
+METHODS = ("krylov", *MODAL)
 LARGEST_REDUCED = 2000
 BAND = np.array([0.1, 0.35, 0.7, 1.0])
 ASYMMETRY = 1.0e-9  # of the largest entry, which is rounding
 MOST_CIRCULATORY = 60  # degrees of freedom that get static shapes because the skew-symmetric part of the stiffness acts on them
 LEAST_LEFT = 1.0e-11  # by the modes, of the static flexibility at a combination of kept degrees of freedom
 RIGID = 1.0e-3  # frequencies below this share of the band are those of rigid bodies
+KRYLOV_TOLERANCE = 1.0e-10  # of the flexibility
+GOLDEN = 0.381966  # offset of frequencies that a space was not tuned to
+N_RESIDUALS, FIRST_CHANGE = 4, 1.0e-2  # frequencies of a block of residuals, and the change below which these begin
+SHIFT = 0.1  # s of K + s^2 M beside the highest frequency
+DEPENDENT = 1.0e-11  # what is left of a shape of unit energy beside those before, to leave it out
+ROUNDING = 1.0e-12  # of coupling between shapes, beside their own entries
 
 
 @dataclass
@@ -41,14 +50,21 @@ class Report:
     seconds: float = 0.0
 
 
-def reduce(model: Model, keep: list[str], n_modes: int = 20, method: str = METHODS[0]) -> Model:
+def reduce(
+    model: Model, keep: list[str], n_modes: int = 20, method: str = MODAL[0], up_to: float | None = None, tolerance: float = KRYLOV_TOLERANCE
+) -> Model:
     """Reduced model with the named degrees of freedom or sets, and the vectors of loads as further static shapes.
+
+    By a number of modes, or with 'krylov' by as many shapes as the flexibility takes up to a frequency [rad/s]: to a tolerance,
+    relative to its largest entry there. Degrees of freedom of dashpots and bearings are kept then, too.
 
     The name of a pair, `joint.z` of the sets `joint_1` and `joint_2`, keeps the motion of the first relative to the second, node by
     node, as that of nodes of its own, which form the set `joint`.
     """
     if method not in METHODS:
         raise ModelError(f"method '{method}' is not known; known: {', '.join(METHODS)}")
+    if method == "krylov" and up_to is None:
+        raise ModelError("method 'krylov' needs the highest frequency that the model is for")
     if model.recovery is not None:
         raise ModelError("the model is reduced already; reduce the full one")
     if abs(model.mass - model.mass.T).max() > ASYMMETRY * abs(model.mass).max():
@@ -58,13 +74,19 @@ def reduce(model: Model, keep: list[str], n_modes: int = 20, method: str = METHO
     kept = list(dict.fromkeys(dof for name in keep for dof in model.dofs_of(name)))
     if not kept:
         raise ModelError("no degrees of freedom are kept; name those of laws and loads")
-    if len(kept) + len(model.loads) + n_modes > LARGEST_REDUCED:
+    if len(kept) + len(model.loads) + (n_modes if method in MODAL else 0) > LARGEST_REDUCED:
         raise ModelError(f"{len(kept)} kept degrees of freedom and {n_modes} modes are no small model")
     n_modes = min(n_modes, model.n_dofs - len(kept))
-    make = _craig_bampton if method == "craig-bampton" else _free_interface
-    basis = make(_without_circulation(model), np.array(kept), n_modes)
+    if method == "krylov":
+        space = _KrylovSpace(model, kept, up_to)
+        kept = space.kept
+        basis = space.grown(tolerance)
+    else:
+        make = _craig_bampton if method == "craig-bampton" else _free_interface
+        basis = make(_without_circulation(model), np.array(kept), n_modes)
     reduced = _project(model, np.array(kept), basis, method)
     reduced.recovery = Recovery(turn @ reduced.recovery.matrix, full.dof_node, full.dof_direction)
+    reduced.up_to = up_to if method == "krylov" else None
     return reduced
 
 
@@ -195,16 +217,157 @@ def _free_interface(model, kept, n_modes) -> np.ndarray:
         raise ModelError("the kept degrees of freedom do not move independently: keep fewer") from None
     some = left > LEAST_LEFT
     static = static @ (forces[:, some] / scale[:, None] / np.sqrt(left[some]))
-    shapes = np.hstack([modes / np.sqrt(values + shift), static])
-    # all of them, in static shapes with one at each kept degree of freedom and in what is zero at these
-    turn, triangle = np.linalg.qr(shapes[kept].T, mode="complete")
-    boundary = scipy.linalg.solve_triangular(triangle[: len(kept)], (shapes @ turn[:, : len(kept)]).T).T
-    inner = shapes @ turn[:, len(kept) :]
+    boundary, inner = _boundary_and_inner(np.hstack([modes / np.sqrt(values + shift), static]), kept)
     more = loads - boundary @ loads[kept]
     known, _ = np.linalg.qr(inner)
     more -= known @ (known.T @ more)  # nothing but rounding of loads on kept degrees of freedom
     more = more[:, np.abs(more).max(axis=0, initial=0.0) > 1.0e-9 * whole[len(kept) :]]
     return np.hstack([boundary, inner, more])
+
+
+def _boundary_and_inner(shapes, kept) -> tuple[np.ndarray, np.ndarray]:
+    """Shapes as those with one at each kept degree of freedom and as what is zero at these."""
+    turn, triangle = np.linalg.qr(shapes[kept].T, mode="complete")
+    boundary = scipy.linalg.solve_triangular(triangle[: len(kept)], (shapes @ turn[:, : len(kept)]).T).T
+    return boundary, shapes @ turn[:, len(kept) :]
+
+
+class _KrylovSpace:
+    """Shapes of unit energy, V' K_s V = 1 with K_s = K + s^2 M, in which a structure answers forces at the kept degrees of freedom
+    and its loads; `kept` has also those few where damping, gyroscopic and circulatory terms act that are no sum of mass and
+    stiffness, so that these are exact."""
+
+    def __init__(self, model, kept, up_to):
+        self.model, self.up_to, self.shift = model, up_to, SHIFT * up_to
+        self.rests = _rests(model)
+        touched = np.unique(np.concatenate([np.concatenate(rest.nonzero()) for rest in self.rests] + [np.zeros(0, int)]))
+        self.is_general = len(touched) > MOST_CIRCULATORY
+        self.kept = kept if self.is_general else list(dict.fromkeys([*kept, *touched.tolist()]))
+        unit = np.zeros((model.n_dofs, len(self.kept)))
+        unit[self.kept, np.arange(len(self.kept))] = 1.0
+        self.forces = self.next = np.hstack([unit, load_matrix(model)])
+        self.energy = sp.csr_matrix(symmetric_part(model.stiffness) + self.shift**2 * model.mass)
+        self.factors = Factors(self.energy, "the stiffness with some of the mass (nhbm-model check says more): it")
+        self.basis = np.zeros((model.n_dofs, 0))
+
+    def grown(self, tolerance) -> np.ndarray:
+        """Columns: kept degrees of freedom and shapes, of a space that grew until its last block changed the flexibility by less
+        than the tolerance, also at frequencies that it was not tuned to."""
+        n_cycles, change = 0, np.inf
+        while True:
+            before = self.basis.shape[1]
+            self._extend()
+            n = self.basis.shape[1]
+            if n == before:
+                break  # nothing new: the space is whole
+            change = self._change(before, 0.0)
+            if change <= tolerance and (n_cycles > 0 or not self.is_general):
+                change = max(change, self._change(before, GOLDEN))
+                if change <= tolerance:
+                    break
+            if n > LARGEST_REDUCED:
+                raise ModelError(f"{n} shapes leave an error of {change:.1e} up to {self.up_to:g} rad/s: keep fewer degrees of "
+                                 "freedom, raise --tolerance, lower --up-to or take modes (--modes)")  # fmt: skip
+            if self.is_general and (n_cycles > 0 or change < FIRST_CHANGE):
+                n_cycles += 1
+                self._go_on_with_residuals((GOLDEN * n_cycles) % 1.0)
+        return np.hstack(_boundary_and_inner(self.basis, self.kept))
+
+    def _extend(self) -> None:
+        """Adds what the structure answers to the next forces, orthonormal; shapes that are none by now are left out."""
+        w = self.factors.solve(self.next)
+        size = np.sqrt(np.einsum("ij,ij->j", w, self.energy @ w))
+        w = self._without_basis(w[:, size > 0] / size[size > 0])
+        shapes, forces = np.zeros_like(w), np.zeros_like(w)
+        n = 0
+        for column in w.T:
+            for _ in range(2):
+                column = column - shapes[:, :n] @ (forces[:, :n].T @ column)
+            force = self.energy @ column
+            norm = np.sqrt(max(column @ force, 0.0))
+            if norm > DEPENDENT:
+                shapes[:, n], forces[:, n] = column / norm, force / norm
+                n += 1
+        shapes = self._without_basis(shapes[:, :n])
+        if n:
+            triangle = np.linalg.cholesky(shapes.T @ (self.energy @ shapes))
+            shapes = scipy.linalg.solve_triangular(triangle, shapes.T, lower=True).T
+        self.basis = np.hstack([self.basis, shapes])
+        self.next = self.model.mass @ shapes
+
+    def _without_basis(self, w) -> np.ndarray:
+        for _ in range(2):
+            w = w - self.basis @ (self.basis.T @ (self.energy @ w))
+        return w
+
+    def _change(self, before: int, offset: float) -> float:
+        """Largest change of the flexibility by the last block, relative to its largest entry at each of some frequencies: evenly up
+        to the highest and beside the resonances. Forces are scaled to unit energy, so that no unit matters."""
+        if before == 0:
+            return np.inf
+        count = 12 if self.is_general else 48
+        theta = np.linalg.eigvalsh(self._mass(self.basis))[::-1]
+        poles = np.sqrt(np.maximum(1.0 / np.maximum(theta, np.finfo(float).tiny) - self.shift**2, 0.0))
+        poles = poles[(poles > RIGID * self.up_to) & (poles < self.up_to)]
+        poles = poles[np.unique(np.linspace(0, max(len(poles) - 1, 0), min(count, len(poles))).astype(int))]
+        frequencies = np.concatenate([self.up_to * (np.arange(1, count + 1) - offset) / count, (1.001 + 0.1 * offset) * poles])
+        scale = 1.0 / np.linalg.norm(self.basis.T @ self.forces, axis=0)
+        old, new = (self._answers(v, frequencies) for v in (self.basis[:, :before], self.basis))
+        old, new = (scale[:, None] * (self.forces.T @ v @ x) * scale for v, x in ((self.basis[:, :before], old), (self.basis, new)))
+        return float((np.abs(new - old).max(axis=(1, 2)) / np.abs(new).max(axis=(1, 2))).max())
+
+    def _mass(self, v) -> np.ndarray:
+        mass = v.T @ (self.model.mass @ v)
+        return (mass + mass.T) / 2
+
+    def _answers(self, v, frequencies) -> np.ndarray:
+        """Coordinates (frequencies, shapes, forces) of the motion in some shapes."""
+        theta, u = np.linalg.eigh(self._mass(v))
+        b = u.T @ (v.T @ self.forces)
+        if not self.is_general:
+            return np.array([u @ (b / (1.0 - (self.shift**2 + w**2) * theta)[:, None]) for w in frequencies])
+        x = v @ u
+        rigidity, viscous, hysteretic = (x.T @ (matrix @ x) for matrix in _parts(self.model))
+        return np.array([u @ np.linalg.solve(rigidity - np.diag(w**2 * theta) + 1j * (w * viscous + hysteretic), b) for w in frequencies])
+
+    def _go_on_with_residuals(self, offset) -> None:
+        """The next forces are what the shapes leave of the forces at some frequencies: damping or stiffness of another kind than that
+        of the space acts all over the structure."""
+        frequencies = self.up_to * (np.arange(1, N_RESIDUALS + 1) - offset) / N_RESIDUALS
+        motions = self._answers(self.basis, frequencies)
+        left = [self.forces - _dynamic(self.model, w, 0.0) @ (self.basis @ x) for w, x in zip(frequencies, motions)]
+        self.next = np.hstack([part for r in left for part in (r.real, r.imag)])
+
+
+def _rests(model) -> list[sp.csr_matrix]:
+    """What of damping, gyroscopic and circulatory terms is no sum of mass and stiffness with the factors of most rows."""
+    symmetric = symmetric_part(model.stiffness)
+    rests = [model.stiffness - symmetric]
+    for matrix in (model.damping, model.gyroscopic, model.structural):
+        if matrix is not None:
+            alpha, beta = _proportions(matrix, model.mass, symmetric)
+            rests.append(matrix - alpha * model.mass - beta * symmetric)
+    largest = [abs(model.stiffness).max()] + [abs(a).max() for a in (model.damping, model.gyroscopic, model.structural) if a is not None]
+    found = []
+    for rest, most in zip(rests, largest):
+        rest = sp.csr_matrix(rest)
+        rest.data[abs(rest.data) <= ASYMMETRY * most] = 0.0
+        rest.eliminate_zeros()
+        found.append(rest)
+    return found
+
+
+def _proportions(matrix, mass, stiffness) -> tuple[float, float]:
+    """Medians over the rows of the factors in matrix = alpha mass + beta stiffness."""
+    pairs = {"mm": (mass, mass), "mk": (mass, stiffness), "kk": (stiffness, stiffness), "dm": (matrix, mass), "dk": (matrix, stiffness)}
+    p = {name: np.asarray(a.multiply(b).sum(axis=1)).ravel() for name, (a, b) in pairs.items()}
+    determinant = p["mm"] * p["kk"] - p["mk"] ** 2
+    sound = determinant > 1.0e-6 * p["mm"] * p["kk"]
+    if not sound.any():
+        return 0.0, 0.0
+    alpha = (p["dm"] * p["kk"] - p["dk"] * p["mk"])[sound] / determinant[sound]
+    beta = (p["dk"] * p["mm"] - p["dm"] * p["mk"])[sound] / determinant[sound]
+    return float(np.median(alpha)), float(np.median(beta))
 
 
 def _project(model, kept, basis, method) -> Model:
@@ -222,7 +385,7 @@ def _project(model, kept, basis, method) -> Model:
         _, turn = scipy.linalg.eigh(rotate.T @ k_inner @ rotate)
         inner = inner @ (rotate @ turn)
     basis = np.hstack([basis[:, :n_kept], inner])
-    matrices = {name: basis.T @ (matrix @ basis) for name, matrix in model.matrices().items()}
+    matrices = {name: _uncoupled(basis.T @ (matrix @ basis), n_kept) for name, matrix in model.matrices().items()}
     for name in matrices:
         sign = -1.0 if name == "gyroscopic" else 1.0
         if name in ("mass", "gyroscopic") or (name == "stiffness" and is_symmetric(model)):
@@ -248,9 +411,17 @@ def _project(model, kept, basis, method) -> Model:
         sets={name: nodes for name, nodes in sets.items() if len(nodes)},
         loads=loads,
         unit_system=model.unit_system,
-        source=f"{model.source}; {method}, {n_kept} of {model.n_dofs} kept, {n_inner} modes",
+        source=f"{model.source}; {method}, {n_kept} of {model.n_dofs} kept, {n_inner} {'shapes' if method == 'krylov' else 'modes'}",
         recovery=Recovery(basis, model.dof_node, model.dof_direction),
     )
+
+
+def _uncoupled(matrix, n_kept) -> np.ndarray:
+    """The matrix without the coupling between shapes that is rounding beside their own entries."""
+    size = np.sqrt(np.abs(np.diag(matrix)[n_kept:]))
+    shapes = matrix[n_kept:, n_kept:]
+    shapes[(np.abs(shapes) <= ROUNDING * np.outer(size, size)) & ~np.eye(len(shapes), dtype=bool)] = 0.0
+    return matrix
 
 
 def band(reduced: Model, up_to: float, most: int = 6) -> np.ndarray:
@@ -312,10 +483,16 @@ def compare(model: Model, reduced: Model, frequencies, loss: float = 1.0e-3) -> 
     return Report(frequencies, np.array(errors), len(ours), float(off), time.perf_counter() - started)
 
 
+def _parts(model) -> tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix]:
+    """Stiffness, viscous damping with gyroscopic terms, and structural damping."""
+    none = sp.csr_matrix(model.mass.shape)
+    viscous = sum((matrix for matrix in (model.damping, model.gyroscopic) if matrix is not None), none)
+    return model.stiffness, viscous, model.structural if model.structural is not None else none
+
+
 def _dynamic(model, w, loss):
-    d = sum((matrix for matrix in (model.damping, model.gyroscopic) if matrix is not None), sp.csr_matrix(model.mass.shape))
-    h = model.structural if model.structural is not None else sp.csr_matrix(model.mass.shape)
-    return sp.csr_matrix(model.stiffness * (1 + 1j * loss) - w**2 * model.mass + 1j * w * d + 1j * h)
+    stiffness, viscous, hysteretic = _parts(model)
+    return sp.csr_matrix(stiffness * (1 + 1j * loss) - w**2 * model.mass + 1j * w * viscous + 1j * hysteretic)
 
 
 def _solve(a, b, guess, factors):
