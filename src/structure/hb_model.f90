@@ -75,6 +75,7 @@ contains
       if (.not. allocated(error)) call check_room(model%n_dofs, error, memory_limit, model%mass%n_entries() + &
                                                         2*model%stiffness%n_entries() + model%damping%n_entries())
       if (.not. allocated(error)) call new_model_structure(structure, model, proportional, structural_frequency, error)
+      structure%model_file = file
       if (.not. allocated(error)) structure%origin = "model '"//file//"': "//structure_mark(structure)
       call annotate(error, group%place())
    end subroutine read_model

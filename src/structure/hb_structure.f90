@@ -37,6 +37,7 @@ module hb_structure
       type(node_sets_t) :: sets                              !! names for many degrees of freedom; of models alone
       type(named_vectors_t) :: vectors                       !! named loads; of models alone
       real(wp) :: up_to = 0.0_wp                             !! [rad/s], frequencies that it was reduced for; 0: it was not
+      character(:), allocatable :: model_file                !! that it was read from; else not given
       character(:), allocatable :: origin                    !! the model that it was read from and what marks it; else not given
    contains
       procedure :: damping_times => structure_damping_times

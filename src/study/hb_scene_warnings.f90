@@ -28,8 +28,6 @@ contains
       type(scene_t), intent(in) :: scene
       type(document_t), intent(inout) :: document                     !! that the scene was made from
       character(:), allocatable :: text
-      type(properties_t), pointer :: group
-      character(:), allocatable :: file
       real(wp) :: highest
 
       text = ""
@@ -38,12 +36,10 @@ contains
          if (structure%up_to > 0.0_wp .and. highest > structure%up_to) then
             text = "harmonics up to "//to_text(highest)//" rad/s: the model was reduced for frequencies up to "// &
                    to_text(structure%up_to)//" rad/s (nhbm-model reduce --up-to)"
-         else if (allocated(structure%sparse) .and. allocated(structure%origin) .and. .not. structure%up_to > 0.0_wp) then
-            group => document%optional_group("structure")
-            call group%get("file", file)
+         else if (allocated(structure%sparse) .and. allocated(structure%model_file) .and. .not. structure%up_to > 0.0_wp) then
             text = "the model has "//to_text(structure%n_dofs)//" degrees of freedom, which are condensed at each frequency "// &
                    "anew; a small model of it, made once, is much faster:"//new_line("a")// &
-                   "   nhbm-model reduce "//file//" --keep "//named_dofs(document)//" --up-to "// &
+                   "   nhbm-model reduce "//structure%model_file//" --keep "//named_dofs(document)//" --up-to "// &
                    to_text(real(ceiling(1.01_wp*highest), wp))//" -o small.h5"
          end if
       end associate

@@ -147,8 +147,6 @@ def structure_of(results: Results, point: int, model: Path | None) -> Structure:
 def motions(results: Results, structure: Structure, point: int, allow_unconverged: bool = False):
     """Tuples, frequencies and the coefficients (n_dofs of the model, n_harmonics) cos - i sin of a point."""
     stored = results.labels()
-    if structure._matrix is None and not set(structure.labels) >= set(stored):
-        structure.recover(stored)
     missing = [label for label in structure.labels if label not in stored]
     if missing and structure._matrix is not None:
         raise ReaderError(
