@@ -43,9 +43,11 @@ CONFIGURE = (
 )
 SLOWER, PATIENCE = 3, 3  # a suite may take so many times its processor time without a mutant, and so many seconds more
 WAITING = 20  # wall time for a second of that: other programs run beside
-LONGEST = 15.0  # [s] of the processor: suites that take longer are left out
-ENOUGH = 12.0  # [s] of the processor without a mutant, of the suites that are run for one
+LONGEST = 40.0  # [s] of the processor: suites that take longer are left out
+ENOUGH = 30.0  # [s] of the processor without a mutant, of the suites that are run for one
 CAUGHT, SURVIVED, TOO_LONG, NOT_BUILT = "caught", "survived", "too long", "does not build"
+RUNNING: set[int] = set()  # suites, each the leader of a group
+is_over = threading.Event()  # ended by a signal
 
 
 @dataclass(frozen=True)
@@ -101,8 +103,18 @@ def judge(count: int, seed: int, jobs: int, note) -> list[Verdict]:
                     verdicts.append(verdict_in_tree(draw, suites, reach))
                     note(verdicts[-1])
         except KeyboardInterrupt:  # what was found so far
+            is_over.set()
+            for group in list(RUNNING):
+                end_group(group)
             pool.shutdown(cancel_futures=True)
     return verdicts
+
+
+def end_group(group: int) -> None:
+    try:
+        os.killpg(group, signal.SIGKILL)
+    except ProcessLookupError:  # just over
+        pass
 
 
 def run(words: list[str]) -> str:
@@ -139,12 +151,14 @@ def outcome_of(suite: Suite, seconds: float, counters: Path, libraries: str = ""
 
         def end() -> None:
             too_long.set()
-            os.killpg(running.pid, signal.SIGKILL)
+            end_group(running.pid)
 
-        timer = threading.Timer(WAITING * limit, end)
+        RUNNING.add(running.pid)
+        timer = threading.Timer(0.0 if is_over.is_set() else WAITING * limit, end)
         timer.start()
         _, status, usage = os.wait4(running.pid, 0)
         timer.cancel()
+        RUNNING.discard(running.pid)
         running.returncode = os.waitstatus_to_exitcode(status)
     ended = -running.returncode in (signal.SIGXCPU, signal.SIGKILL) or too_long.is_set()
     outcome = "passed" if running.returncode == 0 else TOO_LONG if ended else CAUGHT
@@ -254,11 +268,13 @@ def verdict_in_tree(draw: Draw, suites: dict[str, Suite], reach: dict) -> Verdic
     target.write_text(draw.applied_to(whole), encoding="utf-8")
     try:
         if subprocess.run(words, capture_output=True, check=False).returncode != 0:
-            return Verdict(draw, NOT_BUILT, "", 0, time.monotonic() - started)
-        return judged(draw, suites, reach, "", started)
+            verdict = Verdict(draw, NOT_BUILT, "", 0, time.monotonic() - started)
+        else:
+            verdict = judged(draw, suites, reach, "", started)
     finally:
         target.write_text(whole, encoding="utf-8")
-        run(words)  # the next mutants stand in a build without this one
+    run(words)  # the next mutants stand in a build without this one
+    return verdict
 
 
 def judged(draw: Draw, suites: dict[str, Suite], reach: dict, libraries: str, started: float) -> Verdict:
@@ -266,7 +282,7 @@ def judged(draw: Draw, suites: dict[str, Suite], reach: dict, libraries: str, st
     names = reaching(draw, reach)
     spent, word, by = 0.0, SURVIVED, ""
     for name in names:
-        if spent > ENOUGH:
+        if spent > ENOUGH or is_over.is_set():
             break
         spent += reach[name]["seconds"]
         outcome, _ = outcome_of(suites[name], SLOWER * reach[name]["seconds"] + PATIENCE, NO_COUNTERS, libraries)
