@@ -23,6 +23,7 @@ import threading
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -44,7 +45,7 @@ CONFIGURE = (
 SLOWER, PATIENCE = 3, 3  # a suite may take so many times its processor time without a mutant, and so many seconds more
 WAITING = 20  # wall time for a second of that: other programs run beside
 LONGEST = 40.0  # [s] of the processor: suites that take longer are left out
-ENOUGH = 30.0  # [s] of the processor without a mutant, of the suites that are run for one
+ENOUGH = 15.0  # [s] of the processor without a mutant, of the suites that are run for one
 CAUGHT, SURVIVED, TOO_LONG, NOT_BUILT = "caught", "survived", "too long", "does not build"
 RUNNING: set[int] = set()  # suites, each the leader of a group
 is_over = threading.Event()  # ended by a signal
@@ -74,13 +75,9 @@ class Failure(Exception):
 
 def judge(count: int, seed: int, jobs: int, note) -> list[Verdict]:
     """So many mutants that build, `jobs` at once, fewer where it is interrupted; `note` is called with each verdict."""
-    copy_tree()
-    run(["cmake", "-S", str(SOURCE), "-B", str(BUILD), *CONFIGURE])
-    run(["cmake", "--build", str(BUILD), "--parallel", str(jobs), "--target", "unit_suites"])
-    suites = unit_suites()
+    suites = prepare(jobs)
     reach = reach_of(suites, jobs)
     verdicts: list[Verdict] = []
-    shutil.rmtree(ALONE, ignore_errors=True)
     drawn = enumerate(draws(ROOT, 10 * count, seed))
 
     def missing() -> int:
@@ -108,6 +105,20 @@ def judge(count: int, seed: int, jobs: int, note) -> list[Verdict]:
                 end_group(group)
             pool.shutdown(cancel_futures=True)
     return verdicts
+
+
+def prepare(jobs: int) -> dict[str, Suite]:
+    """Builds the unit suites of the tree as it is."""
+    copy_tree()
+    run(["cmake", "-S", str(SOURCE), "-B", str(BUILD), *CONFIGURE, *shlex.split(os.environ.get("CMAKE_ARGUMENTS", ""))])
+    run(["cmake", "--build", str(BUILD), "--parallel", str(jobs), "--target", "unit_suites"])
+    shutil.rmtree(ALONE, ignore_errors=True)
+    return unit_suites()
+
+
+def fails(suite: Suite, seconds: float, libraries: str = "") -> bool:
+    """Within so much processor time, with the libraries of a folder before those of the build."""
+    return outcome_of(suite, seconds, NO_COUNTERS, libraries)[0] != "passed"
 
 
 def end_group(group: int) -> None:
@@ -231,20 +242,34 @@ def has_counted(data: bytes) -> bool:
 
 
 def reaching(draw: Draw, reach: dict) -> list[str]:
-    """Suites that execute the line, or the one before it that has a counter; those of its module first, then the fastest.
+    """Suites that execute a line of the statement, or the one before it that has a counter; those of its module first, then the
+    fastest.
 
     Values of declarations have none: all suites that execute anything of the source."""
-    declares = "::" in (ROOT / draw.file).read_text(encoding="utf-8").split("\n")[draw.line - 1]
+    text = (ROOT / draw.file).read_text(encoding="utf-8").split("\n")
+    declares = "::" in text[draw.line - 1]
+    statement = lines_of_statement(text, draw.line)
     found = []
     for name, known in reach.items():
         lines = known["lines"].get(draw.file)
         if lines is None or known["seconds"] > LONGEST:
             continue
         before = [number for number in lines["all"] if number <= draw.line]
-        if lines["executed"] if declares or not before else before[-1] in lines["executed"]:
+        here = statement & set(lines["all"]) or set(before[-1:])  # gcov counts some statements at one of their lines alone
+        if lines["executed"] if declares or not before else here & set(lines["executed"]):
             found.append(name)
     module = Path(draw.file).stem
     return sorted(found, key=lambda name: (name != f"test_{module}", reach[name]["seconds"]))
+
+
+def lines_of_statement(text: list[str], line: int) -> set[int]:
+    """Numbers, from 1, of the lines that are one statement with a line."""
+    first = last = line
+    while first > 1 and text[first - 2].split("!")[0].rstrip().endswith("&"):
+        first -= 1
+    while last < len(text) and text[last - 1].split("!")[0].rstrip().endswith("&"):
+        last += 1
+    return set(range(first, last + 1))
 
 
 def verdict_alone(number: int, draw: Draw, suites: dict[str, Suite], reach: dict) -> Verdict | None:
@@ -262,19 +287,27 @@ def verdict_alone(number: int, draw: Draw, suites: dict[str, Suite], reach: dict
 
 def verdict_in_tree(draw: Draw, suites: dict[str, Suite], reach: dict) -> Verdict:
     started = time.monotonic()
-    words = ["cmake", "--build", str(BUILD), "--target", "hb", *reaching(draw, reach)]
-    target = SOURCE / draw.file
+    text = draw.applied_to((SOURCE / draw.file).read_text(encoding="utf-8"))
+    with built_in_tree(draw.file, text, reaching(draw, reach)) as is_built:
+        if not is_built:
+            return Verdict(draw, NOT_BUILT, "", 0, time.monotonic() - started)
+        return judged(draw, suites, reach, "", started)
+
+
+@contextmanager
+def built_in_tree(file: str, text: str, names: list[str]):
+    """Whether suites can be built with another text of a source; the next mutants stand in a build without it."""
+    words = ["cmake", "--build", str(BUILD), "--target", "hb", *names]
+    target = SOURCE / file
     whole = target.read_text(encoding="utf-8")
-    target.write_text(draw.applied_to(whole), encoding="utf-8")
+    target.write_text(text, encoding="utf-8")
     try:
-        if subprocess.run(words, capture_output=True, check=False).returncode != 0:
-            verdict = Verdict(draw, NOT_BUILT, "", 0, time.monotonic() - started)
-        else:
-            verdict = judged(draw, suites, reach, "", started)
-    finally:
+        yield subprocess.run(words, capture_output=True, check=False).returncode == 0
+    except KeyboardInterrupt:  # the next start builds what has changed
         target.write_text(whole, encoding="utf-8")
-    run(words)  # the next mutants stand in a build without this one
-    return verdict
+        raise
+    target.write_text(whole, encoding="utf-8")
+    run(words)
 
 
 def judged(draw: Draw, suites: dict[str, Suite], reach: dict, libraries: str, started: float) -> Verdict:
