@@ -78,7 +78,7 @@ def judge(count: int, seed: int, jobs: int, note) -> list[Verdict]:
     suites = prepare(jobs)
     reach = reach_of(suites, jobs)
     verdicts: list[Verdict] = []
-    drawn = enumerate(draws(ROOT, 10 * count, seed))
+    drawn = enumerate(draws(SOURCE, 10 * count, seed))
 
     def missing() -> int:
         return count - sum(verdict.verdict != NOT_BUILT for verdict in verdicts)
@@ -208,7 +208,7 @@ def stamp_of(suite: Suite, source: str) -> str:
 
 
 def stamp_of_source() -> str:
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted((ROOT / "src").rglob("*.[fch]*")))).hexdigest()
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted((SOURCE / "src").rglob("*.[fch]*")))).hexdigest()
 
 
 def executed_lines(counters: Path) -> dict[str, dict[str, list[int]]]:
@@ -246,7 +246,7 @@ def reaching(draw: Draw, reach: dict) -> list[str]:
     fastest.
 
     Values of declarations have none: all suites that execute anything of the source."""
-    text = (ROOT / draw.file).read_text(encoding="utf-8").split("\n")
+    text = (SOURCE / draw.file).read_text(encoding="utf-8").split("\n")
     declares = "::" in text[draw.line - 1]
     statement = lines_of_statement(text, draw.line)
     found = []
@@ -297,7 +297,7 @@ def verdict_in_tree(draw: Draw, suites: dict[str, Suite], reach: dict) -> Verdic
 @contextmanager
 def built_in_tree(file: str, text: str, names: list[str]):
     """Whether suites can be built with another text of a source; the next mutants stand in a build without it."""
-    words = ["cmake", "--build", str(BUILD), "--target", "hb", *names]
+    words = ["cmake", "--build", str(BUILD), "--parallel", "2", "--target", "hb", *names]
     target = SOURCE / file
     whole = target.read_text(encoding="utf-8")
     target.write_text(text, encoding="utf-8")
@@ -356,7 +356,7 @@ def meaning(module: Path) -> bytes:
 def line_of(verdict: Verdict) -> str:
     """One line of a list: what was changed and what became of it."""
     draw = verdict.draw
-    text = (ROOT / draw.file).read_text(encoding="utf-8").split("\n")[draw.line - 1]
+    text = (SOURCE / draw.file).read_text(encoding="utf-8").split("\n")[draw.line - 1]
     changed = (text[: draw.column] + "«" + draw.old + "→" + draw.new + "»" + text[draw.column + len(draw.old) :]).strip()
     by = f" by {verdict.suite}" if verdict.suite else ""
     if verdict.verdict == SURVIVED:

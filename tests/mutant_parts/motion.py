@@ -4,16 +4,6 @@ from mutant_parts.mutant import of
 
 MUTANTS = [
     *of(
-        "motion/hb_memory_estimate.f90",
-        (
-            "memory_model",
-            "test_hb_memory_estimate",
-            "what reading a model takes does not count",
-            "memory_estimate_usual = of_program + max(self%model, ",
-            "memory_estimate_usual = of_program + max(0.0_wp, ",
-        ),
-    ),
-    *of(
         "motion/hb_accurate_motion.f90",
         (
             "accuracy_raised",
