@@ -1,6 +1,7 @@
 !> Checksums by which damage to stored numbers is seen. Source of the interface: hb_checksum.h.
 module hb_checksum
    use, intrinsic :: iso_c_binding, only: c_char, c_funptr, c_int, c_int32_t, c_loc, c_long_long, c_null_char, c_ptr, c_size_t
+   use, intrinsic :: iso_fortran_env, only: int8
    use hb_kinds, only: int64, wp
    implicit none
    private
@@ -31,10 +32,18 @@ module hb_checksum
 
    !> Goes on with a checksum, 0 at the beginning, over further values, as they stand in the memory.
    interface checksum
-      module procedure checksum_integers, checksum_reals, checksum_text
+      module procedure checksum_bytes, checksum_integers, checksum_reals, checksum_text
    end interface checksum
 
 contains
+
+   integer function checksum_bytes(so_far, values) result(sum)
+      integer, intent(in) :: so_far
+      integer(int8), intent(in), contiguous, target :: values(:)
+
+      sum = so_far
+      if (size(values) > 0) sum = hb_add_to_checksum(int(so_far, c_int32_t), c_loc(values), size(values, kind=c_size_t))
+   end function checksum_bytes
 
    integer function checksum_integers(so_far, values) result(sum)
       integer, intent(in) :: so_far

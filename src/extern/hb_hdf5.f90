@@ -1,8 +1,8 @@
 !> HDF5 files in the few forms the program needs, with errors as values: the manual, files, and how datasets are made.
 !>
-!> In the order of use: `create_file` (one process) makes a file, `add_...` its datasets with their space on
-!> the disk, `make_scale`, `attach_scale` and `set_attribute` describe them, `close` ends.
-!> `open_file_parallel` then opens it on all ranks, and `write_row` puts raw data in place: it changes no
+!> In the order of use: `create_file` (one process) makes a file, `add` its datasets with their space on
+!> the disk, `make_scale`, `describe` and `set_attribute` describe them, `close` ends.
+!> `open_file_parallel` then opens it on all ranks, and `write` of a dataset puts raw data in place: it changes no
 !> metadata, so ranks need not agree on anything and a killed run leaves a sound file. Small datasets whose values are known
 !> are made by `put` in one go, and read by `get`.
 !>
@@ -11,13 +11,13 @@
 !> Source: HDF5 1.10 Reference Manual; HDF5 Dimension Scale Specification.
 module hb_hdf5
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_loc, c_long_long, c_null_char, &
-      c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_int, c_loc, c_long_long, c_null_char, c_null_ptr, c_ptr
    use hb_error, only: annotate, error_t, fail
    use hb_guard, only: guard_file, lower_guard, name_guarded
    use hb_hdf5_attributes, only: h5_object_t
    use hb_hdf5_datasets, only: h5_dataset_t
-   use hb_hdf5_library, only: check, new_byte_type, new_space, new_text_type, no_id, start_library, switch_locking_off
+   use hb_hdf5_library, only: bytes_of_kind, check, is_characters, is_integer, is_real, kind_of_type, memory_type, new_space, &
+      new_text_type, no_id, start_library, switch_locking_off
    use hb_kinds, only: wp
    use hb_mpi, only: comm_handle, comm_t, no_info_handle
    use hb_text, only: to_text
@@ -31,17 +31,15 @@ module hb_hdf5
       H5T_STD_I32LE, h5tclose_f, h5tget_size_f, hid_t, hsize_t, size_t
    implicit none
    private
-   public :: can_end_library, create_file, create_in_memory, h5_dataset_t, h5_file_t, open_file, open_file_parallel
+   public :: bytes_of_kind, can_end_library, create_file, create_in_memory, h5_dataset_t, h5_file_t, is_characters, is_integer
+   public :: is_real, open_file, open_file_parallel
 
    !> An open file. Results stand in its root group, models have groups of their own.
    type, extends(h5_object_t) :: h5_file_t
       logical, private :: is_guarded = .false.           ! until it is closed
    contains
       procedure :: abandon => file_abandon
-      procedure :: add_characters => file_add_characters
-      procedure :: add_integer => file_add_integer
-      procedure :: add_real => file_add_real
-      procedure :: add_text => file_add_text
+      procedure :: add => file_add
       procedure :: add_texts => file_add_texts
       procedure :: close => file_close
       procedure :: flush => file_flush
@@ -58,6 +56,7 @@ module hb_hdf5
       procedure, private :: put_text => file_put_text
    end type h5_file_t
 
+   integer, parameter :: for_making = 1, for_replacing = 2, for_reading = 3, for_changing = 4 ! purposes of opening a file
    logical :: is_library_sound = .true.
 
    interface
@@ -69,13 +68,6 @@ module hb_hdf5
       end function hb_write_file
    end interface
 
-   !> What a dataset is made of.
-   type :: element_t
-      integer(hid_t) :: file_type = no_id
-      integer(hid_t) :: fill_type = no_id                 ! none: filled with zero bytes
-      type(c_ptr) :: fill = c_null_ptr                    ! address of the value that stands for none
-   end type element_t
-
 contains
 
    !> Makes a new file for this process alone. An existing file is an error, or is replaced when `replace` is
@@ -85,16 +77,8 @@ contains
       character(*), intent(in) :: path
       logical, intent(in) :: replace
       type(error_t), allocatable, intent(out) :: error
-      integer(hid_t) :: access
-      integer :: status
 
-      call begin_opening(self, path, access, error)
-      if (.not. allocated(error)) then
-         call h5fcreate_f(path, merge(H5F_ACC_TRUNC_F, H5F_ACC_EXCL_F, replace), self%id, status, &
-                          access_prp=access)
-         call check(status, "create", error)
-      end if
-      call end_opening(self, access, error)
+      call open_as(self, path, merge(for_replacing, for_making, replace), error)
    end subroutine create_file
 
    !> Makes a new file in memory, for `save`.
@@ -102,17 +86,8 @@ contains
       type(h5_file_t), intent(out) :: self
       character(*), intent(in) :: name                 !! for messages
       type(error_t), allocatable, intent(out) :: error
-      integer(hid_t) :: access
-      integer(size_t), parameter :: growth = 1048576   ! bytes
-      integer :: status
 
-      call begin_opening(self, name, access, error)
-      if (.not. allocated(error)) then
-         call h5pset_fapl_core_f(access, growth, .false., status)
-         if (status >= 0) call h5fcreate_f(name, H5F_ACC_TRUNC_F, self%id, status, access_prp=access)
-         call check(status, "create in memory", error)
-      end if
-      call end_opening(self, access, error)
+      call open_as(self, name, for_replacing, error, in_memory=.true.)
    end subroutine create_in_memory
 
    !> Writes a file in memory to the disk under a name that must be free, without the library, which does not survive a write that
@@ -148,18 +123,12 @@ contains
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: for_writing
       character(*), intent(in), optional :: last_words   !! that message; default: the file is damaged
-      integer(hid_t) :: access
-      integer :: flags, status
+      integer :: purpose
 
       call guard_file(path, last_words)
-      flags = H5F_ACC_RDONLY_F
-      if (present(for_writing)) flags = merge(H5F_ACC_RDWR_F, flags, for_writing)
-      call begin_opening(self, path, access, error)
-      if (.not. allocated(error)) then
-         call h5fopen_f(path, flags, self%id, status, access)
-         call check(status, "open", error)
-      end if
-      call end_opening(self, access, error)
+      purpose = for_reading
+      if (present(for_writing)) purpose = merge(for_changing, for_reading, for_writing)
+      call open_as(self, path, purpose, error)
       self%is_guarded = .not. allocated(error)
       if (allocated(error)) call lower_guard()
    end subroutine open_file
@@ -171,58 +140,47 @@ contains
       character(*), intent(in) :: path
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
-      integer(hid_t) :: access
-      integer :: status
 
-      call begin_opening(self, path, access, error)
-      if (.not. allocated(error)) then
-         call h5pset_fapl_mpio_f(access, comm_handle(comm), no_info_handle(), status)
-         call check(status, "choose MPI access", error)
-      end if
-      if (.not. allocated(error)) then
-         call h5fopen_f(path, H5F_ACC_RDWR_F, self%id, status, access)
-         call check(status, "open for parallel writing", error)
-      end if
-      call end_opening(self, access, error)
+      call open_as(self, path, for_changing, error, comm)
    end subroutine open_file_parallel
 
-   !> Names the file and makes a list of access properties: whatever is still open in the file is closed with
-   !> it; the library locks nothing, so that people can look into the file of a run that goes on; and the form of
-   !> the file is the oldest that will do. That has no mark of being open for writing, which a killed run would leave
-   !> and which would keep readers out.
-   subroutine begin_opening(self, path, access, error)
+   !> Makes or opens the file. Whatever is still open in it is closed with it; the library locks nothing, so that people
+   !> can look into the file of a run that goes on; and the form of the file is the oldest that will do. That has no mark of
+   !> being open for writing, which a killed run would leave and which would keep readers out.
+   subroutine open_as(self, path, purpose, error, comm, in_memory)
       type(h5_file_t), intent(inout) :: self
       character(*), intent(in) :: path
-      integer(hid_t), intent(out) :: access            !! for `end_opening`
+      integer, intent(in) :: purpose
       type(error_t), allocatable, intent(out) :: error
-      integer :: status
+      type(comm_t), intent(in), optional :: comm       !! of the ranks that open it; default: this process
+      logical, intent(in), optional :: in_memory       !! true or not there
+      integer(hid_t) :: access
+      integer(size_t), parameter :: growth = 1048576   ! bytes
+      integer :: ignored, status
 
       self%place = "file '"//path//"'"
-      access = no_id
       call start_library(error)
-      if (allocated(error)) return
-      call h5pcreate_f(H5P_FILE_ACCESS_F, access, status)
-      call check(status, "make the access properties", error)
-      if (allocated(error)) then
-         access = no_id
-         return
+      if (.not. allocated(error)) then
+         call h5pcreate_f(H5P_FILE_ACCESS_F, access, status)
+         if (status >= 0) call h5pset_fclose_degree_f(access, H5F_CLOSE_STRONG_F, status)
+         if (status >= 0) call h5pset_libver_bounds_f(access, H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, status)
+         if (status >= 0) call switch_locking_off(access, status)
+         if (status >= 0 .and. present(comm)) call h5pset_fapl_mpio_f(access, comm_handle(comm), no_info_handle(), status)
+         if (status >= 0 .and. present(in_memory)) call h5pset_fapl_core_f(access, growth, .false., status)
+         if (status >= 0) then
+            select case (purpose)
+            case (for_making); call h5fcreate_f(path, H5F_ACC_EXCL_F, self%id, status, access_prp=access)
+            case (for_replacing); call h5fcreate_f(path, H5F_ACC_TRUNC_F, self%id, status, access_prp=access)
+            case (for_changing); call h5fopen_f(path, H5F_ACC_RDWR_F, self%id, status, access)
+            case default; call h5fopen_f(path, H5F_ACC_RDONLY_F, self%id, status, access)
+            end select
+         end if
+         call check(status, merge("create", "open  ", any(purpose == [for_making, for_replacing])), error)
+         call h5pclose_f(access, ignored)
       end if
-      call h5pset_fclose_degree_f(access, H5F_CLOSE_STRONG_F, status)
-      if (status >= 0) call h5pset_libver_bounds_f(access, H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, status)
-      if (status >= 0) call switch_locking_off(access, status)
-      call check(status, "set the access properties", error)
-   end subroutine begin_opening
-
-   subroutine end_opening(self, access, error)
-      type(h5_file_t), intent(inout) :: self
-      integer(hid_t), intent(in) :: access
-      type(error_t), allocatable, intent(inout) :: error
-      integer :: status
-
-      if (access /= no_id) call h5pclose_f(access, status)
       if (allocated(error)) self%id = no_id
       call annotate(error, self%place)
-   end subroutine end_opening
+   end subroutine open_as
 
    !> Hands on what was written, so that other ranks read it after a barrier; collective.
    subroutine file_flush(self, error)
@@ -265,59 +223,32 @@ contains
 
    ! Making and opening datasets
 
-   !> Adds a dataset of float64, filled with NaN, its space taken on the disk; or `as_hole`, zero until it is written, which
-   !> takes no space where the file system knows holes.
-   subroutine file_add_real(self, name, extents, dataset, error, as_hole)
-      class(h5_file_t), intent(in) :: self
-      character(*), intent(in) :: name
-      integer, intent(in) :: extents(:)                !! fastest first; empty for a scalar
-      type(h5_dataset_t), intent(out) :: dataset
-      type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: as_hole         !! default false
-      real(wp), target :: fill
-      logical :: is_hole
-
-      is_hole = .false.
-      if (present(as_hole)) is_hole = as_hole
-      fill = ieee_value(fill, ieee_quiet_nan)
-      if (is_hole) fill = 0.0_wp
-      call add_dataset(self, name, extents, element_t(H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, c_loc(fill)), dataset, error, is_hole)
-   end subroutine file_add_real
-
-   !> Adds a dataset of int32, filled with zero, its space taken on the disk unless it is made `as_hole`.
-   subroutine file_add_integer(self, name, extents, dataset, error, as_hole)
-      class(h5_file_t), intent(in) :: self
-      character(*), intent(in) :: name
-      integer, intent(in) :: extents(:)                !! fastest first; empty for a scalar
-      type(h5_dataset_t), intent(out) :: dataset
-      type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: as_hole         !! default false
-      integer, target :: fill
-
-      fill = 0
-      call add_dataset(self, name, extents, element_t(H5T_STD_I32LE, H5T_NATIVE_INTEGER, c_loc(fill)), dataset, error, as_hole)
-   end subroutine file_add_integer
-
-   !> Adds a dataset of single bytes, all null, its space taken on the disk: the first extent is the room
-   !> for a string.
+   !> Adds a dataset, its space taken on the disk: int32 filled with zero, float64 filled with NaN, or single bytes, all null, whose
+   !> first extent is the room for a string. Or `as_hole`, zero until it is written, which takes no space where the file system
+   !> knows holes.
    !>
    !> Strings of fixed length would be shorter to describe, but netCDF-C before 4.9.1 crashes on them, and
    !> parallel HDF5 cannot write strings of any length.
-   subroutine file_add_characters(self, name, extents, dataset, error)
+   subroutine file_add(self, name, kind, extents, dataset, error, as_hole)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
-      integer, intent(in) :: extents(:)                !! fastest first
+      integer, intent(in) :: kind                      !! hb_hdf5_library
+      integer, intent(in) :: extents(:)                !! fastest first; empty for a scalar
       type(h5_dataset_t), intent(out) :: dataset
       type(error_t), allocatable, intent(out) :: error
-      integer(hid_t) :: byte_type
+      logical, intent(in), optional :: as_hole         !! default false
+      integer(hid_t) :: type
       integer :: status
+      logical :: is_copy, is_hole
 
-      call new_byte_type(byte_type, status)
+      is_hole = .false.
+      if (present(as_hole)) is_hole = as_hole
+      dataset%kind = kind
+      call memory_type(kind, type, is_copy, status)
       call check(status, "make the text type", error)
-      if (allocated(error)) return
-      call add_dataset(self, name, extents, element_t(byte_type), dataset, error)
-      call h5tclose_f(byte_type, status)
-   end subroutine file_add_characters
+      if (.not. allocated(error)) call add_dataset(self, name, extents, type, dataset, error, is_hole)
+      if (is_copy) call h5tclose_f(type, status)
+   end subroutine file_add
 
    !> Adds a vector of strings of any length and writes it; blanks at the ends are dropped. For serial
    !> files only: the library cannot write such strings in parallel.
@@ -345,21 +276,6 @@ contains
       call add_varying(self, name, [size(values)], addresses, dataset, error)
    end subroutine file_add_texts
 
-   !> Adds one string of any length and writes it, byte by byte as given. For serial files only.
-   subroutine file_add_text(self, name, value, dataset, error)
-      class(h5_file_t), intent(in) :: self
-      character(*), intent(in) :: name
-      character(*), intent(in) :: value
-      type(h5_dataset_t), intent(out) :: dataset
-      type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable, target :: bytes
-      type(c_ptr), target :: addresses(1)
-
-      bytes = value//c_null_char
-      addresses(1) = c_loc(bytes)
-      call add_varying(self, name, [integer ::], addresses, dataset, error)
-   end subroutine file_add_text
-
    subroutine add_varying(self, name, extents, addresses, dataset, error)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -373,7 +289,7 @@ contains
       call new_text_type(text_type, status)
       call check(status, "make the text type", error)
       if (allocated(error)) return
-      call add_dataset(self, name, extents, element_t(text_type), dataset, error)
+      call add_dataset(self, name, extents, text_type, dataset, error, .false.)
       if (.not. allocated(error) .and. size(addresses) > 0) then
          call h5dwrite_f(dataset%id, text_type, c_loc(addresses), status)
          call check(status, "write", error, dataset%place)
@@ -381,31 +297,40 @@ contains
       call h5tclose_f(text_type, status)
    end subroutine add_varying
 
-   !> Adds a dataset of any type with early allocation.
-   subroutine add_dataset(file, name, extents, element, dataset, error, as_hole)
+   !> Adds a dataset with early allocation.
+   subroutine add_dataset(file, name, extents, type, dataset, error, is_hole)
       class(h5_file_t), intent(in) :: file
       character(*), intent(in) :: name
       integer, intent(in) :: extents(:)
-      type(element_t), intent(in) :: element
-      type(h5_dataset_t), intent(out) :: dataset
+      integer(hid_t), intent(in) :: type               !! in memory
+      type(h5_dataset_t), intent(inout) :: dataset
       type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: as_hole
-      integer(hid_t) :: properties, space
-      integer :: fill_time, status
+      logical, intent(in) :: is_hole
+      integer(hid_t) :: file_type, properties, space
+      integer, target :: zero
+      integer :: status
+      real(wp), target :: none
+      type(c_ptr) :: fill
 
-      fill_time = H5D_FILL_TIME_ALLOC_F
-      if (present(as_hole)) then
-         if (as_hole) fill_time = H5D_FILL_TIME_NEVER_F
-      end if
       dataset%place = file%place//": dataset '"//name//"'"
       dataset%extents = int(extents, hsize_t)
+      file_type = type
+      fill = c_null_ptr                                ! zero bytes
+      zero = 0
+      none = merge(0.0_wp, ieee_value(none, ieee_quiet_nan), is_hole)
+      if (type == H5T_NATIVE_INTEGER) then
+         file_type = H5T_STD_I32LE
+         fill = c_loc(zero)
+      else if (type == H5T_NATIVE_DOUBLE) then
+         file_type = H5T_IEEE_F64LE
+         fill = c_loc(none)
+      end if
       call new_space(space, dataset%extents, status)
       if (status >= 0) call h5pcreate_f(H5P_DATASET_CREATE_F, properties, status)
       if (status >= 0) call h5pset_alloc_time_f(properties, H5D_ALLOC_TIME_EARLY_F, status)
-      if (status >= 0) call h5pset_fill_time_f(properties, fill_time, status)
-      if (status >= 0 .and. element%fill_type /= no_id) &
-         call h5pset_fill_value_f(properties, element%fill_type, element%fill, status)
-      if (status >= 0) call h5dcreate_f(file%id, name, element%file_type, space, dataset%id, status, properties)
+      if (status >= 0) call h5pset_fill_time_f(properties, merge(H5D_FILL_TIME_NEVER_F, H5D_FILL_TIME_ALLOC_F, is_hole), status)
+      if (status >= 0 .and. c_associated(fill)) call h5pset_fill_value_f(properties, type, fill, status)
+      if (status >= 0) call h5dcreate_f(file%id, name, file_type, space, dataset%id, status, properties)
       call check(status, "create", error, dataset%place)
       if (allocated(error)) then
          dataset%id = no_id
@@ -416,12 +341,12 @@ contains
    end subroutine add_dataset
 
    !> Opens a dataset of the file. Fails where it claims more values than the file holds.
-   subroutine file_open_dataset(self, name, dataset, error, n_axes)
+   subroutine file_open_dataset(self, name, dataset, error, extents)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       type(h5_dataset_t), intent(out) :: dataset
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(in), optional :: n_axes             !! that it has to have; default: any number
+      integer, intent(in), optional :: extents(:)         !! that it has to have, fastest first; default: any
       integer(hsize_t), allocatable :: max_extents(:)
       integer(hid_t) :: space
       integer :: class, n_dimensions, status
@@ -448,18 +373,18 @@ contains
             call fail(error, dataset%place//" holds nothing, not even a size")
          else if (any(dataset%extents > huge(1))) then
             call fail(error, dataset%place//" has an axis of "//to_text(maxval(dataset%extents))//" entries")
-         else if (present(n_axes)) then
-            if (n_dimensions /= n_axes) &
-               call fail(error, dataset%place//" has "//to_text(n_dimensions)//" axes, expected "//to_text(n_axes))
+         else if (present(extents)) then
+            call check_extents(dataset%place, dataset%get_extents(), extents, error)
          end if
       end if
       if (.not. allocated(error)) call check_stored(dataset, error)
       if (allocated(error)) call dataset%close()
    end subroutine file_open_dataset
 
-   !> Fails where a dataset has more bytes than stand in the file, but for some that its owner may have compressed.
+   !> Notes the kind of the values. Fails where a dataset has more bytes than stand in the file, but for some that its owner may
+   !> have compressed.
    subroutine check_stored(dataset, error)
-      type(h5_dataset_t), intent(in) :: dataset
+      type(h5_dataset_t), intent(inout) :: dataset
       type(error_t), allocatable, intent(out) :: error
       real(wp), parameter :: most_compressed = 2.0_wp**26 ! bytes; of a run's columns a dozen are read together
       integer(hid_t) :: value_type
@@ -469,6 +394,7 @@ contains
 
       call h5dget_type_f(dataset%id, value_type, status)
       if (status >= 0) call h5tget_size_f(value_type, n_bytes, status)
+      if (status >= 0) dataset%kind = kind_of_type(value_type)
       if (status >= 0) call h5tclose_f(value_type, status)
       call check(status, "ask for the type", error, dataset%place)
       if (allocated(error)) return
@@ -506,7 +432,7 @@ contains
       type(h5_dataset_t) :: made
 
       if (allocated(error)) return
-      call self%add_real(name, shape(values), made, error)
+      call self%add(name, is_real, shape(values), made, error)
       if (.not. allocated(error)) call made%write(values, error)
       call made%describe(units, long_name, error, scales)
       if (present(dataset)) dataset = made
@@ -524,85 +450,91 @@ contains
       type(h5_dataset_t) :: made
 
       if (allocated(error)) return
-      call self%add_integer(name, shape(values), made, error)
+      call self%add(name, is_integer, shape(values), made, error)
       if (.not. allocated(error)) call made%write(values, error)
       call made%describe(units, long_name, error, scales)
       if (present(dataset)) dataset = made
    end subroutine file_put_integer
 
-   !> Adds one string with its meaning; does nothing after an error.
+   !> Adds one string of any length, byte by byte as given, with its meaning; does nothing after an error. For serial files only.
    subroutine file_put_text(self, name, text, long_name, error, dataset)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name, text, long_name
       type(error_t), allocatable, intent(inout) :: error
       type(h5_dataset_t), intent(out), optional :: dataset
       type(h5_dataset_t) :: made
+      character(:), allocatable, target :: bytes
+      type(c_ptr), target :: addresses(1)
 
       if (allocated(error)) return
-      call self%add_text(name, text, made, error)
+      bytes = text//c_null_char
+      addresses(1) = c_loc(bytes)
+      call add_varying(self, name, [integer ::], addresses, made, error)
       call made%describe("1", long_name, error)
       if (present(dataset)) dataset = made
    end subroutine file_put_text
 
-   !> Reads a whole vector, or a scalar as a vector of one; does nothing after an error.
-   subroutine file_get_real(self, name, values, error, n_expected)
+   !> Reads values in the order of the file: of a vector or a scalar; with `extents` (fastest first) of an array that has to have
+   !> these; with `row` only of this one, counted from 1. Does nothing after an error.
+   subroutine file_get_real(self, name, values, error, extents, row)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       real(wp), allocatable, intent(out) :: values(:)
       type(error_t), allocatable, intent(inout) :: error
-      integer, intent(in), optional :: n_expected         !! entries; default: any number
+      integer, intent(in), optional :: extents(:), row
       type(h5_dataset_t) :: dataset
       integer :: n, status
 
-      call open_vector(self, name, dataset, n, error, n_expected)
+      call open_for_get(self, name, dataset, n, error, extents, row)
       if (allocated(error)) return
       allocate (values(n), stat=status)
       if (status /= 0) call fail(error, dataset%place//": there is no memory for its "//to_text(n)//" entries")
-      if (.not. allocated(error)) call dataset%read(values, error)
+      if (.not. allocated(error)) call dataset%read(values, error, row)
       call dataset%close()
    end subroutine file_get_real
 
    !> As for real numbers.
-   subroutine file_get_integer(self, name, values, error, n_expected)
+   subroutine file_get_integer(self, name, values, error, extents, row)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       integer, allocatable, intent(out) :: values(:)
       type(error_t), allocatable, intent(inout) :: error
-      integer, intent(in), optional :: n_expected
+      integer, intent(in), optional :: extents(:), row
       type(h5_dataset_t) :: dataset
       integer :: n, status
 
-      call open_vector(self, name, dataset, n, error, n_expected)
+      call open_for_get(self, name, dataset, n, error, extents, row)
       if (allocated(error)) return
       allocate (values(n), stat=status)
       if (status /= 0) call fail(error, dataset%place//": there is no memory for its "//to_text(n)//" entries")
-      if (.not. allocated(error)) call dataset%read(values, error)
+      if (.not. allocated(error)) call dataset%read(values, error, row)
       call dataset%close()
    end subroutine file_get_integer
 
-   !> As for real numbers: strings padded with blanks.
-   subroutine file_get_texts(self, name, values, error, n_expected)
+   !> As for numbers: strings padded with blanks.
+   subroutine file_get_texts(self, name, values, error, extents)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       character(:), allocatable, intent(out) :: values(:)
       type(error_t), allocatable, intent(inout) :: error
-      integer, intent(in), optional :: n_expected
+      integer, intent(in), optional :: extents(:)
       type(h5_dataset_t) :: dataset
       integer :: n
 
-      call open_vector(self, name, dataset, n, error, n_expected)
+      call open_for_get(self, name, dataset, n, error, extents)
       if (allocated(error)) return
       call dataset%read(values, error)
       call dataset%close()
    end subroutine file_get_texts
 
-   subroutine open_vector(self, name, dataset, n, error, n_expected)
+   subroutine open_for_get(self, name, dataset, n, error, extents, row)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       type(h5_dataset_t), intent(out) :: dataset
       integer, intent(out) :: n                           !! entries
       type(error_t), allocatable, intent(inout) :: error
-      integer, intent(in), optional :: n_expected
+      integer, intent(in), optional :: extents(:), row
+      integer, allocatable :: found(:)
 
       n = 0
       if (allocated(error)) return
@@ -612,12 +544,40 @@ contains
       end if
       call self%open_dataset(name, dataset, error)
       if (allocated(error)) return
-      n = product(dataset%get_extents())
-      if (size(dataset%get_extents()) > 1) then
-         call fail(error, dataset%place//" has "//to_text(size(dataset%get_extents()))//" axes, not one")
-      else if (present(n_expected)) then
-         if (n /= n_expected) call fail(error, dataset%place//": "//to_text(n)//" values, expected "//to_text(n_expected))
+      found = dataset%get_extents()
+      if (size(found) == 0) found = [1]                   ! a scalar is as good as a vector of one
+      n = product(found)
+      if (present(row)) n = product(found(:size(found) - 1))
+      if (present(extents)) then
+         call check_extents(dataset%place, found, extents, error)
+      else
+         call check_extents(dataset%place, found, found(:1), error)
       end if
       if (allocated(error)) call dataset%close()
-   end subroutine open_vector
+   end subroutine open_for_get
+
+   !> Fails where extents are others than expected.
+   subroutine check_extents(place, found, extents, error)
+      character(*), intent(in) :: place
+      integer, intent(in) :: found(:), extents(:)
+      type(error_t), allocatable, intent(inout) :: error
+
+      if (size(found) /= size(extents)) then
+         call fail(error, place//" has "//to_text(size(found))//" axes, expected "//to_text(size(extents)))
+      else if (any(found /= extents)) then
+         call fail(error, place//" has "//joined(found)//" values, expected "//joined(extents))
+      end if
+   contains
+      function joined(numbers) result(text)
+         integer, intent(in) :: numbers(:)
+         character(:), allocatable :: text
+         integer :: i
+
+         text = ""
+         do i = 1, size(numbers)
+            text = text//" x "//to_text(numbers(i))
+         end do
+         text = text(4:)
+      end function joined
+   end subroutine check_extents
 end module hb_hdf5

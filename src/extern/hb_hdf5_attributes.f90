@@ -19,11 +19,10 @@ module hb_hdf5_attributes
       character(:), allocatable :: place               ! how messages name it
    contains
       generic :: get_attribute => get_integer_attribute, get_text_attribute
-      generic :: set_attribute => set_integer_attribute, set_integers_attribute, set_text_attribute
+      generic :: set_attribute => set_integer_attribute, set_text_attribute
       procedure, private :: get_integer_attribute => object_get_integer_attribute
       procedure, private :: get_text_attribute => object_get_text_attribute
       procedure, private :: set_integer_attribute => object_set_integer_attribute
-      procedure, private :: set_integers_attribute => object_set_integers_attribute
       procedure, private :: set_text_attribute => object_set_text_attribute
    end type h5_object_t
 
@@ -49,28 +48,14 @@ contains
       call h5tclose_f(text_type, status)
    end subroutine object_set_text_attribute
 
-   !> Gives the object an attribute of one integer.
-   subroutine object_set_integer_attribute(self, name, value, error)
+   !> Gives the object an attribute of one integer or several.
+   subroutine object_set_integer_attribute(self, name, values, error)
       class(h5_object_t), intent(in) :: self
       character(*), intent(in) :: name
-      integer, intent(in) :: value
+      integer, intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
-      integer, target :: copy
-
-      copy = value
-      call set_attribute(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, [integer(hsize_t) ::], &
-         c_loc(copy), error)
+      call set_attribute(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, shape(values, hsize_t), c_loc(values), error)
    end subroutine object_set_integer_attribute
-
-   !> Gives the object an attribute of several integers.
-   subroutine object_set_integers_attribute(self, name, values, error)
-      class(h5_object_t), intent(in) :: self
-      character(*), intent(in) :: name
-      integer, intent(in), contiguous, target :: values(:)
-      type(error_t), allocatable, intent(out) :: error
-      call set_attribute(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, [size(values, kind=hsize_t)], &
-         c_loc(values), error)
-   end subroutine object_set_integers_attribute
 
    subroutine set_attribute(self, name, file_type, memory_type, extents, address, error)
       class(h5_object_t), intent(in) :: self

@@ -3,14 +3,18 @@ module hb_hdf5_library
    use, intrinsic :: iso_c_binding, only: c_bool, c_char, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, c_loc, c_ptr
    use hb_c_text, only: c_text
    use hb_error, only: annotate, error_t, fail
-   use hdf5, only: h5eset_auto_f, h5open_f, H5S_SCALAR_F, h5screate_f, h5screate_simple_f, H5T_C_S1, &
-      H5T_CSET_UTF8_F, H5T_STR_NULLPAD_F, H5T_STRING, H5T_STRING_F, h5tcopy_f, h5tget_class_f, h5tset_cset_f, &
-      h5tset_strpad_f, hid_t, hsize_t
+   use hdf5, only: h5eset_auto_f, h5open_f, H5S_SCALAR_F, h5screate_f, h5screate_simple_f, H5T_C_S1, H5T_CSET_UTF8_F, &
+      H5T_INTEGER_F, H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, H5T_STR_NULLPAD_F, H5T_STRING, H5T_STRING_F, h5tcopy_f, &
+      h5tget_class_f, h5tget_size_f, h5tset_cset_f, h5tset_strpad_f, hid_t, hsize_t, size_t
    implicit none
    private
-   public :: check, is_text_type, new_byte_type, new_space, new_text_type, no_id, start_library, switch_locking_off
+   public :: bytes_of_kind, check, is_characters, is_integer, is_real, kind_of_type, memory_type, new_space, new_text_type, no_id
+   public :: start_library, switch_locking_off
 
    integer(hid_t), parameter :: no_id = -1
+   ! Kinds of values: int32, float64, single bytes of text.
+   integer, parameter :: is_integer = 1, is_real = 2, is_characters = 3
+   integer, parameter :: bytes_of_kind(3) = [4, 8, 1]
    integer, parameter :: max_cause = 512               ! characters kept of what the library says
    logical :: is_library_open = .false.
 
@@ -137,21 +141,35 @@ contains
       if (status >= 0) call h5tset_cset_f(text_type, H5T_CSET_UTF8_F, status)
    end subroutine new_text_type
 
-   !> Makes the type of single bytes of text.
-   subroutine new_byte_type(byte_type, status)
-      integer(hid_t), intent(out) :: byte_type
+   !> Gives the type that values of a kind have in memory, and single bytes of text in a file, too; to be closed if it is a copy.
+   subroutine memory_type(kind, type, is_copy, status)
+      integer, intent(in) :: kind
+      integer(hid_t), intent(out) :: type
+      logical, intent(out) :: is_copy
       integer, intent(out) :: status
 
-      call h5tcopy_f(H5T_C_S1, byte_type, status)
-      if (status >= 0) call h5tset_strpad_f(byte_type, H5T_STR_NULLPAD_F, status)
-   end subroutine new_byte_type
+      status = 0
+      is_copy = kind == is_characters
+      if (is_copy) then
+         call h5tcopy_f(H5T_C_S1, type, status)
+         if (status >= 0) call h5tset_strpad_f(type, H5T_STR_NULLPAD_F, status)
+      else
+         type = merge(H5T_NATIVE_INTEGER, H5T_NATIVE_DOUBLE, kind == is_integer)
+      end if
+   end subroutine memory_type
 
-   !> Whether a type is that of text: what is no text, or has another size, must not be read into the memory of text.
-   logical function is_text_type(file_type)
+   !> Kind as which values of a type in a file are read, `is_real` where it is none of the three: the library refuses to convert
+   !> these. What is no text, or has another size, must not be read into the memory of text.
+   integer function kind_of_type(file_type) result(kind)
       integer(hid_t), intent(in) :: file_type
+      integer(size_t) :: n_bytes
       integer :: class, status
 
+      kind = is_real
       call h5tget_class_f(file_type, class, status)
-      is_text_type = status >= 0 .and. class == H5T_STRING_F
-   end function is_text_type
+      if (status >= 0) call h5tget_size_f(file_type, n_bytes, status)
+      if (status < 0) return
+      if (class == H5T_INTEGER_F) kind = is_integer
+      if (class == H5T_STRING_F .and. n_bytes == 1) kind = is_characters
+   end function kind_of_type
 end module hb_hdf5_library

@@ -5,7 +5,7 @@ module hb_curve_table
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, outcome_text
-   use hb_results_plan, only: identifier
+   use hb_results_layout, only: identifier
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, to_text
    implicit none
@@ -56,8 +56,8 @@ contains
       allocate (leaving(0))
       call open_file(file, path, error)
       if (allocated(error)) return
-      call file%get("curve_kind", kind, error, n_points)
-      call file%get("is_stable", is_stable, error, n_points)
+      call file%get("curve_kind", kind, error, [n_points])
+      call file%get("is_stable", is_stable, error, [n_points])
       call file%close(error_in_close)
       if (allocated(error)) return
       do i = 1, n_points
@@ -89,11 +89,11 @@ contains
       allocate (character(160) :: lines(0))
       call open_file(file, path, error)
       if (allocated(error)) return
-      call file%get("curve_kind", kind, error, plan%n_points)
-      call file%get("status", status, error, plan%n_points)
-      call file%get("curve_branch", branch, error, plan%n_points)
-      call file%get("is_stable", is_stable, error, plan%n_points)
-      call file%get("n_unstable", n_unstable, error, plan%n_points)
+      call file%get("curve_kind", kind, error, [plan%n_points])
+      call file%get("status", status, error, [plan%n_points])
+      call file%get("curve_branch", branch, error, [plan%n_points])
+      call file%get("is_stable", is_stable, error, [plan%n_points])
+      call file%get("n_unstable", n_unstable, error, [plan%n_points])
       call file%close(error_in_close)
       if (allocated(error)) return
       rounded = plan

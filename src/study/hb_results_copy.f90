@@ -1,10 +1,12 @@
 !> Copies the rows of a result file into one that has fewer places for harmonics.
 module hb_results_copy
+   use, intrinsic :: iso_fortran_env, only: int8
    use hb_checksum, only: checksum
    use hb_error, only: annotate, error_t
-   use hb_hdf5, only: h5_dataset_t, h5_file_t
+   use hb_hdf5, only: bytes_of_kind, h5_dataset_t, h5_file_t
    use hb_kinds, only: wp
-   use hb_results_plan, only: is_checked, is_characters, is_integer, measure_row, message_length, plan_t, point_axis, variable_t
+   use hb_result_columns, only: column_t, plan_t
+   use hb_results_plan, only: measure_row
    implicit none
    private
    public :: copy_rows
@@ -19,109 +21,56 @@ contains
       type(h5_file_t), intent(in) :: source
       type(plan_t), intent(in) :: plan                                !! of the new file, with its datasets
       type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: sums(:)
-      integer :: first, i, i_sum, n_at_once, n_datasets, n_points
+      integer, allocatable :: stored(:), sums(:)
+      integer :: first, i, n_at_once, n_datasets, n_points
       real(wp) :: n_bytes
 
-      i_sum = findloc([(plan%variables(i)%name == "checksum", i=1, size(plan%variables))], .true., dim=1)
-      n_points = plan%axes(point_axis)%length
+      n_points = plan%axes(1)%length
       call measure_row(plan, 0, n_bytes, n_datasets)
       n_at_once = max(1, int(most_bytes/n_bytes))
       do first = 1, n_points, n_at_once
          allocate (sums(min(n_at_once, n_points - first + 1)), source=0)
-         do i = 1, size(plan%variables)
-            if (i /= i_sum) call copy(source, plan%variables(i), first, sums, error)
+         do i = 1, size(plan%columns)
+            call copy(source, plan%columns(i), first, sums, error)
             if (allocated(error)) return
          end do
-         call copy(source, plan%variables(i_sum), first, sums, error)
+         associate (of_rows => plan%columns(plan%index_of("checksum"))%dataset)
+            allocate (stored, mold=sums)
+            call of_rows%read(stored, error, first)
+            if (.not. allocated(error)) call of_rows%write(merge(sums, 0, stored /= 0), error, first)
+         end associate
          if (allocated(error)) return
-         deallocate (sums)
+         deallocate (stored, sums)
       end do
       do i = 1, size(plan%times)
-         allocate (sums(product(plan%times(i)%dataset%get_extents())), source=0)
+         allocate (sums(product(plan%times(i)%dataset%get_extents())))
          call copy(source, plan%times(i), 1, sums, error)
          if (allocated(error)) return
          deallocate (sums)
       end do
    end subroutine copy_rows
 
-   !> Copies as many rows of a dataset as there are checksums. These go on over what is checked, and are written where they belong.
-   subroutine copy(source, variable, first, sums, error)
+   !> Copies as many rows of a dataset as there are checksums, which go on over what is checked.
+   subroutine copy(source, column, first, sums, error)
       type(h5_file_t), intent(in) :: source
-      type(variable_t), intent(in) :: variable
+      type(column_t), intent(in) :: column
       integer, intent(in) :: first
       integer, intent(inout) :: sums(:)
       type(error_t), allocatable, intent(out) :: error
       type(h5_dataset_t) :: old
+      integer(int8), allocatable :: rows(:, :)
       integer, allocatable :: n_used                                  ! not allocated: not present where it is handed on
-      integer :: row_size
+      integer :: k
 
-      call source%open_dataset(variable%name, old, error)
+      call source%open_dataset(column%name, old, error)
       if (allocated(error)) return
-      associate (new => variable%dataset%get_extents())
-         row_size = product(new(:size(new) - 1))
-         if (variable%is_part_used) n_used = new(min(2, size(new) - 1))
+      associate (extents => column%dataset%get_extents())
+         if (column%is_part_used) n_used = extents(min(2, size(extents) - 1))
+         allocate (rows(bytes_of_kind(column%kind)*product(extents(:size(extents) - 1)), size(sums)))
       end associate
-      select case (variable%kind)
-      case (is_characters); call copy_texts(old, variable%dataset, first, sums, error)
-      case (is_integer); call copy_integers(old, variable, row_size, first, sums, error, n_used)
-      case default; call copy_reals(old, variable, row_size, first, sums, error, n_used)
-      end select
-      call annotate(error, "'"//variable%name//"'")
+      call old%read(rows, error, first, n_used)
+      if (column%is_checked) sums = [(checksum(sums(k), rows(:, k)), k=1, size(sums))]
+      if (.not. allocated(error)) call column%dataset%write(rows, error, first)
+      call annotate(error, "'"//column%name//"'")
    end subroutine copy
-
-   subroutine copy_reals(old, variable, row_size, first, sums, error, n_used)
-      type(h5_dataset_t), intent(in) :: old
-      type(variable_t), intent(in) :: variable
-      integer, intent(in) :: row_size                                 !! values of a row
-      integer, intent(in), optional :: n_used                         !! places of its harmonics, the first ones; default: all
-      integer, intent(in) :: first
-      integer, intent(inout) :: sums(:)
-      type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: rows(:, :)
-      integer :: k
-
-      allocate (rows(row_size, size(sums)))
-      call old%read_rows(first, rows, error, n_used)
-      if (allocated(error)) return
-      if (is_checked(variable)) sums = [(checksum(sums(k), rows(:, k)), k=1, size(sums))]
-      call variable%dataset%write_row(first, rows, error, size(sums))
-   end subroutine copy_reals
-
-   subroutine copy_integers(old, variable, row_size, first, sums, error, n_used)
-      type(h5_dataset_t), intent(in) :: old
-      type(variable_t), intent(in) :: variable
-      integer, intent(in) :: row_size
-      integer, intent(in), optional :: n_used
-      integer, intent(in) :: first
-      integer, intent(inout) :: sums(:)
-      type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: rows(:, :)
-      integer :: k
-
-      allocate (rows(row_size, size(sums)))
-      call old%read_rows(first, rows, error, n_used)
-      if (allocated(error)) return
-      if (is_checked(variable)) sums = [(checksum(sums(k), rows(:, k)), k=1, size(sums))]
-      if (variable%name == "checksum") rows(1, :) = merge(sums, 0, rows(1, :) /= 0)
-      call variable%dataset%write_row(first, rows, error, size(sums))
-   end subroutine copy_integers
-
-   subroutine copy_texts(old, new, first, sums, error)
-      type(h5_dataset_t), intent(in) :: old, new
-      integer, intent(in) :: first
-      integer, intent(inout) :: sums(:)
-      type(error_t), allocatable, intent(out) :: error
-      character(message_length) :: bytes
-      character(:), allocatable :: text
-      integer :: k
-
-      do k = 1, size(sums)
-         call old%read_text_row(first + k - 1, text, error)
-         if (.not. allocated(error) .and. len(text) > 0) call new%write_row(first + k - 1, text, error)
-         if (allocated(error)) return
-         bytes = text//repeat(achar(0), message_length)
-         sums(k) = checksum(sums(k), bytes)
-      end do
-   end subroutine copy_texts
 end module hb_results_copy

@@ -1,25 +1,19 @@
 !> Making a result file whole, before the first point is solved; by one process.
 module hb_results_file
-   use hb_curve_request, only: curve_kind_names
    use hb_error, only: error_t, fail
    use hb_file_place, only: check_place, put_in_place
-   use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t
+   use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, is_characters, is_integer, is_real
    use hb_kinds, only: int64, two_pi
-   use hb_march_verdict, only: verdict_names
-   use hb_outcome, only: outcome_names
+   use hb_result_columns, only: axis_t, column_t, plan_t, tuple_entry_name
    use hb_results_copy, only: copy_rows
-   use hb_results_layout, only: results_layout_t, swept_parameter_t
-   use hb_results_plan, only: axis_t, component_axis, curve_entries, dof_axis, harmonic_axis, identifier, is_characters, &
-      is_checked, is_integer, is_real, law_axis, law_dof_axis, message_axis, multiplier_axis, n_bytes_of, output_axis, &
-      parameter_name_length, parameter_names, plan_t, point_axis, size_text, tone_axis, tuple_entry_name, variable_t, worker_axis
+   use hb_results_layout, only: identifier, results_layout_t, swept_parameter_t
+   use hb_results_plan, only: n_bytes_of, parameter_name_length, parameter_names, size_text
    use hb_signals, only: note_unfinished
-   use hb_solver_types, only: rescue_names
-   use hb_stability, only: stability_method_names
    use hb_system, only: finish_file, has_space, release_file, remove_file, sync_file, take_file, utc_now
-   use hb_text, only: join, to_text
+   use hb_text, only: to_text
    implicit none
    private
-   public :: amplitude_convention, make_file, schema_version, set_flags
+   public :: make_file, schema_version
 
    integer, parameter :: schema_version = 1
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
@@ -83,10 +77,10 @@ contains
 
       call create_file(file, path, .true., error)
       if (.not. allocated(error)) call add_root_attributes(file, layout, error)
-      if (.not. allocated(error)) call add_scales(file, layout, plan%axes, error)
+      if (.not. allocated(error)) call add_scales(file, plan%axes, error)
       if (.not. allocated(error)) call add_inputs(file, layout, plan, error)
-      if (.not. allocated(error)) call add_variables(file, plan, plan%variables, error)
-      if (.not. allocated(error)) call add_variables(file, plan, plan%times, error)
+      if (.not. allocated(error)) call add_columns(file, plan, plan%columns, error)
+      if (.not. allocated(error)) call add_columns(file, plan, plan%times, error)
       if (present(source) .and. .not. allocated(error)) call copy_rows(source, plan, error)
       call file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
@@ -112,40 +106,25 @@ contains
       end subroutine set_text
    end subroutine add_root_attributes
 
-   subroutine add_scales(file, layout, axes, error)
+   subroutine add_scales(file, axes, error)
       type(h5_file_t), intent(in) :: file
-      type(results_layout_t), intent(in) :: layout
       type(axis_t), intent(inout) :: axes(:)
       type(error_t), allocatable, intent(out) :: error
       integer :: i, k
 
       do i = 1, size(axes)
          associate (axis => axes(i))
-            select case (i)
-            case (point_axis, harmonic_axis, message_axis, multiplier_axis, worker_axis)
-               call add_numbers(file, axis, [(k, k=0, axis%length - 1)], error)
-            case (tone_axis)
-               call add_numbers(file, axis, [(k, k=1, axis%length)], error)
-            case (dof_axis)
-               call file%add_texts(axis%name, layout%dof_labels, axis%scale, error)
-            case (law_axis)
-               call file%add_texts(axis%name, layout%law_labels, axis%scale, error)
-            case (output_axis)
-               call file%add_texts(axis%name, layout%output_names, axis%scale, error)
-            case (law_dof_axis)
-               call file%add_texts(axis%name, layout%law_dof_labels, axis%scale, error)
-            case (component_axis)
-               call file%add_texts(axis%name, ["cos", "sin"], axis%scale, error)
-            case default
-               if (axis%name == curve_entries) then
-                  call add_numbers(file, axis, [(k, k=0, axis%length - 1)], error)
-               else
-                  call file%add_real(axis%name, [axis%length], axis%scale, error)
-                  if (.not. allocated(error)) &
-                     call axis%scale%write([(two_pi*k/axis%length, k=0, axis%length - 1)], error)
-               end if
-            end select
-            if (.not. allocated(error)) call axis%scale%make_scale(scale_name(axis, i), error)
+            if (allocated(axis%labels)) then
+               call file%add_texts(axis%name, axis%labels, axis%scale, error)
+            else if (axis%units == "rad") then
+               call file%add(axis%name, is_real, [axis%length], axis%scale, error)
+               if (.not. allocated(error)) call axis%scale%write([(two_pi*k/axis%length, k=0, axis%length - 1)], error)
+            else
+               call file%add(axis%name, is_integer, [axis%length], axis%scale, error)
+               if (axis%length > 0 .and. .not. allocated(error)) &
+                  call axis%scale%write([(axis%first + k, k=0, axis%length - 1)], error)
+            end if
+            if (.not. allocated(error)) call axis%scale%make_scale(scale_name(axis), error)
             call axis%scale%describe(axis%units, axis%long_name, error)
          end associate
          if (allocated(error)) return
@@ -154,28 +133,16 @@ contains
 
    !> Gives the name that a scale keeps in the file: its own, or the words of netCDF for a dimension without
    !> coordinate.
-   function scale_name(axis, i) result(name)
+   function scale_name(axis) result(name)
       type(axis_t), intent(in) :: axis
-      integer, intent(in) :: i                          !! its index
       character(:), allocatable :: name
       character(64) :: words
 
       name = axis%name
-      if (i /= message_axis) return
+      if (name /= "message_byte") return
       write (words, "(a, i10)") "This is a netCDF dimension but not a netCDF variable.", axis%length
       name = trim(words)
    end function scale_name
-
-   !> Adds the numbers of an axis, of which there may be none: an empty constructor has no size where the rank is assumed.
-   subroutine add_numbers(file, axis, numbers, error)
-      type(h5_file_t), intent(in) :: file
-      type(axis_t), intent(inout) :: axis
-      integer, intent(in), contiguous :: numbers(:)
-      type(error_t), allocatable, intent(out) :: error
-
-      call file%add_integer(axis%name, [axis%length], axis%scale, error)
-      if (.not. allocated(error)) call axis%scale%write(numbers, error)
-   end subroutine add_numbers
 
    !> Adds what is known of the run before it starts: tuples, swept parameters, input files.
    subroutine add_inputs(file, layout, plan, error)
@@ -188,7 +155,7 @@ contains
       integer, allocatable :: entries(:)
       integer :: i
 
-      associate (tone => plan%axes(tone_axis)%scale, harmonic => plan%axes(harmonic_axis)%scale)
+      associate (tone => plan%axes(plan%axis_index("tone"))%scale, harmonic => plan%axes(plan%axis_index("harmonic"))%scale)
          if (.not. layout%has_own_tuples) &
             call file%put("tuple", layout%tuples, [tone, harmonic], "1", "integer tuple j of each harmonic", error)
          names = parameter_names(layout, plan)
@@ -244,7 +211,7 @@ contains
 
       if (allocated(error)) return
       what = "swept parameter "//parameter%path
-      associate (point => plan%axes(point_axis)%scale)
+      associate (point => plan%axes(plan%axis_index("point"))%scale)
          if (parameter%is_text) then
             call file%add_texts(name, parameter%text_values, dataset, error)
             call dataset%describe(or_empty(parameter%units), what, error, [point])
@@ -255,69 +222,52 @@ contains
       if (.not. allocated(error)) call dataset%set_attribute("parameter", parameter%path, error)
    end subroutine add_parameter
 
-   subroutine add_variables(file, plan, variables, error)
+   subroutine add_columns(file, plan, columns, error)
       type(h5_file_t), intent(in) :: file
       type(plan_t), intent(in) :: plan
-      type(variable_t), intent(inout) :: variables(:)                 !! of the plan
+      type(column_t), intent(inout) :: columns(:)                     !! of the plan
       type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: extents(:)
-      integer :: i
+      integer :: i, k
 
-      do i = 1, size(variables)
-         associate (variable => variables(i))
-            extents = plan%axes(variable%axes)%length
-            select case (variable%kind)
-            case (is_integer)
-               call file%add_integer(variable%name, extents, variable%dataset, error, variable%is_part_used)
-            case (is_real)
-               call file%add_real(variable%name, extents, variable%dataset, error, variable%is_part_used)
-            case (is_characters)
-               call file%add_characters(variable%name, extents, variable%dataset, error)
-            end select
-            call variable%dataset%describe(variable%units, variable%long_name, error, plan%axes(variable%axes)%scale)
-            if (allocated(variable%dof_units) .and. .not. allocated(error)) &
-               call variable%dataset%set_attribute("dof_units", variable%dof_units, error)
-            if (variable%kind == is_characters .and. .not. allocated(error)) &
-               call variable%dataset%set_attribute("_Encoding", "utf-8", error)
-            if (allocated(error)) return
-            if (variable%name == "checksum") call variable%dataset%set_attribute("of", names_of_checked(variables), error)
-            if (variable%name == "status") call set_flags(variable%dataset, outcome_names, error)
-            if (variable%name == "rescue") call set_flags(variable%dataset, rescue_names, error)
-            if (variable%name == "curve_kind") call set_flags(variable%dataset, curve_kind_names, error)
-            if (allocated(variable%parameter) .and. .not. allocated(error)) &
-               call variable%dataset%set_attribute("parameter", variable%parameter, error)
-            if (allocated(variable%parameter) .and. .not. allocated(error)) &
-               call variable%dataset%set_attribute("moves_along", "curve", error)
-            if (variable%name == "stability_method") call set_flags(variable%dataset, stability_method_names, error)
-            if (variable%name == "march_verdict") call set_flags(variable%dataset, verdict_names, error)
+      do i = 1, size(columns)
+         associate (column => columns(i), dataset => columns(i)%dataset)
+            call file%add(column%name, column%kind, plan%extents_of(column), dataset, error, column%is_part_used)
+            call dataset%describe(column%units, column%long_name, error, plan%axes(column%axes)%scale)
+            if (allocated(column%dof_units)) call set_text(dataset, "dof_units", column%dof_units)
+            if (column%kind == is_characters) call set_text(dataset, "_Encoding", "utf-8")
+            if (column%name == "checksum") call set_text(dataset, "of", names_of_checked(columns))
+            if (allocated(column%flags) .and. .not. allocated(error)) then ! CF convention
+               call dataset%set_attribute("flag_values", [(k, k=0, column%n_flags - 1)], error)
+               call set_text(dataset, "flag_meanings", column%flags)
+            end if
+            if (allocated(column%parameter)) call set_text(dataset, "parameter", column%parameter)
+            if (allocated(column%parameter)) call set_text(dataset, "moves_along", "curve")
          end associate
          if (allocated(error)) return
       end do
-   end subroutine add_variables
+
+   contains
+
+      subroutine set_text(dataset, name, value)
+         type(h5_dataset_t), intent(in) :: dataset
+         character(*), intent(in) :: name, value
+
+         if (.not. allocated(error)) call dataset%set_attribute(name, value, error)
+      end subroutine set_text
+   end subroutine add_columns
 
    !> Names of the datasets that the checksum of a row goes over, in its order, with blanks between.
-   function names_of_checked(variables) result(names)
-      type(variable_t), intent(in) :: variables(:)
+   function names_of_checked(columns) result(names)
+      type(column_t), intent(in) :: columns(:)
       character(:), allocatable :: names
       integer :: i
 
       names = ""
-      do i = 1, size(variables)
-         if (is_checked(variables(i))) names = names//" "//variables(i)%name
+      do i = 1, size(columns)
+         if (columns(i)%is_checked) names = names//" "//columns(i)%name
       end do
       names = names(2:)
    end function names_of_checked
-
-   !> Names the values 0, 1, ... of an integer dataset (CF convention).
-   subroutine set_flags(dataset, names, error)
-      type(h5_dataset_t), intent(in) :: dataset
-      character(*), intent(in) :: names(:)
-      type(error_t), allocatable, intent(out) :: error
-      integer :: k
-
-      call dataset%set_attribute("flag_values", [(k, k=0, size(names) - 1)], error)
-      if (.not. allocated(error)) call dataset%set_attribute("flag_meanings", join(names, " "), error)
-   end subroutine set_flags
 
    !> Gives the text, or an empty one where none is allocated.
    pure function or_empty(text)

@@ -7,8 +7,9 @@ module hb_results_record
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, is_status, outcome
    use hb_results_file, only: schema_version
-   use hb_results_plan, only: identifier
+   use hb_results_layout, only: identifier
    use hb_row_checks, only: find_damaged_rows
+   use hb_stored_rows, only: stored_file_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: split, string_t, to_text
    implicit none
@@ -97,15 +98,17 @@ contains
       type(record_t), intent(out) :: self
       character(*), intent(in) :: path
       type(error_t), allocatable, intent(out) :: error
-      type(h5_file_t) :: file
+      type(stored_file_t) :: stored
       type(error_t), allocatable :: error_in_close
 
       call check_source(path, error)
       if (allocated(error)) return
-      call open_file(file, path, error)
-      if (.not. allocated(error)) call read_attributes(self, file, error)
-      if (.not. allocated(error)) call read_datasets(self, file, error)
-      call file%close(error_in_close)
+      call open_file(stored%file, path, error)
+      if (.not. allocated(error)) call read_attributes(self, stored%file, error)
+      if (.not. allocated(error)) call read_origin(self, stored%file, error)
+      call stored%list(error)
+      if (.not. allocated(error)) call read_columns(self, stored, error)
+      call stored%file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
       call annotate(error, "'"//path//"' is no result file of this program")
    end subroutine read_record
@@ -161,77 +164,61 @@ contains
       if (.not. allocated(error)) call file%get_attribute("created_utc", self%created_utc, error)
    end subroutine read_attributes
 
-   subroutine read_datasets(self, file, error)
+   !> Reads the input and the labels.
+   subroutine read_origin(self, file, error)
       type(record_t), intent(inout) :: self
       type(h5_file_t), intent(in) :: file
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: without_folder
       type(h5_dataset_t) :: dataset
       character(:), allocatable :: overrides
-      integer, allocatable :: extents(:)
-      integer :: status
 
       call read_one(file, "input_text", self%input_text, error)
+      call read_one(file, "input_overrides", overrides, error)
+      call read_one(file, "input_complete", self%input_complete, error)
+      call read_one(file, "input_libraries", self%input_libraries, error)
+      call file%get("dof", self%dofs, error)
+      call file%get("law", self%laws, error)
       if (allocated(error)) return
+      call read_overrides(overrides, self%overrides)
       call file%open_dataset("input_text", dataset, error)
       if (.not. allocated(error)) call dataset%get_attribute("file_name", self%input_name, error)
       if (allocated(error)) return
       call dataset%get_attribute("folder", self%input_folder, without_folder)
       if (allocated(without_folder)) self%input_folder = ""           ! of an older version
-      call read_one(file, "input_overrides", overrides, error)
-      if (allocated(error)) return
-      call read_overrides(overrides, self%overrides)
-      call read_one(file, "input_complete", self%input_complete, error)
-      call read_one(file, "input_libraries", self%input_libraries, error)
-      call file%get("dof", self%dofs, error)
-      call file%get("law", self%laws, error)
-      call file%get("status", self%status, error)
+   end subroutine read_origin
+
+   !> Reads the columns of all points.
+   subroutine read_columns(self, stored, error)
+      type(record_t), intent(inout) :: self
+      type(stored_file_t), intent(in) :: stored
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: frequency(:)
+
+      call stored%fetch("status", self%status, error)
       if (allocated(error)) return
       self%n_points = size(self%status)
       if (self%n_points == 0 .or. .not. all(is_status(self%status))) then
          call fail(error, "dataset 'status' has no points, or numbers that are no status")
          return
       end if
-      call file%get("rescue", self%rescue, error, self%n_points)
-      call file%get("is_near_commensurate", self%is_near_commensurate, error, self%n_points)
-      call file%get("is_stable", self%is_stable, error, self%n_points)
-      call file%get("branch", self%branch, error, self%n_points)
-      call file%get("residual", self%residual, error, self%n_points)
-      call file%get("solve_seconds", self%solve_seconds, error, self%n_points)
-      call file%get("truncation_estimate", self%truncation, error, self%n_points)
-      call file%get("aliasing_estimate", self%aliasing, error, self%n_points)
-      call file%get("penetration", self%penetration, error, self%n_points)
-      if (allocated(error)) return
-      self%has_own_tuples = file%has("tuples")
-      if (self%has_own_tuples) then
-         call file%open_dataset("tuples", dataset, error, n_axes=3)
-      else
-         call file%open_dataset("tuple", dataset, error, n_axes=2)
-      end if
-      if (allocated(error)) return
-      extents = dataset%get_extents()
-      allocate (self%tuples(extents(1), extents(2)), stat=status)
-      if (status == 0 .and. self%has_own_tuples) then
-         self%tuples = 0
-      else if (status == 0) then
-         call dataset%read(self%tuples, error)
-      else
-         call fail(error, "there is no memory for dataset 'tuple'")
-      end if
-      if (.not. allocated(error)) call file%open_dataset("frequency", dataset, error, n_axes=2)
-      if (allocated(error)) return
-      extents = dataset%get_extents()
-      if (any(extents /= [size(self%tuples, 1), self%n_points])) then
-         call fail(error, "dataset 'frequency' has not one number for each tone and point")
-         return
-      end if
-      allocate (self%frequency(extents(1), extents(2)), stat=status)
-      if (status == 0) then
-         call dataset%read(self%frequency, error)
-      else
-         call fail(error, "there is no memory for dataset 'frequency'")
-      end if
-   end subroutine read_datasets
+      call stored%fetch("rescue", self%rescue, error)
+      call stored%fetch("is_near_commensurate", self%is_near_commensurate, error)
+      call stored%fetch("is_stable", self%is_stable, error)
+      call stored%fetch("branch", self%branch, error)
+      call stored%fetch("residual", self%residual, error)
+      call stored%fetch("solve_seconds", self%solve_seconds, error)
+      call stored%fetch("truncation_estimate", self%truncation, error)
+      call stored%fetch("aliasing_estimate", self%aliasing, error)
+      call stored%fetch("penetration", self%penetration, error)
+      call stored%fetch("frequency", frequency, error)
+      self%has_own_tuples = stored%file%has("tuples")
+      associate (n_tones => stored%plan%length_of("tone"))
+         if (.not. self%has_own_tuples) call stored%get_tuples(1, self%tuples, error)
+         if (self%has_own_tuples) allocate (self%tuples(n_tones, stored%plan%length_of("harmonic")), source=0)
+         if (.not. allocated(error)) self%frequency = reshape(frequency, [n_tones, self%n_points])
+      end associate
+   end subroutine read_columns
 
    !> Reads a text that stands alone; does nothing once there is an error.
    subroutine read_one(file, name, text, error)
@@ -241,13 +228,8 @@ contains
       type(error_t), allocatable, intent(inout) :: error
       character(:), allocatable :: texts(:)
 
-      call file%get(name, texts, error)
-      if (allocated(error)) return
-      if (size(texts) == 1) then
-         text = texts(1)
-      else
-         call fail(error, "dataset '"//name//"' has "//to_text(size(texts))//" texts, expected 1")
-      end if
+      call file%get(name, texts, error, [1])
+      if (.not. allocated(error)) text = texts(1)
    end subroutine read_one
 
    !> Gives the lines of a text that are not empty.

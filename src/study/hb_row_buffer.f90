@@ -5,11 +5,12 @@
 !> than a point takes, and every point is written when it is solved.
 module hb_row_buffer
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use, intrinsic :: iso_fortran_env, only: int8
+   use hb_bytes, only: bytes_in
    use hb_checksum, only: checksum
    use hb_error, only: error_t, fail
-   use hb_hdf5, only: h5_dataset_t
+   use hb_hdf5, only: bytes_of_kind, h5_dataset_t, is_integer, is_real
    use hb_kinds, only: wp
-   use hb_results_plan, only: is_characters, is_integer, is_real, message_length, variable_t
    use hb_text, only: to_text
    implicit none
    private
@@ -20,26 +21,22 @@ module hb_row_buffer
    real(wp), parameter :: most_bytes = 1.6e7_wp                       ! [B] held by a rank
    integer, parameter :: most_rows = 128                              ! what a further one saves is below a hundredth of its writing
 
-   !> Rows of one dataset, for consecutive points.
+   !> Rows of one dataset, for consecutive points, in the bytes of the file.
    type :: row_buffer_t
       private
-      integer :: kind = is_real
-      integer :: row_size = 0
+      integer :: kind = is_real                                       ! of the values, hb_hdf5
+      integer, allocatable :: extents(:)                              ! of a row, fastest first
+      integer :: row_size = 0                                         ! values
+      integer :: part = 0                                             ! axis of which each row uses its own extent; 0: none
       logical :: is_used = .false.                                    ! something that a new file does not hold anyway
-      integer, allocatable :: integers(:, :)                          ! (row_size, room)
-      real(wp), allocatable :: reals(:, :)                            ! (row_size, room)
-      character(message_length), allocatable :: texts(:)              ! (room)
-      logical :: is_part_used = .false.                               ! each row to its own extent
-      integer :: n_first = 0, n_second = 0                            ! extents of the first two axes, where that is so
-      integer, allocatable :: n_used(:)                               ! of the second one, (room)
+      integer(int8), allocatable :: bytes(:, :)                       ! (bytes of a row, room)
+      integer, allocatable :: n_used(:)                               ! of the axis `part`, (room)
    contains
       procedure :: add_to_checksum => row_buffer_add_to_checksum
       procedure :: blank => row_buffer_blank
       procedure :: flush => row_buffer_flush
+      procedure :: put_none => row_buffer_put_none
       generic :: put => put_integers, put_reals, put_text
-      generic :: put_part => put_integer_part, put_real_part
-      procedure, private :: put_integer_part => row_buffer_put_integer_part
-      procedure, private :: put_real_part => row_buffer_put_real_part
       procedure, private :: put_integers => row_buffer_put_integers
       procedure, private :: put_reals => row_buffer_put_reals
       procedure, private :: put_text => row_buffer_put_text
@@ -64,39 +61,33 @@ contains
    end function room_for
 
    !> Makes room for `room` rows of a dataset.
-   pure subroutine new_row_buffer(self, variable, extents, room)
+   pure subroutine new_row_buffer(self, kind, extents, room, is_part_used)
       type(row_buffer_t), intent(out) :: self
-      type(variable_t), intent(in) :: variable
+      integer, intent(in) :: kind                                     !! of the values, hb_hdf5
       integer, intent(in) :: extents(:)                               !! of the axes of a row, fastest first
       integer, intent(in) :: room
-      integer :: row_size
+      logical, intent(in) :: is_part_used                             !! rows use the first of their second, or only, axis
 
-      row_size = product(extents)
-      self%is_part_used = variable%is_part_used
-      if (self%is_part_used) then
-         self%n_first = 1
-         if (size(extents) > 1) self%n_first = extents(1)
-         self%n_second = extents(min(2, size(extents)))
-         allocate (self%n_used(room), source=0)
-      end if
-      self%kind = variable%kind
-      self%row_size = row_size
-      select case (variable%kind)
-      case (is_integer); allocate (self%integers(row_size, room))
-      case (is_real); allocate (self%reals(row_size, room))
-      case (is_characters); allocate (self%texts(room))
-      end select
+      self%kind = kind
+      self%extents = extents
+      self%row_size = product(extents)
+      if (is_part_used) self%part = min(2, size(extents))
+      allocate (self%bytes(bytes_of_kind(kind)*self%row_size, room), source=0_int8)
+      allocate (self%n_used(room), source=0)
    end subroutine new_row_buffer
 
    !> Fills row `k` with what a new file has there.
-   pure subroutine row_buffer_blank(self, k)
+   subroutine row_buffer_blank(self, k)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
+      integer :: i
 
-      if (allocated(self%integers)) self%integers(:, k) = 0
-      if (allocated(self%reals)) self%reals(:, k) = merge(0.0_wp, ieee_value(1.0_wp, ieee_quiet_nan), self%is_part_used)
-      if (self%is_part_used) self%n_used(k) = 0
-      if (allocated(self%texts)) self%texts(k) = ""
+      self%n_used(k) = 0
+      self%bytes(:, k) = 0_int8
+      if (self%kind /= is_real .or. self%part > 0) return
+      do i = 0, self%row_size - 1
+         self%bytes(8*i + 1:8*i + 8, k) = transfer(ieee_value(1.0_wp, ieee_quiet_nan), [0_int8])
+      end do
    end subroutine row_buffer_blank
 
    !> Goes on with the checksum over row `k`, byte by byte as in the file.
@@ -104,104 +95,99 @@ contains
       class(row_buffer_t), intent(in) :: self
       integer, intent(in) :: k
       integer, intent(inout) :: so_far
-      character(message_length) :: bytes
 
-      select case (self%kind)
-      case (is_integer); so_far = checksum(so_far, self%integers(:, k))
-      case (is_real); so_far = checksum(so_far, self%reals(:, k))
-      case (is_characters)
-         bytes = trim(self%texts(k))//repeat(achar(0), message_length)
-         so_far = checksum(so_far, bytes)
-      end select
+      so_far = checksum(so_far, self%bytes(:, k))
    end subroutine row_buffer_add_to_checksum
 
-   !> Holds the integers of row `k`, all that a row of the dataset has.
+   !> Holds the integers of row `k`, all that a row of the dataset has, or those of its part.
    subroutine row_buffer_put_integers(self, k, values, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
-      integer, intent(in) :: values(:)
+      integer, intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
 
-      call check_size(self, size(values), error)
-      if (allocated(error)) return
-      self%integers(:, k) = values
-      self%is_used = self%is_used .or. any(values /= 0)
+      call put_bytes(self, k, bytes_in(values), shape(values), error)
    end subroutine row_buffer_put_integers
 
-   !> Holds the real numbers of row `k`, all that a row of the dataset has.
+   !> As for integers.
    subroutine row_buffer_put_reals(self, k, values, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
-      real(wp), intent(in) :: values(..)                              !! of one to three dimensions
+      real(wp), intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
 
-      call check_size(self, size(values), error)
-      if (allocated(error)) return
-      select rank (values)
-      rank (1); self%reals(:, k) = values
-      rank (2); self%reals(:, k) = reshape(values, [size(values)])
-      rank (3); self%reals(:, k) = reshape(values, [size(values)])
-      rank default
-         call fail(error, "values of more than three dimensions")
-         return
-      end select
-      self%is_used = .true.
+      call put_bytes(self, k, bytes_in(values), shape(values), error)
    end subroutine row_buffer_put_reals
 
-   !> Puts the values of the harmonics that the row has, (first axis, harmonics, others).
-   subroutine row_buffer_put_real_part(self, k, values, error)
-      class(row_buffer_t), intent(inout) :: self
-      integer, intent(in) :: k
-      real(wp), intent(in) :: values(:, :, :)
-      type(error_t), allocatable, intent(out) :: error
-      integer :: d, first
-
-      call check_size(self, size(values, 1)*self%n_second*size(values, 3), error)
-      if (.not. allocated(error) .and. size(values, 2) > self%n_second) call fail(error, "the point has "// &
-         to_text(size(values, 2))//" harmonics, the file has room for "//to_text(self%n_second))
-      if (allocated(error)) return
-      do d = 1, size(values, 3)
-         first = (d - 1)*self%n_first*self%n_second
-         self%reals(first + 1:first + size(values(:, :, d)), k) = reshape(values(:, :, d), [size(values(:, :, d))])
-      end do
-      self%n_used(k) = size(values, 2)
-      self%is_used = .true.
-   end subroutine row_buffer_put_real_part
-
-   !> Puts the values of the harmonics that the row has, (first axis, harmonics).
-   subroutine row_buffer_put_integer_part(self, k, values, error)
-      class(row_buffer_t), intent(inout) :: self
-      integer, intent(in) :: k
-      integer, intent(in) :: values(:, :)
-      type(error_t), allocatable, intent(out) :: error
-
-      call check_size(self, size(values, 1)*self%n_second, error)
-      if (.not. allocated(error) .and. size(values, 2) > self%n_second) call fail(error, "the point has "// &
-         to_text(size(values, 2))//" harmonics, the file has room for "//to_text(self%n_second))
-      if (allocated(error)) return
-      self%integers(:size(values), k) = reshape(values, [size(values)])
-      self%n_used(k) = size(values, 2)
-      self%is_used = .true.
-   end subroutine row_buffer_put_integer_part
-
-   !> Holds the text of row `k`.
+   !> Holds the text of row `k`, with zeros behind it.
    subroutine row_buffer_put_text(self, k, text, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
       character(*), intent(in) :: text
       type(error_t), allocatable, intent(out) :: error
+      integer :: n
 
-      self%texts(k) = text
-      self%is_used = self%is_used .or. len_trim(text) > 0
+      n = min(len_trim(text), self%row_size)
+      self%bytes(:, k) = 0_int8
+      self%bytes(:n, k) = transfer(text(:n), [0_int8])
+      self%is_used = self%is_used .or. n > 0
    end subroutine row_buffer_put_text
 
-   subroutine check_size(self, n_values, error)
-      type(row_buffer_t), intent(in) :: self
-      integer, intent(in) :: n_values
+   !> Holds in row `k` that nothing is known: of a part that there is one entry, no number.
+   subroutine row_buffer_put_none(self, k, error)
+      class(row_buffer_t), intent(inout) :: self
+      integer, intent(in) :: k
       type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable, target :: values(:)
+      integer :: extents(size(self%extents))
 
-      if (n_values /= self%row_size) call fail(error, to_text(n_values)//" values, expected "//to_text(self%row_size))
-   end subroutine check_size
+      call self%blank(k)
+      if (self%part == 0 .or. self%kind /= is_real) return
+      extents = self%extents
+      extents(self%part) = 1
+      allocate (values(product(extents)), source=ieee_value(1.0_wp, ieee_quiet_nan))
+      call put_bytes(self, k, bytes_in(values), extents, error)
+   end subroutine row_buffer_put_none
+
+   subroutine put_bytes(self, k, values, extents, error)
+      class(row_buffer_t), intent(inout) :: self
+      integer, intent(in) :: k
+      integer(int8), intent(in) :: values(:)
+      integer, intent(in) :: extents(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer(int8), allocatable :: blocks(:, :)
+      integer :: n_used
+
+      call check_extents(self, extents, error)
+      if (allocated(error) .or. size(self%bytes) == 0) return
+      if (self%part == 0) then
+         self%bytes(:, k) = values
+      else
+         self%n_used(k) = extents(self%part)
+         n_used = bytes_of_kind(self%kind)*product(extents(:self%part))
+         allocate (blocks(size(self%bytes, 1)/product(extents(self%part + 1:)), product(extents(self%part + 1:))), source=0_int8)
+         blocks(:n_used, :) = reshape(values, [n_used, size(blocks, 2)])
+         self%bytes(:, k) = reshape(blocks, [size(blocks)])
+      end if
+      if (.not. self%is_used) self%is_used = self%part > 0 .or. self%kind /= is_integer .or. any(self%bytes(:, k) /= 0_int8)
+   end subroutine put_bytes
+
+   !> Refuses values of another number than a row has, or more along the axis of which each row uses its own extent.
+   subroutine check_extents(self, extents, error)
+      type(row_buffer_t), intent(in) :: self
+      integer, intent(in) :: extents(:)                               !! as many axes as a row has, where it has a part
+      type(error_t), allocatable, intent(out) :: error
+      integer :: whole(size(extents))
+
+      whole = extents
+      if (self%part > 0) whole(self%part) = self%extents(self%part)
+      if (product(whole) /= self%row_size) then
+         call fail(error, to_text(product(whole))//" values, expected "//to_text(self%row_size))
+      else if (any(extents > whole)) then
+         call fail(error, "the point has "//to_text(extents(self%part))//" harmonics, the file has room for "// &
+                   to_text(whole(self%part)))
+      end if
+   end subroutine check_extents
 
    !> Writes the first `n` rows to rows `first` and following of the dataset, unless these are blank and those, too.
    subroutine row_buffer_flush(self, first, n, is_filled, dataset, error)
@@ -214,45 +200,25 @@ contains
 
       if (.not. (self%is_used .or. is_filled)) return
       self%is_used = .false.
-      if (self%is_part_used .and. .not. is_filled) then
-         do k = 1, n
-            call flush_part(self, k, first + k - 1, dataset, error)
-            if (allocated(error)) return
-         end do
+      if (self%part == 0 .or. is_filled) then
+         call dataset%write(self%bytes(:, :n), error, first)
          return
       end if
-      select case (self%kind)
-      case (is_integer); call dataset%write_row(first, self%integers(:, :n), error, n)
-      case (is_real); call dataset%write_row(first, self%reals(:, :n), error, n)
-      case (is_characters)
-         do k = 1, n
-            call dataset%write_row(first + k - 1, trim(self%texts(k)), error)
-            if (allocated(error)) return
-         end do
-      end select
+      do k = 1, n
+         if (self%n_used(k) > 0) call dataset%write(used_bytes(self, k), error, first + k - 1, self%n_used(k))
+         if (allocated(error)) return
+      end do
    end subroutine row_buffer_flush
 
-   !> Writes of row `k` what is used of it.
-   subroutine flush_part(self, k, row, dataset, error)
+   !> What is used of row `k`.
+   pure function used_bytes(self, k) result(bytes)
       class(row_buffer_t), intent(in) :: self
       integer, intent(in) :: k
-      integer, intent(in) :: row                                      !! of the dataset
-      type(h5_dataset_t), intent(in) :: dataset
-      type(error_t), allocatable, intent(out) :: error
-      integer :: extents(3)
-      real(wp), allocatable :: reals(:, :, :)
-      integer, allocatable :: integers(:, :, :)
+      integer(int8), allocatable :: blocks(:, :), bytes(:)
+      integer :: n_before
 
-      if (self%n_used(k) == 0) return
-      extents = [self%n_first, self%n_second, self%row_size/(self%n_first*self%n_second)]
-      if (self%kind == is_integer) then
-         integers = reshape(self%integers(:, k), extents)
-         integers = integers(:, :self%n_used(k), :)
-         call dataset%write_part(row, self%n_used(k), integers, error)
-      else
-         reals = reshape(self%reals(:, k), extents)
-         reals = reals(:, :self%n_used(k), :)
-         call dataset%write_part(row, self%n_used(k), reals, error)
-      end if
-   end subroutine flush_part
+      n_before = bytes_of_kind(self%kind)*product(self%extents(:self%part - 1))
+      blocks = reshape(self%bytes(:, k), [n_before*self%extents(self%part), product(self%extents(self%part + 1:))])
+      bytes = reshape(blocks(:n_before*self%n_used(k), :), [n_before*self%n_used(k)*size(blocks, 2)])
+   end function used_bytes
 end module hb_row_buffer

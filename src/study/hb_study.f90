@@ -9,8 +9,9 @@ module hb_study
    use hb_law_coordinates, only: law_dofs_of
    use hb_namelist, only: complete_text, read_namelist, set_text
    use hb_motion_curve, only: state_size
+   use hb_result_columns, only: new_plan, plan_t
    use hb_results_layout, only: results_layout_t
-   use hb_results_plan, only: measure_row, new_plan, plan_t
+   use hb_results_plan, only: measure_row
    use hb_run_services, only: run_services
    use hb_scene, only: scene_t, share_of_marched, services_t
    use hb_scene_coordinates, only: coordinates_of

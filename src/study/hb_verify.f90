@@ -30,6 +30,7 @@ module hb_verify
    use hb_run_services, only: run_services
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
+   use hb_stored_rows, only: stored_file_t
    use hb_structure, only: max_dofs
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
@@ -160,16 +161,16 @@ contains
       type(stored_t), intent(out) :: stored
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
-      type(h5_file_t) :: file
+      type(stored_file_t) :: of_file
       character(:), allocatable :: folder
 
       call read_record(stored%record_t, path, error)
       if (allocated(error)) return
       stored%estimates = stored%truncation + stored%aliasing
-      call open_file(file, path, error)
+      call open_file(of_file%file, path, error)
       if (allocated(error)) return
-      call read_motions(file, stored, error)
-      call file%close(error_in_close)
+      call read_motions(of_file, stored, error)
+      call of_file%file%close(error_in_close)
       if (.not. allocated(error)) call move_alloc(error_in_close, error)
       folder = stored%input_folder                                    ! files that the input names are those of the run
       if (len(folder) == 0) folder = stored%input_name(:index(stored%input_name, "/", back=.true.))
@@ -183,31 +184,27 @@ contains
    end subroutine read_stored
 
    !> Coefficients and frequencies of all points.
-   subroutine read_motions(file, stored, error)
-      type(h5_file_t), intent(in) :: file
+   subroutine read_motions(self, stored, error)
+      type(stored_file_t), intent(inout) :: self
       type(stored_t), intent(inout) :: stored
       type(error_t), allocatable, intent(out) :: error
-      type(h5_dataset_t) :: dataset
+      integer, allocatable :: tuples(:)
+      real(wp), allocatable :: coefficients(:), estimates(:)
 
-      call file%open_dataset("coefficients", dataset, error, n_axes=4)
+      call self%list(error)
+      call self%fetch("coefficients", coefficients, error)
+      call self%fetch("frequency_estimate", estimates, error)
       if (allocated(error)) return
-      associate (sizes => [2, size(stored%tuples, 2), size(stored%dofs), stored%n_points])
-         if (any(dataset%get_extents() /= sizes)) then
-            call fail(error, "dataset 'coefficients' has not two numbers for each harmonic, degree of freedom and point")
-            return
-         end if
-         allocate (stored%coefficients(sizes(1), sizes(2), sizes(3), sizes(4)))
+      associate (n_tones => size(stored%tuples, 1), n => size(stored%tuples, 2))
+         stored%coefficients = reshape(coefficients, [2, n, size(stored%dofs), stored%n_points])
+         stored%frequency_estimates = reshape(estimates, [n_tones, stored%n_points])
+         if (.not. stored%has_own_tuples) return
+         call self%fetch("tuples", tuples, error)
+         call self%fetch("n_harmonics", stored%n_harmonics, error)
+         if (allocated(error)) return
+         stored%own_tuples = reshape(tuples, [n_tones, n, stored%n_points])
+         stored%n_harmonics = max(1, min(stored%n_harmonics, n))
       end associate
-      call dataset%read(stored%coefficients, error)
-      allocate (stored%frequency_estimates, mold=stored%frequency)
-      if (.not. allocated(error)) call file%open_dataset("frequency_estimate", dataset, error)
-      if (.not. allocated(error)) call dataset%read(stored%frequency_estimates, error)
-      if (allocated(error) .or. .not. stored%has_own_tuples) return
-      allocate (stored%own_tuples(size(stored%tuples, 1), size(stored%tuples, 2), stored%n_points))
-      call file%open_dataset("tuples", dataset, error)
-      if (.not. allocated(error)) call dataset%read(stored%own_tuples, error)
-      call file%get("n_harmonics", stored%n_harmonics, error, stored%n_points)
-      if (.not. allocated(error)) stored%n_harmonics = max(1, min(stored%n_harmonics, size(stored%tuples, 2)))
    end subroutine read_motions
 
    !> Marches from one point.
@@ -527,7 +524,7 @@ contains
       type(h5_file_t), intent(in) :: file
       type(verdict_t), intent(in) :: verdicts(:)
       type(error_t), allocatable, intent(out) :: error
-      type(h5_dataset_t) :: drift, kind
+      type(h5_dataset_t) :: dataset
       integer :: i
 
       call write_column("march_first_difference", verdicts%first_difference)
@@ -535,27 +532,22 @@ contains
       call write_column("march_limit", verdicts%limit)
       call write_column("march_growth", verdicts%growth)
       call write_column("march_duration", verdicts%duration)
-      if (.not. allocated(error)) call file%open_dataset("march_drift", drift, error)
-      if (.not. allocated(error)) call file%open_dataset("march_verdict", kind, error)
+      if (.not. allocated(error)) call file%open_dataset("march_drift", dataset, error)
       do i = 1, size(verdicts)
-         if (allocated(error)) return
-         if (verdicts(i)%kind == verdict%not_done) cycle
-         call drift%write_row(i, verdicts(i)%drift, error)
-         if (.not. allocated(error)) call kind%write_row(i, [verdicts(i)%kind], error)
+         if (verdicts(i)%kind /= verdict%not_done .and. .not. allocated(error)) call dataset%write(verdicts(i)%drift, error, i)
       end do
+      call write_column("march_verdict", real(verdicts%kind, wp))
 
    contains
 
       subroutine write_column(name, values)
          character(*), intent(in) :: name
          real(wp), intent(in) :: values(:)
-         type(h5_dataset_t) :: dataset
          integer :: k
 
          if (.not. allocated(error)) call file%open_dataset(name, dataset, error)
          do k = 1, size(values)
-            if (allocated(error)) return
-            if (verdicts(k)%kind /= verdict%not_done) call dataset%write_row(k, values(k:k), error)
+            if (verdicts(k)%kind /= verdict%not_done .and. .not. allocated(error)) call dataset%write(values(k), error, k)
          end do
       end subroutine write_column
    end subroutine write_verdicts

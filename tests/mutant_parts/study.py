@@ -26,7 +26,7 @@ MUTANTS = [
             "copy_checksums",
             "test_hb_results_file",
             "rows of fewer places keep the checksums of more",
-            "rows(1, :) = merge(sums, 0, rows(1, :) /= 0)",
+            "call of_rows%write(merge(sums, 0, stored /= 0), error, first)",
             "continue",
         ),
     ),

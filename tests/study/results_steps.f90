@@ -2,11 +2,12 @@
 !> through hb_hdf5. The file stands in the working directory; each test removes it.
 module results_steps
    use hb_error, only: error_t
-   use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
+   use hb_hdf5, only: h5_dataset_t, h5_file_t, is_characters, open_file
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: barrier, comm_t, rank_of, size_of
    use hb_outcome, only: outcome
+   use hb_result_columns, only: message_length
    use hb_results, only: create_results, results_layout_t, results_t
    implicit none
    private
@@ -155,10 +156,20 @@ contains
       type(h5_file_t) :: file
       type(h5_dataset_t) :: dataset
       type(error_t), allocatable :: error
+      character(:), allocatable :: text
+      integer :: i
 
       call open_file(file, path, error)
       if (.not. allocated(error)) call file%open_dataset(name, dataset, error)
-      if (.not. allocated(error)) call dataset%read(values, error)
+      if (.not. allocated(error) .and. dataset%kind == is_characters) then
+         values = [character(message_length) ::]
+         do i = 1, n_points
+            call dataset%read_text_row(i, text, error)
+            values = [character(message_length) :: values, text]
+         end do
+      else if (.not. allocated(error)) then
+         call dataset%read(values, error)
+      end if
       if (.not. allocated(values)) values = ["(not read)"]
       call file%close(error)
    end subroutine read_texts

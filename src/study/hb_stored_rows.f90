@@ -1,0 +1,126 @@
+!> Columns of a result file that somebody else may have written, read back: each has to have the dimensions that the table of
+!> columns gives it, as long as the scales of the file say.
+module hb_stored_rows
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
+   use hb_error, only: error_t
+   use hb_hdf5, only: h5_dataset_t, h5_file_t
+   use hb_kinds, only: wp
+   use hb_motion_result, only: curve_place_t
+   use hb_result_columns, only: new_plan, plan_t
+   use hb_results_layout, only: results_layout_t
+   implicit none
+   private
+   public :: stored_file_t
+
+   !> An open file and its columns.
+   type :: stored_file_t
+      type(h5_file_t) :: file
+      type(plan_t) :: plan
+   contains
+      generic :: fetch => fetch_integers, fetch_reals
+      procedure :: get_place => stored_file_get_place
+      procedure :: get_tuples => stored_file_get_tuples
+      procedure :: list => stored_file_list
+      procedure, private :: fetch_integers => stored_file_fetch_integers
+      procedure, private :: fetch_reals => stored_file_fetch_reals
+   end type stored_file_t
+
+contains
+
+   !> Plans all columns that any file may have, with the dimensions of this one.
+   subroutine stored_file_list(self, error)
+      class(stored_file_t), intent(inout) :: self
+      type(error_t), allocatable, intent(inout) :: error
+      type(results_layout_t) :: layout
+      type(h5_dataset_t) :: scale
+      integer :: i
+
+      if (allocated(error)) return
+      layout%tuples = reshape([0], [1, 1])
+      layout%has_accuracy = .true.
+      layout%has_own_tuples = .true.
+      layout%n_multipliers = 1
+      layout%curve_parameter = ""
+      allocate (layout%dof_labels(0), layout%dof_units(0), layout%law_dof_labels(0), layout%law_dof_units(0))
+      allocate (layout%law_labels(0), layout%output_names(1), layout%n_samples(0))
+      call new_plan(self%plan, layout)
+      do i = 1, size(self%plan%axes)
+         associate (axis => self%plan%axes(i))
+            axis%length = 0
+            if (.not. self%file%has(axis%name)) cycle
+            call self%file%open_dataset(axis%name, scale, error)
+            if (allocated(error)) return
+            axis%length = product(scale%get_extents())
+            call scale%close()
+         end associate
+      end do
+   end subroutine stored_file_list
+
+   !> Reads the values of a column, or those of a point alone, in the order of the file; does nothing after an error.
+   subroutine stored_file_fetch_integers(self, name, values, error, point)
+      class(stored_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, allocatable, intent(out) :: values(:)
+      type(error_t), allocatable, intent(inout) :: error
+      integer, intent(in), optional :: point                          !! from 1
+      call self%file%get(name, values, error, self%plan%extents_of(self%plan%columns(self%plan%index_of(name))), point)
+   end subroutine stored_file_fetch_integers
+
+   !> As for integers.
+   subroutine stored_file_fetch_reals(self, name, values, error, point)
+      class(stored_file_t), intent(in) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(out) :: values(:)
+      type(error_t), allocatable, intent(inout) :: error
+      integer, intent(in), optional :: point                          !! from 1
+      call self%file%get(name, values, error, self%plan%extents_of(self%plan%columns(self%plan%index_of(name))), point)
+   end subroutine stored_file_fetch_reals
+
+   !> Reads the tuples of a point: its own, or those of the file.
+   subroutine stored_file_get_tuples(self, point, tuples, error)
+      class(stored_file_t), intent(in) :: self
+      integer, intent(in) :: point                                    !! from 1
+      integer, allocatable, intent(out) :: tuples(:, :)               !! (n_tones, n_harmonics)
+      type(error_t), allocatable, intent(inout) :: error
+      integer, allocatable :: n_harmonics(:), values(:)
+      integer :: n
+
+      n = self%plan%length_of("harmonic")
+      if (self%file%has("tuples")) then
+         call self%fetch("tuples", values, error, point)
+         call self%fetch("n_harmonics", n_harmonics, error, point)
+         if (.not. allocated(error)) n = max(1, min(n_harmonics(1), n))
+      else
+         call self%file%get("tuple", values, error, [self%plan%length_of("tone"), n])
+      end if
+      if (.not. allocated(error)) tuples = reshape(values, [self%plan%length_of("tone"), n])
+   end subroutine stored_file_get_tuples
+
+   !> Reads where on a curve a point is; of what is none of its points only that.
+   subroutine stored_file_get_place(self, point, place, error, parameter)
+      class(stored_file_t), intent(in) :: self
+      integer, intent(in) :: point                                    !! from 1
+      type(curve_place_t), intent(out) :: place
+      type(error_t), allocatable, intent(inout) :: error
+      character(*), intent(in), optional :: parameter                 !! column of the value that moves along the curve
+      integer, allocatable :: branch(:), kind(:)
+      real(wp), allocatable :: length(:), state(:), value(:)
+      integer :: n
+
+      call self%fetch("curve_kind", kind, error, point)
+      call self%fetch("curve_branch", branch, error, point)
+      call self%fetch("curve_length", length, error, point)
+      value = [0.0_wp]
+      if (present(parameter)) call self%file%get(parameter, value, error, [self%plan%length_of("point")], point)
+      if (allocated(error)) return
+      place = curve_place_t(kind(1), value(1), length(1), branch(1))
+      if (place%kind == 0) return
+      call self%fetch("curve_state", state, error, point)
+      if (allocated(error)) return
+      n = findloc(ieee_is_nan(state), .true., dim=1) - 1              ! behind which there is none
+      if (n < 0) n = size(state)
+      place%state = state(:n)
+      if (self%file%has("grid")) call self%fetch("grid", place%n_samples, error, point)
+      if (self%file%has("tuples")) call self%get_tuples(point, place%tuples, error)
+   end subroutine stored_file_get_place
+end module hb_stored_rows

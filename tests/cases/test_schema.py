@@ -1,0 +1,81 @@
+"""docs/user/schema.md has a row for each dataset of result files, with its type, shape and unit, and none beside these."""
+
+import re
+from pathlib import Path
+
+import h5py
+import pytest
+
+from program import run
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "user" / "schema.md"
+TYPES = {"int32": "int32", "float64": "float64", "|S1": "char", "object": "string"}
+SCENE = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
+&law type = 'elastic_stop', dof = 'x1', stiffness = 0.5, gap = 0.1 /
+"""
+ONE_TONE = SCENE + "&load dof = 'x1', tuple = 1, cos = 0.1 /\n&tones frequency = 2.0 /\n"
+TWO_TONES = SCENE + "&load dof = 'x1', tuple = 1, 0, cos = 0.1 /\n&tones frequency = 2.0, 2.6 /\n&harmonics order = 2 /\n"
+INPUTS = {
+    "given": TWO_TONES
+    + "&output samples = 16, 16 /\n&certificate improvement_steps = 1 /\n"
+    + "&sweep parameter = 'law(1)%gap', values = 0.1, 0.2 /\n",
+    "curve": ONE_TONE + "&harmonics order = 3 /\n&curve parameter = 'tones%frequency', from = 2.0, to = 2.1, points = 3 /\n",
+    "accuracy": ONE_TONE + "&accuracy tolerance = 1e-3, of = 'x1' /\n",
+}
+
+
+def rows(heading: str) -> dict[str, list[str]]:
+    """Cells behind the name of each row of the table under a heading of the page; several names may share them."""
+    text = PAGE.read_text().split(f"## {heading}\n")[1].split("\n#")[0]
+    found: dict[str, list[str]] = {}
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+        names = re.findall(r"`([^`]+)`", cells[0]) if cells else []
+        forms = re.findall(r"\w+ \([^)]*\)", cells[1]) if names else []
+        for k, name in enumerate(names):
+            if cells[1] == "same":
+                forms = [list(found.values())[-1][0]]
+            found[name] = [forms[min(k, len(forms) - 1)], *cells[2:]]
+    return found
+
+
+def is_scale(dataset: h5py.Dataset) -> bool:
+    return dataset.attrs.get("CLASS") == b"DIMENSION_SCALE"
+
+
+@pytest.fixture(scope="module")
+def datasets(tmp_path_factory):
+    """Whether every dataset of several files is a scale, its type and shape, its unit."""
+    folder, found = tmp_path_factory.mktemp("schema"), {}
+    for name, text in INPUTS.items():
+        (folder / f"{name}.nml").write_text(text)
+        done = run("solve", f"{name}.nml", cwd=folder)
+        assert (folder / f"{name}.h5").exists(), done.stderr
+        with h5py.File(folder / f"{name}.h5") as file:
+            for key, dataset in file.items():
+                if "parameter" in dataset.attrs and key != "law_1_gap":
+                    continue
+                dims = [key] if is_scale(dataset) else [dim[0].name[1:] for dim in dataset.dims]
+                form = f"{TYPES[str(dataset.dtype)]} ({', '.join(dims)})"
+                found[key] = (is_scale(dataset), form, dataset.attrs["units"])
+    return found
+
+
+def test_every_dataset_has_its_row(datasets):
+    page = {True: rows("Dimension scales"), False: rows("Data")}
+    problems = []
+    for key, (scale, form, units) in datasets.items():
+        expected, told = page[scale].get(key, ["", ""])[:2]
+        expected = expected.replace("tau_m", key).replace("..., ", "")
+        if key == "law_1_gap":
+            expected, told = expected.replace("string", "float64"), "m"
+        if form != expected:
+            problems.append(f"{key} is {form}, the page has {expected}")
+        if not scale and told and units not in told.split(", ") and not told.startswith("of ") and (told, units) != ("m", "1"):
+            problems.append(f"{key} is in {units}, the page has {told}")
+    assert not problems, "\n".join(problems)
+
+
+def test_every_row_has_a_dataset(datasets):
+    assert {*rows("Dimension scales"), *rows("Data")} - set(datasets) == set()
