@@ -60,7 +60,9 @@ module hb_result_columns
       type(column_t), allocatable :: times(:)           ! one row per rank: hb_timing%rank_times_t and the overhead
       character(:), allocatable :: curve_parameter      ! path of the value that moves along curves
       character(:), allocatable, private :: curve_units
-      logical, private :: has_accuracy = .false., has_own_tuples = .false., has_improved = .false.
+      logical, private :: has_accuracy = .false., has_own_tuples = .false., has_improved = .false., has_outputs = .false.
+      logical, private :: has_one_tone = .false., has_surfaces = .false.
+      integer, private :: n_multipliers = 0, n_curve_state = 0
       ! Going through the table:
       integer, private :: row = 0                       ! of the buffers that is filled; 0: columns are listed
       integer, private :: i = 0                         ! column
@@ -137,7 +139,7 @@ contains
       call t%real("level_estimate", "1", "", &
          "estimated error as this difference shows it, where it is more than by the motion alone; else 0", m%level_estimate)
       call t%integer("grid", "1", "tone", "samples of each tone", m%n_samples)
-      t%is_there = t%has_accuracy .and. t%length_of("output") > 0
+      t%is_there = t%has_accuracy .and. t%has_outputs
       call t%real("output_estimate", "1", "output", &
          "estimated error of each output that the tolerance is for, relative to it", m%output_estimate)
    end subroutine accuracy_columns
@@ -214,8 +216,8 @@ contains
       real(wp), allocatable :: exponents(:), im(:), re(:)
       integer :: n
 
-      n = t%length_of("multiplier")
-      associate (found => m%stability, has_one_tone => t%length_of("tone") == 1)
+      n = t%n_multipliers
+      associate (found => m%stability)
          if (allocated(found%exponents)) exponents = padded(found%exponents, n)
          if (allocated(found%exponents) .and. allocated(found%multipliers)) then
             re = padded(real(found%multipliers), n)
@@ -226,11 +228,11 @@ contains
          call t%integer("n_unstable", "1", "", "disturbances that grow", found%n_unstable)
          call t%integer("stability_method", "1", "", "how stability was found", found%method, stability_method_names)
          t%is_known = allocated(exponents)
-         call t%real("stability_estimate", trim(merge("1  ", "1/s", has_one_tone)), "", &
+         call t%real("stability_estimate", trim(merge("1  ", "1/s", t%has_one_tone)), "", &
             "estimated error of the monodromy matrix, relative; of several tones of the largest exponent", found%estimate)
          t%is_there = n > 0
          call t%real("exponent", "1/s", "multiplier", "rates at which disturbances grow, the largest first", exponents)
-         t%is_there = n > 0 .and. has_one_tone
+         t%is_there = n > 0 .and. t%has_one_tone
          call t%real("multiplier_real", "1", "multiplier", "Floquet multipliers, the largest first: real parts", re)
          call t%real("multiplier_imag", "1", "multiplier", "Floquet multipliers, the largest first: imaginary parts", im)
       end associate
@@ -270,14 +272,14 @@ contains
       real(wp), allocatable :: state(:)
       character(:), allocatable :: path
 
-      if (allocated(m%curve)) place = m%curve
+      t%is_there = allocated(t%curve_parameter)
+      if (.not. t%is_there) return
+      path = t%curve_parameter
+      t%is_known = allocated(m%curve)
+      if (t%is_known) place = m%curve
       allocate (state(0))
       if (allocated(place%state)) state = place%state
-      state = padded(state, merge(size(state) + 1, t%length_of("curve_entry"), t%has_own_tuples))
-      t%is_there = allocated(t%curve_parameter)
-      t%is_known = allocated(m%curve)
-      path = ""
-      if (t%is_there) path = t%curve_parameter
+      state = padded(state, merge(size(state) + 1, t%n_curve_state, t%has_own_tuples))
       call t%integer("curve_kind", "1", "", "what the point of a curve is", place%kind, curve_kind_names)
       call t%integer("curve_branch", "1", "", &
          "number of the branch point from which this part of the curve was followed, from 1; 0: from its start", place%branch)
@@ -286,7 +288,7 @@ contains
       call t%real("curve_state", "1", "curve_entry", &
          "unknowns and value, direction, step, orientation and largest motion, from which the curve goes on", state)
       call t%real(identifier(path), t%curve_units, "", "value of "//path//" along the curve", place%parameter)
-      if (t%is_there .and. t%row == 0) t%columns(t%i)%parameter = path
+      if (t%row == 0) t%columns(t%i)%parameter = path
    end subroutine curve_columns
 
    !> With `&output samples`.
@@ -294,7 +296,7 @@ contains
       type(plan_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
 
-      t%is_there = t%axis_index("tau_1") > 0
+      t%is_there = t%has_surfaces
       t%is_known = .true.
       if (.not. t%is_there .and. .not. allocated(t%error) .and. &
           (allocated(m%displacement_samples) .or. allocated(m%corrected_samples) .or. allocated(m%force_samples))) &
@@ -373,6 +375,11 @@ contains
       self%has_accuracy = layout%has_accuracy
       self%has_own_tuples = layout%has_own_tuples
       self%has_improved = layout%has_improved
+      self%has_outputs = size(layout%output_names) > 0
+      self%has_one_tone = size(layout%tuples, 1) == 1
+      self%has_surfaces = size(layout%n_samples) > 0
+      self%n_multipliers = layout%n_multipliers
+      self%n_curve_state = layout%n_curve_state
       self%curve_units = ""
       if (allocated(layout%curve_parameter)) self%curve_parameter = layout%curve_parameter
       if (allocated(layout%curve_units)) self%curve_units = layout%curve_units

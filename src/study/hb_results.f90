@@ -32,7 +32,7 @@ module hb_results
    type, extends(stored_file_t) :: results_t
       private
       character(:), allocatable :: path
-      integer :: n_points = 0
+      integer :: n_points = 0, i_checksum = 0
       logical :: is_resumed = .false.                   !! rows may hold what a run before has left
       integer :: room = 1, first_held = 1, n_held = 0   ! points that are held back
       real(wp) :: hold = 0.0_wp, flushed = 0.0_wp       ! [s] how long, and when the last was written
@@ -174,6 +174,7 @@ contains
       self%room = room_for(n_bytes, self%n_points)
       self%hold = hold_seconds(n_ranks, n_datasets)
       self%flushed = wall_clock()
+      self%i_checksum = self%plan%index_of("checksum")
       do i = 1, size(self%plan%columns)
          associate (column => self%plan%columns(i), extents => self%plan%extents_of(self%plan%columns(i)))
             call new_row_buffer(column%held, column%kind, extents(:size(extents) - 1), self%room, column%is_part_used)
@@ -204,8 +205,7 @@ contains
       do k = 1, size(self%plan%columns)
          if (self%plan%columns(k)%is_checked) call self%plan%columns(k)%held%add_to_checksum(self%n_held, sum)
       end do
-      k = self%plan%index_of("checksum")
-      if (.not. allocated(error)) call self%plan%columns(k)%held%put(self%n_held, sum, error)
+      if (.not. allocated(error)) call self%plan%columns(self%i_checksum)%held%put(self%n_held, sum, error)
       call annotate(error, "point "//to_text(i))
       if (allocated(error)) then
          self%n_held = self%n_held - 1                  ! what could not be taken whole is not written in part

@@ -67,15 +67,15 @@ MUTANTS = [
             "hdf5_axes",
             "test_hb_hdf5",
             "a matrix is read as a vector",
-            "if (size(found) /= size(expected)) then",
+            "if (size(found) /= size(extents)) then",
             "if (size(found) > 2) then",
         ),
         (
             "hdf5_expected",
             "test_hb_hdf5",
             "a vector of another length is taken",
-            "else if (any(found /= expected)) then",
-            "else if (any(found < expected)) then",
+            "else if (any(found /= extents)) then",
+            "else if (any(found < extents)) then",
         ),
     ),
 ]
