@@ -139,22 +139,6 @@ void hb_release_file(int descriptor)
    if (descriptor >= 0) close(descriptor);
 }
 
-int hb_write_file(const char *path, const void *bytes, long long n_bytes)
-{
-   const int descriptor = open(path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0666);
-   if (descriptor < 0) return errno;
-   int status = 0;
-   for (long long done = 0; done < n_bytes && status == 0;) {
-      const ssize_t n = write(descriptor, (const char *)bytes + done, (size_t)(n_bytes - done));
-      if (n > 0) done += n;
-      if (n < 0 && errno != EINTR) status = errno;
-   }
-   if (status == 0 && fsync(descriptor) != 0) status = errno;
-   if (close(descriptor) != 0 && status == 0) status = errno;
-   if (status != 0) (void)unlink(path);
-   return status;
-}
-
 int hb_sync_file(const char *path)
 {
    const int descriptor = open(path, O_RDONLY | O_CLOEXEC);

@@ -44,10 +44,6 @@ int hb_check_space(int descriptor, long long n_bytes);
 /* Ends the lock; nothing happens for a negative descriptor. */
 void hb_release_file(int descriptor);
 
-/* Makes a file, which must not be there, of these bytes and brings them to the disk; returns 0, or the error number, and then leaves no
-   file. */
-int hb_write_file(const char *path, const void *bytes, long long n_bytes);
-
 /* Has the system bring all data of the file to the disk; returns 0 when they are there. */
 int hb_sync_file(const char *path);
 

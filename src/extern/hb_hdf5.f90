@@ -11,7 +11,7 @@
 !> Source: HDF5 1.10 Reference Manual; HDF5 Dimension Scale Specification.
 module hb_hdf5
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_int, c_loc, c_long_long, c_null_char, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_loc, c_null_char, c_null_ptr, c_ptr
    use hb_error, only: annotate, error_t, fail
    use hb_guard, only: guard_file, lower_guard, name_guarded
    use hb_hdf5_attributes, only: h5_object_t
@@ -24,14 +24,14 @@ module hb_hdf5
    use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, H5D_FILL_TIME_NEVER_F, h5dcreate_f, h5dget_space_f, &
       h5dget_storage_size_f, h5dget_type_f, h5dopen_f, h5dwrite_f, H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, &
       H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, &
-      h5fflush_f, h5fget_file_image_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, &
-      h5pset_alloc_time_f, h5pset_fapl_core_f, h5pset_fapl_mpio_f, h5pset_fclose_degree_f, h5pset_fill_time_f, &
+      h5fflush_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, &
+      h5pset_alloc_time_f, h5pset_fapl_mpio_f, h5pset_fclose_degree_f, h5pset_fill_time_f, &
       h5pset_fill_value_f, h5pset_libver_bounds_f, H5S_NULL_F, h5sclose_f, h5sget_simple_extent_dims_f, &
       h5sget_simple_extent_ndims_f, h5sget_simple_extent_type_f, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, &
       H5T_STD_I32LE, h5tclose_f, h5tget_size_f, hid_t, hsize_t, size_t
    implicit none
    private
-   public :: bytes_of_kind, can_end_library, create_file, create_in_memory, h5_dataset_t, h5_file_t, is_characters, is_integer
+   public :: bytes_of_kind, can_end_library, create_file, h5_dataset_t, h5_file_t, is_characters, is_integer
    public :: is_real, open_file, open_file_parallel
 
    !> An open file. Results stand in its root group, models have groups of their own.
@@ -45,7 +45,6 @@ module hb_hdf5
       procedure :: flush => file_flush
       procedure :: has => file_has
       procedure :: open_dataset => file_open_dataset
-      procedure :: save => file_save
       generic :: get => get_integer, get_real, get_texts
       generic :: put => put_integer, put_real, put_text
       procedure, private :: get_integer => file_get_integer
@@ -59,15 +58,6 @@ module hb_hdf5
    integer, parameter :: for_making = 1, for_replacing = 2, for_reading = 3, for_changing = 4 ! purposes of opening a file
    logical :: is_library_sound = .true.
 
-   interface
-      integer(c_int) function hb_write_file(path, bytes, n_bytes) bind(c, name="hb_write_file")
-         import :: c_char, c_int, c_long_long, c_ptr
-         character(c_char), intent(in) :: path(*)
-         type(c_ptr), value :: bytes
-         integer(c_long_long), value :: n_bytes
-      end function hb_write_file
-   end interface
-
 contains
 
    !> Makes a new file for this process alone. An existing file is an error, or is replaced when `replace` is
@@ -80,40 +70,6 @@ contains
 
       call open_as(self, path, merge(for_replacing, for_making, replace), error)
    end subroutine create_file
-
-   !> Makes a new file in memory, for `save`.
-   subroutine create_in_memory(self, name, error)
-      type(h5_file_t), intent(out) :: self
-      character(*), intent(in) :: name                 !! for messages
-      type(error_t), allocatable, intent(out) :: error
-
-      call open_as(self, name, for_replacing, error, in_memory=.true.)
-   end subroutine create_in_memory
-
-   !> Writes a file in memory to the disk under a name that must be free, without the library, which does not survive a write that
-   !> fails. Leaves no file where that is an error.
-   subroutine file_save(self, path, error)
-      class(h5_file_t), intent(in) :: self
-      character(*), intent(in) :: path
-      type(error_t), allocatable, intent(out) :: error
-      character(c_char), allocatable, target :: bytes(:)
-      type(c_ptr) :: address
-      integer(size_t) :: n_bytes
-      integer :: status
-
-      call self%flush(error)
-      if (allocated(error)) return
-      address = c_null_ptr
-      call h5fget_file_image_f(self%id, address, 0_size_t, status, n_bytes)
-      if (status >= 0) then
-         allocate (bytes(n_bytes))
-         address = c_loc(bytes)
-         call h5fget_file_image_f(self%id, address, n_bytes, status)
-      end if
-      call check(status, "give the bytes", error, self%place)
-      if (allocated(error)) return
-      if (hb_write_file(path//c_null_char, address, int(n_bytes, c_long_long)) /= 0) call fail(error, "cannot be written")
-   end subroutine file_save
 
    !> Opens a file by this process alone, for reading unless `for_writing` is true. Until it is closed the process ends with a
    !> message when the library dies of the file, finds no end in it, or takes much more memory than the file has bytes.
@@ -147,15 +103,13 @@ contains
    !> Makes or opens the file. Whatever is still open in it is closed with it; the library locks nothing, so that people
    !> can look into the file of a run that goes on; and the form of the file is the oldest that will do. That has no mark of
    !> being open for writing, which a killed run would leave and which would keep readers out.
-   subroutine open_as(self, path, purpose, error, comm, in_memory)
+   subroutine open_as(self, path, purpose, error, comm)
       type(h5_file_t), intent(inout) :: self
       character(*), intent(in) :: path
       integer, intent(in) :: purpose
       type(error_t), allocatable, intent(out) :: error
       type(comm_t), intent(in), optional :: comm       !! of the ranks that open it; default: this process
-      logical, intent(in), optional :: in_memory       !! true or not there
       integer(hid_t) :: access
-      integer(size_t), parameter :: growth = 1048576   ! bytes
       integer :: ignored, status
 
       self%place = "file '"//path//"'"
@@ -166,7 +120,6 @@ contains
          if (status >= 0) call h5pset_libver_bounds_f(access, H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, status)
          if (status >= 0) call switch_locking_off(access, status)
          if (status >= 0 .and. present(comm)) call h5pset_fapl_mpio_f(access, comm_handle(comm), no_info_handle(), status)
-         if (status >= 0 .and. present(in_memory)) call h5pset_fapl_core_f(access, growth, .false., status)
          if (status >= 0) then
             select case (purpose)
             case (for_making); call h5fcreate_f(path, H5F_ACC_EXCL_F, self%id, status, access_prp=access)
