@@ -215,6 +215,7 @@ contains
       call write_largest("residual", record%residual, "")
       call write_largest("truncation", record%truncation, "")
       call write_largest("aliasing", record%aliasing, "")
+      if (allocated(record%by_levels)) call write_largest("difference of levels", record%by_levels, "")
       call write_largest("penetration", record%penetration, " m")
    contains
       subroutine write_largest(name, values, units)

@@ -306,6 +306,10 @@ contains
          write (estimates, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", summary%truncation, &
             " by truncation, ", summary%aliasing, " by aliasing"
          call say(trim(estimates))
+         if (summary%by_levels > 0.0_wp) then
+            write (estimates, "(a, es7.1)") "where the difference of levels shows more: at most ", summary%by_levels
+            call say(trim(estimates))
+         end if
       end if
       if (number_solved(summary) > 0 .and. study%scene%stability%method /= stability_method%off &
           .and. .not. study%scene%normal_mode%is_asked) &

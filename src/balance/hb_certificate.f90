@@ -40,7 +40,7 @@ module hb_certificate
    real(wp), parameter :: linear = 0.1_wp                             ! largest error that one linear step tells
    real(wp), parameter :: nearer = 0.5_wp                             ! a second step, relative to the first
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
-   real(wp), parameter :: accuracy_of_estimates = 1.0e-4_wp           ! solutions with the tangent from products
+   real(wp), parameter :: accuracy_of_estimates = 1.0e-3_wp           ! solutions with the tangent from products
    real(wp), parameter :: small_step = 1.0e-2_wp                      ! of the one before
    real(wp), parameter :: accuracy_of_improvement = 1.0e-8_wp
    integer, parameter :: most_iterations = 30                         ! of another solution to compare with
@@ -304,9 +304,9 @@ contains
       type(tangent_solver_t), target :: tangent
       type(wide_problem_t) :: whole
       class(problem_t), pointer :: problem
-      real(wp), allocatable :: alias(:), big(:, :), change(:), first(:), second(:), x(:)
+      real(wp), allocatable :: alias(:), big(:, :), change(:), first(:), r(:), second(:), x(:)
       real(wp) :: size_of_motion
-      logical :: is_lost
+      logical :: is_lost, is_near
 
       if (all(u == 0.0_wp)) return
       self%truncation = huge(1.0_wp)
@@ -321,11 +321,17 @@ contains
       call wide%factorise_mean_tangent(big, error)
       if (allocated(error)) return
       call new_wide_problem(whole, wide, balance, problem, tangent)
-      allocate (first(whole%n_unknowns), second(whole%n_unknowns), source=0.0_wp)
-      call find_step(big, second, first)
+      allocate (first(whole%n_unknowns), r(whole%n_unknowns), second(whole%n_unknowns), source=0.0_wp)
+      call find_residual(big, first)
+      if (is_lost) return
+      alias = [r(whole%places), r(size(big) + 1:)]
+      call tangent%solve(problem, alias, is_lost)
       if (is_lost) return
       self%aliasing = norm2(alias(:size(u)))/size_of_motion
-      call find_step(big - on_wide(first), first, second)
+      is_near = .false.
+      if (size(balance%omega) > 1) call take_steps_in_blocks()
+      if (is_lost) return
+      if (.not. is_near) call take_steps()
       if (is_lost) return
       self%truncation = hypot(norm2(on_wide(first)), norm2(on_wide(second)))/size_of_motion
       if (norm2(on_wide(second)) < nearer*norm2(on_wide(first))) then
@@ -361,12 +367,36 @@ contains
          end if
       end subroutine choose_problem
 
-      !> Step from `motion`, to which `before` has led; beside the first one, the part of it that is in the kept harmonics alone.
-      subroutine find_step(motion, before, step)
-         real(wp), intent(in) :: motion(:, :), before(:)
-         real(wp), intent(out) :: step(:)
-         real(wp) :: defect(size(motion, 1), size(motion, 2)), r(size(before))
+      !> Two steps in blocks, from the residual at the motion: where the second one is clearly smaller, harmonics inside and outside
+      !> answer each other so little that a few of them add up to the full step.
+      subroutine take_steps_in_blocks()
+         real(wp) :: r_there(size(r))
+
+         r_there = r
+         call whole%step_in_blocks(r, first)
+         call find_residual(big - on_wide(first), first)
+         if (is_lost) return
+         call whole%step_in_blocks(r, second)
+         is_near = norm2(second) < nearer*norm2(first) .and. .not. whole%is_lost
+         r = r_there
+      end subroutine take_steps_in_blocks
+
+      !> Two steps with the tangent of the wider set, from the residual at the motion.
+      subroutine take_steps()
          logical :: is_found
+
+         call whole%find_step(big, r, 0.0_wp, first, is_found)
+         is_lost = .not. is_found
+         if (.not. is_lost) call find_residual(big - on_wide(first), first)
+         if (is_lost) return
+         call whole%find_step(big - on_wide(first), r, small_step*norm2(on_wide(first)), second, is_found)
+         is_lost = .not. is_found
+      end subroutine take_steps
+
+      !> Residual r at `motion`, to which a step `before` has led.
+      subroutine find_residual(motion, before)
+         real(wp), intent(in) :: motion(:, :), before(:)
+         real(wp) :: defect(size(motion, 1), size(motion, 2))
 
          call residual_of(wide, motion, defect)
          is_lost = .not. all(ieee_is_finite(defect))                  ! out of the range of a law
@@ -375,19 +405,11 @@ contains
          r(:size(motion)) = [defect]
          associate (n => size(motion), n_more => size(before) - size(motion))
             if (n_more > 0) r(:n) = r(:n) - matmul(whole%border, before(n + 1:))
-            if (present(phase)) then
-               r(n + 1:) = phase%added_residual(wide, motion)
-               if (allocated(phase%row)) r(n + n_more) = r(n + n_more) - dot_product(whole%forms(n + 1:, n_more), before(n + 1:))
-            end if
-            if (.not. allocated(alias)) then
-               alias = [r(whole%places), r(n + 1:)]
-               call tangent%solve(problem, alias, is_lost)
-               if (is_lost) return
-            end if
+            if (.not. present(phase)) return
+            r(n + 1:) = phase%added_residual(wide, motion)
+            if (allocated(phase%row)) r(n + n_more) = r(n + n_more) - dot_product(whole%forms(n + 1:, n_more), before(n + 1:))
          end associate
-         call whole%find_step(motion, r, small_step*norm2(before(:size(motion))), step, is_found)
-         is_lost = .not. is_found
-      end subroutine find_step
+      end subroutine find_residual
 
       !> The coefficients in a vector of all unknowns.
       function on_wide(vector) result(coefficients)

@@ -23,7 +23,7 @@ module hb_wide_problem
       class(problem_t), pointer, private :: narrow => null()
       type(tangent_solver_t), pointer, private :: solver => null()    ! of `narrow`
       integer, allocatable :: places(:)                               !! of the kept unknowns among all
-      logical, private :: is_lost = .false.                           ! the tangent of `narrow` led to nothing
+      logical :: is_lost = .false.                                    !! the tangent of `narrow` led to nothing
    contains
       procedure :: find_step => wide_problem_find_step
       procedure :: apply_tangent => wide_problem_apply_tangent

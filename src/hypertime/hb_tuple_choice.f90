@@ -96,8 +96,8 @@ contains
       integer :: h, j(set%n_tones), k, m, s
 
       call union%add(set%tuples)
+      if (present(carried)) call add_answers(union, set, carried)
       if (set%n_tones == 1) then
-         if (present(carried)) call add_answers(union, set, carried)
          do k = 1, steps_of_one_tone
             call union%add(set%tuples + k)
             call union%add(abs(set%tuples - k))

@@ -272,7 +272,7 @@ contains
       if (allocated(result%output_estimate)) estimates = result%output_estimate
    end function estimates_of_outputs
 
-   !> Raises the estimates of outputs as `estimate_by_levels` does, each by its own difference.
+   !> Finds the estimates of outputs that the levels show, as `estimate_by_levels` does, each by its own difference.
    subroutine calibrate_outputs(scene, upper, upper_set, lower, lower_set, estimates_below)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(inout) :: upper
@@ -294,10 +294,10 @@ contains
       if (is_rigid(scene)) left = left_after(lower_set%n_harmonics, upper_set%n_harmonics, scene%tones%n_tones)
       do i = 1, size(estimates_below)
          difference = scene%accuracy%outputs(i)%distance(lower_set, below(:, i), upper_set, above(:, i))
-         associate (estimate => upper%output_estimate(i))
-            if (estimates_below(i) < reliable) estimate = estimate* &
-               max(1.0_wp, min(difference/max(estimates_below(i), tiny(1.0_wp)), largest_correction))
-            estimate = min(1.0_wp, max(estimate, left*difference))
+         associate (estimate => upper%output_estimate(i), by_levels => upper%output_level_estimate(i))
+            if (estimates_below(i) < reliable) &
+               by_levels = max(by_levels, estimate_by_levels(estimate, estimates_below(i), difference))
+            by_levels = min(1.0_wp, max(by_levels, left*difference))
          end associate
       end do
    end subroutine calibrate_outputs
@@ -470,12 +470,15 @@ contains
          end if
       end if
       if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
-         result%message = message_on_outputs(scene%accuracy, result%output_estimate)
+         result%message = message_on_outputs(scene%accuracy, max(result%output_estimate, result%output_level_estimate))
       result%harmonics = top%set
       result%n_samples = top%n_samples
       result%n_rungs = account%n_rungs
       result%rung_difference = difference
       if (result%level_estimate <= estimate_of_motion(result)) result%level_estimate = 0.0_wp
+      if (allocated(result%output_estimate)) then
+         where (result%output_level_estimate <= result%output_estimate) result%output_level_estimate = 0.0_wp
+      end if
       result%iterations = account%iterations
       result%evaluations = account%evaluations
       result%work = account%work

@@ -53,6 +53,7 @@ module hb_motion_result
       real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
       complex(wp), allocatable :: outputs(:, :)         !! cos - i sin [m], (n_harmonics, outputs of the accuracy asked for)
       real(wp), allocatable :: output_estimate(:)       !! estimated error of each of them, relative to it
+      real(wp), allocatable :: output_level_estimate(:) !! of each of them as `level_estimate` of the motion
       real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of certificate%wider, n_law_dofs)

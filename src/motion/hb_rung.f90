@@ -383,12 +383,19 @@ contains
       raised_by = max(1.0_wp, result%level_estimate/max(estimate_of_motion(result), tiny(1.0_wp)))
    end function raised_by
 
-   !> Largest estimated error of what the tolerance is for: the outputs that are named, or else the motion.
+   !> Largest estimated error of what the tolerance is for: the outputs that are named, or else the motion and its frequencies.
    pure real(wp) function estimate_of_wanted(result) result(estimate)
       type(motion_result_t), intent(in) :: result
 
+      if (allocated(result%output_estimate)) then
+         estimate = maxval(max(result%output_estimate, result%output_level_estimate))
+         return
+      end if
       estimate = estimate_of(result)
-      if (allocated(result%output_estimate)) estimate = maxval(result%output_estimate)
+      associate (found => result%certificate)
+         if (allocated(found%frequency_error) .and. allocated(result%frequency)) &
+            estimate = max(estimate, maxval(found%frequency_error/result%frequency))
+      end associate
    end function estimate_of_wanted
 
    !> Estimates the error of a motion against rigid laws, of which certificates see too little.
@@ -398,7 +405,7 @@ contains
 
       if (.not. is_rigid(scene)) return
       result%level_estimate = min(1.0_wp, hypot(caution*result%certificate%truncation, result%certificate%aliasing))
-      if (allocated(result%output_estimate)) result%output_estimate = min(1.0_wp, caution*result%output_estimate)
+      if (allocated(result%output_estimate)) result%output_level_estimate = min(1.0_wp, caution*result%output_estimate)
    end subroutine with_caution
 
    !> Whether a law is rigid.

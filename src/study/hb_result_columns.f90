@@ -142,6 +142,8 @@ contains
       t%is_there = t%has_accuracy .and. t%has_outputs
       call t%real("output_estimate", "1", "output", &
          "estimated error of each output that the tolerance is for, relative to it", m%output_estimate)
+      call t%real("output_level_estimate", "1", "output", &
+         "estimated error of each output as the difference of rungs shows it, where it is more; else 0", m%output_level_estimate)
    end subroutine accuracy_columns
 
    !> `tuples` where each point chooses its own, improved coefficients with `&certificate improvement_steps`.

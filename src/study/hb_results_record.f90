@@ -38,6 +38,7 @@ module hb_results_record
       real(wp), allocatable :: residual(:)
       real(wp), allocatable :: solve_seconds(:)         !! [s]; NaN for a point not solved, as the next
       real(wp), allocatable :: truncation(:), aliasing(:)
+      real(wp), allocatable :: by_levels(:)             !! what the difference of rungs shows; not allocated: none were climbed
       real(wp), allocatable :: penetration(:)           !! [m]
       logical, allocatable :: is_damaged(:)             !! by their checksums; not allocated before `check_rows`
    contains
@@ -210,6 +211,7 @@ contains
       call stored%fetch("solve_seconds", self%solve_seconds, error)
       call stored%fetch("truncation_estimate", self%truncation, error)
       call stored%fetch("aliasing_estimate", self%aliasing, error)
+      if (stored%file%has("level_estimate")) call stored%fetch("level_estimate", self%by_levels, error)
       call stored%fetch("penetration", self%penetration, error)
       call stored%fetch("frequency", frequency, error)
       self%has_own_tuples = stored%file%has("tuples")

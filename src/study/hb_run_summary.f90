@@ -29,6 +29,7 @@ module hb_run_summary
       integer :: first_jump = 0                                       !! point from 1 to which the first of them leads
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
       real(wp) :: aliasing = 0.0_wp
+      real(wp) :: by_levels = 0.0_wp                                  !! as the difference of levels shows it, where that is more
       real(wp) :: lowest(max_tones) = huge(1.0_wp)                    !! frequency of each tone over solved points [rad/s]
       real(wp) :: highest(max_tones) = 0.0_wp                         !! below the lowest where there is no such point
       real(wp) :: seconds = 0.0_wp
@@ -68,6 +69,8 @@ contains
       summary%n_certified = count(is_kept)
       summary%truncation = max(0.0_wp, maxval(record%truncation, is_kept))
       summary%aliasing = max(0.0_wp, maxval(record%aliasing, is_kept .and. .not. ieee_is_nan(record%aliasing)))
+      if (allocated(record%by_levels)) &
+         summary%by_levels = max(0.0_wp, maxval(record%by_levels, is_kept .and. .not. ieee_is_nan(record%by_levels)))
       if (allocated(record%is_damaged)) summary%n_damaged = count(record%is_damaged)
       if (record%program_version /= program_version .or. record%git_commit /= git_commit) &
          summary%made_by = "nhbm "//record%program_version//" ("//record%git_commit//")"
@@ -92,6 +95,7 @@ contains
       end if
       summary%truncation = max(summary%truncation, result%certificate%truncation)
       summary%aliasing = max(summary%aliasing, result%certificate%aliasing)
+      summary%by_levels = max(summary%by_levels, result%level_estimate)
       if (is_solved(result%status) .and. allocated(result%frequency)) call count_frequency(summary, result%frequency)
    end subroutine count_point
 
@@ -187,6 +191,7 @@ contains
       summary%first_near_commensurate = -max_over(comm, -summary%first_near_commensurate)
       summary%truncation = max_over(comm, summary%truncation)
       summary%aliasing = max_over(comm, summary%aliasing)
+      summary%by_levels = max_over(comm, summary%by_levels)
       do i = 1, max_tones
          summary%lowest(i) = -max_over(comm, -summary%lowest(i))
          summary%highest(i) = max_over(comm, summary%highest(i))

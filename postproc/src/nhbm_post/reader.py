@@ -429,7 +429,10 @@ class Results:
         if "output_estimate" not in self._file:
             return []
         names = [name.decode() for name in self._file["output"][()]]
-        return list(zip(names, np.asarray(self._file["output_estimate"][()], dtype=float).T, strict=True))
+        found = np.asarray(self._file["output_estimate"][()], dtype=float)
+        if "output_level_estimate" in self._file:
+            found = np.maximum(found, self._file["output_level_estimate"][()])
+        return list(zip(names, found.T, strict=True))
 
     def unknown_tones(self) -> np.ndarray:
         """Numbers (from 0) of the tones whose frequencies were found, not given."""
