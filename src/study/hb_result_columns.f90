@@ -128,7 +128,7 @@ contains
          "xi of a normal mode: the forces -xi M dx/dt that keep up its amplitude", m%artificial_damping)
    end subroutine outcome_columns
 
-   !> With `&accuracy`; the last column where it names outputs.
+   !> With `&accuracy`; the last columns where it names outputs.
    subroutine accuracy_columns(t, m)
       type(plan_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
