@@ -7,7 +7,6 @@ module hb_curve_plan
    use hb_properties, only: limits_t, properties_t
    use hb_response, only: new_response
    use hb_scene, only: scene_t
-   use hb_stored_origin, only: read_curve_origin
    use hb_text, only: lower, shown, string_t, to_text
    implicit none
    private
@@ -153,8 +152,8 @@ contains
       end subroutine check_values
    end subroutine read_curve_plan
 
-   !> What the follower is asked for, for the scene at the start. Fails where the path names no real number, or not one of them,
-   !> or where a response is not known.
+   !> What the follower is asked for, for the scene at the start; the origin in a file is added by hb_stored_origin. Fails where the
+   !> path names no real number, or not one of them, or where a response is not known.
    subroutine curve_plan_make_request(self, scene, document, request, error)
       class(curve_plan_t), intent(in) :: self
       type(scene_t), intent(in) :: scene
@@ -214,14 +213,6 @@ contains
       request%longest_step = self%longest_step
       request%n_points = self%n_points
       request%switches = self%switches
-      if (len(self%origin) > 0) then
-         allocate (request%origin)
-         call read_curve_origin(request%origin, self%origin, self%origin_point, scene, error)
-         if (allocated(error)) then
-            error%message = self%place//": origin: "//error%message
-            return
-         end if
-      end if
       allocate (request%peaks(size(self%peak_of)))
       do i = 1, size(self%peak_of)
          call new_response(request%peaks(i), self%peak_of(i)%value, scene%structure, scene%tones%n_tones, error)

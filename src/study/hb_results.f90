@@ -17,7 +17,7 @@ module hb_results
    use hb_outcome, only: outcome
    use hb_result_columns, only: message_length, new_plan
    use hb_results_file, only: make_file
-   use hb_results_layout, only: check_layout, identifier, results_layout_t, swept_parameter_t
+   use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
    use hb_results_plan, only: measure_row
    use hb_row_buffer, only: hold_seconds, new_row_buffer, room_for
    use hb_system, only: check_held, held_file_t, hold_file, release_file
@@ -373,7 +373,7 @@ contains
 
       call self%plan%columns(self%plan%index_of("status"))%dataset%read(status, error, first)
       do i = 1, size(status)
-         if (.not. allocated(error)) call self%get_place(first + i - 1, places(i), error, identifier(self%plan%curve_parameter))
+         if (.not. allocated(error)) call self%get_place(first + i - 1, places(i), error, self%plan%curve_column)
       end do
    end subroutine results_read_curve
 

@@ -1,7 +1,9 @@
 !> A point of a result file where other motions leave a curve, as the origin of a curve of these.
 module hb_stored_origin
    use hb_curve_origin, only: curve_origin_t, new_curve_origin
-   use hb_curve_request, only: curve_kind
+   use hb_curve_plan, only: curve_plan_t
+   use hb_curve_request, only: curve_kind, curve_request_t
+   use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_file_place, only: check_source
    use hb_hdf5, only: open_file
@@ -12,9 +14,24 @@ module hb_stored_origin
    use hb_text, only: to_text
    implicit none
    private
-   public :: read_curve_origin
+   public :: request_curve
 
 contains
+
+   !> What the follower is asked for by a plan, with the origin that this names in a file.
+   subroutine request_curve(plan, scene, document, request, error)
+      type(curve_plan_t), intent(in) :: plan
+      type(scene_t), intent(in) :: scene                              !! at the start
+      type(document_t), intent(in) :: document                        !! from which it was read
+      type(curve_request_t), intent(out) :: request
+      type(error_t), allocatable, intent(out) :: error
+
+      call plan%make_request(scene, document, request, error)
+      if (allocated(error) .or. len(plan%origin) == 0) return
+      allocate (request%origin)
+      call read_curve_origin(request%origin, plan%origin, plan%origin_point, scene, error)
+      if (allocated(error)) error%message = plan%place//": origin: "//error%message
+   end subroutine request_curve
 
    !> Reads the point; fails where it is damaged, is neither a period doubling nor a place where a tone joins, or does not fit the
    !> scene.

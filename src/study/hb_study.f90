@@ -17,6 +17,7 @@ module hb_study
    use hb_scene_coordinates, only: coordinates_of
    use hb_scene_reader, only: group_names, read_scene
    use hb_scene_tones, only: read_tones
+   use hb_stored_origin, only: request_curve
    use hb_stability, only: n_multipliers_of, stability_method
    use hb_sweep_harmonics, only: tuples_of_sweep
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
@@ -82,7 +83,7 @@ contains
       if (allocated(error)) return
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then
-         call self%plan%curve%make_request(self%scene, first, request, error)
+         call request_curve(self%plan%curve, self%scene, first, request, error)
          if (allocated(error)) return
       end if
       if (is_chained(self)) then

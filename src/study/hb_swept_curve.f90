@@ -16,6 +16,7 @@ module hb_swept_curve
    use hb_results, only: results_layout_t, results_t
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
+   use hb_stored_origin, only: request_curve
    use hb_swept_point, only: check_layout, spread_result
    use hb_watch, only: verdict, watch_t
    implicit none
@@ -62,7 +63,7 @@ contains
       call source%plan%apply(first, self%document)
       call update_scene(self%scene, self%document, is_new, failure, source%available_memory, source%services)
       if (.not. allocated(failure)) call check_layout(self%scene, source%layout, failure)
-      if (.not. allocated(failure)) call source%plan%curve%make_request(self%scene, self%document, self%request, failure)
+      if (.not. allocated(failure)) call request_curve(source%plan%curve, self%scene, self%document, self%request, failure)
       self%request%available_memory = source%available_memory
       allocate (self%stored(0), self%curve, self%ridge)
       self%is_done = allocated(failure)

@@ -1,0 +1,38 @@
+/* A Duffing oscillator at five frequencies, each motion starting from the one before: frequency and cosine of the first harmonic.
+ *
+ *    cc duffing.c -lnhbm -o duffing */
+#include <stdio.h>
+
+#include "nhbm.h"
+
+static const char *const text =
+   "&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,\n"
+   " damping_mass = 0.1 /\n"
+   "&tones frequency = 0.9 /\n"
+   "&load dof = 'x1', tuple = 1, cos = 0.3 /\n"
+   "&law type = 'cubic_spring', label = 'spring', dof = 'x1', stiffness = 0.5 /\n";
+
+int main(void) {
+   nhbm_error error;
+   nhbm_model *model = NULL;
+   nhbm_column coefficients;
+   int frequency, k;
+
+   if (nhbm_api() != NHBM_API || nhbm_read(text, "duffing", &model, &error)) goto failed;
+   if (nhbm_parameter(model, "tones%frequency", &frequency, &error)) goto failed;
+   for (k = 0; k < 5; ++k) {
+      const double value = 0.5 + 0.25 * k;
+      if (nhbm_set(model, frequency, value, &error)) goto failed;
+      if (nhbm_solve(model, k > 0 ? NHBM_WARM : NHBM_COLD, &error)) goto failed;
+      if (nhbm_column_of(model, "coefficients", &coefficients, &error)) goto failed;
+      /* (dof, harmonic, component): the second harmonic of the set is that of the tone, its first component the cosine */
+      printf("%.2f %.17g\n", value, ((const double *)coefficients.data)[coefficients.shape[2]]);
+   }
+   nhbm_delete(&model);
+   return 0;
+
+failed:
+   fprintf(stderr, "%s\n", error.text);
+   nhbm_delete(&model);
+   return 1;
+}

@@ -1,0 +1,298 @@
+!> The functions of nhbm.h: handles, texts and errors of C for hb_session. The header says what they do.
+module hb_c_interface
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_funptr, c_int, c_int64_t, &
+      c_loc, c_null_char, c_null_ptr, c_ptr
+   use hb_c_text, only: c_text
+   use hb_column_view, only: column_kind
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   use hb_session, only: session_t
+   use hb_version, only: program_version
+   implicit none
+   private
+
+   integer(c_int), parameter :: api = 1_c_int                         ! NHBM_API
+   integer(c_int), parameter :: wrong_input = 1_c_int, wrong_use = 2_c_int
+   integer, parameter :: error_length = 2048, most_axes = 4
+
+   !> struct nhbm_error.
+   type, bind(c) :: c_error_t
+      integer(c_int) :: code
+      character(c_char) :: text(error_length)
+   end type c_error_t
+
+   !> struct nhbm_column.
+   type, bind(c) :: c_column_t
+      type(c_ptr) :: data
+      integer(c_int) :: kind
+      integer(c_int) :: n_axes
+      integer(c_int64_t) :: shape(most_axes)
+      type(c_ptr) :: unit
+      type(c_ptr) :: axes
+   end type c_column_t
+
+   !> struct nhbm_model: a session with the texts that C sees of it.
+   type :: handle_t
+      type(session_t) :: session
+      character(c_char), allocatable :: text(:), unit(:), axes(:)
+   end type handle_t
+
+   character(kind=c_char), target, save :: version_text(32) = c_null_char
+
+contains
+
+   integer(c_int) function nhbm_api() bind(c, name="nhbm_api")
+      nhbm_api = api
+   end function nhbm_api
+
+   integer(c_int) function nhbm_read(text, name, model, error) bind(c, name="nhbm_read") result(code)
+      type(c_ptr), value :: text, name
+      type(c_ptr), intent(out) :: model
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: failure
+
+      model = c_null_ptr
+      allocate (handle)
+      call handle%session%read(c_text(name), c_text(text), failure)
+      if (allocated(failure)) then
+         call handle%session%destroy()
+         deallocate (handle)
+      else
+         model = c_loc(handle)
+      end if
+      code = told(failure, wrong_input, error)
+   end function nhbm_read
+
+   subroutine nhbm_delete(model) bind(c, name="nhbm_delete")
+      type(c_ptr), intent(inout) :: model
+      type(handle_t), pointer :: handle
+
+      if (.not. c_associated(model)) return
+      call c_f_pointer(model, handle)
+      call handle%session%destroy()
+      deallocate (handle)
+      model = c_null_ptr
+   end subroutine nhbm_delete
+
+   type(c_ptr) function nhbm_input(model) bind(c, name="nhbm_input") result(text)
+      type(c_ptr), value :: model
+      type(handle_t), pointer :: handle
+
+      call c_f_pointer(model, handle)
+      text = kept(handle%session%complete_input(), handle%text)
+   end function nhbm_input
+
+   integer(c_int) function nhbm_set_text(model, path, values, error) bind(c, name="nhbm_set_text") result(code)
+      type(c_ptr), value :: model, path, values
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: failure
+
+      call c_f_pointer(model, handle)
+      call handle%session%set(c_text(path), c_text(values), failure)
+      code = told(failure, wrong_input, error)
+   end function nhbm_set_text
+
+   integer(c_int) function nhbm_parameter(model, path, number, error) bind(c, name="nhbm_parameter") result(code)
+      type(c_ptr), value :: model, path
+      integer(c_int), intent(out) :: number
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: failure
+      integer :: found
+
+      call c_f_pointer(model, handle)
+      call handle%session%resolve(c_text(path), found, failure)
+      number = int(found, c_int)
+      code = told(failure, wrong_input, error)
+   end function nhbm_parameter
+
+   integer(c_int) function nhbm_set(model, number, value, error) bind(c, name="nhbm_set") result(code)
+      type(c_ptr), value :: model
+      integer(c_int), value :: number
+      real(c_double), value :: value
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: failure
+
+      call c_f_pointer(model, handle)
+      if (number < 1 .or. number > size(handle%session%parameters)) then
+         call fail(failure, "no parameter has this handle; nhbm_parameter gives them")
+      else
+         call handle%session%document%set(handle%session%parameters(number), real(value, wp))
+      end if
+      code = told(failure, wrong_use, error)
+   end function nhbm_set
+
+   integer(c_int) function nhbm_solve(model, start, error) bind(c, name="nhbm_solve") result(code)
+      type(c_ptr), value :: model
+      integer(c_int), value :: start
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: failure
+
+      call c_f_pointer(model, handle)
+      call handle%session%solve(start /= 0, failure)
+      code = told(failure, wrong_input, error)
+   end function nhbm_solve
+
+   integer(c_int) function nhbm_begin_curve(model, error) bind(c, name="nhbm_begin_curve") result(code)
+      type(c_ptr), value :: model
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: failure
+
+      call c_f_pointer(model, handle)
+      call handle%session%begin_curve(failure)
+      code = told(failure, wrong_input, error)
+   end function nhbm_begin_curve
+
+   integer(c_int) function nhbm_next(model, is_point, error) bind(c, name="nhbm_next") result(code)
+      type(c_ptr), value :: model
+      integer(c_int), intent(out) :: is_point
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: failure
+
+      call c_f_pointer(model, handle)
+      is_point = merge(1_c_int, 0_c_int, handle%session%has_curve)
+      if (is_point == 1) call handle%session%next(failure)
+      if (allocated(failure)) is_point = 0
+      code = told(failure, wrong_input, error)
+   end function nhbm_next
+
+   integer(c_int) function nhbm_column_of(model, name, column, error) bind(c, name="nhbm_column_of") result(code)
+      type(c_ptr), value :: model, name
+      type(c_column_t), intent(out) :: column
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: failure
+
+      call c_f_pointer(model, handle)
+      call handle%session%look_up(c_text(name), failure)
+      column%data = c_null_ptr
+      column%n_axes = 0
+      column%shape = 0
+      associate (found => handle%session%column)
+         column%kind = int(min(found%kind, column_kind%unknown), c_int)
+         column%unit = kept(found%units, handle%unit)
+         column%axes = kept(found%axes, handle%axes)
+         if (column%kind /= column_kind%unknown) then
+            column%n_axes = size(found%extents)
+            column%shape(:size(found%extents)) = found%extents(size(found%extents):1:-1)
+         end if
+         if (found%kind == column_kind%real) column%data = place_of_reals(found%reals)
+         if (found%kind == column_kind%integer) column%data = place_of_integers(found%integers)
+      end associate
+      code = told(failure, wrong_use, error)
+   end function nhbm_column_of
+
+   type(c_ptr) function nhbm_column_names(model) bind(c, name="nhbm_column_names") result(text)
+      type(c_ptr), value :: model
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: ignored
+
+      call c_f_pointer(model, handle)
+      call handle%session%look_up("", ignored)
+      text = kept(handle%session%column%names, handle%text)
+   end function nhbm_column_names
+
+   type(c_ptr) function nhbm_labels(model, axis) bind(c, name="nhbm_labels") result(text)
+      type(c_ptr), value :: model, axis
+      type(handle_t), pointer :: handle
+      character(:), allocatable :: joined
+      character(64), allocatable :: labels(:)
+      integer :: i
+
+      call c_f_pointer(model, handle)
+      labels = handle%session%labels_along(c_text(axis))
+      joined = ""
+      do i = 1, size(labels)
+         joined = joined//" "//trim(labels(i))
+      end do
+      text = kept(joined(min(2, len(joined) + 1):), handle%text)
+   end function nhbm_labels
+
+   type(c_ptr) function nhbm_message(model) bind(c, name="nhbm_message") result(text)
+      type(c_ptr), value :: model
+      type(handle_t), pointer :: handle
+
+      call c_f_pointer(model, handle)
+      if (allocated(handle%session%result%message)) then
+         text = kept(handle%session%result%message, handle%text)
+      else
+         text = kept("", handle%text)
+      end if
+   end function nhbm_message
+
+   integer(c_int) function nhbm_ask(model, wants_end, context, error) bind(c, name="nhbm_ask") result(code)
+      type(c_ptr), value :: model
+      type(c_funptr), value :: wants_end
+      type(c_ptr), value :: context
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: none
+
+      call c_f_pointer(model, handle)
+      handle%session%watch%ask = wants_end
+      handle%session%watch%context = context
+      code = told(none, wrong_use, error)
+   end function nhbm_ask
+
+   type(c_ptr) function nhbm_version() bind(c, name="nhbm_version") result(text)
+      integer :: i
+
+      do i = 1, min(len(program_version), size(version_text) - 1)
+         version_text(i) = program_version(i:i)
+      end do
+      text = c_loc(version_text)
+   end function nhbm_version
+
+   !> Fills the error of C, and gives its code.
+   integer(c_int) function told(failure, code, error)
+      type(error_t), allocatable, intent(in) :: failure
+      integer(c_int), intent(in) :: code
+      type(c_error_t), intent(inout) :: error
+      integer :: i, n
+
+      error%code = 0
+      error%text(1) = c_null_char
+      told = 0
+      if (.not. allocated(failure)) return
+      n = min(len_trim(failure%message), error_length - 1)
+      do i = 1, n
+         error%text(i) = failure%message(i:i)
+      end do
+      error%text(n + 1) = c_null_char
+      error%code = code
+      told = code
+   end function told
+
+   !> Address of a text that stays until the next one takes its place.
+   type(c_ptr) function kept(text, place)
+      character(*), intent(in) :: text
+      character(c_char), allocatable, target, intent(inout) :: place(:)
+      integer :: i
+
+      if (allocated(place)) deallocate (place)
+      allocate (place(len(text) + 1))
+      do i = 1, len(text)
+         place(i) = text(i:i)
+      end do
+      place(len(text) + 1) = c_null_char
+      kept = c_loc(place)
+   end function kept
+
+   type(c_ptr) function place_of_reals(values) result(place)
+      real(wp), allocatable, target, intent(in) :: values(:)
+
+      place = c_loc(values)
+   end function place_of_reals
+
+   type(c_ptr) function place_of_integers(values) result(place)
+      integer, allocatable, target, intent(in) :: values(:)
+
+      place = c_loc(values)
+   end function place_of_integers
+end module hb_c_interface

@@ -1,0 +1,126 @@
+!> One column of a motion, asked for by its name: its values with their shape.
+module hb_column_view
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   use hb_motion_columns, only: columns_t, of_dof, of_force
+   use hb_motion_result, only: motion_result_t
+   implicit none
+   private
+   public :: column_kind, column_view_t
+
+   type :: column_kind_t
+      integer :: real = 0
+      integer :: integer = 1
+      integer :: unknown = 2                                          !! no value is known
+      integer :: text = 3                                             !! hb_session gives the one that there is, the message
+   end type column_kind_t
+   type(column_kind_t), parameter :: column_kind = column_kind_t()
+
+   type, extends(columns_t) :: column_view_t
+      character(:), allocatable :: name                               !! asked for; empty: all names are listed
+      logical :: is_found = .false.
+      integer :: kind = column_kind%unknown
+      real(wp), allocatable :: reals(:)
+      integer, allocatable :: integers(:)
+      integer, allocatable :: extents(:)                              !! fastest axis first; none of a single value
+      character(:), allocatable :: units, axes                        !! names of axes, slowest first, with blanks between
+      character(:), allocatable :: names                              !! of all columns, with blanks between
+   contains
+      procedure :: look_up => column_view_look_up
+      procedure :: integer => column_view_integer
+      procedure :: real => column_view_real
+      procedure :: text => column_view_text
+   end type column_view_t
+
+contains
+
+   !> Looks a column up. Fails for a name that there is not.
+   subroutine column_view_look_up(self, name, motion, n_outputs, error)
+      class(column_view_t), intent(inout) :: self
+      character(*), intent(in) :: name                                !! empty: `names` are listed
+      type(motion_result_t), intent(in) :: motion
+      integer, intent(in) :: n_outputs                                !! that a tolerance is for
+      type(error_t), allocatable, intent(out) :: error
+
+      self%name = name
+      self%names = ""
+      self%is_found = .false.
+      self%kind = column_kind%unknown
+      self%extents = [integer ::]
+      self%units = "1"
+      self%axes = ""
+      self%has_one_tone = .false.
+      if (allocated(motion%frequency)) self%has_one_tone = size(motion%frequency) == 1
+      self%n_multipliers = 0
+      if (allocated(motion%stability%exponents)) self%n_multipliers = size(motion%stability%exponents)
+      self%has_outputs = n_outputs > 0
+      self%n_curve_state = 0
+      self%has_curve = allocated(motion%curve)
+      if (self%has_curve) then
+         if (allocated(motion%curve%state)) self%n_curve_state = size(motion%curve%state)
+      end if
+      call self%go_through(motion)
+      if (len(name) > 0 .and. .not. self%is_found) call fail(error, "there is no column '"//name//"'; known: "//self%names)
+   end subroutine column_view_look_up
+
+   !> Whether a column is the one that is asked for.
+   logical function is_asked(self, name, units, axes)
+      class(column_view_t), intent(inout) :: self
+      character(*), intent(in) :: name, units, axes
+
+      if (len(self%names) > 0) self%names = self%names//" "
+      self%names = self%names//name
+      is_asked = name == self%name
+      if (.not. is_asked) return
+      self%is_found = .true.
+      self%axes = axes
+      self%units = units
+      if (units == of_dof) self%units = "m"
+      if (units == of_force) self%units = "N"
+   end function is_asked
+
+   subroutine column_view_integer(self, name, units, axes, long_name, values, flags)
+      class(column_view_t), intent(inout) :: self
+      character(*), intent(in) :: name, units, axes, long_name
+      integer, intent(in), contiguous, optional :: values(..)
+      character(*), intent(in), optional :: flags(:)
+
+      if (.not. self%is_there) return
+      if (.not. is_asked(self, name, units, axes)) return
+      if (.not. (self%is_known .and. present(values))) return
+      self%kind = column_kind%integer
+      self%extents = shape(values)
+      select rank (values)
+      rank (0); self%integers = [values]
+      rank (1); self%integers = values
+      rank (2); self%integers = reshape(values, [size(values)])
+      end select
+   end subroutine column_view_integer
+
+   subroutine column_view_real(self, name, units, axes, long_name, values)
+      class(column_view_t), intent(inout) :: self
+      character(*), intent(in) :: name, units, axes, long_name
+      real(wp), intent(in), contiguous, optional :: values(..)
+
+      if (.not. self%is_there) return
+      if (.not. is_asked(self, name, units, axes)) return
+      if (.not. (self%is_known .and. present(values))) return
+      self%kind = column_kind%real
+      self%extents = shape(values)
+      select rank (values)
+      rank (0); self%reals = [values]
+      rank (1); self%reals = values
+      rank (2); self%reals = reshape(values, [size(values)])
+      rank (3); self%reals = reshape(values, [size(values)])
+      end select
+   end subroutine column_view_real
+
+   subroutine column_view_text(self, name, units, axes, long_name, value)
+      class(column_view_t), intent(inout) :: self
+      character(*), intent(in) :: name, units, axes, long_name
+      character(*), intent(in), optional :: value
+
+      if (.not. self%is_there) return
+      if (is_asked(self, name, units, axes)) self%kind = column_kind%text
+   end subroutine column_view_text
+end module hb_column_view

@@ -1,0 +1,307 @@
+!> A model that is solved in process, again and again with other values: an input without files, its present scene, and the motion
+!> found last, from which the next one may start.
+!>
+!> What a point of a sweep is in a run is a call of `solve` here, and a curve comes point by point; numbers are the same to the last
+!> bit. One thread at a time may use a session, any number of threads have one each.
+module hb_session
+   use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_int, c_null_funptr, c_null_ptr, c_ptr
+   use hb_accurate_motion, only: solve_to_tolerance
+   use hb_clock, only: wall_clock
+   use hb_column_view, only: column_view_t
+   use hb_curve_plan, only: curve_plan_t, read_curve_plan
+   use hb_curve_request, only: curve_request_t
+   use hb_document, only: document_t, parameter_t
+   use hb_error, only: error_t, fail
+   use hb_kept_linear_part, only: kept_linear_parts_t
+   use hb_kinds, only: wp
+   use hb_law_coordinates, only: law_dofs_of
+   use hb_marched_floquet, only: marched_floquet_t
+   use hb_marching_judge, only: marching_judge_t
+   use hb_motion, only: solve_motion
+   use hb_motion_curve, only: motion_curve_t
+   use hb_motion_result, only: motion_result_t
+   use hb_motion_ridge, only: motion_ridge_t
+   use hb_namelist, only: complete_text, read_namelist, set_text
+   use hb_neighbour, only: neighbour_t
+   use hb_outcome, only: outcome
+   use hb_results_layout, only: identifier
+   use hb_rung, only: rung_t
+   use hb_scene, only: scene_t, services_t
+   use hb_scene_reader, only: group_names, update_scene
+   use hb_scene_tones, only: read_tones
+   use hb_tones, only: tones_t
+   use hb_watch, only: verdict, watch_t
+   implicit none
+   private
+   public :: session_t, session_watch_t
+
+   !> Ends what is under way when somebody wants that.
+   type, extends(watch_t) :: session_watch_t
+      type(c_funptr) :: ask = c_null_funptr                           !! wants_end(context) of nhbm.h; null: nobody ever does
+      type(c_ptr) :: context = c_null_ptr
+      real(wp), private :: asked = -huge(1.0_wp)                      ! [s] when it was asked last
+   contains
+      procedure :: wants_end => session_watch_wants_end
+   end type session_watch_t
+
+   abstract interface
+      integer(c_int) function wants_end(context) bind(c)
+         import :: c_int, c_ptr
+         type(c_ptr), value :: context
+      end function wants_end
+   end interface
+
+   !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
+   type :: session_t
+      type(document_t) :: document
+      type(scene_t) :: scene
+      type(motion_result_t) :: result                                 !! of the last `solve`, or the last point of a curve
+      logical :: has_curve = .false.                                  !! `next` may give a further point
+      type(session_watch_t) :: watch
+      type(column_view_t) :: column                                   !! looked up last
+      type(parameter_t), allocatable :: parameters(:)                 !! that have been resolved
+      type(services_t), private :: services
+      type(neighbour_t), private :: neighbour
+      type(kept_linear_parts_t), private :: kept
+      type(curve_plan_t), private :: plan
+      type(curve_request_t), private :: request
+      class(motion_curve_t), allocatable, private :: curve
+      class(motion_ridge_t), allocatable, private :: ridge            ! in its place where a peak or fold is followed
+      logical, private :: has_begun = .false.                         ! the curve
+   contains
+      procedure :: read => session_read
+      procedure :: set => session_set
+      procedure :: resolve => session_resolve
+      procedure :: update => session_update
+      procedure :: complete_input => session_complete_input
+      procedure :: solve => session_solve
+      procedure :: begin_curve => session_begin_curve
+      procedure :: next => session_next
+      procedure :: look_up => session_look_up
+      procedure :: labels_along => session_labels_along
+      procedure :: destroy => session_destroy
+   end type session_t
+
+contains
+
+   !> Takes a model from the text of an input. Fails with all that is wrong with it.
+   subroutine session_read(self, name, text, error)
+      class(session_t), intent(inout), target :: self
+      character(*), intent(in) :: name                                !! for messages
+      character(*), intent(in) :: text
+      type(error_t), allocatable, intent(out) :: error
+      type(marched_floquet_t) :: finder
+
+      call read_namelist(self%document, name, text, error)
+      if (.not. allocated(error)) call self%document%expect_groups([character(11) :: group_names, "curve"], error)
+      if (allocated(error)) return
+      if (.not. allocated(self%services%finder)) allocate (self%services%finder, source=finder)
+      allocate (self%parameters(0))
+      call self%update(error)
+   end subroutine session_read
+
+   !> Sets the values of a key, `law(stop)%gap = 1e-3`.
+   subroutine session_set(self, path, values, error)
+      class(session_t), intent(inout) :: self
+      character(*), intent(in) :: path, values                        !! as `--set` has them
+      type(error_t), allocatable, intent(out) :: error
+
+      call set_text(self%document, path, values, error)
+   end subroutine session_set
+
+   !> Looks a number up by its path, once for all; its number among `parameters`.
+   subroutine session_resolve(self, path, number, error)
+      class(session_t), intent(inout) :: self
+      character(*), intent(in) :: path
+      integer, intent(out) :: number
+      type(error_t), allocatable, intent(out) :: error
+      type(parameter_t) :: parameter
+
+      number = 0
+      call self%document%resolve(path, parameter, error)
+      if (allocated(error)) then
+         error%message = "'"//path//"' "//error%message
+         return
+      end if
+      self%parameters = [self%parameters, parameter]
+      number = size(self%parameters)
+   end subroutine session_resolve
+
+   !> Brings the scene to the present values. Fails with all that is wrong with them.
+   subroutine session_update(self, error)
+      class(session_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+      logical :: is_new
+
+      call update_scene(self%scene, self%document, is_new, error, services=self%services)
+   end subroutine session_update
+
+   !> The input with all keys that may be given, and their values.
+   function session_complete_input(self) result(text)
+      class(session_t), intent(in) :: self
+      character(:), allocatable :: text
+
+      text = complete_text(self%document)
+   end function session_complete_input
+
+   !> Solves the model with its present values, from the motion found last where one is wanted and there is one. What does not
+   !> converge is told by the status of the result; an error is one of the model.
+   subroutine session_solve(self, is_warm, error)
+      class(session_t), intent(inout), target :: self
+      logical, intent(in) :: is_warm
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: failure
+      type(rung_t) :: before, rung
+      real(wp), allocatable :: start(:), unknowns(:)
+      real(wp) :: started
+      real(wp), parameter :: here = 0.0_wp                            ! neighbours are not told apart by a value
+
+      started = wall_clock()
+      call self%update(error)
+      if (allocated(error)) return
+      if (.not. is_warm) call self%neighbour%forget()
+      self%scene%chain%is_on = is_warm
+      call self%watch%enter(self%scene%solver%time_limit)
+      if (self%scene%accuracy%is_on) then
+         call self%neighbour%predict_rung(here, self%scene, before)
+         call solve_to_tolerance(self%scene, self%result, failure, rung, before, self%watch, marching_judge_t())
+         if (allocated(rung%unknowns)) unknowns = rung%unknowns
+      else
+         if (is_warm) call self%neighbour%predict(here, self%scene%harmonics%tuples, .false., start)
+         call solve_motion(self%scene, self%result, failure, start, unknowns, self%watch, marching_judge_t(), self%kept)
+         rung%set = self%scene%harmonics
+      end if
+      call self%watch%leave()
+      call self%neighbour%forget()
+      if (allocated(failure)) then
+         self%result%status = outcome%failed
+         self%result%message = failure%message
+      else if (allocated(unknowns)) then
+         call self%neighbour%keep(here, rung%set%tuples, unknowns, rung%n_samples)
+      end if
+      if (self%watch%verdict == verdict%interrupted) self%result%status = outcome%interrupted
+      self%result%solve_seconds = wall_clock() - started
+   end subroutine session_solve
+
+   !> Begins the curve of the group `&curve`; `next` gives its points.
+   subroutine session_begin_curve(self, error)
+      class(session_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+      type(tones_t) :: tones
+
+      call end_curve(self)
+      call read_curve_plan(self%plan, self%document, error)
+      if (.not. allocated(error)) call read_tones(tones, self%document, error)
+      if (.not. allocated(error)) call self%plan%tie_tones(self%document, tones%omega, error)
+      if (.not. allocated(error) .and. len(self%plan%origin) > 0) call fail(error, "&curve: origin: result files are not read here")
+      if (allocated(error)) return
+      call self%plan%set(self%document, self%plan%start)
+      call self%update(error)
+      if (.not. allocated(error)) call self%plan%make_request(self%scene, self%document, self%request, error)
+      if (allocated(error)) return
+      allocate (self%curve, self%ridge)
+      self%has_curve = .true.
+      self%has_begun = .false.
+   end subroutine session_begin_curve
+
+   !> The next point of the curve becomes the result; `has_curve` is false where it was the last. An error ends the curve.
+   subroutine session_next(self, error)
+      class(session_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      if (.not. self%has_curve) then
+         call fail(error, "the curve has no further point")
+         return
+      end if
+      call self%watch%enter(self%scene%solver%time_limit)
+      if (allocated(self%request%over)) then
+         if (self%has_begun) then
+            call self%ridge%next(self%result, error)
+         else
+            call self%ridge%begin(self%scene, self%document, self%request, self%result, error, self%watch, marching_judge_t())
+         end if
+      else if (self%has_begun) then
+         call self%curve%next(self%result, error)
+      else
+         call self%curve%begin(self%scene, self%document, self%request, self%result, error, self%watch, marching_judge_t())
+      end if
+      call self%watch%leave()
+      self%has_begun = .true.
+      self%has_curve = .not. (allocated(error) .or. self%curve%is_done .or. self%ridge%is_done)
+      if (self%watch%verdict /= verdict%interrupted) return
+      self%result%status = outcome%interrupted
+      self%has_curve = .false.
+      if (allocated(error)) deallocate (error)
+   end subroutine session_next
+
+   !> Looks a column of the result up: `column` has it then. Fails for a name that there is not.
+   subroutine session_look_up(self, name, error)
+      class(session_t), intent(inout) :: self
+      character(*), intent(in) :: name                                !! empty: `column%names` are listed
+      type(error_t), allocatable, intent(out) :: error
+
+      self%column%has_accuracy = self%scene%accuracy%is_on
+      self%column%has_own_tuples = .true.
+      self%column%has_improved = self%scene%certificate%improvement_steps > 0
+      self%column%has_surfaces = size(self%scene%output%samples) > 0
+      if (allocated(self%result%curve)) then
+         self%column%curve_path = self%plan%path
+         self%column%curve_column = identifier(self%plan%path)
+         self%column%curve_units = self%plan%units
+      end if
+      if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%scene%harmonics
+      call self%column%look_up(name, self%result, size(self%scene%accuracy%outputs), error)
+   end subroutine session_look_up
+
+   !> Labels of the degrees of freedom along the axes `dof` and `law_dof`, and of the laws along `law`; none of other axes.
+   function session_labels_along(self, axis) result(labels)
+      class(session_t), intent(in) :: self
+      character(*), intent(in) :: axis
+      character(64), allocatable :: labels(:)
+      integer :: i
+
+      select case (axis)
+      case ("dof"); labels = [character(64) :: self%scene%structure%labels(self%scene%output%dofs)]
+      case ("law_dof"); labels = [character(64) :: self%scene%structure%labels(law_dofs_of(self%scene%laws))]
+      case ("law"); labels = [(adjustl([character(64) :: self%scene%laws(i)%law%label]), i=1, size(self%scene%laws))]
+      case default; labels = [character(64) ::]
+      end select
+   end function session_labels_along
+
+   subroutine end_curve(self)
+      class(session_t), intent(inout) :: self
+
+      if (allocated(self%curve)) then
+         call self%curve%destroy()
+         deallocate (self%curve)
+      end if
+      if (allocated(self%ridge)) then
+         call self%ridge%destroy()
+         deallocate (self%ridge)
+      end if
+      self%has_curve = .false.
+   end subroutine end_curve
+
+   !> Frees all; safe to call twice.
+   subroutine session_destroy(self)
+      class(session_t), intent(inout) :: self
+
+      call end_curve(self)
+   end subroutine session_destroy
+
+   !> Asks every twentieth of a second, which nobody notices and costs nothing.
+   logical function session_watch_wants_end(self) result(wants)
+      class(session_watch_t), intent(inout) :: self
+      real(wp), parameter :: interval = 0.05_wp
+      procedure(wants_end), pointer :: ask
+      real(wp) :: now
+
+      wants = .false.
+      if (.not. c_associated(self%ask)) return
+      now = wall_clock()
+      if (now - self%asked < interval) return
+      self%asked = now
+      call c_f_procpointer(self%ask, ask)
+      wants = ask(self%context) /= 0
+   end function session_watch_wants_end
+end module hb_session

@@ -1,0 +1,107 @@
+/* nhbm in other programs: vibrations of structures with contact, friction and other nonlinear laws under several tones at once.
+ *
+ * The order of use:
+ *
+ *    nhbm_error error;
+ *    nhbm_model *model;
+ *    int frequency;
+ *    if (nhbm_read(text, "my model", &model, &error)) complain(error.text);
+ *    nhbm_parameter(model, "tones%frequency", &frequency, &error);
+ *    for (i = 0; i < n; ++i) {
+ *       nhbm_set(model, frequency, values[i], &error);
+ *       if (nhbm_solve(model, NHBM_WARM, &error)) complain(error.text);
+ *       nhbm_column(model, "coefficients", &column, &error);
+ *    }
+ *    nhbm_delete(&model);
+ *
+ * Functions return 0, or the code of the error that they describe. Nothing here prints, ends the process, catches signals, or changes
+ * the locale or the modes of floating-point arithmetic. A model belongs to one thread at a time; models of several threads do not
+ * know of each other. Texts are UTF-8 and end with a zero. MPI and HDF5 are not needed. */
+#ifndef NHBM_H
+#define NHBM_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define NHBM_API 1 /* grows by one where a program has to be compiled anew */
+
+/* Version of the interface that the library was built with, to be compared with NHBM_API, and of the program, such as "0.1.0". */
+int nhbm_api(void);
+const char *nhbm_version(void);
+
+enum nhbm_code {
+   NHBM_OK = 0,
+   NHBM_INPUT = 1,   /* the model, a path or a value is wrong; the text names group, key and the right value */
+   NHBM_USE = 2      /* the function cannot be called here, or not so */
+};
+
+typedef struct nhbm_error {
+   int code;         /* enum nhbm_code */
+   char text[2048];  /* what is wrong and what helps, without a new line at its end; longer ones are cut off */
+} nhbm_error;
+
+typedef struct nhbm_model nhbm_model;
+
+/* A model from the text of an input (docs/user/input.md); `name` stands in messages. On error *model is null. */
+int nhbm_read(const char *text, const char *name, nhbm_model **model, nhbm_error *error);
+
+/* Frees a model and sets the pointer to null; a null pointer is left alone. */
+void nhbm_delete(nhbm_model **model);
+
+/* The input with all keys that may be given and their values. The text lives until the next call with this model. */
+const char *nhbm_input(nhbm_model *model);
+
+/* Sets the values of a key as the command's --set does: path "law(stop)%gap", values "1e-3". */
+int nhbm_set_text(nhbm_model *model, const char *path, const char *values, nhbm_error *error);
+
+/* Looks a number up once, such as "tones%frequency(1)" or "law(stop)%gap"; `handle` is what nhbm_set takes. */
+int nhbm_parameter(nhbm_model *model, const char *path, int *handle, nhbm_error *error);
+
+/* Sets that number, in the unit of the input. What is wrong with it is told by the next solution. */
+int nhbm_set(nhbm_model *model, int handle, double value, nhbm_error *error);
+
+enum nhbm_start {
+   NHBM_COLD = 0,    /* from where the input says */
+   NHBM_WARM = 1     /* from the motion found last, where there is one */
+};
+
+/* Finds the motion of the model with its present values. Returns an error for a model that cannot be solved; a motion that was not
+ * found is none: column "status" tells, 1 where it has converged (docs/user/schema.md), and nhbm_message why. */
+int nhbm_solve(nhbm_model *model, int start, nhbm_error *error);
+
+/* Begins the curve of the group &curve, then gives its points one by one as the result: *is_point is 0 behind the last one. */
+int nhbm_begin_curve(nhbm_model *model, nhbm_error *error);
+int nhbm_next(nhbm_model *model, int *is_point, nhbm_error *error);
+
+/* What is known of the motion found last, by the names of the result file (docs/user/schema.md). */
+enum { NHBM_MOST_AXES = 4 };
+typedef struct nhbm_column {
+   const void *data;                /* double or int32_t by `kind`, the last axis fastest; until the next call with this model */
+   int kind;                        /* 0: double, 1: int32_t, 2: nothing is known, data is null */
+   int n_axes;
+   int64_t shape[NHBM_MOST_AXES];
+   const char *unit;
+   const char *axes;                /* names of the axes with blanks between: "dof harmonic component" */
+} nhbm_column;
+int nhbm_column_of(nhbm_model *model, const char *name, nhbm_column *column, nhbm_error *error);
+
+/* Names of all columns, with blanks between. */
+const char *nhbm_column_names(nhbm_model *model);
+
+/* Labels along the axes "dof", "law_dof" and "law" with blanks between; empty for other axes. */
+const char *nhbm_labels(nhbm_model *model, const char *axis);
+
+/* Why the motion found last was not found, or what to know of it; empty where there is nothing to say. */
+const char *nhbm_message(nhbm_model *model);
+
+/* Asks twenty times a second, while something is under way, whether it shall end: wants_end(context) other than 0. What is ended
+ * has the status `interrupted`. Null: nobody is asked. */
+int nhbm_ask(nhbm_model *model, int (*wants_end)(void *context), void *context, nhbm_error *error);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

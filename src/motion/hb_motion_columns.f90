@@ -1,0 +1,273 @@
+!> The table of what is known of a motion: name, unit, shape, meaning, when it is there, and where a motion has its value.
+!>
+!> Nothing else declares a column. Whoever wants columns extends `columns_t` and goes through the table with a motion: result files list
+!> their datasets that way, and put rows into them (hb_result_columns), other programs ask for a column by its name (hb_session).
+!> A new column is a line here and one in docs/user/schema.md, which tests/cases/test_schema.py compares.
+!>
+!> Shapes are names of dimensions behind that of the point, in the order that h5py shows: slowest first.
+module hb_motion_columns
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_curve_request, only: curve_kind_names
+   use hb_kinds, only: wp
+   use hb_motion_result, only: curve_place_t, motion_result_t
+   use hb_outcome, only: outcome_names
+   use hb_solver_types, only: rescue_names
+   use hb_stability, only: stability_method_names
+   implicit none
+   private
+   public :: columns_t, of_dof, of_force, padded
+
+   ! Units that depend on the degrees of freedom along the slowest axis of a row, and those of the forces on these.
+   character(*), parameter :: of_dof = "of the degree of freedom", of_force = "of its force"
+
+   !> Who goes through the table: gets each column that is there with its values, if these are known.
+   type, abstract :: columns_t
+      logical :: has_accuracy = .false.                 !! a tolerance is asked for
+      logical :: has_own_tuples = .false.               !! each motion may have tuples of its own
+      logical :: has_improved = .false.                 !! improved coefficients are asked for
+      logical :: has_curve = .false.                    !! motions are on a curve
+      logical :: has_surfaces = .false.                 !! samples of motions and forces are asked for
+      logical :: has_outputs = .false.                  !! the tolerance is for some
+      logical :: has_one_tone = .false.
+      integer :: n_multipliers = 0, n_curve_state = 0   !! lengths of these axes
+      character(:), allocatable :: curve_path           !! of the value along the curve, in the input; its column and its unit
+      character(:), allocatable :: curve_column, curve_units
+      logical :: is_there = .true.                      !! the columns that follow are there
+      logical :: is_known = .true.                      !! their values are known of the motion
+   contains
+      procedure(column_of_integers), deferred :: integer
+      procedure(column_of_reals), deferred :: real
+      procedure(column_of_text), deferred :: text
+      procedure :: go_through => columns_go_through
+   end type columns_t
+
+   abstract interface
+      subroutine column_of_integers(self, name, units, axes, long_name, values, flags)
+         import :: columns_t
+         class(columns_t), intent(inout) :: self
+         character(*), intent(in) :: name, units, axes, long_name
+         integer, intent(in), contiguous, optional :: values(..)       !! not present: not known
+         character(*), intent(in), optional :: flags(:)                !! names of the values 0, 1, ...
+      end subroutine column_of_integers
+
+      subroutine column_of_reals(self, name, units, axes, long_name, values)
+         import :: columns_t, wp
+         class(columns_t), intent(inout) :: self
+         character(*), intent(in) :: name, units, axes, long_name
+         real(wp), intent(in), contiguous, optional :: values(..)
+      end subroutine column_of_reals
+
+      subroutine column_of_text(self, name, units, axes, long_name, value)
+         import :: columns_t
+         class(columns_t), intent(inout) :: self
+         character(*), intent(in) :: name, units, axes, long_name
+         character(*), intent(in), optional :: value
+      end subroutine column_of_text
+   end interface
+
+contains
+
+   !> Hands over all columns of a motion, in the order of the file.
+   subroutine columns_go_through(t, m)
+      class(columns_t), intent(inout) :: t
+      type(motion_result_t), intent(in) :: m
+
+      call outcome_columns(t, m)
+      call accuracy_columns(t, m)
+      call motion_columns(t, m)
+      call certificate_columns(t, m)
+      call stability_columns(t, m)
+      call curve_columns(t, m)
+      call surface_columns(t, m)
+      t%is_there = .true.
+      t%is_known = .true.
+   end subroutine columns_go_through
+
+   subroutine outcome_columns(t, m)
+      class(columns_t), intent(inout) :: t
+      type(motion_result_t), intent(in) :: m
+
+      call t%integer("status", "1", "", "outcome of the point", m%status, outcome_names)
+      call t%text("message", "1", "message_byte", "why the point failed", m%message)
+      call t%integer("iterations", "1", "", "iterations of the solver", m%iterations)
+      call t%integer("rescue", "1", "", "what the solver needed beside the direct attempt", m%rescue, rescue_names)
+      call t%integer("evaluations", "1", "", "evaluations of the residual", m%evaluations)
+      call t%real("residual", "1", "", "norm of the balance relative to the scale of the forces", m%residual)
+      call t%real("solve_seconds", "s", "", "wall time of the point", m%solve_seconds)
+      call t%real("setup_seconds", "s", "", "of it, dynamic stiffness, plans, first guess", m%setup_seconds)
+      call t%real("iteration_seconds", "s", "", "of it, the solver", m%solver_seconds)
+      call t%real("certificate_seconds", "s", "", "of it, the certificate", m%certificate_seconds)
+      call t%integer("rank", "1", "", "MPI rank that solved the point", m%rank)
+      call t%integer("n_harmonics", "1", "", "number of harmonics in the set of the point", m%n_harmonics)
+      call t%integer("n_unknowns", "1", "", "number of unknowns of the equations that were solved", m%n_unknowns)
+      call t%integer("is_odd", "1", "", &
+         "1 where the motion was sought among those of odd tuples alone, the equations being odd", merge(1, 0, m%is_odd))
+      call t%integer("n_full_stick", "1", "", &
+         "friction laws that slip nowhere: the solution from rest, one of many", m%n_full_stick)
+      call t%integer("n_motions", "1", "", "motions in which marching from several starts ends; 0: not tried", m%n_motions)
+      call t%integer("is_marched_first", "1", "", "1 where marching was tried before the balance", merge(1, 0, m%is_marched_first))
+      call t%real("frequency", "rad/s", "tone", "base frequencies", m%frequency)
+      call t%real("artificial_damping", "1/s", "tone", &
+         "xi of a normal mode: the forces -xi M dx/dt that keep up its amplitude", m%artificial_damping)
+   end subroutine outcome_columns
+
+   !> With `&accuracy`; the last column where it names outputs.
+   subroutine accuracy_columns(t, m)
+      class(columns_t), intent(inout) :: t
+      type(motion_result_t), intent(in) :: m
+
+      t%is_there = t%has_accuracy
+      call t%integer("n_rungs", "1", "", "sets and grids that were solved until the tolerance was met", m%n_rungs)
+      call t%real("rung_difference", "1", "", "difference of the last two of them, relative to the motion", m%rung_difference)
+      call t%real("level_estimate", "1", "", &
+         "estimated error as this difference shows it, where it is more than by the motion alone; else 0", m%level_estimate)
+      call t%integer("grid", "1", "tone", "samples of each tone", m%n_samples)
+      t%is_there = t%has_accuracy .and. t%has_outputs
+      call t%real("output_estimate", "1", "output", &
+         "estimated error of each output that the tolerance is for, relative to it", m%output_estimate)
+      call t%real("output_level_estimate", "1", "output", &
+         "estimated error of each output as the difference of rungs shows it, where it is more; else 0", m%output_level_estimate)
+   end subroutine accuracy_columns
+
+   !> `tuples` where each point chooses its own, improved coefficients with `&certificate improvement_steps`.
+   subroutine motion_columns(t, m)
+      class(columns_t), intent(inout) :: t
+      type(motion_result_t), intent(in) :: m
+
+      t%is_there = t%has_own_tuples
+      call t%integer("tuples", "1", "harmonic tone", &
+         "integer tuple j of each harmonic of the point; only the first n_harmonics are in use", m%harmonics%tuples)
+      t%is_there = .true.
+      call t%real("coefficients", of_dof, "dof harmonic component", "coefficients of the motion", m%coefficients)
+      call t%real("force_coefficients", of_force, "law_dof harmonic component", &
+         "coefficients of the force of the laws, on the left-hand side", m%force_coefficients)
+      call t%real("corrected_coefficients", of_dof, "law_dof harmonic component", &
+         "coefficients of the displacement corrected to the wall", m%corrected_coefficients)
+      t%is_known = allocated(m%certificate%combination)
+      call t%real("frequency_estimate", "rad/s", "tone", "estimated error of the frequencies, 0 where given", &
+         m%certificate%frequency_error)
+      t%is_known = .true.
+      t%is_there = t%has_improved
+      call t%real("improved_coefficients", of_dof, "law_dof harmonic component", &
+         "coefficients of the motion improved in a wider set of harmonics", m%improved_coefficients)
+      t%is_there = .true.
+   end subroutine motion_columns
+
+   subroutine certificate_columns(t, m)
+      class(columns_t), intent(inout) :: t
+      type(motion_result_t), intent(in) :: m
+      real(wp) :: damping, loss, loss_factor
+
+      loss = m%certificate%power_damping
+      if (allocated(m%certificate%power_laws)) loss = loss + sum(m%certificate%power_laws)
+      t%is_known = allocated(m%certificate%combination)
+      damping = 0.0_wp
+      loss_factor = 0.0_wp
+      if (t%is_known) damping = m%certificate%energy%decay(loss)
+      if (t%is_known) loss_factor = m%certificate%energy%loss_factor(loss)
+      associate (found => m%certificate)
+         call t%real("truncation_estimate", "1", "", &
+            "estimated error by the harmonics left out, relative to the motion", found%truncation)
+         call t%real("aliasing_estimate", "1", "", &
+            "estimated error by the finite number of samples, relative to the motion", found%aliasing)
+         call t%real("penetration", "m", "", "largest penetration into a rigid wall", found%defects%penetration)
+         call t%real("impact_estimate", "1", "", &
+            "energy of the hardest blow against a rigid wall, relative to that of the motion there", found%impact)
+         call t%real("tension", "N", "", "largest pull that a rigid wall would have to exert", found%defects%tension)
+         call t%real("complementarity", "N m", "", "largest product of reaction and gap of a rigid wall", &
+            found%defects%complementarity)
+         call t%real("slip_defect", "W", "", &
+            "largest power that exact friction would take beyond the reaction of rigid friction", found%defects%slip)
+         call t%real("power_in", "W", "", "mean power of the loads", found%power_in)
+         call t%real("power_damping", "W", "", "mean loss in the damping of the structure", found%power_damping)
+         call t%real("power_laws", "W", "law", "mean loss in each law", found%power_laws)
+         call t%real("energy_kinetic", "J", "", "mean kinetic energy of the structure", found%energy%kinetic)
+         call t%real("energy_strain", "J", "", "mean strain energy of the structure", found%energy%strain)
+         call t%real("loss_factor", "1", "", &
+            "all losses over twice the sum of frequency times mean strain energy of each harmonic", loss_factor)
+         call t%real("equivalent_damping", "1/s", "", "all losses over four times the mean kinetic energy", damping)
+         call t%real("combination_frequency", "rad/s", "", "smallest |k.omega| of low order", found%combination_frequency)
+         call t%integer("combination", "1", "tone", "integers k of combination_frequency", found%combination)
+      end associate
+      call t%integer("is_near_commensurate", "1", "", "1 where combination_frequency is below the threshold: "// &
+         "the tones are hard to tell from commensurate ones", merge(1, 0, m%is_near_commensurate))
+      t%is_known = .true.
+   end subroutine certificate_columns
+
+   !> Exponents and multipliers where stability is asked for, multipliers of one tone alone.
+   subroutine stability_columns(t, m)
+      class(columns_t), intent(inout) :: t
+      type(motion_result_t), intent(in) :: m
+      real(wp), allocatable :: exponents(:), im(:), re(:)
+      integer :: n
+
+      n = t%n_multipliers
+      associate (found => m%stability)
+         if (allocated(found%exponents)) exponents = padded(found%exponents, n)
+         if (allocated(found%exponents) .and. allocated(found%multipliers)) then
+            re = padded(real(found%multipliers), n)
+            im = padded(aimag(found%multipliers), n)
+         end if
+         call t%integer("is_stable", "1", "", &
+            "1 where small disturbances of the motion die out, -1 where one grows, 0 where that is not known", found%verdict)
+         call t%integer("n_unstable", "1", "", "disturbances that grow", found%n_unstable)
+         call t%integer("stability_method", "1", "", "how stability was found", found%method, stability_method_names)
+         t%is_known = allocated(exponents)
+         call t%real("stability_estimate", trim(merge("1  ", "1/s", t%has_one_tone)), "", &
+            "estimated error of the monodromy matrix, relative; of several tones of the largest exponent", found%estimate)
+         t%is_there = n > 0
+         call t%real("exponent", "1/s", "multiplier", "rates at which disturbances grow, the largest first", exponents)
+         t%is_there = n > 0 .and. t%has_one_tone
+         call t%real("multiplier_real", "1", "multiplier", "Floquet multipliers, the largest first: real parts", re)
+         call t%real("multiplier_imag", "1", "multiplier", "Floquet multipliers, the largest first: imaginary parts", im)
+      end associate
+      t%is_there = .true.
+      t%is_known = .true.
+   end subroutine stability_columns
+
+   !> With `&curve`. What a state lacks of the row stays NaN; with tuples of its own it is used up to a first NaN.
+   subroutine curve_columns(t, m)
+      class(columns_t), intent(inout) :: t
+      type(motion_result_t), intent(in) :: m
+      type(curve_place_t) :: place
+      real(wp), allocatable :: state(:)
+
+      t%is_there = t%has_curve
+      if (.not. t%is_there) return
+      t%is_known = allocated(m%curve)
+      if (t%is_known) place = m%curve
+      allocate (state(0))
+      if (allocated(place%state)) state = place%state
+      state = padded(state, merge(size(state) + 1, t%n_curve_state, t%has_own_tuples))
+      call t%integer("curve_kind", "1", "", "what the point of a curve is", place%kind, curve_kind_names)
+      call t%integer("curve_branch", "1", "", &
+         "number of the branch point from which this part of the curve was followed, from 1; 0: from its start", place%branch)
+      call t%real("curve_length", "1", "", "length of the curve from its start, "// &
+         "in units of the range and of the largest motion; negative on the other way", place%length)
+      call t%real("curve_state", "1", "curve_entry", &
+         "unknowns and value, direction, step, orientation and largest motion, from which the curve goes on", state)
+      call t%real(t%curve_column, t%curve_units, "", "value of "//t%curve_path//" along the curve", place%parameter)
+   end subroutine curve_columns
+
+   !> With `&output samples`.
+   subroutine surface_columns(t, m)
+      class(columns_t), intent(inout) :: t
+      type(motion_result_t), intent(in) :: m
+
+      t%is_there = t%has_surfaces
+      t%is_known = .true.
+      call t%real("displacement_samples", of_dof, "law_dof tau", "hypertime surface of the motion", m%displacement_samples)
+      call t%real("corrected_samples", of_dof, "law_dof tau", "hypertime surface corrected to the wall", m%corrected_samples)
+      call t%real("force_samples", of_force, "law_dof tau", "hypertime surface of the force", m%force_samples)
+   end subroutine surface_columns
+
+   !> The first `n` values, and NaN where there are fewer.
+   pure function padded(values, n)
+      real(wp), intent(in) :: values(:)
+      integer, intent(in) :: n
+      real(wp) :: padded(n)
+
+      padded = ieee_value(1.0_wp, ieee_quiet_nan)
+      padded(:min(n, size(values))) = values(:min(n, size(values)))
+   end function padded
+end module hb_motion_columns
