@@ -16,7 +16,7 @@ module hb_accurate_motion
    use hb_march_to_tolerance, only: loaded_tuples, march_from_balance, march_to_tolerance, marches_first
    use hb_marched_result, only: is_lost
    use hb_motion, only: solve_motion
-   use hb_motion_description, only: compare_with_refined
+   use hb_motion_description, only: allow_for_growth, compare_with_refined
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome
    use hb_rung, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, margin, &
@@ -221,7 +221,8 @@ contains
          result%level_estimate = max(result%level_estimate, best_estimate)
       end if
       call finish(scene, result, top, account, difference, watch)
-      if (result%status == outcome%truncated .and. present(judge)) call march_from_balance(scene, result, top, watch, judge)
+      if (result%status == outcome%truncated .and. present(judge) .and. result%stability%growth <= 1.0_wp) &
+         call march_from_balance(scene, result, top, watch, judge)
       if (scene%accuracy%grows_set .and. scene%chain%is_on .and. result%status == outcome%converged) call trim_set(scene, top)
    end subroutine climb
 
@@ -461,6 +462,7 @@ contains
                result%stability = whole%stability
                here%tones%omega = result%frequency
                call compare_with_refined(here, here%tones, result%certificate, result%stability)
+               call allow_for_growth(result, scene%accuracy%tolerance)
             end if
             if (allocated(whole%displacement_samples)) then
                result%displacement_samples = whole%displacement_samples

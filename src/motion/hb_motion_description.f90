@@ -1,6 +1,7 @@
 !> What is known of a motion that was found: coefficients, forces, certificate, named outputs, stability, surfaces.
 module hb_motion_description
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_advice, only: rounded
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, transfer_coefficients
    use hb_bordered, only: bordered_problem_t
@@ -25,7 +26,7 @@ module hb_motion_description
    use hb_transform, only: new_transform, transform_t
    implicit none
    private
-   public :: compare_with_refined, describe_motion, keep_motion, stability_of
+   public :: allow_for_growth, compare_with_refined, describe_motion, keep_motion, stability_of
 
 contains
 
@@ -64,6 +65,7 @@ contains
             call stability_of(scene, balance, c, scene%stability%tolerance, result%stability)
          call compare_with_refined(scene, tones_of(scene, balance), result%certificate, result%stability)
       end if
+      call allow_for_growth(result, scene%certificate%truncation)
       if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
       if (size(scene%output%samples) > 0) call keep_surfaces(scene, basis, balance, u, result, error)
    end subroutine describe_motion
@@ -105,6 +107,21 @@ contains
       call ask_for_stability(scene, config, harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
       call stability%hold_against(refined)
    end subroutine compare_with_refined
+
+   !> Where disturbances grow within a period of a slow tone before they decay, what a solution leaves of the equations does so,
+   !> too, in harmonics of that tone far beyond those that the certificate looks at: its estimate grows as much.
+   subroutine allow_for_growth(result, limit)
+      type(motion_result_t), intent(inout) :: result
+      real(wp), intent(in) :: limit                                   !! of the estimated error of a motion that is `converged`
+
+      if (result%stability%growth <= 1.0_wp) return
+      result%level_estimate = max(result%level_estimate, min(1.0_wp, result%stability%growth* &
+                                                             hypot(result%certificate%truncation, result%certificate%aliasing)))
+      if (result%status /= outcome%converged .or. result%level_estimate <= limit) return
+      result%status = outcome%truncated
+      result%message = "disturbances grow "//rounded(result%stability%growth)//" times within a period of the slowest tone "// &
+                       "before they decay, and so may errors, up to "//rounded(result%level_estimate)//" of the motion"
+   end subroutine allow_for_growth
 
    !> Asks the finder of the scene; without one nothing is known.
    subroutine ask_for_stability(scene, config, motion, work_allowed, stability)

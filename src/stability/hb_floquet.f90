@@ -165,6 +165,7 @@ contains
          self%verdict = verdict%unstable
       else if (laps%surge > largest_surge) then                       ! stable for disturbances that are never met
          self%verdict = verdict%unknown
+         self%growth = exp(laps%surge)
       else if (maxval(found%rate) < -margin) then
          self%verdict = verdict%stable
       else

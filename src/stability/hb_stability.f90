@@ -54,6 +54,8 @@ module hb_stability
                                                                       !! makes of a shift of the motion's own phase, or of the
                                                                       !! largest multiplier by that of the motion; of several
                                                                       !! tones the spread of the largest exponent [1/s]
+      real(wp) :: growth = 1.0_wp                                     !! of disturbances that decay on average, within a period of
+                                                                      !! the slowest tone, where that hides the verdict
       complex(wp), allocatable :: multipliers(:)                      !! of one tone, the largest first
       real(wp), allocatable :: exponents(:)                           !! [1/s], the largest first; of one tone growth rates
    contains

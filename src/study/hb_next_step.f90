@@ -74,14 +74,14 @@ contains
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
 
-      text = start_elsewhere(run)
-      if (len(text) > 0) return
+      text = ""
       associate (message => run%kind%message)
          select case (run%kind%status)
          case (outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%not_finite, outcome%diverged, outcome%timed_out)
-            text = with_other_search(run)
+            if (index(message, "scale the units") == 0) text = with_other_search(run)
          case (outcome%truncated, outcome%penetrating)
-            text = with_more_harmonics(run)
+            if (index(message, "disturbances grow") == 0) text = with_more_harmonics(run)
+            if (len(text) == 0) text = march_from_rest(run)
          case (outcome%aliased)
             text = with_more_samples(run)
          case (outcome%impact)
@@ -97,26 +97,6 @@ contains
       end associate
    end function solve_or_march
 
-   !> Where the first motion of a curve was not found, the curve begins at the end of its range that is farther away: contacts that
-   !> are closed at one end are often open at the other.
-   function start_elsewhere(run) result(text)
-      type(run_t), intent(in) :: run
-      character(:), allocatable :: text
-      real(wp) :: ends(2), start
-
-      text = ""
-      if (.not. allocated(run%plan%curve)) return
-      if (modulo(run%kind%first - 1, run%plan%n_fastest()) /= 0) return
-      if (all(run%kind%status /= [outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%diverged, outcome%broadband, &
-                                  outcome%subharmonic])) return
-      if (.not. (numbers_are_absent(run, "curve", "origin") .and. numbers_are_absent(run, "curve", "follow"))) return
-      associate (curve => run%plan%curve)
-         ends = [curve%from, curve%to]
-         start = curve%start
-      end associate
-      text = solve_with(run, "curve%start="//to_text(ends(maxloc(abs(ends - start), dim=1))))
-   end function start_elsewhere
-
    !> What tells more about the failure.
    function look_into(run) result(text)
       type(run_t), intent(in) :: run
@@ -124,7 +104,7 @@ contains
 
       text = ""
       select case (run%kind%status)
-      case (outcome%no_motion, outcome%collapsed)
+      case (outcome%no_motion, outcome%collapsed, outcome%not_finite)
          text = "nhbm check "//shell_word(run%names%input)//"  (prints natural frequencies: a first guess for &tones)"
       case (outcome%failed, outcome%crashed)
          text = "nhbm check "//shell_word(run%names%input)//"; when the cause is gone: nhbm resume "// &

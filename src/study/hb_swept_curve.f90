@@ -3,6 +3,7 @@
 module hb_swept_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_clock, only: wall_clock
+   use hb_curve_plan, only: curve_plan_t
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -14,10 +15,12 @@ module hb_swept_curve
    use hb_outcome, only: is_solved, outcome
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t, results_t
+   use hb_rung, only: estimate_of, reliable
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
    use hb_stored_origin, only: request_curve
    use hb_swept_point, only: check_layout, spread_result
+   use hb_text, only: to_text
    use hb_watch, only: verdict, watch_t
    implicit none
    private
@@ -29,6 +32,7 @@ module hb_swept_curve
       logical :: is_done = .false.                                    !! there is no further point
       class(motion_curve_t), allocatable, private :: curve            ! a class: else its copy is written out here once more
       class(motion_ridge_t), allocatable, private :: ridge            ! in its place where a peak or fold is followed
+      type(curve_plan_t), private :: plan
       type(curve_request_t), private :: request
       type(scene_t), private :: scene
       type(document_t), private :: document
@@ -65,6 +69,7 @@ contains
       if (.not. allocated(failure)) call check_layout(self%scene, source%layout, failure)
       if (.not. allocated(failure)) call request_curve(source%plan%curve, self%scene, self%document, self%request, failure)
       self%request%available_memory = source%available_memory
+      self%plan = source%plan%curve
       allocate (self%stored(0), self%curve, self%ridge)
       self%is_done = allocated(failure)
       self%last_parameter = source%plan%curve%start
@@ -77,7 +82,9 @@ contains
       if (allocated(self%request%over)) then
          call self%ridge%go_on_from(self%scene, self%document, self%request, places(:last), watch)
       else
-         call self%curve%go_on_from(self%scene, self%document, self%request, places(:last), failure, watch)
+         if (.not. allocated(self%request%origin)) call go_to(self, places(1)%parameter, failure)
+         if (.not. allocated(failure)) &
+            call self%curve%go_on_from(self%scene, self%document, self%request, places(:last), failure, watch)
       end if
       self%is_done = self%curve%is_done .or. self%ridge%is_done .or. allocated(failure)
       self%has_begun = .true.
@@ -119,7 +126,7 @@ contains
          call self%ridge%begin(self%scene, self%document, self%request, result, error, watch, marching_judge_t())
          self%has_begun = .true.
       else
-         call self%curve%begin(self%scene, self%document, self%request, result, error, watch, marching_judge_t())
+         call begin(self, result, error, watch)
          self%has_begun = .true.
       end if
       call watch%leave()
@@ -143,6 +150,59 @@ contains
       result%rank = rank
       result%solve_seconds = wall_clock() - started
    end subroutine swept_curve_next
+
+   !> Begins the curve. Where no balance is found at the end of the range at which it should, it begins at the other one: contacts
+   !> that are closed at one end are often open at the other. Time integration, which takes longer, comes last.
+   subroutine begin(self, result, error, watch)
+      class(swept_curve_t), intent(inout), target :: self
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      class(watch_t), intent(inout), target :: watch
+      real(wp) :: start
+
+      start = self%request%start
+      associate (request => self%request, other => self%request%from + self%request%to - self%request%start)
+         if (any(abs(start - [request%from, request%to]) <= 0.0_wp) .and. .not. (allocated(request%origin) .or. &
+             any(self%scene%tones%is_unknown) .or. self%scene%start_from_march .or. self%scene%normal_mode%is_asked)) then
+            call self%curve%begin(self%scene, self%document, request, result, error, watch)
+            if (has_ended()) return
+            call go_to(self, other, error)
+            if (.not. allocated(error)) call self%curve%begin(self%scene, self%document, request, result, error, watch)
+            if (has_ended()) then
+               if (is_solved(result%status)) result%message = "no motion was found at "//to_text(start)// &
+                  "; the curve begins at the other end of its range"
+               return
+            end if
+            call go_to(self, start, error)
+            if (allocated(error)) return
+         end if
+      end associate
+      call self%curve%begin(self%scene, self%document, self%request, result, error, watch, marching_judge_t())
+
+   contains
+
+      !> Whether there is nothing else to try; a solution that is off by more than can be estimated is none.
+      logical function has_ended()
+         has_ended = allocated(error) .or. watch%verdict /= verdict%go_on
+         if (.not. has_ended) has_ended = is_solved(result%status) .and. estimate_of(result) < reliable
+      end function has_ended
+   end subroutine begin
+
+   !> Takes the start of the curve, which has not begun, to a value.
+   subroutine go_to(self, start, error)
+      class(swept_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: start
+      type(error_t), allocatable, intent(out) :: error
+      logical :: is_new
+
+      if (abs(start - self%request%start) <= 0.0_wp) return
+      call self%curve%destroy()
+      deallocate (self%curve)
+      allocate (self%curve)
+      self%request%start = start
+      call self%plan%set(self%document, start)
+      call update_scene(self%scene, self%document, is_new, error, self%request%available_memory)
+   end subroutine go_to
 
    !> Frees the curve; safe to call twice.
    subroutine swept_curve_destroy(self)

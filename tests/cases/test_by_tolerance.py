@@ -289,11 +289,10 @@ def test_a_stop_between_two_modes_is_found_by_time_integration(tmp_path):
     assert error < 1e-2 and error < 3.0 * estimate
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("ratio", [80.0, 130.0])
 def test_disturbances_that_grow_beside_a_slow_tone_hide_the_verdict(ratio, tmp_path):
     """The slow tone leads through phases in which the fast motion is unstable: integration in time leaves the torus of the balance
-    by .17 of it, although disturbances decay on average. It was called stable."""
+    by .17 of it, although disturbances decay on average. It was called stable, and right to 2e-3."""
     scene = f"""
 &structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.54752856718, coupling_stiffness = 1.0,
    ground_stiffness = 0.716296639597, damping_mass = 0.0188776371784, damping_stiffness = 0.0846740464663 /
@@ -303,6 +302,7 @@ def test_disturbances_that_grow_beside_a_slow_tone_hide_the_verdict(ratio, tmp_p
 &load dof = 'x1', tuple = 0, 1, cos = 0.711375146219, sin = 0.392785291252 /
 &law type = 'elastic_stop', dof = 'x1', stiffness = 19.2926173494, gap = 0.931035200195, two_sided = .false. /
 """
-    _, path = _solve(scene, tmp_path)
+    done, path = _solve(scene, tmp_path)
     with h5py.File(path) as file:
-        assert file["is_stable"][0] == 0
+        assert file["is_stable"][0] == 0 and file["level_estimate"][0] > 0.17
+    assert "disturbances grow" in done.stdout and "1 truncated" in done.stdout

@@ -208,6 +208,39 @@ def test_motions_without_damping_make_no_torus(tmp_path):
         assert "torus" not in results.curve_kind() and "end" in results.curve_kind()
 
 
+@pytest.mark.parametrize(("share", "responses"), [(0.33, "'x1', 'x1 (1)'"), (0.72, "'x1'")])
+def test_wavy_curves_go_on_bit_by_bit(tmp_path, share, responses):
+    """What is reported of a wavy top depends on what was reported before."""
+    path = solve(ONE_STOP.replace("peak_of = 'x1'", f"peak_of = {responses}"), tmp_path)
+    broken = shutil.copy(path, tmp_path / "broken.h5")
+    with h5py.File(broken, "r+") as file:
+        file["status"][int(share * (file["status"][...] != UNUSED).sum()) :] = PENDING
+    assert run("resume", broken, cwd=tmp_path).status == ALL_CONVERGED
+    assert_same_bits(path, broken)
+
+
+def test_a_curve_begins_at_the_end_where_its_motion_is_found(tmp_path):
+    """Twenty masses, the last of which is held off by a stop: at 0.05 rad/s no motion is found in a minute."""
+    text = """
+&structure type = 'chain', n_masses = 20, ends = 'fixed-free', mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.005,
+   damping_stiffness = 0.002 /
+&tones frequency = 0.05 /
+&harmonics order = 15 /
+&load dof = 'x10', tuple = 1, cos = 0.02 /
+&law type = 'elastic_stop', dof = 'x20', gap = 0.1, stiffness = 50.0 /
+&curve parameter = 'tones%frequency', from = 0.05, to = 2.2, points = 40 /
+"""
+    path = solve(text, tmp_path)
+    broken = shutil.copy(path, tmp_path / "broken.h5")
+    with h5py.File(broken, "r+") as file:
+        frequency, kind = file["tones_frequency"][...].ravel(), file["curve_kind"][...]
+        assert kind[0] == 2 and frequency[0] == 2.2 and (np.diff(frequency) < 0).all()
+        assert b"begins at the other end" in bytes(file["message"][0])
+        file["status"][20:] = PENDING
+    assert run("resume", broken, cwd=tmp_path).status == ALL_CONVERGED
+    assert_same_bits(path, broken)
+
+
 def test_curves_by_tolerance_have_the_same_bits_on_two_ranks_and_resumed(by_tolerance, tmp_path):
     text = STOP + "&sweep parameter = 'law%gap', values = 1.0, 1.2 /\n"
     names = (*SOLUTION, "tuples", "grid", "n_harmonics")
