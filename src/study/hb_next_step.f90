@@ -80,8 +80,11 @@ contains
          case (outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%not_finite, outcome%diverged, outcome%timed_out)
             if (index(message, "scale the units") == 0) text = with_other_search(run)
          case (outcome%truncated, outcome%penetrating)
-            if (index(message, "disturbances grow") == 0) text = with_more_harmonics(run)
-            if (len(text) == 0) text = march_from_rest(run)
+            if (index(message, "disturbances grow") == 0) then
+               text = with_more_harmonics(run)
+            else
+               text = march_from_rest(run)
+            end if
          case (outcome%aliased)
             text = with_more_samples(run)
          case (outcome%impact)
