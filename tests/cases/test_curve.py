@@ -481,7 +481,7 @@ def test_damping_may_begin_at_zero(tmp_path):
     text = """
 &structure type='matrices', n_dofs=1, mass=1.0, stiffness=1.0 /
 &tones unknown=.true. /
-&accuracy tolerance=1e-2 /
+&accuracy tolerance=1e-4 /
 &law type='polynomial', dof='x1', damping=-1.0,0.0,0.333333333333333 /
 &curve parameter='structure%damping_diagonal', from=0.0, to=1.5, points=100 /
 """
