@@ -24,7 +24,6 @@ module hb_motion_description
    use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
-   use hb_tuple_choice, only: largest_places
    implicit none
    private
    public :: allow_for_growth, compare_with_refined, describe_motion, keep_motion, stability_of
@@ -89,20 +88,15 @@ contains
    end subroutine stability_of
 
    !> A verdict holds only where the motion with its first-order errors taken out has it, too: multipliers and exponents feel errors
-   !> of the motion that are small beside it, such as those in when a hard stop is left. Of that motion, tuples that carry next to
-   !> nothing of these errors are left out: there are many of them, and each costs as much as any.
+   !> of the motion that are small beside it, such as those in when a hard stop is left.
    subroutine compare_with_refined(scene, tones, found, stability)
       type(scene_t), intent(in) :: scene
       type(tones_t), intent(in) :: tones                              !! of the motion
       type(certificate_t), intent(in) :: found                        !! its certificate
       type(stability_t), intent(inout) :: stability                   !! its stability
       real(wp), parameter :: exact = 1.0e-6_wp                        ! error of a motion, relative, that multipliers do not feel
-      real(wp), parameter :: share = 0.3_wp                           ! of the error, which tuples that are left out may carry
       type(stability_config_t) :: config
       type(stability_t) :: refined
-      integer, allocatable :: kept(:)
-      real(wp) :: tail
-      integer :: h
 
       if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
       if (max(found%truncation, found%aliasing) <= exact .or. stability%is_marched) return
@@ -110,10 +104,7 @@ contains
       config%patience = 1.0_wp
       if (stability%n_laps > 0) config%fewest_laps = stability%n_laps
       if (stability%n_laps > 0) config%most_laps = stability%n_laps
-      tail = share*max(found%truncation, found%aliasing)*norm2(abs(found%refined))
-      kept = largest_places([(norm2(abs(found%refined(:, h))), h=1, size(found%refined, 2))], tail, size(found%refined, 2))
-      call ask_for_stability(scene, config, harmonic_motion_t(found%around%tuples(:, kept), tones, found%refined(:, kept)), &
-                             huge(1.0_wp), refined)
+      call ask_for_stability(scene, config, harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
       call stability%hold_against(refined)
    end subroutine compare_with_refined
 
