@@ -40,7 +40,7 @@ module hb_certificate
    real(wp), parameter :: linear = 0.1_wp                             ! largest error that one linear step tells
    real(wp), parameter :: nearer = 0.5_wp                             ! a second step, relative to the first
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
-   real(wp), parameter :: accuracy_of_estimates = 1.0e-3_wp           ! solutions with the tangent from products
+   real(wp), parameter :: accuracy_of_estimates = 1.0e-4_wp           ! solutions with the tangent from products
    real(wp), parameter :: small_step = 1.0e-2_wp                      ! of the one before
    real(wp), parameter :: accuracy_of_improvement = 1.0e-8_wp
    integer, parameter :: most_iterations = 30                         ! of another solution to compare with

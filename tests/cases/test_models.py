@@ -179,7 +179,7 @@ DAMAGES = {
     "loads/values(2) is not a finite number": lambda f: f["loads/values"].__setitem__(1, np.inf),
     "is no model file: it has no attribute 'format'": lambda f: f.attrs.__delitem__("format"),
     "has schema version 3": lambda f: f.attrs.__setitem__("schema_version", 3),
-    "'mass/data' has 2 axes, not one": lambda f: replace(f, "mass/data", np.zeros((5, 1))),
+    "'mass/data' has 2 axes, expected 1": lambda f: replace(f, "mass/data", np.zeros((5, 1))),
     "labels must be unique": lambda f: f["labels"].__setitem__(3, "n1.z"),
     "the mass of n2.z is negative": lambda f: f["mass/data"].__setitem__(1, -1.0),
     "dataset 'labels'": lambda f: replace(f, "labels", np.zeros(5)),
