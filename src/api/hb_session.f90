@@ -2,7 +2,7 @@
 !> found last, from which the next one may start.
 !>
 !> What a point of a sweep is in a run is a call of `solve` here, and a curve comes point by point; numbers are the same to the last
-!> bit. One thread at a time may use a session, any number of threads have one each.
+!> bit. One thread at a time may use a session.
 module hb_session
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_int, c_null_funptr, c_null_ptr, c_ptr
    use hb_accurate_motion, only: solve_to_tolerance

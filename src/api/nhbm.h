@@ -10,13 +10,14 @@
  *    for (i = 0; i < n; ++i) {
  *       nhbm_set(model, frequency, values[i], &error);
  *       if (nhbm_solve(model, NHBM_WARM, &error)) complain(error.text);
- *       nhbm_column(model, "coefficients", &column, &error);
+ *       nhbm_column_of(model, "coefficients", &column, &error);
  *    }
  *    nhbm_delete(&model);
  *
  * Functions return 0, or the code of the error that they describe. Nothing here prints, ends the process, catches signals, or changes
- * the locale or the modes of floating-point arithmetic. A model belongs to one thread at a time; models of several threads do not
- * know of each other. Texts are UTF-8 and end with a zero. MPI and HDF5 are not needed. */
+ * the locale or the modes of floating-point arithmetic. A model belongs to one thread at a time; docs/user/library.md says
+ * what is known of threads with a model each. Pointers to models and errors must not be null. Texts are UTF-8 and end with a zero.
+ * MPI and HDF5 are not needed. */
 #ifndef NHBM_H
 #define NHBM_H
 
