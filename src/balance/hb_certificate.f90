@@ -91,7 +91,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(phase_problem_t), intent(inout), optional :: phase         !! on this balance, where it has unknown tones
       class(bordered_problem_t), intent(inout), optional :: curve     !! on this balance, of which the motion is a point: errors
-                                                                      !! along its last form count for nothing
+                                                                      !! along its last form, and along a null vector where
+                                                                      !! another one crosses, count for nothing
       logical, intent(in), optional :: keeps_refined                  !! `refined` is asked for of several tones, too
       complex(wp), allocatable :: c(:, :)
       type(balance_t) :: wide
@@ -316,6 +317,9 @@ contains
       call choose_problem()
       call new_tangent_solver(tangent, problem, x, is_lost, self%accuracy)
       if (is_lost) return
+      if (present(curve)) then
+         if (allocated(curve%units_across)) call tangent%leave_out_null_vector(problem, curve%units_across)
+      end if
       allocate (big(wide%harmonics%n_coefficients, wide%n_dofs))
       call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
       call wide%factorise_mean_tangent(big, error)

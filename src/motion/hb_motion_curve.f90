@@ -563,7 +563,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: r(self%problem%n_unknowns)
       integer :: n
-      logical :: has_tangent, is_certified, is_possible
+      logical :: is_possible
 
       n = self%problem%n_unknowns
       call self%move(point%x, is_possible)
@@ -576,16 +576,12 @@ contains
          if (scene%normal_mode%is_asked) result%artificial_damping = balance%xi
          result%n_harmonics = scene%harmonics%n_harmonics
          result%n_unknowns = n
-         is_certified = scene%certificate%is_on
-         has_tangent = point%kind /= curve_kind%branch
-         if (point%kind == curve_kind%start) has_tangent = scene%accuracy%is_on .and. .not. self%has_left_branch()
-         scene%certificate%is_on = is_certified .and. has_tangent
-         call self%curve%put_plane(point%x, self%curve%direction, 0.0_wp)
+         if (scene%certificate%is_on) call put_across(self, point)
          call describe_motion(scene, whole_basis(scene%harmonics, scene%torus), balance, &
                               reshape(point%x(:n), [scene%harmonics%n_coefficients, balance%n_dofs]), result, error, &
                               curve=self%curve%problem)
-         scene%certificate%is_on = is_certified
       end associate
+      if (allocated(self%curve%problem%units_across)) deallocate (self%curve%problem%units_across)
       if (allocated(error) .or. .not. self%scene%accuracy%is_on) return
       call with_caution(self%scene, result)
       if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
@@ -594,6 +590,32 @@ contains
       result%n_samples = self%rung%n_samples
       result%n_rungs = self%n_rungs
    end subroutine motion_curve_describe
+
+   !> Makes the last equation the plane across the tangent at a point, in units of the motion there: how the curve came to it does
+   !> not matter. At a branch point, where any vector between the two curves is a tangent, steps are across both.
+   subroutine put_across(self, point)
+      class(motion_curve_t), intent(inout), target :: self
+      type(waiting_t), intent(in) :: point
+      type(report_t) :: report
+      real(wp) :: determinant_sign, tangent(size(point%x)), units(size(point%x))
+      integer :: last
+      logical :: is_crossed, is_singular
+
+      report = self%curve%report                                      ! no work of the curve
+      call self%curve%tangent_at(point%x, tangent, determinant_sign, is_singular)
+      self%curve%report = report
+      is_crossed = point%kind == curve_kind%branch
+      if (point%kind == curve_kind%start) is_crossed = self%has_left_branch()
+      if (is_singular) tangent = self%curve%direction
+      associate (u => point%x(:self%problem%n_unknowns), problem => self%curve%problem)
+         units = [spread(max(norm2(u), tiny(1.0_wp)), 1, size(u)), self%problem%parameter_scales(self%which)]
+         last = size(problem%values)
+         problem%forms(:, last) = tangent/units**2/norm2(tangent/units)
+         problem%values(last) = dot_product(problem%forms(:, last), point%x)
+         call problem%rescale()
+         if (is_crossed) problem%units_across = units
+      end associate
+   end subroutine put_across
 
    !> Whether this way begins at a branch point.
    pure logical function motion_curve_has_left_branch(self) result(has)

@@ -15,8 +15,10 @@ module hb_tangent_solver
       type(tangent_factor_t), allocatable, private :: factor
       type(tangent_krylov_t), allocatable, private :: krylov
       real(wp), private :: accuracy = default_accuracy
+      real(wp), allocatable, private :: null_vector(:), units(:)      ! left out of solutions, of length 1 in these units
    contains
       procedure :: determinant_sign => tangent_solver_determinant_sign
+      procedure :: leave_out_null_vector => tangent_solver_leave_out_null_vector
       procedure :: solve => tangent_solver_solve
    end type tangent_solver_t
 
@@ -76,5 +78,29 @@ contains
          is_singular = self%krylov%residual > sqrt(self%accuracy)
          r = s
       end if
+      if (allocated(self%null_vector)) &
+         r = r - dot_product(self%null_vector, r/self%units)*self%null_vector*self%units
    end subroutine tangent_solver_solve
+
+   !> Makes solutions with a tangent that is singular but for rounding those without a part along its null vector, which is found by
+   !> inverse iteration.
+   subroutine tangent_solver_leave_out_null_vector(self, problem, units)
+      class(tangent_solver_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in) :: units(:)                                !! of lengths (n_unknowns)
+      integer, parameter :: n_rounds = 3
+      real(wp) :: next(size(units))
+      integer :: i
+      logical :: is_singular
+
+      next = cos([(real(i, wp), i=1, size(next))])
+      do i = 1, n_rounds
+         next = next*problem%r_scale                                  ! as a residual
+         call self%solve(problem, next, is_singular)
+         if (is_singular) return
+         next = next/units/norm2(next/units)
+      end do
+      self%units = units
+      self%null_vector = next
+   end subroutine tangent_solver_leave_out_null_vector
 end module hb_tangent_solver

@@ -109,11 +109,7 @@ VALUE = 5  # kind of a row of a curve
 ESTIMATES = ("coefficients", "truncation_estimate", "aliasing_estimate")
 
 
-# A located point is certified across the direction of its step, not across its own tangent: 1.2 % and .4 % between the two sides.
-ACROSS_THE_STEP = pytest.mark.xfail(strict=True, reason="certified across the direction of the step")
-
-
-@pytest.mark.parametrize("law", [law if law == "cubic spring" else pytest.param(law, marks=ACROSS_THE_STEP) for law in FRAMES])
+@pytest.mark.parametrize("law", FRAMES)
 def test_the_same_motion_has_the_same_estimate_on_a_curve(law, tmp_path):
     """At a value that a curve passes from both sides."""
     scene = MASS.format(damping=0.2, tones="0.6", load=0.4).replace("tuple = 1, 0", "tuple = 1")
@@ -126,6 +122,35 @@ def test_the_same_motion_has_the_same_estimate_on_a_curve(law, tmp_path):
         (at,) = np.flatnonzero(kind == VALUE)
         found.append([column[at] for column in columns])
     _assert_same(found, motion=1e-8, estimates=1e-6)
+
+
+START, BRANCH = 2, 7
+
+
+@pytest.mark.parametrize("law", ["cubic_spring", "elastic_stop"])
+def test_branch_points_have_their_estimate(law, tmp_path):
+    """Where a motion loses its symmetry, seen from both sides and from the curves that begin there: as at the points next to it."""
+    stiffness, tone, ends, nonlinear = {
+        "cubic_spring": (0.0, 1.0, (2.0, 2.6), "stiffness = 1.0"),
+        "elastic_stop": (1.0, 0.8, (1.2, 1.5), "stiffness = 5.0, gap = 1.0, two_sided = .true."),
+    }[law]
+    scene = f"&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = {stiffness} /\n"
+    scene += f"&tones frequency = {tone} /\n&load dof = 'x1', tuple = 1, cos = 1.0 /\n&harmonics order = 8 /\n"
+    scene += f"&law type = '{law}', dof = 'x1', {nonlinear} /\n"
+    curve = "&curve parameter = 'load(1)%cos', from = {0}, to = {1}, switch = .true., points = 300 /\n"
+    found = []
+    for name, (start, end) in (("up", ends), ("down", ends[::-1])):
+        path = solve(scene + curve.format(start, end), tmp_path, name=name, status=None)
+        kind, status, along, estimate = read(path, "curve_kind", "status", "curve_branch", "truncation_estimate")
+        assert np.isfinite(estimate[status == CONVERGED]).all()
+        at = np.flatnonzero(kind == BRANCH)[0]
+        beside = estimate[[at - 1, at + 1]]
+        assert 1e-9 < beside.min() / 1.1 < estimate[at] < 1.1 * beside.max()
+        starts = estimate[(kind == START) & (along == 1)]
+        assert len(starts) == 2
+        np.testing.assert_allclose(starts, estimate[at], rtol=1e-6)
+        found.append(estimate[at])
+    assert found[0] == pytest.approx(found[1], rel=1e-4)
 
 
 @pytest.mark.parametrize("law", ["cubic spring", "elastic stop"])
