@@ -24,7 +24,7 @@ module hb_session
    use hb_namelist, only: complete_text, read_namelist, set_text
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome
-   use hb_results_layout, only: identifier
+   use hb_parameter_path, only: identifier
    use hb_rung, only: rung_t
    use hb_scene, only: scene_t, services_t
    use hb_scene_reader, only: group_names, update_scene

@@ -8,7 +8,7 @@ module hb_parameter_path
    use hb_text, only: is_name, lower, parse_integer, quote, shown, string_t, to_text
    implicit none
    private
-   public :: index_help, path_help, select_group, split_index, split_path
+   public :: identifier, index_help, path_help, select_group, split_index, split_path
 
    character(*), parameter :: path_help = &
       "a path is like solver%tolerance, law(2)%gap, law(label)%gap or tones%frequency(2)"
@@ -157,4 +157,28 @@ contains
       if (group%content%values(i_key)%kind == kind_of%word) label = group%content%word(i_key)
       label = trim(label)
    end function label_of
+
+   !> Gives a path in lower case with one underscore for every run of other characters, none at the ends.
+   pure function identifier(path) result(name)
+      character(*), intent(in) :: path
+      character(:), allocatable :: name
+      integer :: i
+
+      name = ""
+      do i = 1, len(path)
+         select case (path(i:i))
+         case ("a":"z", "0":"9")
+            name = name//path(i:i)
+         case ("A":"Z")
+            name = name//achar(iachar(path(i:i)) + iachar("a") - iachar("A"))
+         case default
+            if (len(name) > 0) then
+               if (name(len(name):) /= "_") name = name//"_"
+            end if
+         end select
+      end do
+      if (len(name) > 0) then
+         if (name(len(name):) == "_") name = name(:len(name) - 1)
+      end if
+   end function identifier
 end module hb_parameter_path

@@ -5,7 +5,7 @@ module hb_curve_table
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, outcome_text
-   use hb_results_layout, only: identifier
+   use hb_parameter_path, only: identifier
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, to_text
    implicit none

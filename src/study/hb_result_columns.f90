@@ -11,7 +11,8 @@ module hb_result_columns
    use hb_march_verdict, only: verdict_names
    use hb_motion_columns, only: columns_t, of_dof, of_force
    use hb_motion_result, only: motion_result_t
-   use hb_results_layout, only: identifier, results_layout_t
+   use hb_parameter_path, only: identifier
+   use hb_results_layout, only: results_layout_t
    use hb_row_buffer, only: row_buffer_t
    use hb_text, only: join, shortened, split, string_t, to_text
    implicit none

@@ -4,9 +4,10 @@ module hb_results_file
    use hb_file_place, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, is_characters, is_integer, is_real
    use hb_kinds, only: int64, two_pi
+   use hb_parameter_path, only: identifier
    use hb_result_columns, only: axis_t, column_t, plan_t, tuple_entry_name
    use hb_results_copy, only: copy_rows
-   use hb_results_layout, only: identifier, results_layout_t, swept_parameter_t
+   use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_results_plan, only: n_bytes_of, parameter_name_length, parameter_names, size_text
    use hb_signals, only: note_unfinished
    use hb_system, only: finish_file, has_space, release_file, remove_file, sync_file, take_file, utc_now

@@ -5,7 +5,7 @@ module hb_results_layout
    use hb_text, only: to_text
    implicit none
    private
-   public :: check_layout, identifier, results_layout_t, swept_parameter_t
+   public :: check_layout, results_layout_t, swept_parameter_t
 
    !> One swept input parameter with its value at every point.
    type :: swept_parameter_t
@@ -104,28 +104,4 @@ contains
       if (n_values /= n_points) call fail(error, "layout: swept parameter '"//parameter%path//"' has "// &
                                           to_text(n_values)//" values for "//to_text(n_points)//" points")
    end subroutine check_parameter
-
-   !> Gives a path in lower case with one underscore for every run of other characters, none at the ends.
-   pure function identifier(path) result(name)
-      character(*), intent(in) :: path
-      character(:), allocatable :: name
-      integer :: i
-
-      name = ""
-      do i = 1, len(path)
-         select case (path(i:i))
-         case ("a":"z", "0":"9")
-            name = name//path(i:i)
-         case ("A":"Z")
-            name = name//achar(iachar(path(i:i)) + iachar("a") - iachar("A"))
-         case default
-            if (len(name) > 0) then
-               if (name(len(name):) /= "_") name = name//"_"
-            end if
-         end select
-      end do
-      if (len(name) > 0) then
-         if (name(len(name):) == "_") name = name(:len(name) - 1)
-      end if
-   end function identifier
 end module hb_results_layout

@@ -2,8 +2,9 @@
 module hb_results_plan
    use hb_hdf5, only: bytes_of_kind, is_integer, is_real
    use hb_kinds, only: int64, wp
+   use hb_parameter_path, only: identifier
    use hb_result_columns, only: column_t, plan_t, tuple_entry_name
-   use hb_results_layout, only: identifier, results_layout_t
+   use hb_results_layout, only: results_layout_t
    use hb_text, only: to_text
    implicit none
    private

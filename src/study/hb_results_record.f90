@@ -6,8 +6,8 @@ module hb_results_record
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, is_status, outcome
+   use hb_parameter_path, only: identifier
    use hb_results_file, only: schema_version
-   use hb_results_layout, only: identifier
    use hb_row_checks, only: find_damaged_rows
    use hb_stored_rows, only: stored_file_t
    use hb_sweep_plan, only: sweep_plan_t

@@ -4,7 +4,7 @@ from mutant_parts.mutant import of
 
 MUTANTS = [
     *of(
-        "march/hb_birkhoff.f90",
+        "hypertime/hb_birkhoff.f90",
         (
             "birkhoff_half",
             "test_hb_birkhoff",
@@ -14,7 +14,7 @@ MUTANTS = [
         ),
     ),
     *of(
-        "march/hb_line_fit.f90",
+        "timedomain/hb_line_fit.f90",
         (
             "line_fit_seen",
             "test_hb_line_fit",
@@ -45,7 +45,7 @@ MUTANTS = [
         ),
     ),
     *of(
-        "march/hb_march_cvode.f90",
+        "timedomain/hb_march_cvode.f90",
         (
             "cvode_creeping",
             "test_hb_march",
@@ -55,7 +55,7 @@ MUTANTS = [
         ),
     ),
     *of(
-        "march/hb_march_starts.f90",
+        "timedomain/hb_march_starts.f90",
         (
             "starts_apart",
             "test_hb_march_starts",
@@ -72,7 +72,7 @@ MUTANTS = [
         ),
     ),
     *of(
-        "march/hb_march_verdict.f90",
+        "timedomain/hb_march_verdict.f90",
         (
             "verdict_limit",
             "test_hb_march_verdict",
@@ -96,7 +96,7 @@ MUTANTS = [
         ),
     ),
     *of(
-        "march/hb_recurrence.f90",
+        "timedomain/hb_recurrence.f90",
         (
             "recurrence_before",
             "test_hb_recurrence",

@@ -102,7 +102,7 @@ MUTANTS = [
         ),
     ),
     *of(
-        "stability/hb_period_map.f90",
+        "timedomain/hb_period_map.f90",
         (
             "period_map_still",
             "test_hb_period_map",
@@ -119,7 +119,7 @@ MUTANTS = [
         ),
     ),
     *of(
-        "stability/hb_state_map.f90",
+        "timedomain/hb_state_map.f90",
         (
             "state_map_distance",
             "test_hb_period_map",
@@ -136,7 +136,7 @@ MUTANTS = [
         ),
     ),
     *of(
-        "stability/hb_marched_laps.f90",
+        "timedomain/hb_marched_laps.f90",
         (
             "marched_laps_left",
             "test_hb_marched_laps",

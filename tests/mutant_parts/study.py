@@ -4,7 +4,7 @@ from mutant_parts.mutant import of
 
 MUTANTS = [
     *of(
-        "study/hb_coexisting_motions.f90",
+        "timedomain/hb_coexisting_motions.f90",
         (
             "coexisting_told",
             "test_hb_marched_motion",
@@ -31,7 +31,7 @@ MUTANTS = [
         ),
     ),
     *of(
-        "study/hb_marched_motion.f90",
+        "timedomain/hb_marched_motion.f90",
         (
             "marched_unseen",
             "test_hb_marched_motion",
