@@ -54,10 +54,10 @@ contains
       self%n_multipliers = 0
       if (allocated(motion%stability%exponents)) self%n_multipliers = size(motion%stability%exponents)
       self%has_outputs = n_outputs > 0
-      self%n_curve_state = 0
+      self%n_curve_unknowns = 0
       self%has_curve = allocated(motion%curve)
       if (self%has_curve) then
-         if (allocated(motion%curve%state)) self%n_curve_state = size(motion%curve%state)
+         if (allocated(motion%curve%unknowns)) self%n_curve_unknowns = size(motion%curve%unknowns)
       end if
       call self%go_through(motion)
       if (len(name) > 0 .and. .not. self%is_found) call fail(error, "there is no column '"//name//"'; known: "//self%names)

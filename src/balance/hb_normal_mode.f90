@@ -53,7 +53,6 @@ module hb_normal_mode
    type, extends(event_t) :: goal_event_t
       type(goal_t) :: goal
       type(balance_t), pointer :: balance => null()
-      integer :: tone = 0
    contains
       procedure :: value => goal_event_value
    end type goal_event_t
@@ -153,9 +152,9 @@ contains
          u(set%cos_at(h), :) = u(set%cos_at(h), :) + first_share*real(form)
          u(set%sin_at(h), :) = u(set%sin_at(h), :) - first_share*aimag(form)
       end associate
+      event%tolerance = near
       event%goal = goal
       event%balance => search%balance
-      event%tone = search%tones(1)
       reached = 0.0_wp
       call solve_at(search, goal, first_share, search%path_config(), .true., u)
       is_found = .false.
@@ -180,9 +179,9 @@ contains
                   cycle
                end if
             end associate
-            reached = max(reached, 1.0_wp + event%value(curve%x))
+            reached = max(reached, 1.0_wp + event%value(curve, curve%x))
             if (reached >= 1.0_wp) then
-               call curve%locate(event, near, is_found)
+               call curve%locate(event, is_found)
                exit
             end if
             call renew(search, curve, point)
@@ -206,14 +205,15 @@ contains
    end subroutine continue_from_mode
 
    !> How far a motion is beyond what is asked for, as a share of the amplitude; 0 at the goal.
-   real(wp) function goal_event_value(self, x) result(value)
+   real(wp) function goal_event_value(self, curve, x) result(value)
       class(goal_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:)
       logical :: is_possible
 
       associate (n => self%balance%n_unknowns, goal => self%goal)
          if (allocated(goal%energy)) then
-            call self%balance%set_parameters([self%tone, size(self%balance%omega) + self%tone], x(n + 1:), is_possible)
+            call curve%problem%move_to(x, is_possible)
             value = goal%energy%value(self%balance, reshape(x(:n), [self%balance%harmonics%n_coefficients, self%balance%n_dofs]))
             value = sign(sqrt(abs(value)/goal%value), value) - 1.0_wp
          else

@@ -19,56 +19,15 @@ module hb_curve_events
 
    !> Where the value turns back: its part of the tangent.
    type, extends(event_t) :: fold_event_t
-      type(curve_t) :: curve                                          ! a copy, for tangents
    contains
       procedure :: value => fold_event_value
    end type fold_event_t
 
-   !> Where a response does not change along the curve.
-   type, extends(event_t) :: peak_event_t
-      type(curve_t) :: curve
-      type(scene_problem_t), pointer :: problem => null()
-      type(response_t) :: response
-      real(wp) :: unit = 1.0_wp                                       ! of its square
-   contains
-      procedure :: value => peak_event_value
-   end type peak_event_t
-
    !> Where the determinant of the tangent, bordered by the direction, changes its sign.
    type, extends(event_t) :: branch_event_t
-      type(curve_t) :: curve
    contains
       procedure :: value => branch_event_value
    end type branch_event_t
-
-   !> Where a function of the multipliers is zero.
-   type, extends(event_t) :: bifurcation_event_t
-      type(scene_problem_t), pointer :: problem => null()
-      integer, allocatable :: which(:)
-      integer :: kind = 0                                             ! hb_bifurcation
-      logical :: is_marched = .false.                                 ! of the motion that repeats when it is marched
-   contains
-      procedure :: value => bifurcation_event_value
-   end type bifurcation_event_t
-
-   !> Where the number of multipliers outside of the unit circle changes: 1 as long as it is a given one, else -1.
-   type, extends(event_t) :: count_event_t
-      type(scene_problem_t), pointer :: problem => null()
-      integer, allocatable :: which(:)
-      integer :: n = 0
-   contains
-      procedure :: value => count_event_value
-   end type count_event_t
-
-   !> Where an extreme of a switch of a law is zero.
-   type, extends(event_t) :: graze_event_t
-      type(scene_problem_t), pointer :: problem => null()
-      integer, allocatable :: which(:)
-      integer :: extreme = 0, switch = 0                              ! in the list of `find_extremes`
-      real(wp) :: unit = 1.0_wp
-   contains
-      procedure :: value => graze_event_value
-   end type graze_event_t
 
    !> Where the value is a given one.
    type, extends(event_t) :: value_event_t
@@ -77,24 +36,62 @@ module hb_curve_events
       procedure :: value => value_event_value
    end type value_event_t
 
+   !> What a function of the motion decides.
+   type, abstract, extends(event_t) :: motion_event_t
+      type(scene_problem_t), pointer :: problem => null()
+   end type motion_event_t
+
+   !> Where a response does not change along the curve.
+   type, extends(motion_event_t) :: peak_event_t
+      type(response_t) :: response
+      real(wp) :: unit = 1.0_wp                                       ! of its square
+   contains
+      procedure :: value => peak_event_value
+   end type peak_event_t
+
+   !> Where an extreme of a switch of a law is zero.
+   type, extends(motion_event_t) :: graze_event_t
+      integer :: extreme = 0, switch = 0                              ! in the list of `find_extremes`
+      real(wp) :: unit = 1.0_wp
+   contains
+      procedure :: value => graze_event_value
+   end type graze_event_t
+
+   !> Where a function of the multipliers is zero.
+   type, extends(motion_event_t) :: bifurcation_event_t
+      integer :: bifurcation = 0                                      ! hb_bifurcation
+      logical :: is_marched = .false.                                 ! of the motion that repeats when it is marched
+   contains
+      procedure :: value => bifurcation_event_value
+   end type bifurcation_event_t
+
+   !> Where the number of multipliers outside of the unit circle changes: 1 as long as it is a given one, else -1.
+   type, extends(motion_event_t) :: count_event_t
+      integer :: n = 0
+   contains
+      procedure :: value => count_event_value
+   end type count_event_t
+
 contains
 
-   real(wp) function bifurcation_event_value(self, x) result(value)
+   real(wp) function bifurcation_event_value(self, curve, x) result(value)
       class(bifurcation_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:)
       type(stability_t) :: there
 
-      call find_stability(self%problem, self%which, x, sharp, there, self%is_marched)
+      call find_stability(self%problem, x, sharp, there, self%is_marched)
       value = ieee_value(value, ieee_quiet_nan)
-      if (allocated(there%multipliers)) value = bifurcation_value(self%kind, there%multipliers)
+      if (allocated(there%multipliers)) value = bifurcation_value(self%bifurcation, there%multipliers)
    end function bifurcation_event_value
 
-   real(wp) function count_event_value(self, x) result(value)
+   real(wp) function count_event_value(self, curve, x) result(value)
       class(count_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:)
       type(stability_t) :: there
 
-      call find_stability(self%problem, self%which, x, sharp, there)
+      call find_stability(self%problem, x, sharp, there)
       value = ieee_value(value, ieee_quiet_nan)
       if (allocated(there%multipliers)) value = merge(1.0_wp, -1.0_wp, n_outside(there) == self%n)
    end function count_event_value
@@ -106,134 +103,133 @@ contains
       n_outside = count(abs(stability%multipliers) > 1.0_wp + on_circle)
    end function n_outside
 
-   !> Smallest and largest value of each switch of the laws, (2, any), hb_grazing.
-   subroutine find_extremes(problem, which, x, extremes)
+   !> The motion at a point of the curve, at all degrees of freedom; not allocated where the parameters are refused.
+   subroutine find_motion(problem, x, c)
       type(scene_problem_t), intent(inout), target :: problem
-      integer, intent(in) :: which(:)                                 !! parameters that are unknown
+      real(wp), intent(in) :: x(:)
+      complex(wp), allocatable, intent(out) :: c(:, :)
+      logical :: is_possible
+
+      call problem%move(x, is_possible)
+      if (.not. is_possible) return
+      associate (balance => problem%balance)
+         allocate (c(problem%scene%structure%n_dofs, balance%harmonics%n_harmonics))
+         call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
+      end associate
+   end subroutine find_motion
+
+   !> Smallest and largest value of each switch of the laws, (2, any), hb_grazing.
+   subroutine find_extremes(problem, x, extremes)
+      type(scene_problem_t), intent(inout), target :: problem
       real(wp), intent(in) :: x(:)
       real(wp), allocatable, intent(out) :: extremes(:, :)
       complex(wp), allocatable :: c(:, :)
       integer :: i
-      logical :: is_possible
 
       allocate (extremes(2, 0))
       if (all([(problem%scene%laws(i)%law%n_switches == 0, i=1, size(problem%scene%laws))])) return
-      call problem%set_parameters(which, x(problem%n_unknowns + 1:), is_possible)
-      if (.not. is_possible) return
-      associate (scene => problem%scene, balance => problem%balance)
-         allocate (c(scene%structure%n_dofs, balance%harmonics%n_harmonics))
-         call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
-         call extremes_of_switches(scene%laws, balance%harmonics%tuples, balance%omega, c, extremes)
-      end associate
+      call find_motion(problem, x, c)
+      if (allocated(c)) call extremes_of_switches(problem%scene%laws, problem%balance%harmonics%tuples, problem%balance%omega, c, &
+                                                  extremes)
    end subroutine find_extremes
 
-   real(wp) function graze_event_value(self, x) result(value)
+   real(wp) function graze_event_value(self, curve, x) result(value)
       class(graze_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:)
       real(wp), allocatable :: extremes(:, :)
 
-      call find_extremes(self%problem, self%which, x, extremes)
+      call find_extremes(self%problem, x, extremes)
       value = ieee_value(value, ieee_quiet_nan)
       if (size(extremes, 2) >= self%switch) value = extremes(self%extreme, self%switch)/self%unit
    end function graze_event_value
 
-   real(wp) function fold_event_value(self, x) result(value)
+   real(wp) function fold_event_value(self, curve, x) result(value)
       class(fold_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:)
       real(wp) :: tangent(size(x)), determinant_sign
       logical :: is_singular
 
-      call self%curve%tangent_at(x, tangent, determinant_sign, is_singular)
-      value = tangent(size(x))/self%curve%units(size(x))
+      call curve%tangent_at(x, tangent, determinant_sign, is_singular)
+      value = tangent(size(x))/curve%units(size(x))
       if (is_singular) value = 0.0_wp
    end function fold_event_value
 
-   real(wp) function peak_event_value(self, x) result(value)
+   real(wp) function peak_event_value(self, curve, x) result(value)
       class(peak_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:)
       real(wp) :: tangent(size(x)), determinant_sign
       logical :: is_singular
 
-      call self%curve%tangent_at(x, tangent, determinant_sign, is_singular)
+      call curve%tangent_at(x, tangent, determinant_sign, is_singular)
       value = ieee_value(value, ieee_quiet_nan)
-      if (.not. is_singular) value = slope_at(self%problem, self%curve%problem%which, self%response, x, tangent)/self%unit
+      if (.not. is_singular) value = slope_at(self%problem, self%response, x, tangent)/self%unit
    end function peak_event_value
 
-   real(wp) function branch_event_value(self, x) result(value)
+   real(wp) function branch_event_value(self, curve, x) result(value)
       class(branch_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:)
       real(wp) :: tangent(size(x))
       logical :: is_singular
 
-      call self%curve%tangent_at(x, tangent, value, is_singular)
+      call curve%tangent_at(x, tangent, value, is_singular)
    end function branch_event_value
 
-   real(wp) function value_event_value(self, x) result(value)
+   real(wp) function value_event_value(self, curve, x) result(value)
       class(value_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:)
 
       value = (x(size(x)) - self%wanted)/self%unit
    end function value_event_value
 
    !> Slope of the square of a response along a direction, by a difference of fourth order.
-   real(wp) function slope_at(problem, which, response, x, direction) result(slope)
+   real(wp) function slope_at(problem, response, x, direction) result(slope)
       type(scene_problem_t), intent(inout), target :: problem
-      integer, intent(in) :: which(:)                                 !! parameters that are unknown
       type(response_t), intent(in) :: response
       real(wp), intent(in) :: x(:), direction(:)
       real(wp), parameter :: apart = 1.0e-3_wp
       real(wp) :: near, far
 
-      near = square_at(problem, which, response, x + apart*direction) - &
-             square_at(problem, which, response, x - apart*direction)
-      far = square_at(problem, which, response, x + 2.0_wp*apart*direction) - &
-            square_at(problem, which, response, x - 2.0_wp*apart*direction)
+      near = square_at(problem, response, x + apart*direction) - square_at(problem, response, x - apart*direction)
+      far = square_at(problem, response, x + 2.0_wp*apart*direction) - square_at(problem, response, x - 2.0_wp*apart*direction)
       slope = (8.0_wp*near - far)/(12.0_wp*apart)
    end function slope_at
 
    !> Square of a response.
-   real(wp) function square_at(problem, which, response, x) result(square)
+   real(wp) function square_at(problem, response, x) result(square)
       type(scene_problem_t), intent(inout), target :: problem
-      integer, intent(in) :: which(:)                                 !! parameters that are unknown
       type(response_t), intent(in) :: response
       real(wp), intent(in) :: x(:)
       complex(wp), allocatable :: c(:, :)
       real(wp) :: u(problem%scene%harmonics%n_coefficients, problem%balance%n_dofs)
-      logical :: is_possible
       integer :: h, i
 
-      u = reshape(x(:size(u)), shape(u))
       associate (set => problem%scene%harmonics)
          i = response%column
          if (i > 0) then
+            u = reshape(x(:size(u)), shape(u))
             square = response%of(set, [(set%amplitude(u(:, i), h), h=1, set%n_harmonics)])
          else
-            call problem%set_parameters(which, x(size(u) + 1:), is_possible)
+            call find_motion(problem, x, c)
             square = 0.0_wp
-            if (.not. is_possible) return
-            allocate (c(problem%scene%structure%n_dofs, set%n_harmonics))
-            call problem%balance%all_dofs(u, c)
-            square = response%of(set, c(response%dof, :))
+            if (allocated(c)) square = response%of(set, c(response%dof, :))
          end if
       end associate
    end function square_at
 
    !> Stability of the motion at a point of the curve; without multipliers where they are not looked for, or not found.
-   subroutine find_stability(problem, which, x, tolerance, stability, is_marched)
+   subroutine find_stability(problem, x, tolerance, stability, is_marched)
       type(scene_problem_t), intent(inout), target :: problem
-      integer, intent(in) :: which(:)                                 !! parameters that are unknown
       real(wp), intent(in) :: x(:), tolerance
       type(stability_t), intent(out) :: stability
       logical, intent(in), optional :: is_marched                     !! that of the motion that repeats when it is marched
       complex(wp), allocatable :: c(:, :)
-      logical :: is_possible
 
-      call problem%set_parameters(which, x(problem%n_unknowns + 1:), is_possible)
-      if (.not. is_possible) return
-      associate (scene => problem%scene, balance => problem%balance)
-         allocate (c(scene%structure%n_dofs, balance%harmonics%n_harmonics))
-         call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
-         call stability_of(scene, balance, c, tolerance, stability, is_marched)
-      end associate
+      call find_motion(problem, x, c)
+      if (allocated(c)) call stability_of(problem%scene, problem%balance, c, tolerance, stability, is_marched)
    end subroutine find_stability
 end module hb_curve_events

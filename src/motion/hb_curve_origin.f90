@@ -5,10 +5,10 @@
 !> multipliers tell but for a multiple of the tone that is there: the one is taken that makes its fundamental the largest.
 !> Source: docs/user/theory.md, section 6.7.
 module hb_curve_origin
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: two_pi, wp
+   use hb_motion_result, only: curve_place_t
    use hb_rung, only: degree_of, join, needed_samples, rung_of, rung_t
    use hb_scene, only: scene_t
    use hb_scene_problem, only: scene_problem_t
@@ -32,15 +32,14 @@ module hb_curve_origin
 contains
 
    !> Takes the motion of a point on another curve over into the set of a scene, or one around it where sets are chosen by a
-   !> tolerance. Fails where the state is not that of such a point.
-   subroutine new_curve_origin(self, is_torus, state, tuples, scene, error, n_samples)
+   !> tolerance. Fails where it does not fit.
+   subroutine new_curve_origin(self, is_torus, place, tuples, scene, error)
       type(curve_origin_t), intent(out) :: self
       logical, intent(in) :: is_torus                                 !! else the period doubles
-      real(wp), intent(in) :: state(:)                                !! as hb_motion_curve stores it: unknowns, direction, angle
+      type(curve_place_t), intent(in) :: place                        !! on the other curve
       integer, intent(in) :: tuples(:, :)                             !! on the other curve, (its tones, its harmonics)
       type(scene_t), intent(in) :: scene                              !! with the wider set
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(in), optional :: n_samples(:)                   !! of the grid on the other curve, (its tones)
       type(harmonics_t) :: other
       real(wp), allocatable :: old(:, :)
       real(wp) :: first                                               ! base frequency of the motion that is left [rad/s]
@@ -51,16 +50,16 @@ contains
       self%is_torus = is_torus
       self%multiple = merge(1, 2, is_torus)
       n_further = 1 + count(scene%tones%is_unknown) - merge(1, 0, is_torus)
-      n = (findloc(ieee_is_finite(state), .true., dim=1, back=.true.) - 1)/2
+      n = size(place%unknowns)
       n_coordinates = (n - n_further)/other%n_coefficients
       if (n_coordinates < 1 .or. n /= n_coordinates*other%n_coefficients + n_further .or. &
           scene%harmonics%n_tones /= other%n_tones + merge(1, 0, is_torus)) then
          call fail(error, "its motion does not fit the tones, harmonics and laws of this input")
          return
       end if
-      call choose_rung(self%rung, other, is_torus, scene, error, n_samples)
+      call choose_rung(self%rung, other, is_torus, scene, error, place%n_samples)
       if (allocated(error)) return
-      old = reshape(state(:n - n_further), [other%n_coefficients, n_coordinates])
+      old = reshape(place%unknowns(:n - n_further), [other%n_coefficients, n_coordinates])
       associate (set => self%rung%set)
          allocate (self%u(set%n_coefficients, n_coordinates), source=0.0_wp)
          do h = 1, other%n_harmonics
@@ -74,7 +73,7 @@ contains
             if (other%sin_at(h) > 0) self%u(set%sin_at(k), :) = old(other%sin_at(h), :)
          end do
       end associate
-      associate (found => state(n - n_further + 1:n - 1), value => state(n), angle => state(2*n + 1))
+      associate (found => place%unknowns(n - n_further + 1:n - 1), value => place%unknowns(n), angle => place%angle)
          if (is_torus) then
             first = scene%tones%omega(1)
             if (scene%tones%is_unknown(1)) first = found(1)

@@ -29,7 +29,7 @@ module hb_motion_columns
       logical :: has_surfaces = .false.                 !! samples of motions and forces are asked for
       logical :: has_outputs = .false.                  !! the tolerance is for some
       logical :: has_one_tone = .false.
-      integer :: n_multipliers = 0, n_curve_state = 0   !! lengths of these axes
+      integer :: n_multipliers = 0, n_curve_unknowns = 0   !! lengths of these axes
       character(:), allocatable :: curve_path           !! of the value along the curve, in the input; its column and its unit
       character(:), allocatable :: curve_column, curve_units
       logical :: is_there = .true.                      !! the columns that follow are there
@@ -225,27 +225,38 @@ contains
       t%is_known = .true.
    end subroutine stability_columns
 
-   !> With `&curve`. What a state lacks of the row stays NaN; with tuples of its own it is used up to a first NaN.
+   !> With `&curve`.
    subroutine curve_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
       type(curve_place_t) :: place
-      real(wp), allocatable :: state(:)
+      integer :: n
 
       t%is_there = t%has_curve
       if (.not. t%is_there) return
       t%is_known = allocated(m%curve)
       if (t%is_known) place = m%curve
-      allocate (state(0))
-      if (allocated(place%state)) state = place%state
-      state = padded(state, merge(size(state) + 1, t%n_curve_state, t%has_own_tuples))
+      n = 0
+      if (allocated(place%unknowns)) n = size(place%unknowns)
+      if (n > 0 .and. .not. t%has_own_tuples) place%unknowns = padded(place%unknowns, t%n_curve_unknowns)
+      if (allocated(place%direction) .and. .not. t%has_own_tuples) place%direction = padded(place%direction, t%n_curve_unknowns)
       call t%integer("curve_kind", "1", "", "what the point of a curve is", place%kind, curve_kind_names)
       call t%integer("curve_branch", "1", "", &
          "number of the branch point from which this part of the curve was followed, from 1; 0: from its start", place%branch)
       call t%real("curve_length", "1", "", "length of the curve from its start, "// &
          "in units of the range and of the largest motion; negative on the other way", place%length)
-      call t%real("curve_state", "1", "curve_entry", &
-         "unknowns and value, direction, step, orientation and largest motion, from which the curve goes on", state)
+      call t%integer("curve_response", "1", "", "number of the response in 'peak_of' that has its peak there; 0: no peak", &
+         place%response)
+      call t%integer("curve_n_unknowns", "1", "", "number of unknowns of the curve in use", n)
+      call t%real("curve_unknowns", "1", "curve_unknown", "unknowns of the curve, the value last", place%unknowns)
+      call t%real("curve_direction", "1", "curve_unknown", "tangent of the curve, where something goes on from the point", &
+         place%direction)
+      call t%real("curve_step", "1", "", "length of the next step; 0 but at the end of a step", place%step)
+      call t%real("curve_orientation", "1", "", &
+         "sign of the determinant of the tangent bordered by the direction, at the end of a step; 0: not known", place%orientation)
+      call t%real("curve_largest_motion", "1", "", &
+         "largest motion so far, at the end of a step, relative to a typical one: the unit of lengths", place%largest_motion)
+      call t%real("curve_angle", "rad", "", "angle of the pair of multipliers of a flip or torus, else 0", place%angle)
       call t%real(t%curve_column, t%curve_units, "", "value of "//t%curve_path//" along the curve", place%parameter)
    end subroutine curve_columns
 

@@ -9,13 +9,19 @@ module hb_motion_result
    private
    public :: curve_place_t, motion_result_t
 
-   !> Where on a curve a motion is, hb_motion_curve.
+   !> Where on a curve a motion is, hb_motion_curve, and what the curve goes on from: of steps and the starts of ways all of it.
    type :: curve_place_t
       integer :: kind = 0                               !! hb_curve_request%curve_kind
       real(wp) :: parameter = 0.0_wp                    !! in the unit of the input
       real(wp) :: length = 0.0_wp                       !! of the arc from the start, negative on the second way from there
       integer :: branch = 0                             !! number of the branch point where this curve starts; 0: none
-      real(wp), allocatable :: state(:)                 !! what the curve goes on from, hb_motion_curve
+      real(wp), allocatable :: unknowns(:)              !! of the balance, further ones, and the value along the curve
+      real(wp), allocatable :: direction(:)             !! tangent of the curve, as long; not allocated: nothing goes on from there
+      real(wp) :: step = 0.0_wp                         !! length of the next one; 0: no end of a step
+      real(wp) :: orientation = 0.0_wp                  !! sign of the determinant at the end of a step; 0: not known
+      real(wp) :: largest_motion = 0.0_wp               !! so far, relative to a typical one: the unit of lengths
+      real(wp) :: angle = 0.0_wp                        !! of the pair of multipliers of a flip or torus [rad]
+      integer :: response = 0                           !! of the request, whose peak it is
       integer, allocatable :: tuples(:, :)              !! set of the motion, (n_tones, n_harmonics); that of the scene if none
       integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); likewise
    end type curve_place_t

@@ -79,7 +79,7 @@ contains
          end if
          if (.not. allocated(point%curve)) cycle                      ! where the curve was lost
          if (point%curve%kind /= request%over%kind) cycle
-         measure = self%curve%measure(point%curve%state)
+         measure = self%curve%measure(point%curve%unknowns)
          if (measure <= highest .or. (highest >= 0.0_wp .and. request%over%kind == curve_kind%fold)) cycle
          highest = measure
          result = point
@@ -102,17 +102,12 @@ contains
       type(curve_request_t), intent(in) :: request
       type(curve_place_t), intent(in) :: stored(:)                    !! all points up to the one to go on from
       class(watch_t), intent(inout), target :: watch
-      integer :: n
 
       call prepare(self, scene, document, request, watch)
-      associate (last => stored(size(stored)))
-         n = self%curve%n_entries(last%state, 1)
-         self%last = last
-         self%last%state = last%state(:2*n)
-         self%step = last%state(2*n + 1)
-         self%value = last%parameter
-         self%length = last%length
-      end associate
+      self%last = stored(size(stored))
+      self%step = self%last%step
+      self%value = self%last%parameter
+      self%length = self%last%length
       self%n_told = size(stored)
       self%is_done = self%n_told >= request%n_points
    end subroutine motion_ridge_go_on_from
@@ -159,13 +154,13 @@ contains
       if (kind /= curve_kind%start) self%length = self%length + abs(value - self%value)/self%request%moving%typical
       self%last = result%curve
       self%value = value
-      associate (place => result%curve, n => size(self%last%state)/2)
+      associate (place => result%curve)
          place%kind = kind
          place%parameter = value
          place%length = self%length
          place%branch = 0
-         place%state = self%last%state(:n)
-         if (any(kind == [curve_kind%start, curve_kind%regular])) place%state = [self%last%state, self%step]
+         place%step = self%step
+         if (all(kind /= [curve_kind%start, curve_kind%regular])) deallocate (place%direction)   ! nothing goes on from there
       end associate
       self%n_told = self%n_told + 1
       self%is_done = kind == curve_kind%end .or. self%n_told >= self%request%n_points
@@ -229,23 +224,22 @@ contains
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
       type(curve_place_t) :: place
-      integer :: attempt, n
+      integer :: attempt
       logical :: is_new
 
       is_found = .false.
       n_steps = 0
-      call set_values(self, value, self%last%state(size(self%last%state)/2))
+      call set_values(self, value, self%last%unknowns(size(self%last%unknowns)))
       call update_scene(self%scene, self%document, is_new, error, self%request%available_memory)
       if (allocated(error)) return
       place = self%last
-      n = size(place%state)/2
       do attempt = 1, 2                                               ! along the curve, then the other way round
          call self%curve%destroy()
          call self%curve%begin_next_to(self%scene, self%document, self%inner, place, is_found, error, self%watch)
          if (allocated(error) .or. .not. is_found) return
          call self%curve%look_for(self%request%over%kind, most_steps, result, n_steps, is_found, error)
          if (allocated(error) .or. is_found) exit
-         place%state(n + 1:) = -place%state(n + 1:)
+         place%direction = -place%direction
       end do
       if (allocated(error) .or. .not. is_found) return
       is_found = distance(motion_at(self, result%curve), motion_at(self, self%last), .false.) <= largest_change
@@ -258,7 +252,7 @@ contains
       type(rung_t) :: rung
 
       rung = rung_of(self%scene, place)
-      rung%unknowns = [place%state(:size(place%state)/2 - 1), 0.0_wp*self%scene%tones%omega]
+      rung%unknowns = [place%unknowns(:size(place%unknowns) - 1), 0.0_wp*self%scene%tones%omega]
    end function motion_at
 
    !> Frees the curve; safe to call twice.

@@ -37,6 +37,7 @@ module hb_scene_problem
       type(balance_t) :: balance                                      !! likewise
       type(document_t) :: document                                    !! likewise, but for frequencies
       integer :: own = 0                                              !! number of the moving value among the parameters
+      integer, allocatable :: which(:)                                !! parameters that are unknown along a curve, the value last
       logical :: moves_frequency = .false.                            !! the value is that of a tone, and loads do not grow with it
       character(:), allocatable :: complaint                          !! why the last value was refused
       real(wp) :: refused = 0.0_wp                                    !! that value
@@ -62,6 +63,7 @@ module hb_scene_problem
       procedure :: parameters => scene_problem_parameters
       procedure :: parameter_scales => scene_problem_parameter_scales
       procedure :: set_parameters => scene_problem_set_parameters
+      procedure :: move => scene_problem_move
       procedure :: parameter_derivative => scene_problem_parameter_derivative
       procedure :: renew => scene_problem_renew
       procedure :: unevenness => scene_problem_unevenness
@@ -281,6 +283,15 @@ contains
       self%scene%tones%omega = self%omega
       self%xi = self%balance%xi
    end subroutine scene_problem_set_parameters
+
+   !> Moves to the parameters of a point of a curve.
+   subroutine scene_problem_move(self, x, is_possible)
+      class(scene_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)                                    !! unknowns, then the parameters `which`
+      logical, intent(out) :: is_possible
+
+      call self%set_parameters(self%which, x(self%n_unknowns + 1:), is_possible)
+   end subroutine scene_problem_move
 
    subroutine scene_problem_parameter_derivative(self, x, which, derivative)
       class(scene_problem_t), intent(inout) :: self

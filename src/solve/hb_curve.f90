@@ -76,18 +76,21 @@ module hb_curve
       procedure, private :: turn_at_kink => curve_turn_at_kink
    end type curve_t
 
-   !> A function along a curve whose zero is sought.
+   !> What happens along a curve where a function of its points is zero.
    type, abstract :: event_t
+      integer :: kind = 0                                             !! its number, for the user
       logical :: may_jump = .false.                                   !! a jump across zero counts as a zero
+      real(wp) :: tolerance = 0.0_wp                                  !! of the function
    contains
       procedure(event_value), deferred :: value
    end type event_t
 
    abstract interface
-      !> The function; NaN where it is not known.
-      real(wp) function event_value(self, x)
-         import :: event_t, wp
+      !> The function at a point of the curve; NaN where it is not known.
+      real(wp) function event_value(self, curve, x)
+         import :: curve_t, event_t, wp
          class(event_t), intent(inout) :: self
+         class(curve_t), intent(inout) :: curve                       !! for tangents; its point is another one
          real(wp), intent(in) :: x(:)                                 !! (n_unknowns)
       end function event_value
    end interface
@@ -253,14 +256,13 @@ contains
 
    !> Finds a zero of a function that has changed its sign on the step from the last point to x. x becomes the zero; the next
    !> step begins there, once `turn` was called.
-   subroutine curve_locate(self, event, tolerance, is_found)
+   subroutine curve_locate(self, event, is_found)
       class(curve_t), intent(inout) :: self
       class(event_t), intent(inout) :: event
-      real(wp), intent(in) :: tolerance                               !! of the function
       logical, intent(out) :: is_found
       real(wp) :: step, x(size(self%x))
 
-      call self%find_zero(event, [0.0_wp, self%last_step], [event%value(self%last_x), event%value(self%x)], tolerance, x, step, &
+      call self%find_zero(event, [0.0_wp, self%last_step], [event%value(self, self%last_x), event%value(self, self%x)], x, step, &
                           is_found)
       if (.not. is_found) return
       self%x = x
@@ -270,12 +272,11 @@ contains
    !> As `locate`, but leaves the curve where it is: by false position, whose older end counts for less from step to step, and by
    !> bisection where that is slow. Where the bracket can shrink no more, what is left of the changes of the function and of x tells
    !> a jump from a zero, and a leap to another curve from both.
-   subroutine curve_find_zero(self, event, places, values, tolerance, x, step, is_found)
+   subroutine curve_find_zero(self, event, places, values, x, step, is_found)
       class(curve_t), intent(inout) :: self
       class(event_t), intent(inout) :: event
       real(wp), intent(in) :: places(2)                               !! between which it is, from the last point on
       real(wp), intent(in) :: values(2)                               !! of the function there, of different signs
-      real(wp), intent(in) :: tolerance                               !! of the function
       real(wp), intent(out) :: x(:)                                   !! the zero
       real(wp), intent(out) :: step                                   !! its place on the step, from the last point on
       logical, intent(out) :: is_found
@@ -301,9 +302,9 @@ contains
          end associate
          call self%point_at(step, x, is_on_curve)
          if (.not. is_on_curve) return
-         value = event%value(x)
+         value = event%value(self, x)
          if (ieee_is_nan(value)) return
-         is_found = abs(value) <= tolerance
+         is_found = abs(value) <= event%tolerance
          if (is_found) return
          if (bracket(2) - bracket(1) <= smallest_bracket*self%last_step) then
             is_found = norm2((x_at(:, 2) - x_at(:, 1))/self%units) <= jump*self%last_step .and. &

@@ -140,7 +140,7 @@ contains
          axes(size(axes))%units = "rad"
       end do
       if (allocated(layout%curve_parameter)) &
-         call add("curve_entry", layout%n_curve_state, "number from which a curve goes on, from 0")
+         call add("curve_unknown", layout%n_curve_unknowns, "number of the unknown of the curve, from 0")
    contains
       subroutine add(name, length, long_name, labels, dof_units, first)
          character(*), intent(in) :: name, long_name
@@ -174,7 +174,7 @@ contains
       self%has_one_tone = size(layout%tuples, 1) == 1
       self%has_surfaces = size(layout%n_samples) > 0
       self%n_multipliers = layout%n_multipliers
-      self%n_curve_state = layout%n_curve_state
+      self%n_curve_unknowns = layout%n_curve_unknowns
       self%has_curve = allocated(layout%curve_parameter)
       self%curve_units = ""
       if (allocated(layout%curve_units)) self%curve_units = layout%curve_units
@@ -286,7 +286,7 @@ contains
          call find_axes(self, shape, column%axes)
          column%is_checked = all(name /= ["checksum", "branch  ", "rank    "]) .and. index(name, "march_") /= 1 .and. &
             index(name, "_seconds") == 0
-         column%is_part_used = self%has_own_tuples .and. (index(shape, "harmonic") > 0 .or. shape == "curve_entry")
+         column%is_part_used = self%has_own_tuples .and. (index(shape, "harmonic") > 0 .or. shape == "curve_unknown")
          if (units /= of_dof .and. units /= of_force) return
          dof_units = self%axes(column%axes(size(column%axes) - 1))%dof_units
          if (units == of_force) dof_units = force_units(dof_units)

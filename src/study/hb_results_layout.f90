@@ -21,7 +21,7 @@ module hb_results_layout
       integer :: n_points = 0
       character(:), allocatable :: curve_parameter      !! path of the value that moves along curves; none: there are no curves
       character(:), allocatable :: curve_units          !! of the value
-      integer :: n_curve_state = 0                      !! numbers from which a curve goes on, of a point
+      integer :: n_curve_unknowns = 0                   !! unknowns of a curve, at most
       integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics), the union over all points; zeros where each has
                                                         !! tuples of its own
       logical :: has_own_tuples = .false.               !! each point has, in the first of its places for harmonics

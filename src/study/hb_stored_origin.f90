@@ -59,7 +59,7 @@ contains
       if (.not. allocated(error)) call refuse_damaged_rows(path, status, [point], error)
       if (.not. allocated(error)) then
          if (any(place%kind == [curve_kind%flip, curve_kind%torus])) then
-            call new_curve_origin(self, place%kind == curve_kind%torus, place%state, tuples, scene, error, place%n_samples)
+            call new_curve_origin(self, place%kind == curve_kind%torus, place, tuples, scene, error)
          else
             call fail(error, "it is neither a 'flip' nor a 'torus'; 'nhbm info' and 'nhbm-post peaks' list those")
          end if

@@ -1,7 +1,6 @@
 !> Columns of a result file that somebody else may have written, read back: each has to have the dimensions that the table of
 !> columns gives it, as long as the scales of the file say.
 module hb_stored_rows
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_error, only: error_t
    use hb_hdf5, only: h5_dataset_t, h5_file_t
    use hb_kinds, only: wp
@@ -103,9 +102,8 @@ contains
       type(curve_place_t), intent(out) :: place
       type(error_t), allocatable, intent(inout) :: error
       character(*), intent(in), optional :: parameter                 !! column of the value that moves along the curve
-      integer, allocatable :: branch(:), kind(:)
-      real(wp), allocatable :: length(:), state(:), value(:)
-      integer :: n
+      integer, allocatable :: branch(:), kind(:), n(:), response(:)
+      real(wp), allocatable :: angle(:), largest(:), length(:), orientation(:), step(:), value(:)
 
       call self%fetch("curve_kind", kind, error, point)
       call self%fetch("curve_branch", branch, error, point)
@@ -115,11 +113,23 @@ contains
       if (allocated(error)) return
       place = curve_place_t(kind(1), value(1), length(1), branch(1))
       if (place%kind == 0) return
-      call self%fetch("curve_state", state, error, point)
+      call self%fetch("curve_n_unknowns", n, error, point)
+      call self%fetch("curve_unknowns", place%unknowns, error, point)
+      call self%fetch("curve_direction", place%direction, error, point)
+      call self%fetch("curve_step", step, error, point)
+      call self%fetch("curve_orientation", orientation, error, point)
+      call self%fetch("curve_largest_motion", largest, error, point)
+      call self%fetch("curve_angle", angle, error, point)
+      call self%fetch("curve_response", response, error, point)
       if (allocated(error)) return
-      n = findloc(ieee_is_nan(state), .true., dim=1) - 1              ! behind which there is none
-      if (n < 0) n = size(state)
-      place%state = state(:n)
+      n = max(0, min(n, size(place%unknowns)))
+      place%unknowns = place%unknowns(:n(1))
+      place%direction = place%direction(:n(1))
+      place%step = step(1)
+      place%orientation = orientation(1)
+      place%largest_motion = largest(1)
+      place%angle = angle(1)
+      place%response = response(1)
       if (self%file%has("grid")) call self%fetch("grid", place%n_samples, error, point)
       if (self%file%has("tuples")) call self%get_tuples(point, place%tuples, error)
    end subroutine stored_file_get_place

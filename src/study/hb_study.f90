@@ -5,10 +5,10 @@ module hb_study
    use hb_curve_request, only: curve_request_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: annotate, error_t, fail
+   use hb_followed_motion, only: n_further
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_namelist, only: complete_text, read_namelist, set_text
-   use hb_motion_curve, only: state_size
    use hb_result_columns, only: new_plan, plan_t
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row
@@ -280,7 +280,7 @@ contains
             layout%curve_parameter = plan%curve%path
             layout%curve_units = plan%curve%units
             coordinates = coordinates_of(scene)
-            layout%n_curve_state = state_size(2*size(layout%tuples, 2)*coordinates%n, scene) + merge(1, 0, layout%has_own_tuples)
+            layout%n_curve_unknowns = 2*size(layout%tuples, 2)*coordinates%n + n_further(scene)
          end if
          allocate (layout%parameters(size(plan%parameters)))
          do i = 1, size(plan%parameters)

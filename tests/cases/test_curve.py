@@ -23,8 +23,8 @@ DUFFING = """
 CURVE = DUFFING + "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, start = 1.2, values = 1.0, points = 300 /\n"
 FAMILY = CURVE + "&sweep parameter = 'load(1)%cos', values = 0.05, 0.12, 0.18, 0.3 /\n"
 SOLUTION = (
-    "status", "coefficients", "force_coefficients", "residual", "iterations", "curve_kind", "curve_length", "curve_state",
-    "checksum",
+    "status", "coefficients", "force_coefficients", "residual", "iterations", "curve_kind", "curve_length",
+    "curve_unknowns", "curve_direction", "curve_step", "curve_orientation", "curve_largest_motion", "checksum",
 )  # fmt: skip
 STOP = """
 &structure type = 'chain', n_masses = 2, mass = 1.0, coupling_stiffness = 1.0, damping_stiffness = 0.03, ends = 'fixed-free' /

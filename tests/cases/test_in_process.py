@@ -65,7 +65,7 @@ def test_curves_have_the_bits_of_the_command(tmp_path):
     points = [motion.keep() for motion in Model(DUFFING + CURVE).curve()]
     with h5py.File(tmp_path / "curve.h5") as file:
         assert len(points) == np.count_nonzero(file["curve_kind"][()])
-        for name in ("coefficients", "tones_frequency", "curve_kind", "curve_state", "is_stable", "status"):
+        for name in ("coefficients", "tones_frequency", "curve_kind", "curve_unknowns", "curve_step", "is_stable", "status"):
             for point, stored in zip(points, file[name][()]):
                 same(point[name], stored, name)
     kinds = [int(point["curve_kind"]) for point in points]

@@ -250,7 +250,7 @@ def test_a_curve_does_not_begin_at_a_damaged_row(tmp_path):
         text = file["input_complete"][()]
     (tmp_path / "case.nml").write_bytes(text)
     assert run("solve", "case.nml", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
-    at, _ = place_of(tmp_path / "u.h5", "curve_state", int(child.stem[2:]))
+    at, _ = place_of(tmp_path / "u.h5", "curve_unknowns", int(child.stem[2:]))
     with open(tmp_path / "u.h5", "r+b") as file:
         file.seek(at)
         byte = file.read(1)

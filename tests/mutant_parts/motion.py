@@ -251,12 +251,26 @@ MUTANTS = [
             "motion_curve_other_way",
             "test_hb_motion_curve",
             "the curve is followed one way alone",
-            "if (self%way == 2 .and. .not. is_inside(self%request, self%request%start)) self%way = 3",
-            "if (self%way == 2) self%way = 3",
+            "allocated(request%origin))) self%way = 3",
+            ".not. allocated(request%origin))) self%way = 3",
+        ),
+        (
+            "motion_curve_branch_sense",
+            "test_hb_motion_curve",
+            "both ways along another curve are one",
+            "self%curve%direction = self%sense()*direction",
+            "self%curve%direction = direction",
+        ),
+        (
+            "motion_curve_stored_scale",
+            "test_hb_motion_curve",
+            "a stored curve goes on in other units of length",
+            "self%largest = last%largest_motion",
+            "self%largest = 3.0_wp*last%largest_motion",
         ),
     ),
     *of(
-        "motion/hb_motion_curve_apart.f90",
+        "motion/hb_motions_apart.f90",
         (
             "curve_apart_copies",
             "test_curve_others",
@@ -266,7 +280,7 @@ MUTANTS = [
         ),
     ),
     *of(
-        "motion/hb_motion_curve_sets.f90",
+        "motion/hb_curve_sets.f90",
         (
             "motion_curve_no_growth",
             "test_hb_motion_curve",
@@ -297,7 +311,7 @@ MUTANTS = [
         ),
     ),
     *of(
-        "motion/hb_motion_curve_start.f90",
+        "motion/hb_followed_motion.f90",
         (
             "motion_curve_stays_odd",
             "test_hb_motion_curve",
@@ -305,29 +319,15 @@ MUTANTS = [
             "even_part_of(curve%direction) > rounding) return",
             "even_part_of(curve%x) > rounding) return",
         ),
-        (
-            "motion_curve_branch_sense",
-            "test_hb_motion_curve",
-            "both ways along another curve are one",
-            "self%curve%direction = self%sense()*direction",
-            "self%curve%direction = direction",
-        ),
-        (
-            "motion_curve_stored_scale",
-            "test_hb_motion_curve",
-            "a stored curve goes on in other units of length",
-            "self%largest = last%state(2*n + 3)",
-            "self%largest = 3.0_wp*last%state(2*n + 3)",
-        ),
     ),
     *of(
-        "motion/hb_motion_curve_found.f90",
+        "motion/hb_curve_step.f90",
         (
             "motion_curve_series_alone",
             "test_curve_bifurcations",
             "bifurcations at stops stay those of the series",
-            "         marched%is_marched = .true.",
-            "         marched%is_marched = .false.",
+            "self%problem, kind, .true.)",
+            "self%problem, kind, .false.)",
         ),
         (
             "motion_curve_hidden",
@@ -361,8 +361,8 @@ MUTANTS = [
             "motion_curve_peak",
             "test_hb_motion_curve",
             "minima are taken for peaks",
-            "if (.not. (self%slopes(i) > 0.0_wp .and. search%slopes(i) <= 0.0_wp)) cycle",
-            "if (.not. (self%slopes(i) < 0.0_wp .and. search%slopes(i) >= 0.0_wp)) cycle",
+            "if (.not. (slopes(1) > 0.0_wp .and. slopes(2) <= 0.0_wp)) cycle",
+            "if (.not. (slopes(1) < 0.0_wp .and. slopes(2) >= 0.0_wp)) cycle",
         ),
     ),
     *of(

@@ -1,12 +1,18 @@
 !> Motions apart from all curves followed so far, at values at which they are asked for: each starts a curve of its own.
-submodule (hb_motion_curve) hb_motion_curve_apart
+module hb_motions_apart
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
-   use hb_kinds, only: two_pi
+   use hb_curve_sets, only: settle
+   use hb_error, only: error_t
+   use hb_followed_motion, only: followed_motion_t, origin_t
+   use hb_kinds, only: two_pi, wp
    use hb_newton, only: solve_newton
    use hb_other_motions, only: find_other, is_other, shifted
-   use hb_rung, only: carry, join
-   use hb_solver_types, only: solver_config_t
+   use hb_outcome, only: outcome
+   use hb_rung, only: carry, join, rung_t
+   use hb_solver_types, only: report_t, solver_config_t
    implicit none
+   private
+   public :: look_apart
 
    integer, parameter :: most_iterations = 40                         ! from one guess
    integer, parameter :: most_spurious = 4                            ! motions at a value that a larger set makes known ones
@@ -14,16 +20,20 @@ submodule (hb_motion_curve) hb_motion_curve_apart
 
 contains
 
-   module procedure motion_curve_look_apart
+   !> Looks for a motion apart from all that were met at the values at which others are asked for, and gives the first one.
+   subroutine look_apart(self, met, x, is_found, error)
+      class(followed_motion_t), intent(inout), target :: self
+      type(origin_t), intent(in) :: met(:)                            !! motions at these values
+      real(wp), allocatable, intent(out) :: x(:)                      !! on the set at hand
+      logical, intent(out) :: is_found
+      type(error_t), allocatable, intent(out) :: error
       type(origin_t), allocatable :: known(:), others(:)
-      real(wp), allocatable :: x(:)
       integer :: i, k, n_spurious
-      logical :: is_found
 
+      is_found = .false.
       if (.not. allocated(self%request%others)) return
       do i = 1, size(self%request%others)
-         known = pack(self%met, [(.not. abs(self%met(k)%x(size(self%met(k)%x)) - self%request%others(i)) > 0.0_wp, &
-                                  k=1, size(self%met))])
+         known = pack(met, [(.not. abs(met(k)%x(size(met(k)%x)) - self%request%others(i)) > 0.0_wp, k=1, size(met))])
          if (size(known) == 0) cycle                                  ! nothing to begin with
          others = known
          do n_spurious = 0, most_spurious
@@ -33,17 +43,14 @@ contains
             others = [others, origin_t(x=x, rung=self%rung)]
             call accept(self, known, x, is_found, error)
             if (allocated(error)) return
-            if (is_found) then
-               call self%note_apart(x, self%rung)
-               return
-            end if
+            if (is_found) return
          end do
       end do
-   end procedure motion_curve_look_apart
+   end subroutine look_apart
 
    !> Looks for a motion at a value beside those that are known there, on a set that has the tuples of all of them.
    subroutine look_at(self, value, known, x, is_found, error)
-      class(motion_curve_t), intent(inout), target :: self
+      class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: value
       type(origin_t), intent(in) :: known(:)
       real(wp), allocatable, intent(out) :: x(:)
@@ -60,7 +67,7 @@ contains
       is_found = .false.
       if (self%scene%accuracy%is_on) then
          rung = known(1)%rung
-         rung%unknowns = [known(1)%x(:size(known(1)%x) - size(self%which)), 0.0_wp*self%scene%tones%omega]
+         rung%unknowns = [known(1)%x(:size(known(1)%x) - size(self%problem%which)), 0.0_wp*self%scene%tones%omega]
          do i = 2, size(known)
             call join(rung, known(i)%rung%set, is_new)
             rung%n_samples = max(rung%n_samples, known(i)%rung%n_samples)
@@ -69,11 +76,11 @@ contains
          if (allocated(error)) return
       end if
       motions = motions_of(self, known)
-      call self%move(motions(:, 1), is_possible)
+      call self%problem%move(motions(:, 1), is_possible)
       if (.not. is_possible) return
       allocate (form(size(motions, 1), 1), source=0.0_wp)
       form(size(form), 1) = 1.0_wp
-      call new_bordered_problem(held, self%problem, self%which, form, [value])
+      call new_bordered_problem(held, self%problem, self%problem%which, form, [value])
       config = self%problem%scene%solver
       config%tolerance = max(config%tolerance, 2.0_wp*self%problem%rounding_level(motions(:self%problem%n_unknowns, 1)))
       config%max_iterations = most_iterations
@@ -91,7 +98,7 @@ contains
 
    !> Brings a motion to the tolerance; not accepted is one that is another then no more.
    subroutine accept(self, known, x, is_accepted, error)
-      class(motion_curve_t), intent(inout), target :: self
+      class(followed_motion_t), intent(inout), target :: self
       type(origin_t), intent(in) :: known(:)
       real(wp), allocatable, intent(inout) :: x(:)
       logical, intent(out) :: is_accepted
@@ -104,7 +111,7 @@ contains
       value = x(size(x))
       along = 0.0_wp*x
       along(size(x)) = 1.0_wp
-      call self%settle(x, along, error)
+      call settle(self, x, along, error)
       if (allocated(error)) return
       x(size(x)) = value
       is_accepted = is_other(x, motions_of(self, known), self%problem%scene%harmonics, self%problem%x_scale, &
@@ -113,7 +120,7 @@ contains
 
    !> Motions on the set at hand, and the same ones shifted by periods of what drives them.
    function motions_of(self, known) result(motions)
-      class(motion_curve_t), intent(in) :: self
+      class(followed_motion_t), intent(in) :: self
       type(origin_t), intent(in) :: known(:)
       real(wp), allocatable :: motions(:, :)
       real(wp), allocatable :: phases(:)
@@ -134,4 +141,4 @@ contains
          end do
       end associate
    end function motions_of
-end submodule hb_motion_curve_apart
+end module hb_motions_apart

@@ -4,11 +4,24 @@
 !> say is lacking. The point before it is taken over: corrected in the plane across the curve, and followed on in the same sense.
 !> Neighbours share sets: one that grows is made for a part of the tolerance, and shrinks below a smaller part. The tuples of the
 !> lowest set always stay, as a motion may lose its symmetry on the way. Source: docs/user/accuracy.md.
-submodule (hb_motion_curve) hb_motion_curve_sets
+module hb_curve_sets
    use hb_amplitudes, only: as_amplitudes
+   use hb_curve, only: curve_t
+   use hb_curve_request, only: curve_kind
+   use hb_curve_step, only: step
+   use hb_error, only: error_t
+   use hb_followed_motion, only: followed_motion_t, known_t, waiting_t
    use hb_harmonics, only: harmonics_t, new_box
-   use hb_rung, only: carry, choose_next, choose_smaller, join, margin
+   use hb_kinds, only: wp
+   use hb_motion_result, only: motion_result_t
+   use hb_outcome, only: outcome
+   use hb_rung, only: carry, choose_next, choose_smaller, estimate_of, join, margin, rung_t
+   use hb_scene, only: scene_t
+   use hb_solver_types, only: report_t
+   use hb_watch, only: verdict
    implicit none
+   private
+   public :: settle, step_to_tolerance
 
    integer, parameter :: most_rungs = 12                              ! on one step
    integer, parameter :: most_stalled = 3                             ! sets on which one step is tried that leads nowhere
@@ -18,9 +31,20 @@ submodule (hb_motion_curve) hb_motion_curve_sets
    real(wp), parameter :: ample = 0.01_wp                             ! of the tolerance: a smaller set will do
    real(wp), parameter :: least_goal = 0.03_wp                        ! of the estimate, from one rung to the next
 
+   !> The curve at one of its points.
+   type :: standing_t
+      type(rung_t) :: rung
+      type(curve_t) :: curve
+      real(wp) :: largest = 0.0_wp
+      type(known_t) :: known
+   end type standing_t
+
 contains
 
-   module procedure motion_curve_step_to_tolerance
+   !> Goes one step on a set and a grid on which all points found on it are as accurate as is asked for, if there is one.
+   subroutine step_to_tolerance(self, error)
+      class(followed_motion_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
       type(standing_t) :: first, here
       type(scene_t) :: scene                                          ! in which all tuples of the lowest set are needed
       type(rung_t) :: next
@@ -39,7 +63,7 @@ contains
       self%n_rungs = 1
       do
          here = standing_at(self)
-         call self%step()
+         call step(self)
          if (self%curve%status == outcome%stalled .and. n_stalled < most_stalled) then
             n_stalled = n_stalled + 1
             call widen(self, scene, here, is_found, error)
@@ -59,7 +83,7 @@ contains
             call stand_at(self, first, error)
             if (allocated(error)) return
             self%n_rungs = 1
-            call self%step()
+            call step(self)
             if (self%curve%status == outcome%pending) call describe_all(self, worst, estimate, error)
             return
          end if
@@ -80,18 +104,18 @@ contains
          if (allocated(error)) return
          if (.not. is_found) then
             call stand_at(self, here, error)
-            if (.not. allocated(error)) call self%step()
+            if (.not. allocated(error)) call step(self)
             if (self%curve%status == outcome%pending .and. .not. allocated(error)) call describe_all(self, worst, estimate, error)
             return
          end if
          self%n_rungs = self%n_rungs + 1
       end do
-   end procedure motion_curve_step_to_tolerance
+   end subroutine step_to_tolerance
 
    !> Goes over to a larger set or a finer grid where there is no way on, at the last point; the curve stays stalled where there is
    !> none.
    subroutine widen(self, scene, here, is_found, error)
-      class(motion_curve_t), intent(inout), target :: self
+      class(followed_motion_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
       type(standing_t), intent(in) :: here
       logical, intent(out) :: is_found
@@ -136,7 +160,7 @@ contains
 
    !> The set at hand with a motion in it.
    function top_at(self, x) result(top)
-      class(motion_curve_t), intent(in) :: self
+      class(followed_motion_t), intent(in) :: self
       real(wp), intent(in) :: x(:)
       type(rung_t) :: top
 
@@ -144,7 +168,12 @@ contains
       top%unknowns = [x(:self%problem%n_unknowns), 0.0_wp*self%scene%tones%omega]
    end function top_at
 
-   module procedure motion_curve_settle
+   !> Takes a motion over to a set and a grid on which it is as accurate as is asked for, if there is one, in the plane across a
+   !> direction. The problem stands on these afterwards.
+   subroutine settle(self, x, direction, error)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), allocatable, intent(inout) :: x(:), direction(:)      !! on the set at hand, before and afterwards
+      type(error_t), allocatable, intent(out) :: error
       type(scene_t) :: scene                                          ! in which all tuples of the lowest set are needed
       type(motion_result_t), allocatable :: result
       type(rung_t) :: before, next
@@ -173,8 +202,8 @@ contains
                           is_found)
          if (.not. is_found) return
          before = self%rung
-         moved = carry(before%set, next%set, x, size(self%which))
-         moved_direction = carry(before%set, next%set, direction, size(self%which))
+         moved = carry(before%set, next%set, x, size(self%problem%which))
+         moved_direction = carry(before%set, next%set, direction, size(self%problem%which))
          call self%put_on(next, error)
          if (allocated(error)) return
          call self%find_on_plane(moved, moved_direction, is_found)
@@ -186,11 +215,11 @@ contains
          call move_alloc(moved_direction, direction)
          self%n_rungs = self%n_rungs + 1
       end do
-   end procedure motion_curve_settle
+   end subroutine settle
 
    !> Goes over to a smaller set or a coarser grid, if one will do.
    subroutine shrink(self, scene, error)
-      class(motion_curve_t), intent(inout), target :: self
+      class(followed_motion_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
       type(error_t), allocatable, intent(out) :: error
       type(standing_t) :: here
@@ -216,7 +245,7 @@ contains
 
    !> Describes all points that wait, and says which is the least accurate.
    subroutine describe_all(self, worst, estimate, error)
-      class(motion_curve_t), intent(inout), target :: self
+      class(followed_motion_t), intent(inout), target :: self
       integer, intent(out) :: worst
       real(wp), intent(out) :: estimate                               !! its own
       type(error_t), allocatable, intent(out) :: error
@@ -239,20 +268,18 @@ contains
 
    !> Where the curve stands, to come back to.
    function standing_at(self) result(here)
-      class(motion_curve_t), intent(in) :: self
+      class(followed_motion_t), intent(in) :: self
       type(standing_t) :: here
 
       here%rung = self%rung
       here%curve = self%curve
       here%largest = self%largest
-      here%slopes = self%slopes
-      here%extremes = self%extremes
-      here%stability = self%stability
+      here%known = self%known
    end function standing_at
 
    !> Goes back there; work stays counted.
    subroutine stand_at(self, here, error)
-      class(motion_curve_t), intent(inout), target :: self
+      class(followed_motion_t), intent(inout), target :: self
       type(standing_t), intent(in) :: here
       type(error_t), allocatable, intent(out) :: error
       type(report_t) :: report
@@ -267,15 +294,13 @@ contains
       call self%keep_symmetry()
       self%first_waiting = size(self%waiting) + 1
       self%largest = here%largest
-      self%slopes = here%slopes
-      self%extremes = here%extremes
-      self%stability = here%stability
+      self%known = here%known
       call self%renew()
    end subroutine stand_at
 
    !> Takes the curve at its point over to another set and grid; `is_found` is false where the motion is not found there.
    subroutine change_set(self, rung, is_found, error)
-      class(motion_curve_t), intent(inout), target :: self
+      class(followed_motion_t), intent(inout), target :: self
       type(rung_t), intent(in) :: rung
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
@@ -286,8 +311,8 @@ contains
 
       step = self%curve%step
       report = self%curve%report
-      x = carry(self%rung%set, rung%set, self%curve%x, size(self%which))
-      direction = carry(self%rung%set, rung%set, self%curve%direction, size(self%which))
+      x = carry(self%rung%set, rung%set, self%curve%x, size(self%problem%which))
+      direction = carry(self%rung%set, rung%set, self%curve%direction, size(self%problem%which))
       is_found = .false.
       call self%put_on(rung, error)
       if (allocated(error)) return
@@ -310,14 +335,8 @@ contains
       self%curve%report = report
       call self%carry_start()
       call self%renew()
-      call self%look_here()
+      call self%look_here(self%known)
    end subroutine change_set
-
-   module procedure motion_curve_carry_start
-
-      self%x_start = carry(self%outset%rung%set, self%rung%set, self%outset%x, size(self%which))
-      self%direction_start = carry(self%outset%rung%set, self%rung%set, self%outset%direction, size(self%which))
-   end procedure motion_curve_carry_start
 
    !> Loads every tuple, so that none of the set is left out as one that nothing needs.
    pure subroutine need_all_tuples(scene)
@@ -325,4 +344,4 @@ contains
 
       scene%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, scene%loads%n_dofs), 2, scene%loads%n_harmonics))
    end subroutine need_all_tuples
-end submodule hb_motion_curve_sets
+end module hb_curve_sets

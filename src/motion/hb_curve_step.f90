@@ -1,0 +1,770 @@
+!> A step of a curve of motions: as long as the curve is followed on it and what happens on it can be located, in its order: folds,
+!> peaks, grazes, bifurcations, wanted values and ends. Of folds and peaks those are kept that are larger than the errors around them.
+module hb_curve_step
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
+   use hb_bifurcation, only: bifurcation, bifurcation_value, is_torus
+   use hb_curve, only: curve_t, event_t
+   use hb_curve_events, only: bifurcation_event_t, branch_event_t, count_event_t, find_stability, fold_event_t, graze_event_t, &
+      n_outside, on_circle, peak_event_t, sharp, square_at, value_event_t
+   use hb_curve_request, only: curve_kind
+   use hb_error, only: error_t
+   use hb_followed_motion, only: followed_motion_t, known_t, most_slack, waiting_t
+   use hb_kinds, only: wp
+   use hb_motion_result, only: motion_result_t
+   use hb_outcome, only: outcome
+   use hb_stability, only: stability_method, stability_t
+   implicit none
+   private
+   public :: drop_doubtful, step
+
+   real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
+   real(wp), parameter :: longest_chord = 2.0_wp                      ! of a step, unless it is short: 1.05 with the largest turn
+   real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
+   real(wp), parameter :: shortest_leap = 1.0e-4_wp                   ! of the longest step: the corner at which a curve may leap
+                                                                      ! is as long as the root of the damping
+   real(wp), parameter :: least_amplitude = 1.0e-3_wp                 ! of the largest: of harmonics whose phases are looked at
+   real(wp), parameter :: largest_phase = 0.5_wp                      ! its cosine; a phase may change by 60 degrees on a step
+   real(wp), parameter :: off_the_chord = 0.5_wp                      ! of an amplitude, in the middle of a step
+   real(wp), parameter :: off_the_line = 0.25_wp                      ! of a step, likewise: an arc that turns by 0.6 has 0.075
+   integer, parameter :: most_middles = 4                             ! points at which one step is looked at
+   real(wp), parameter :: located = 1.0e-11_wp                        ! of a function that is zero at a fold or a peak
+   real(wp), parameter :: at_value = 1.0e-13_wp                       ! of the range: a wanted value
+   real(wp), parameter :: at_start = 1.0e-4_wp                        ! of a step: where a branch begins rounding decides on zeros
+   real(wp), parameter :: uncertain = 100.0_wp                        ! times the tolerance of multipliers: to the unit circle
+   real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
+   integer, parameter :: most_fall_steps = 40                         ! on which it is decided whether a fold or peak is reported
+   real(wp), parameter :: certain = 3.0_wp                            ! times the error: both ends may be off by it, and points that
+                                                                      ! happen to lie where it is small understate it
+   real(wp), parameter :: finer = 0.25_wp                             ! such a step, relative to that of the curve
+   integer, parameter :: kind_of(3) = [curve_kind%split, curve_kind%flip, curve_kind%torus]   ! of each kind of bifurcation
+
+   !> The step, and how far the search has come.
+   type :: search_t
+      type(known_t) :: known                                          ! at the end of the step
+      logical :: has_branched = .false.                               ! a branch point was passed by
+      logical :: has_fold = .false.                                   ! its point is in the list
+      logical :: is_lost = .false.                                    ! something was not located
+      real(wp) :: fold(2) = 0.0_wp                                    ! place and value of the fold
+   end type search_t
+
+   !> Part of the step without grazes, at which multipliers may jump.
+   type :: piece_t
+      real(wp) :: ends(2) = 0.0_wp                                    ! places on the step
+      type(stability_t) :: stability(2)                               ! at these
+   end type piece_t
+
+   !> An extreme of a function along the curve.
+   type :: extreme_t
+      real(wp) :: sense = 1.0_wp                                      ! -1: a minimum
+      integer :: response = 0                                         ! of the request, whose square it is; 0: the value that moves
+      real(wp) :: value = 0.0_wp                                      ! of the function
+      real(wp) :: error = 0.0_wp                                      ! of the value, estimated: the largest nearby, since errors
+                                                                      ! of kinks change their sign from sample to sample
+   end type extreme_t
+
+contains
+
+   !> Goes one step, and puts what was found on it and its end into the list of those that wait.
+   subroutine step(self)
+      class(followed_motion_t), intent(inout), target :: self
+      type(known_t) :: known
+      real(wp) :: largest, units(size(self%curve%x))
+      integer :: n_branch_points
+      logical :: is_lost, is_near, is_possible, is_short, is_taken
+
+      if (allocated(self%problem%complaint)) deallocate (self%problem%complaint)
+      call self%problem%move(self%curve%x, is_possible)
+      call self%problem%renew()                                       ! a stored curve, too, goes on from there
+      self%slack = 1.0_wp
+      call self%put_conditions()
+      associate (curve => self%curve)
+         do
+            largest = self%largest
+            units = curve%units
+            n_branch_points = curve%n_branch_points
+            call curve%advance()
+            if (curve%status == outcome%stalled) call try_end(self)
+            if (curve%status == outcome%stalled .and. self%is_uneven .and. self%slack < most_slack) then
+               self%slack = 10.0_wp*self%slack
+               call self%renew()
+               curve%status = outcome%pending
+               curve%step = curve%config%first_step
+               cycle
+            end if
+            if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
+            call self%renew()
+            call curve%turn()
+            is_short = curve%last_step <= short*curve%config%longest_step
+            is_near = norm2((curve%x - curve%last_x)/curve%units) <= longest_chord*curve%last_step
+            is_taken = is_short .or. (curve%angle <= largest_turn .and. is_near)
+            if (is_taken) is_taken = .not. has_leapt(self)
+            if (is_taken) then
+               self%has_collapsed = self%is_mirrored()
+               if (self%has_collapsed) then
+                  curve%status = outcome%collapsed
+                  return
+               end if
+               self%waiting = [waiting_t ::]
+               self%first_waiting = 1
+               call self%look_here(known)
+               call look_back(self, known, curve%n_branch_points > n_branch_points, is_lost)
+               if (is_short .or. self%is_uneven .or. .not. is_lost) exit
+               self%waiting = [waiting_t ::]
+            end if
+            call curve%retreat()
+            if (curve%status == outcome%stalled) call try_end(self)
+            if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
+            self%largest = largest
+            curve%units = units
+         end do
+      end associate
+      self%known = known
+   end subroutine step
+
+   !> Lands on an end of the range that is ahead and so near that no step fits in between: there may be nothing beyond.
+   subroutine try_end(self)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), parameter :: very_near = 1.0e-4_wp                    ! of the range
+      real(wp) :: ends(2), gap, x(size(self%curve%x))
+      integer :: i, n
+      logical :: is_there
+
+      n = size(x)
+      ends = [self%request%from, self%request%to]
+      do i = 1, size(ends)
+         associate (curve => self%curve)
+            gap = ends(i) - curve%x(n)
+            if (abs(gap) > very_near*curve%units(n) .or. .not. gap*curve%direction(n) > 0.0_wp) cycle
+            x = curve%x + gap/curve%direction(n)*curve%direction
+            x(n) = ends(i)
+            call self%land(x, is_there)
+            if (.not. is_there) cycle
+            curve%status = outcome%pending
+            deallocate (self%waiting)
+            allocate (self%waiting(1))
+            self%waiting(1)%kind = curve_kind%end
+            self%waiting(1)%place = norm2((x - curve%x)/curve%units)
+            self%waiting(1)%x = x
+            self%first_waiting = 1
+            return
+         end associate
+      end do
+   end subroutine try_end
+
+   !> Whether the step may have led to another part of the curve or to another curve, or over a narrow resonance.
+   !>
+   !> With little damping two parts come close where a coefficient is nearly zero, and go on in each other's direction: neither
+   !> tangents nor determinants show a leap from one to the other, but the phase of the coefficient turns by half a turn. It does so
+   !> also where the coefficient goes through zero. So the curve is looked at in between, where the chord comes closest to zero: it
+   !> must be there, and not far from the chord.
+   logical function has_leapt(self)
+      class(followed_motion_t), intent(inout), target :: self
+      complex(wp) :: before, behind
+      real(wp) :: middles(most_middles), share, size_of_motion, x(size(self%curve%x))
+      integer :: d, h, n_middles
+      logical :: is_on_curve
+
+      has_leapt = .false.
+      if (self%curve%last_step <= shortest_leap*self%curve%config%longest_step .or. self%is_uneven) return
+      if (size(self%problem%which) > 1) return                                ! tones of the motion's own have no given phases
+      n_middles = 0
+      associate (curve => self%curve, set => self%problem%scene%harmonics, n => self%problem%n_unknowns)
+         size_of_motion = maxval(abs(curve%x(:n)/self%weights))
+         do h = 1, set%n_harmonics
+            do d = 0, self%problem%balance%n_dofs - 1
+               if (set%sin_at(h) == 0) cycle
+               before = coefficient_of(curve%last_x)
+               behind = coefficient_of(curve%x)
+               if (max(abs(before), abs(behind)) < least_amplitude*size_of_motion) cycle
+               if (real(conjg(before)*behind) >= largest_phase*abs(before)*abs(behind)) cycle
+               share = real(conjg(before)*(before - behind))/abs(before - behind)**2
+               if (n_middles == most_middles .or. share <= 0.0_wp .or. share >= 1.0_wp) cycle
+               if (any(abs(middles(:n_middles) - share) < 0.1_wp)) cycle
+               n_middles = n_middles + 1
+               middles(n_middles) = share
+               call curve%point_at(share*curve%last_step, x, is_on_curve)
+               has_leapt = .not. is_on_curve
+               if (.not. has_leapt) has_leapt = norm2((x - (curve%last_x + share*(curve%x - curve%last_x)))/curve%units) > &
+                                                off_the_line*curve%last_step
+               if (.not. has_leapt) has_leapt = abs(coefficient_of(x) - (before + share*(behind - before))) > &
+                                                off_the_chord*max(abs(before), abs(behind))
+               if (has_leapt .or. curve%status /= outcome%pending) return
+            end do
+         end do
+      end associate
+
+   contains
+
+      pure complex(wp) function coefficient_of(x)
+         real(wp), intent(in) :: x(:)
+
+         associate (set => self%problem%scene%harmonics)
+            associate (c => d*set%n_coefficients + set%cos_at(h), s => d*set%n_coefficients + set%sin_at(h))
+               coefficient_of = cmplx(x(c)/self%weights(c), x(s)/self%weights(s), wp)
+            end associate
+         end associate
+      end function coefficient_of
+   end function has_leapt
+
+   !> Finds folds, peaks, bifurcations, wanted values and ends on the step behind the curve, and lists them in their order.
+   subroutine look_back(self, known, has_branched, is_lost)
+      class(followed_motion_t), intent(inout), target :: self
+      type(known_t), intent(in) :: known                              !! at the end of the step
+      logical, intent(in) :: has_branched                             !! a branch point was passed by
+      logical, intent(out) :: is_lost                                 !! something was not located, as the step is too long
+      type(search_t) :: search
+
+      search%known = known
+      search%has_branched = has_branched
+      associate (curve => self%curve)
+         if (self%is_uneven) curve%corrector%tolerance = 10.0_wp*curve%corrector%tolerance   ! of many points
+         call find_fold(self, search)
+         if (has_branched) call find_branch(self, search)
+         call find_peaks(self, search)
+         call find_grazes(self, search)
+         call find_bifurcations(self, search)
+         call find_values(self, search)
+         self%is_closed = is_back(self)
+         if (self%is_closed) call add(self, curve_kind%end, curve%last_step, self%start%x)
+         call add(self, curve_kind%regular, curve%last_step, curve%x)
+         self%waiting(size(self%waiting))%stability = known%stability
+      end associate
+      call put_in_order(self%waiting)
+      call self%renew()                                               ! the tolerance was another one: a stored curve has this
+      is_lost = search%is_lost
+   end subroutine look_back
+
+   !> Where the value turns back.
+   subroutine find_fold(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+
+      associate (curve => self%curve, n => size(self%curve%x))
+         if (.not. curve%last_direction(n)*curve%direction(n) < 0.0_wp .or. is_at_origin(self)) return
+         call find(self, search, fold_event_t(curve_kind%fold, .true., rounding_of(self)), &   ! a corner, too
+                   [curve%last_direction(n), curve%direction(n)]/curve%units(n), search%has_fold)
+         if (.not. search%has_fold) return
+         associate (found => self%waiting(size(self%waiting)))
+            search%fold = [found%place, found%x(n)]
+         end associate
+      end associate
+   end subroutine find_fold
+
+   !> Where another curve of the equations crosses.
+   subroutine find_branch(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      logical :: is_found, is_there
+
+      call find(self, search, branch_event_t(curve_kind%branch, .true.), &   ! a sign alone
+                [-1.0_wp, 1.0_wp]*self%curve%orientation, is_found)
+      if (is_found) call sharpen(self, bifurcation%branch, [0.0_wp, self%curve%last_step], is_there)
+   end subroutine find_branch
+
+   !> Where a response is largest, also at a corner.
+   subroutine find_peaks(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      integer :: i
+      logical :: is_found
+      real(wp) :: unit
+
+      do i = 1, size(self%request%peaks)
+         associate (response => self%request%peaks(i), slopes => [self%known%slopes(i), search%known%slopes(i)])
+            if (.not. (slopes(1) > 0.0_wp .and. slopes(2) <= 0.0_wp)) cycle
+            unit = square_at(self%problem, response, self%curve%x)
+            if (.not. unit > 0.0_wp) cycle
+            call find(self, search, peak_event_t(curve_kind%peak, .true., rounding_of(self), self%problem, response, unit), &
+                      slopes/unit, is_found)
+            if (is_found) self%waiting(size(self%waiting))%response = i
+         end associate
+      end do
+   end subroutine find_peaks
+
+   !> Where a contact begins, or is never left any more.
+   subroutine find_grazes(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      integer :: i, k
+      logical :: is_found
+      real(wp) :: unit
+
+      if (size(self%known%extremes, 2) /= size(search%known%extremes, 2)) return
+      do k = 1, size(search%known%extremes, 2)
+         associate (before => self%known%extremes(:, k), behind => search%known%extremes(:, k))
+            unit = max(maxval(abs(behind)), tiny(1.0_wp))
+            do i = 1, 2
+               if (.not. before(i)*behind(i) < 0.0_wp) cycle
+               if (i == 2 .and. same_change(before, behind)) cycle     ! all round the same distance: one event
+               call find(self, search, graze_event_t(curve_kind%graze, .false., rounding_of(self), self%problem, i, k, unit), &
+                         [before(i), behind(i)]/unit, is_found)
+            end do
+         end associate
+      end do
+   end subroutine find_grazes
+
+   !> What multipliers tell on each piece of the step between its grazes.
+   subroutine find_bifurcations(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      real(wp), parameter :: beside = 1.0e-6_wp                       ! a graze, in steps
+      type(piece_t) :: piece
+      real(wp), allocatable :: grazes(:)
+      integer :: i, n_before
+
+      call put_in_order(self%waiting)
+      grazes = pack(self%waiting%place, self%waiting%kind == curve_kind%graze)
+      do i = 0, size(grazes)
+         piece%ends = [0.0_wp, self%curve%last_step]
+         piece%stability = [self%known%stability, search%known%stability]
+         associate (tolerance => self%problem%scene%stability%tolerance, length => self%curve%last_step)
+            if (i > 0) call look_at(self, grazes(i) + beside*length, tolerance, piece%ends(1), piece%stability(1))
+            if (i < size(grazes)) call look_at(self, grazes(i + 1) - beside*length, tolerance, piece%ends(2), piece%stability(2))
+         end associate
+         if (.not. (piece%ends(1) < piece%ends(2) .and. has_multipliers(piece))) cycle
+         call make_certain(self, piece%ends(1), piece%stability(1))
+         call make_certain(self, piece%ends(2), piece%stability(2))
+         n_before = size(self%waiting)
+         call find_by_kind(self, search, piece)
+         call find_by_number(self, search, piece, n_before)
+      end do
+   end subroutine find_bifurcations
+
+   pure logical function has_multipliers(piece)
+      type(piece_t), intent(in) :: piece
+
+      has_multipliers = allocated(piece%stability(1)%multipliers) .and. allocated(piece%stability(2)%multipliers)
+   end function has_multipliers
+
+   !> Finds multipliers again that are so close to the unit circle that their error may decide on which side they are.
+   subroutine make_certain(self, place, there)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(in) :: place
+      type(stability_t), intent(inout) :: there
+      type(stability_t) :: better
+      real(wp) :: same_place
+
+      if (minval(abs(abs(there%multipliers) - 1.0_wp)) > uncertain*self%problem%scene%stability%tolerance) return
+      call look_at(self, place, sharp, same_place, better)
+      if (allocated(better%multipliers)) there%multipliers = better%multipliers
+   end subroutine make_certain
+
+   !> Where the function of a kind is zero; real multipliers that pass each other's inverse are no torus.
+   subroutine find_by_kind(self, search, piece)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      type(piece_t), intent(in) :: piece
+      type(bifurcation_event_t) :: change
+      type(stability_t) :: there
+      real(wp) :: at_ends(2), place, x(size(self%curve%x))
+      integer :: kind
+      logical :: is_found
+
+      do kind = bifurcation%branch, bifurcation%torus
+         if (kind == bifurcation%branch .and. is_branch_known(self, search)) cycle
+         at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
+         at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
+         if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) <= on_circle) cycle
+         change = bifurcation_event_t(kind_of(kind), .false., on_circle, self%problem, kind)
+         call self%curve%find_zero(change, piece%ends, at_ends, x, place, is_found)
+         search%is_lost = search%is_lost .or. .not. is_found
+         if (.not. is_found) cycle
+         if (kind == bifurcation%torus) then
+            call find_stability(self%problem, x, sharp, there)
+            if (.not. allocated(there%multipliers)) cycle
+            if (.not. is_torus(there%multipliers)) cycle
+         end if
+         call add_bifurcation(self, kind, piece, place, x)
+      end do
+   end subroutine find_by_kind
+
+   !> Where what was found does not explain how many more multipliers are outside of the unit circle at the end of a piece than
+   !> at its beginning, as two that cross it in the same way, each change of their number is located instead.
+   subroutine find_by_number(self, search, piece, n_before)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      type(piece_t), intent(in) :: piece
+      integer, intent(in) :: n_before                                 !! points that wait, of them found without multipliers
+      integer, parameter :: most_changes = 8
+      real(wp), parameter :: behind = 1.0e-9_wp                       ! a change, in steps
+      real(wp), parameter :: no_jump = 1.0e-6_wp                      ! of a multiplier from the unit circle
+      type(count_event_t) :: number
+      type(stability_t) :: there
+      real(wp) :: begin, place, x(size(self%curve%x))
+      integer :: i, kind, n_last
+      logical :: is_found, is_new
+
+      n_last = n_outside(piece%stability(2))
+      number%n = n_outside(piece%stability(1))
+      if (is_explained(self%waiting, piece, n_last - number%n)) return
+      self%waiting = self%waiting(:n_before)
+      number%problem => self%problem
+      number%may_jump = .true.
+      begin = piece%ends(1)
+      do i = 1, most_changes
+         if (number%n == n_last) return
+         call self%curve%find_zero(number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], x, place, is_found)
+         search%is_lost = search%is_lost .or. .not. is_found
+         if (.not. is_found) return
+         call find_stability(self%problem, x, sharp, there)
+         if (.not. allocated(there%multipliers)) return
+         associate (nearest => there%multipliers(minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)))
+            kind = kind_at(nearest)
+            is_new = .not. (kind == bifurcation%branch .and. is_branch_known(self, search))
+            if (abs(abs(nearest) - 1.0_wp) <= no_jump .and. is_new) call add_bifurcation(self, kind, piece, place, x)
+         end associate
+         call look_at(self, min(piece%ends(2), place + behind*self%curve%last_step), sharp, begin, there)
+         if (.not. allocated(there%multipliers)) return
+         number%n = n_outside(there)
+      end do
+   end subroutine find_by_number
+
+   !> Whether the points on a piece explain that so many more multipliers are outside of the unit circle at its end.
+   pure logical function is_explained(points, piece, n_more)
+      type(waiting_t), intent(in) :: points(:)
+      type(piece_t), intent(in) :: piece
+      integer, intent(in) :: n_more
+      integer :: i, n_pairs, n_single
+
+      n_single = 0
+      n_pairs = 0
+      do i = 1, size(points)
+         if (points(i)%place < piece%ends(1) .or. points(i)%place > piece%ends(2)) cycle
+         if (any(points(i)%kind == [curve_kind%fold, curve_kind%branch, curve_kind%flip, curve_kind%split])) n_single = n_single + 1
+         if (points(i)%kind == curve_kind%torus) n_pairs = n_pairs + 1
+      end do
+      is_explained = n_more == 0 .or. (modulo(n_more - n_single, 2) == 0 .and. abs(n_more) <= n_single + 2*n_pairs)
+   end function is_explained
+
+   !> The bifurcation at which a multiplier passes the unit circle where it is.
+   pure integer function kind_at(multiplier) result(kind)
+      complex(wp), intent(in) :: multiplier
+
+      kind = bifurcation%branch
+      if (real(multiplier) < 0.0_wp) kind = bifurcation%doubling
+      if (abs(aimag(multiplier)) > 0.0_wp) kind = bifurcation%torus
+   end function kind_at
+
+   !> Whether a multiplier 1 on the step is a fold or a branch point that was found without multipliers.
+   pure logical function is_branch_known(self, search)
+      class(followed_motion_t), intent(in) :: self
+      type(search_t), intent(in) :: search
+
+      is_branch_known = search%has_fold .or. search%has_branched .or. tells_all(self)
+   end function is_branch_known
+
+   !> Adds a bifurcation of the series, if the motion of the time domain has it.
+   subroutine add_bifurcation(self, kind, piece, place, x)
+      class(followed_motion_t), intent(inout), target :: self
+      integer, intent(in) :: kind
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: place, x(:)
+      logical :: is_there
+
+      call add(self, kind_of(kind), place, x)
+      call sharpen(self, kind, piece%ends, is_there)
+      if (.not. is_there) self%waiting = self%waiting(:size(self%waiting) - 1)
+   end subroutine add_bifurcation
+
+   !> Moves the bifurcation found last to where it is of the motion that repeats when it is marched: near a kink of a law the
+   !> multipliers of a truncated motion are off to first order in what is cut off.
+   subroutine sharpen(self, kind, piece, is_there)
+      class(followed_motion_t), intent(inout), target :: self
+      integer, intent(in) :: kind
+      real(wp), intent(in) :: piece(2)                                !! of the step, on which that is looked for
+      logical, intent(out) :: is_there                                !! false: that motion has none there, as far as is known
+      real(wp), parameter :: widths(4) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp, 1.0_wp]   ! of the step
+      type(bifurcation_event_t) :: marched
+      real(wp) :: ends(2), place, values(2), x(size(self%curve%x))
+      integer :: i, k
+      logical :: is_on_curve
+
+      associate (problem => self%problem, curve => self%curve, found => self%waiting(size(self%waiting)))
+         is_there = problem%scene%stability%method /= stability_method%march .or. problem%scene%tones%n_tones > 1
+         if (.not. is_there) is_there = all([(problem%scene%laws(i)%law%n_switches + problem%scene%laws(i)%law%n_states == 0, &
+                                              i=1, size(problem%scene%laws))])
+         if (is_there) return
+         marched = bifurcation_event_t(kind_of(kind), .false., on_circle, self%problem, kind, .true.)
+         do i = 1, size(widths)
+            ends = min(max(found%place + widths(i)*curve%last_step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
+            do k = 1, 2
+               call curve%point_at(ends(k), x, is_on_curve)
+               if (.not. is_on_curve) return
+               values(k) = marched%value(curve, x)
+               if (ieee_is_nan(values(k))) return
+            end do
+            if (.not. values(1)*values(2) < 0.0_wp) cycle
+            call curve%find_zero(marched, ends, values, x, place, is_there)
+            if (.not. is_there) return
+            found%place = place
+            found%x = x
+            return
+         end do
+      end associate
+   end subroutine sharpen
+
+   !> Wanted values and ends of the range; a fold parts the step.
+   subroutine find_values(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      type(value_event_t) :: event
+      real(wp), allocatable :: wanted(:)
+      real(wp) :: place, places(3), values(3), x(size(self%curve%x))
+      integer :: i, k, n
+      logical :: is_found, is_there
+
+      n = size(x)
+      associate (curve => self%curve, request => self%request)
+         places = [0.0_wp, curve%last_step, curve%last_step]
+         values = [curve%last_x(n), curve%x(n), curve%x(n)]
+         if (search%has_fold) then
+            places(2) = search%fold(1)
+            values(2) = search%fold(2)
+         end if
+         wanted = [request%from, request%to, request%values]
+         event%unit = abs(request%to - request%from)
+         event%tolerance = at_value
+         do i = 1, size(wanted)
+            if (i > 2 .and. any(abs(wanted(i) - wanted(:2)) <= 0.0_wp)) cycle
+            event%wanted = wanted(i)
+            do k = 1, merge(2, 1, search%has_fold)
+               if (.not. (values(k) - wanted(i))*(values(k + 1) - wanted(i)) < 0.0_wp) then
+                  if (.not. abs(values(k + 1) - wanted(i)) <= 0.0_wp) cycle
+               end if
+               call curve%find_zero(event, places(k:k + 1), (values(k:k + 1) - wanted(i))/event%unit, x, place, is_found)
+               if (.not. is_found) cycle
+               x(n) = wanted(i)
+               call self%land(x, is_there)
+               call add(self, merge(curve_kind%end, curve_kind%value, i <= 2), place, x)
+            end do
+         end do
+      end associate
+   end subroutine find_values
+
+   !> Locates an event on the whole step, and adds its point.
+   subroutine find(self, search, event, at_ends, is_found)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      class(event_t), intent(in) :: event
+      real(wp), intent(in) :: at_ends(2)
+      logical, intent(out) :: is_found
+      class(event_t), allocatable :: sought
+      real(wp) :: place, x(size(self%curve%x))
+
+      allocate (sought, source=event)
+      call self%curve%find_zero(sought, [0.0_wp, self%curve%last_step], at_ends, x, place, is_found)
+      search%is_lost = search%is_lost .or. .not. is_found
+      if (is_at_origin(self)) is_found = is_found .and. place > at_start*self%curve%last_step
+      if (is_found) call add(self, event%kind, place, x)
+   end subroutine find
+
+   subroutine look_at(self, there, tolerance, place, stability)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(in) :: there, tolerance
+      real(wp), intent(out) :: place
+      type(stability_t), intent(out) :: stability                     !! without multipliers where they are not found
+      real(wp) :: x(size(self%curve%x))
+      logical :: is_on_curve
+
+      place = there
+      call self%curve%point_at(place, x, is_on_curve)
+      if (is_on_curve) call find_stability(self%problem, x, tolerance, stability)
+   end subroutine look_at
+
+   subroutine add(self, kind, place, x)
+      class(followed_motion_t), intent(inout) :: self
+      integer, intent(in) :: kind
+      real(wp), intent(in) :: place, x(:)
+      type(waiting_t), allocatable :: longer(:)
+
+      associate (n_before => size(self%waiting))
+         allocate (longer(n_before + 1))
+         longer(:n_before) = self%waiting
+         longer(n_before + 1)%kind = kind
+         longer(n_before + 1)%place = place
+         longer(n_before + 1)%x = x
+      end associate
+      call move_alloc(longer, self%waiting)
+   end subroutine add
+
+   !> What rounding, or unevenness of the residual, leaves of a function that is zero.
+   pure real(wp) function rounding_of(self)
+      class(followed_motion_t), intent(in) :: self
+
+      rounding_of = max(located, 10.0_wp*self%curve%corrector%tolerance)
+   end function rounding_of
+
+   !> Whether the step begins at a branch point, or a motion apart, from which this way has set out.
+   pure logical function is_at_origin(self)
+      class(followed_motion_t), intent(in) :: self
+
+      is_at_origin = self%way > 2 .and. self%length <= 0.0_wp
+   end function is_at_origin
+
+   !> Whether all motions of one period are sought, and the determinant tells where they meet: where multipliers of a truncated
+   !> motion pass 1 a little beside a fold it is no other event.
+   pure logical function tells_all(self)
+      class(followed_motion_t), intent(in) :: self
+
+      associate (set => self%problem%scene%harmonics)
+         tells_all = abs(self%curve%orientation) > 0.0_wp .and. set%n_harmonics == set%highest(1) + 1
+      end associate
+   end function tells_all
+
+   !> Whether both extremes are the same before and after, as of a whirl round the middle of a ring.
+   pure logical function same_change(before, after)
+      real(wp), intent(in) :: before(2), after(2)
+      real(wp), parameter :: round = 1.0e-9_wp
+
+      same_change = abs(before(2) - before(1)) <= round*maxval(abs(before)) .and. &
+         abs(after(2) - after(1)) <= round*maxval(abs(after))
+   end function same_change
+
+   !> Whether the curve has come back to its start, after steps that led away from it.
+   logical function is_back(self)
+      class(followed_motion_t), intent(in) :: self
+      real(wp) :: along
+
+      is_back = .false.
+      associate (curve => self%curve, units => self%curve%units)
+         if (self%length < 3.0_wp*curve%last_step) return
+         associate (way => (self%start%x - curve%last_x)/units, direction => curve%last_direction/units)
+            along = dot_product(way, direction)/norm2(direction)
+            if (along <= 0.0_wp .or. along > curve%last_step) return
+            if (norm2(way - along*direction/norm2(direction)) > closed*curve%last_step) return
+            is_back = dot_product(self%start%direction/units, direction) > 0.0_wp
+         end associate
+      end associate
+   end function is_back
+
+   !> Puts points into their order on the step, and drops those behind an end.
+   subroutine put_in_order(points)
+      type(waiting_t), allocatable, intent(inout) :: points(:)
+      type(waiting_t), allocatable :: up_to_end(:)
+      type(waiting_t) :: point
+      integer :: i, k
+
+      do i = 2, size(points)
+         point = points(i)
+         k = i - 1
+         do while (k >= 1)
+            if (points(k)%place <= point%place) exit
+            points(k + 1) = points(k)
+            k = k - 1
+         end do
+         points(k + 1) = point
+      end do
+      i = findloc(points%kind, curve_kind%end, dim=1)
+      if (i == 0) return
+      allocate (up_to_end(i))
+      up_to_end = points(:i)
+      call move_alloc(up_to_end, points)
+   end subroutine put_in_order
+
+   !> Drops the folds and peaks of the step that are smaller than the estimated error of the motion there.
+   !>
+   !> A truncated motion depends on where its samples lie relative to the kinks of laws, so that its curve is slightly wavy and turns
+   !> back where the exact one does not. A maximum belongs to the motion where the curve falls on either side by more than both ends of
+   !> the fall may be off, before it has risen as far: the curve turns as a whole. Of several on such a top the first is reported. A
+   !> minimum is the maximum of the negative function.
+   subroutine drop_doubtful(self, error)
+      class(followed_motion_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+      type(extreme_t) :: extreme
+      logical :: is_kept(size(self%waiting))
+      integer :: i
+
+      is_kept = .true.
+      do i = self%first_waiting, size(self%waiting)
+         associate (point => self%waiting(i), curve => self%curve)
+            if (.not. any(point%kind == [curve_kind%fold, curve_kind%peak])) cycle
+            extreme = extreme_t(response=point%response, value=function_at(self, point%response, point%x))
+            if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, curve%last_direction(size(point%x)))
+            call raise_error(self, extreme, point%x, error)
+            if (.not. allocated(error)) call raise_error(self, extreme, curve%last_x, error)
+            if (.not. allocated(error)) call raise_error(self, extreme, curve%x, error)
+            if (.not. allocated(error)) call find_fall(self, extreme, 1, is_kept(i), error)
+            if (is_kept(i) .and. .not. allocated(error)) call find_fall(self, extreme, -1, is_kept(i), error)
+            if (allocated(error)) return
+         end associate
+      end do
+      call self%renew()
+      if (.not. all(is_kept)) self%waiting = pack(self%waiting, is_kept)
+   end subroutine drop_doubtful
+
+   !> The function at a point of the curve: the value that moves, or the square of a response.
+   real(wp) function function_at(self, response, x) result(value)
+      class(followed_motion_t), intent(inout), target :: self
+      integer, intent(in) :: response
+      real(wp), intent(in) :: x(:)
+
+      value = x(size(x))
+      if (response > 0) value = square_at(self%problem, self%request%peaks(response), x)
+   end function function_at
+
+   !> Takes the error of the function at a point near the extreme into account.
+   subroutine raise_error(self, extreme, x, error)
+      class(followed_motion_t), intent(inout), target :: self
+      type(extreme_t), intent(inout) :: extreme
+      real(wp), intent(in) :: x(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(motion_result_t) :: result
+      type(waiting_t) :: point
+
+      if (.not. self%problem%scene%certificate%is_on) return
+      point%kind = curve_kind%regular
+      point%x = x
+      point%stability = stability_t(method=stability_method%auto)     ! without a verdict: none is looked for
+      call self%describe(point, result, error)
+      if (allocated(error)) return
+      associate (found => result%certificate)
+         if (extreme%response == 0) then
+            extreme%error = max(extreme%error, found%parameter_error)
+         else if (allocated(found%refined)) then
+            associate (response => self%request%peaks(extreme%response))
+               extreme%error = max(extreme%error, abs(response%of(found%around, found%refined(response%dof, :)) &
+                                                      - function_at(self, extreme%response, x)))
+            end associate
+         end if
+      end associate
+   end subroutine raise_error
+
+   !> Whether the function falls on one side of the extreme by more than its values may be off, before it rises as far and, behind,
+   !> before another extreme that was reported.
+   subroutine find_fall(self, extreme, side, is_clear, error)
+      class(followed_motion_t), intent(inout), target :: self
+      type(extreme_t), intent(inout) :: extreme
+      integer, intent(in) :: side                                     ! 1: ahead, -1: behind
+      logical, intent(out) :: is_clear
+      type(error_t), allocatable, intent(out) :: error
+      type(curve_t) :: curve
+      real(wp) :: fall, length
+      integer :: i
+
+      curve = self%curve
+      if (side < 0) then
+         curve%x = curve%last_x
+         curve%direction = -curve%last_direction
+         curve%orientation = 0.0_wp
+      end if
+      curve%step = finer*curve%last_step
+      curve%config%longest_step = curve%step
+      length = self%length
+      is_clear = .true.
+      do i = 0, most_fall_steps
+         fall = extreme%sense*(extreme%value - function_at(self, extreme%response, curve%x))
+         if (fall >= certain*extreme%error) exit
+         is_clear = fall >= -certain*extreme%error
+         if (side < 0 .and. is_clear) is_clear = .not. any(self%reported%response == extreme%response .and. &
+                                                           self%reported%length >= length)
+         if (.not. is_clear) exit
+         call curve%advance()
+         if (curve%status /= outcome%pending) exit
+         length = length - curve%last_step
+         call curve%turn()
+         call raise_error(self, extreme, curve%x, error)
+         if (allocated(error)) return
+      end do
+      self%curve%report = curve%report
+   end subroutine find_fall
+end module hb_curve_step

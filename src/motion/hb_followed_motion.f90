@@ -1,0 +1,517 @@
+!> A motion that is followed along a curve: its equations on a set and a grid, the point and the tangent, and what is known there.
+!>
+!> The unknowns of the curve are those of the balance, frequencies that are unknown, of a normal mode the artificial damping, and the
+!> value that moves. Lengths are counted in the range of the value, and in the largest motion met so far.
+module hb_followed_motion
+   use hb_basis, only: whole_basis
+   use hb_bordered, only: bordered_problem_t, new_bordered_problem
+   use hb_curve, only: curve_config_t, curve_t, new_curve
+   use hb_curve_events, only: find_extremes, find_stability, slope_at
+   use hb_curve_request, only: curve_kind, curve_request_t
+   use hb_document, only: document_t
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t, new_of_parity
+   use hb_hysteretic_law, only: has_memory
+   use hb_kinds, only: wp
+   use hb_limit_cycle_search, only: fundamental
+   use hb_motion_description, only: describe_motion
+   use hb_motion_result, only: motion_result_t
+   use hb_newton, only: solve_newton
+   use hb_outcome, only: outcome
+   use hb_phase, only: coefficient_form, peak_form, peak_rate_form, shift_form
+   use hb_rung, only: carry, estimate_of, put_on_rung, rung_t, with_caution
+   use hb_scene, only: scene_t
+   use hb_scene_problem, only: new_scene_problem, scene_problem_t
+   use hb_scene_symmetry, only: half_of_odd, is_solved_odd
+   use hb_solver_types, only: report_t, solver_config_t
+   use hb_stability, only: stability_t
+   use hb_watch, only: watch_t
+   implicit none
+   private
+   public :: followed_motion_t, known_t, least_motion, most_slack, n_further, origin_t, reported_extreme_t, waiting_t
+
+   integer, parameter :: most_corrections = 10
+   real(wp), parameter :: least_motion = 1.0e-3_wp                    !! relative to the linear one: smaller is no unit of length
+   real(wp), parameter :: most_slack = 1.0e4_wp                       !! by which a tolerance grows where the residual is uneven
+
+   !> A motion with the direction of a curve there.
+   type :: origin_t
+      logical :: is_apart = .false.                                   !! from the curves before; else another curve crosses there
+      real(wp), allocatable :: x(:), direction(:)
+      type(rung_t) :: rung                                            !! set and grid of both
+   end type origin_t
+
+   !> A point that was found and is not yet reported.
+   type :: waiting_t
+      integer :: kind = curve_kind%none
+      real(wp) :: place = 0.0_wp                                      !! on the step
+      real(wp), allocatable :: x(:)
+      type(stability_t), allocatable :: stability                     !! where that is known
+      type(motion_result_t), allocatable :: result                    !! what is known of it already
+      integer :: response = 0                                         !! that has its peak there, of those of the request
+   end type waiting_t
+
+   !> A fold or peak that was reported.
+   type :: reported_extreme_t
+      integer :: response = 0                                         !! of the request; 0: a fold
+      real(wp) :: length = 0.0_wp                                     !! of this way up to there
+   end type reported_extreme_t
+
+   !> What is known at the point of the curve, for events to compare with the end of the next step.
+   type :: known_t
+      real(wp), allocatable :: slopes(:)                              !! of the squares of the responses along the curve
+      real(wp), allocatable :: extremes(:, :)                         !! of the switches of laws
+      type(stability_t) :: stability                                  !! without multipliers where none are looked for
+   end type known_t
+
+   !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
+   type :: followed_motion_t
+      type(curve_request_t) :: request
+      type(scene_t) :: scene                                          !! at the start, as it was read
+      type(document_t) :: document
+      real(wp), allocatable :: further(:)                             !! unknowns beside those of the balance, at the start
+      type(rung_t) :: rung                                            !! set and grid at hand
+      real(wp) :: estimate = huge(1.0_wp)                             !! of the error at the point of the curve; huge: not known
+      integer :: n_rungs = 1                                          !! that the last step has taken
+      type(scene_problem_t) :: problem
+      type(scene_problem_t), allocatable :: odd_problem               !! of odd motions alone, where the equations are odd
+      integer, allocatable :: odd_places(:)                           !! of its unknowns among those of the problem
+      type(curve_t) :: curve
+      type(known_t) :: known                                          !! at its point
+      real(wp), allocatable :: weights(:)                             !! typical motion, (unknowns of the balance)
+      real(wp) :: largest = least_motion                              !! motion so far, in these
+      integer :: way = 1                                              !! 1 and 2 from the start; 2 k + 1 and 2 k + 2 from the k-th
+                                                                      !! branch point, along the other curve, or motion apart
+      type(origin_t), allocatable :: origins(:)                       !! branch points met on the ways from the start, motions apart
+      type(origin_t) :: outset                                        !! start of this way
+      type(origin_t) :: start                                         !! the same on the set at hand
+      real(wp) :: length = 0.0_wp                                     !! of this way so far
+      type(reported_extreme_t), allocatable :: reported(:)            !! on this way
+      real(wp) :: unevenness = 0.0_wp                                 !! of the residual over frequencies, at the start of this way
+      logical :: is_uneven = .false.                                  !! more than the tolerance allows
+      real(wp) :: slack = 1.0_wp                                      !! by which it may have grown on the way
+      logical :: has_collapsed = .false.                              !! the motion of an unknown tone has died out
+      logical :: is_closed = .false.                                  !! this way has come back to its start
+      integer :: first_waiting = 1
+      type(waiting_t), allocatable :: waiting(:)
+      class(watch_t), pointer :: watch => null()
+   contains
+      procedure :: put_on => followed_motion_put_on
+      procedure :: make_curve => followed_motion_make_curve
+      procedure :: keep_symmetry => followed_motion_keep_symmetry
+      procedure :: find_on_plane => followed_motion_find_on_plane
+      procedure :: land => followed_motion_land
+      procedure :: put_conditions => followed_motion_put_conditions
+      procedure :: is_mirrored => followed_motion_is_mirrored
+      procedure :: units_at => followed_motion_units_at
+      procedure :: renew => followed_motion_renew
+      procedure :: look_here => followed_motion_look_here
+      procedure :: carry_start => followed_motion_carry_start
+      procedure :: describe => followed_motion_describe
+      procedure :: has_left_branch => followed_motion_has_left_branch
+      procedure :: sense => followed_motion_sense
+      procedure :: destroy => followed_motion_destroy
+   end type followed_motion_t
+
+contains
+
+   !> Unknowns beside those of the balance: frequencies, artificial damping, and the value that moves.
+   pure integer function n_further(scene)
+      type(scene_t), intent(in) :: scene
+
+      n_further = 1 + count(scene%tones%is_unknown)
+      if (scene%normal_mode%is_asked) n_further = n_further + 1
+   end function n_further
+
+   !> Makes the problem of the curve on a set and a grid, at its start.
+   subroutine followed_motion_put_on(self, rung, error)
+      class(followed_motion_t), intent(inout), target :: self
+      type(rung_t), intent(in) :: rung
+      type(error_t), allocatable, intent(out) :: error
+      type(scene_t) :: found
+      integer, allocatable :: which(:)
+      integer :: i, n_unknown
+
+      found = self%scene
+      associate (tones => found%tones)
+         n_unknown = count(tones%is_unknown)
+         which = pack([(i, i=1, tones%n_tones)], tones%is_unknown)
+         tones%omega(which) = self%further(:n_unknown)
+         if (found%normal_mode%is_asked) which = [which, tones%n_tones + which]
+      end associate
+      if (found%accuracy%is_on) then
+         call put_on_rung(found, self%scene, rung, error)
+         if (allocated(error)) return
+         found%certificate%is_on = .true.
+         found%certificate%truncation = found%accuracy%tolerance
+         found%certificate%aliasing = found%accuracy%tolerance
+         call self%problem%destroy()
+      end if
+      call new_scene_problem(self%problem, found, self%document, self%request%moving, self%request%start, &
+                             self%request%available_memory, error)
+      if (allocated(error)) return
+      self%rung = rung_t(rung%set, rung%n_samples)
+      self%problem%which = [which, self%problem%own]
+      self%weights = self%problem%x_scale
+      call make_odd_problem(self, found, error)
+      if (allocated(error)) return
+      do i = 1, size(self%request%peaks)
+         associate (peak => self%request%peaks(i))
+            peak%column = self%problem%balance%stiffness%coordinates%number_of(peak%dof)
+         end associate
+      end do
+   end subroutine followed_motion_put_on
+
+   !> The problem of odd motions alone on the set at hand, where a given frequency moves and the equations are odd: other values may
+   !> break the symmetry. Sliders may be held off their middle by odd motions, whose forces then are not odd.
+   subroutine make_odd_problem(self, scene, error)
+      class(followed_motion_t), intent(inout), target :: self
+      type(scene_t), intent(in) :: scene                              !! on the set at hand
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: odd
+      type(scene_t) :: reduced
+      integer :: h, i, m, n
+      integer, allocatable :: rows(:)
+
+      if (allocated(self%odd_problem)) then
+         call self%odd_problem%destroy()
+         deallocate (self%odd_problem)
+      end if
+      if (.not. (self%problem%moves_frequency .and. is_solved_odd(scene)) .or. has_memory(scene%laws) .or. &
+          any(scene%tones%is_unknown)) return
+      call new_of_parity(odd, scene%harmonics, 1, error)
+      if (allocated(error) .or. odd%n_harmonics == scene%harmonics%n_harmonics) return
+      reduced = scene
+      call put_on_rung(reduced, scene, rung_t(odd, scene%torus%n_samples), error)
+      if (allocated(error)) return
+      reduced%torus = half_of_odd(scene)
+      allocate (self%odd_problem)
+      call new_scene_problem(self%odd_problem, reduced, self%document, self%request%moving, self%request%start, &
+                             self%request%available_memory, error)
+      associate (set => scene%harmonics)
+         allocate (rows(0))
+         do h = 1, set%n_harmonics
+            if (modulo(sum(set%tuples(:, h)), 2) == 0) cycle
+            rows = [rows, set%cos_at(h), pack([set%sin_at(h)], [set%sin_at(h) > 0])]
+         end do
+         n = self%problem%n_unknowns
+         m = size(self%problem%which)
+         self%odd_places = [((i + rows(h), h=1, size(rows)), i=0, n - 1, set%n_coefficients), (n + i, i=1, m)]
+      end associate
+   end subroutine make_odd_problem
+
+   !> Makes the curve at one of its points, on the set at hand; `direction` says roughly where to go.
+   subroutine followed_motion_make_curve(self, x, direction)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(in) :: x(:), direction(:)
+      type(bordered_problem_t) :: bordered
+      type(curve_config_t) :: config
+      type(solver_config_t) :: corrector
+      real(wp) :: units(size(x))
+
+      config%longest_step = self%request%longest_step
+      config%first_step = 0.1_wp*config%longest_step
+      config%shortest_step = 1.0e-6_wp*config%longest_step
+      config%kink_step = 1.0e-4_wp*config%longest_step
+      config%angle = 0.12_wp
+      config%growth = 2.0_wp
+      corrector = self%problem%scene%solver
+      corrector%max_iterations = most_corrections
+      corrector%line_search = .false.
+      self%curve%x = x
+      call border(self, direction)
+      call self%renew()
+      call self%put_conditions()
+      bordered = self%curve%problem
+      units = self%curve%units
+      if (self%is_uneven) config%shortest_step = 1.0e-3_wp*config%longest_step   ! no step is as short as to help
+      call new_curve(self%curve, bordered, x, direction, units, config, corrector)
+      call self%keep_symmetry()
+   end subroutine followed_motion_make_curve
+
+   !> Gives the curve a problem whose last form is a given one; the others are not set.
+   subroutine border(self, form)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(in) :: form(:)
+      type(bordered_problem_t) :: bordered
+      real(wp) :: forms(size(form), size(self%problem%which))
+
+      forms = 0.0_wp
+      forms(:, size(forms, 2)) = form
+      call new_bordered_problem(bordered, self%problem, self%problem%which, forms, 0.0_wp*forms(1, :))
+      self%curve%problem = bordered
+   end subroutine border
+
+   !> Keeps corrections among odd motions where curve and direction are odd; what leaves these is still seen, by the tangent.
+   subroutine followed_motion_keep_symmetry(self)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), parameter :: rounding = 1.0e-10_wp                    ! even part that counts as none
+
+      associate (curve => self%curve)
+         if (allocated(curve%part)) deallocate (curve%part)
+         if (.not. allocated(self%odd_problem)) return
+         if (even_part_of(curve%x) > rounding .or. even_part_of(curve%direction) > rounding) return
+         allocate (curve%part)
+         curve%kept = self%odd_places
+         call new_bordered_problem(curve%part, self%odd_problem, self%problem%which, curve%problem%forms(curve%kept, :), &
+                                   curve%problem%values)
+      end associate
+
+   contains
+
+      pure real(wp) function even_part_of(x)
+         real(wp), intent(in) :: x(:)
+         real(wp) :: odd(size(x))
+
+         odd = 0.0_wp
+         odd(self%odd_places) = x(self%odd_places)
+         even_part_of = norm2((x - odd)/self%curve%units)/norm2(x/self%curve%units)
+      end function even_part_of
+   end subroutine followed_motion_keep_symmetry
+
+   !> Corrects a motion in the plane across a direction.
+   subroutine followed_motion_find_on_plane(self, x, direction, is_found)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(inout) :: x(:)
+      real(wp), intent(in) :: direction(:)
+      logical, intent(out) :: is_found
+      type(report_t) :: report
+      type(solver_config_t) :: corrector
+      real(wp) :: units(size(x))
+      logical :: is_possible
+
+      call self%problem%move(x, is_possible)
+      is_found = is_possible
+      if (.not. is_found) return
+      units = self%units_at(x)
+      self%curve%x = x
+      call border(self, direction/units**2)
+      call self%put_conditions()
+      self%curve%problem%values = matmul(x, self%curve%problem%forms)
+      call self%curve%problem%rescale()
+      corrector = self%problem%scene%solver
+      associate (u => x(:self%problem%n_unknowns))
+         self%unevenness = self%problem%unevenness(u)
+         self%is_uneven = 10.0_wp*self%unevenness > corrector%tolerance
+         corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(u), 10.0_wp*self%unevenness)
+      end associate
+      corrector%max_iterations = 2*most_corrections
+      self%slack = 1.0_wp
+      do
+         call solve_newton(self%curve%problem, corrector, x, report)
+         is_found = report%status == outcome%converged
+         if (is_found .or. .not. self%is_uneven .or. self%slack >= most_slack) exit
+         self%slack = 10.0_wp*self%slack
+         corrector%tolerance = 10.0_wp*corrector%tolerance
+         x = self%curve%x
+      end do
+   end subroutine followed_motion_find_on_plane
+
+   !> Solves for the motion at the value of x, next to where it is.
+   subroutine followed_motion_land(self, x, is_there)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(inout) :: x(:)
+      logical, intent(out) :: is_there                                !! else x stays what it was
+      type(bordered_problem_t) :: problem
+      type(report_t) :: report
+      real(wp), parameter :: near = 1.0e-6_wp
+      real(wp) :: there(size(x))
+      integer :: last
+
+      problem = self%curve%problem
+      last = size(problem%values)
+      problem%forms(:, last) = 0.0_wp
+      problem%forms(size(x), last) = 1.0_wp
+      problem%values(last) = x(size(x))
+      call problem%rescale()
+      there = x
+      call solve_newton(problem, self%curve%corrector, there, report)
+      call self%curve%report%add(report)
+      there(size(x)) = x(size(x))
+      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%curve%units) < near   ! at a fold it may not
+      if (is_there) x = there
+   end subroutine followed_motion_land
+
+   !> Gives the curve the conditions for the phases of unknown tones, by the motion at hand, and for the amplitude of a normal mode.
+   subroutine followed_motion_put_conditions(self)
+      class(followed_motion_t), intent(inout) :: self
+      integer :: dof, h, i, n
+      real(wp) :: scale(self%problem%scene%harmonics%n_coefficients, self%problem%balance%n_dofs)
+
+      n = self%problem%n_unknowns
+      scale = reshape(self%weights, shape(scale))
+      associate (mode => self%problem%scene%normal_mode, set => self%problem%scene%harmonics, which => self%problem%which, &
+                 forms => self%curve%problem%forms, n_dofs => self%problem%balance%n_dofs)
+         if (mode%is_asked) then
+            dof = self%problem%balance%stiffness%coordinates%number_of(mode%dof)
+            h = fundamental(set, which(1))
+            if (mode%is_peak) then
+               forms(:n, 1) = peak_rate_form(set, n_dofs, dof, which(1))
+               forms(:n, 2) = peak_form(set, n_dofs, dof)
+            else
+               forms(:n, 1) = coefficient_form(set, n_dofs, set%sin_at(h), dof)
+               forms(:n, 2) = coefficient_form(set, n_dofs, set%cos_at(h), dof)
+            end if
+            self%curve%problem%values(2) = mode%amplitude
+         else
+            do i = 1, size(which) - 1
+               forms(:n, i) = shift_form(set, which(i), reshape(self%curve%x(:n), shape(scale)), scale)
+            end do
+         end if
+      end associate
+   end subroutine followed_motion_put_conditions
+
+   !> Whether the motion of an unknown tone has gone through zero on the step: what follows is its mirror image.
+   logical function followed_motion_is_mirrored(self) result(is_mirrored)
+      class(followed_motion_t), intent(in) :: self
+      real(wp), dimension(self%problem%scene%harmonics%n_coefficients, self%problem%balance%n_dofs) :: before, u
+      integer :: h, i
+
+      is_mirrored = .false.
+      associate (set => self%problem%scene%harmonics, which => self%problem%which)
+         u = reshape(self%curve%x(:size(u))/self%weights, shape(u))
+         before = reshape(self%curve%last_x(:size(u))/self%weights, shape(u))
+         do i = 1, size(which) - 1
+            if (which(i) > set%n_tones) cycle
+            do h = 1, set%n_harmonics
+               if (set%tuples(which(i), h) /= 0) cycle
+               u(set%cos_at(h), :) = 0.0_wp
+               if (set%sin_at(h) > 0) u(set%sin_at(h), :) = 0.0_wp
+            end do
+            is_mirrored = is_mirrored .or. sum(u*before) <= 0.0_wp
+         end do
+      end associate
+   end function followed_motion_is_mirrored
+
+   !> Units of length by one motion.
+   function followed_motion_units_at(self, x) result(units)
+      class(followed_motion_t), intent(in) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp) :: units(size(x))
+
+      units = [self%weights*max(least_motion, norm2(x(:self%problem%n_unknowns)/self%weights)), &
+               self%problem%parameter_scales(self%problem%which)]
+   end function followed_motion_units_at
+
+   !> Brings the units of length and the tolerance to the point reached.
+   subroutine followed_motion_renew(self)
+      class(followed_motion_t), intent(inout), target :: self
+      logical :: is_possible
+
+      call self%problem%move(self%curve%x, is_possible)
+      associate (n => self%problem%n_unknowns, curve => self%curve)
+         self%largest = max(self%largest, norm2(curve%x(:n)/self%weights))
+         curve%units = [self%weights*self%largest, self%problem%parameter_scales(self%problem%which)]
+         curve%corrector%tolerance = max(self%problem%scene%solver%tolerance, 2.0_wp*self%problem%rounding_level(curve%x(:n)), &
+                                         10.0_wp*self%slack*self%unevenness)
+      end associate
+   end subroutine followed_motion_renew
+
+   !> Finds out what is known at the point of the curve.
+   subroutine followed_motion_look_here(self, known)
+      class(followed_motion_t), intent(inout), target :: self
+      type(known_t), intent(out) :: known
+      integer :: i
+
+      associate (x => self%curve%x, peaks => self%request%peaks)
+         known%slopes = [(slope_at(self%problem, peaks(i), x, self%curve%direction), i=1, size(peaks))]
+         call find_stability(self%problem, x, self%problem%scene%stability%tolerance, known%stability)
+         call find_extremes(self%problem, x, known%extremes)
+      end associate
+   end subroutine followed_motion_look_here
+
+   !> Takes the start of this way over to the set at hand.
+   subroutine followed_motion_carry_start(self)
+      class(followed_motion_t), intent(inout) :: self
+
+      associate (outset => self%outset, n => size(self%problem%which))
+         self%start%x = carry(outset%rung%set, self%rung%set, outset%x, n)
+         self%start%direction = carry(outset%rung%set, self%rung%set, outset%direction, n)
+      end associate
+   end subroutine followed_motion_carry_start
+
+   !> What is known of a motion of the curve.
+   subroutine followed_motion_describe(self, point, result, error)
+      class(followed_motion_t), intent(inout), target :: self
+      type(waiting_t), intent(in) :: point
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: r(self%problem%n_unknowns)
+      integer :: n
+      logical :: is_possible
+
+      n = self%problem%n_unknowns
+      call self%problem%move(point%x, is_possible)
+      associate (balance => self%problem%balance, scene => self%problem%scene)
+         call self%problem%residual(point%x(:n), r)
+         result%residual = self%problem%norm(r)
+         result%status = outcome%converged
+         if (allocated(point%stability)) result%stability = point%stability
+         result%frequency = balance%omega
+         if (scene%normal_mode%is_asked) result%artificial_damping = balance%xi
+         result%n_harmonics = scene%harmonics%n_harmonics
+         result%n_unknowns = n
+         if (scene%certificate%is_on) call put_across(self, point)
+         call describe_motion(scene, whole_basis(scene%harmonics, scene%torus), balance, &
+                              reshape(point%x(:n), [scene%harmonics%n_coefficients, balance%n_dofs]), result, error, &
+                              curve=self%curve%problem)
+      end associate
+      if (allocated(self%curve%problem%units_across)) deallocate (self%curve%problem%units_across)
+      if (allocated(error) .or. .not. self%scene%accuracy%is_on) return
+      call with_caution(self%scene, result)
+      if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
+         result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= self%scene%accuracy%tolerance)
+      result%harmonics = self%rung%set
+      result%n_samples = self%rung%n_samples
+      result%n_rungs = self%n_rungs
+   end subroutine followed_motion_describe
+
+   !> Makes the last equation the plane across the tangent at a point, in units of the motion there: how the curve came to it does
+   !> not matter. At a branch point, where any vector between the two curves is a tangent, steps are across both.
+   subroutine put_across(self, point)
+      class(followed_motion_t), intent(inout), target :: self
+      type(waiting_t), intent(in) :: point
+      type(report_t) :: report
+      real(wp) :: determinant_sign, tangent(size(point%x)), units(size(point%x))
+      integer :: last
+      logical :: is_crossed, is_singular
+
+      report = self%curve%report                                      ! no work of the curve
+      call self%curve%tangent_at(point%x, tangent, determinant_sign, is_singular)
+      self%curve%report = report
+      is_crossed = point%kind == curve_kind%branch
+      if (point%kind == curve_kind%start) is_crossed = self%has_left_branch()
+      if (is_singular) tangent = self%curve%direction
+      associate (u => point%x(:self%problem%n_unknowns), problem => self%curve%problem)
+         units = [spread(max(norm2(u), tiny(1.0_wp)), 1, size(u)), self%problem%parameter_scales(self%problem%which)]
+         last = size(problem%values)
+         problem%forms(:, last) = tangent/units**2/norm2(tangent/units)
+         problem%values(last) = dot_product(problem%forms(:, last), point%x)
+         call problem%rescale()
+         if (is_crossed) problem%units_across = units
+      end associate
+   end subroutine put_across
+
+   !> Whether this way begins at a branch point.
+   pure logical function followed_motion_has_left_branch(self) result(has)
+      class(followed_motion_t), intent(in) :: self
+
+      has = self%way > 2
+      if (has) has = .not. self%origins((self%way - 1)/2)%is_apart
+   end function followed_motion_has_left_branch
+
+   !> 1 on the first of two ways from one point, -1 on the other.
+   pure real(wp) function followed_motion_sense(self) result(sense)
+      class(followed_motion_t), intent(in) :: self
+
+      sense = merge(1.0_wp, -1.0_wp, modulo(self%way, 2) == 1)
+   end function followed_motion_sense
+
+   !> Frees the balance; safe to call twice.
+   subroutine followed_motion_destroy(self)
+      class(followed_motion_t), intent(inout) :: self
+
+      call self%problem%destroy()
+      if (allocated(self%odd_problem)) call self%odd_problem%destroy()
+   end subroutine followed_motion_destroy
+end module hb_followed_motion
