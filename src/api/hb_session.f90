@@ -20,7 +20,7 @@ module hb_session
    use hb_motion, only: solve_motion
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: motion_result_t
-   use hb_motion_ridge, only: motion_ridge_t
+   use hb_motion_ridge, only: new_motion_curve
    use hb_namelist, only: complete_text, read_namelist, set_text
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome
@@ -66,7 +66,6 @@ module hb_session
       type(curve_plan_t), private :: plan
       type(curve_request_t), private :: request
       class(motion_curve_t), allocatable, private :: curve
-      class(motion_ridge_t), allocatable, private :: ridge            ! in its place where a peak or fold is followed
       logical, private :: has_begun = .false.                         ! the curve
    contains
       procedure :: read => session_read
@@ -199,7 +198,7 @@ contains
       call self%update(error)
       if (.not. allocated(error)) call self%plan%make_request(self%scene, self%document, self%request, error)
       if (allocated(error)) return
-      allocate (self%curve, self%ridge)
+      call new_motion_curve(self%curve, self%request)
       self%has_curve = .true.
       self%has_begun = .false.
    end subroutine session_begin_curve
@@ -214,20 +213,14 @@ contains
          return
       end if
       call self%watch%enter(self%scene%solver%time_limit)
-      if (allocated(self%request%over)) then
-         if (self%has_begun) then
-            call self%ridge%next(self%result, error)
-         else
-            call self%ridge%begin(self%scene, self%document, self%request, self%result, error, self%watch, marching_judge_t())
-         end if
-      else if (self%has_begun) then
+      if (self%has_begun) then
          call self%curve%next(self%result, error)
       else
          call self%curve%begin(self%scene, self%document, self%request, self%result, error, self%watch, marching_judge_t())
       end if
       call self%watch%leave()
       self%has_begun = .true.
-      self%has_curve = .not. (allocated(error) .or. self%curve%is_done .or. self%ridge%is_done)
+      self%has_curve = .not. (allocated(error) .or. self%curve%is_done)
       if (self%watch%verdict /= verdict%interrupted) return
       self%result%status = outcome%interrupted
       self%has_curve = .false.
@@ -274,10 +267,6 @@ contains
       if (allocated(self%curve)) then
          call self%curve%destroy()
          deallocate (self%curve)
-      end if
-      if (allocated(self%ridge)) then
-         call self%ridge%destroy()
-         deallocate (self%ridge)
       end if
       self%has_curve = .false.
    end subroutine end_curve

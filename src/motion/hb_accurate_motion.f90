@@ -19,8 +19,8 @@ module hb_accurate_motion
    use hb_motion_description, only: allow_for_growth, compare_with_refined
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome
-   use hb_rung, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, margin, &
-      most_failures, put_on_rung, reliable, rung_t, trim_set, with_caution
+   use hb_rung, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, idle, is_rigid, &
+      least_goal, margin, most_failures, put_on_rung, reliable, rung_t, trim_set, with_caution
    use hb_scene, only: accuracy_t, scene_t
    use hb_stability, only: stability_method, stability_verdict => verdict
    use hb_torus, only: samples_for
@@ -32,8 +32,6 @@ module hb_accurate_motion
 
    integer, parameter :: most_rungs = 24
    integer, parameter :: most_idle = 4                                ! rungs one after the other that gain nothing
-   real(wp), parameter :: idle = 0.8_wp                               ! of the estimate before: no gain
-   real(wp), parameter :: step = 0.03_wp                              ! of the error, from one rung to the next
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
    real(wp), parameter :: work_of_stability = 1.5_wp                  ! at most, times that of all rungs
@@ -180,8 +178,8 @@ contains
          estimate = estimate_of_wanted(result)
          if (estimate <= scene%accuracy%tolerance*merge(margin, unchecked, is_checked)) exit
          if (account%work > scene%accuracy%max_work .or. gains_nothing(estimates)) exit
-         goal = max(step*estimate, margin*scene%accuracy%tolerance)
-         if (estimate <= margin*scene%accuracy%tolerance) goal = max(0.3_wp*estimate, step*scene%accuracy%tolerance)
+         goal = max(least_goal*estimate, margin*scene%accuracy%tolerance)
+         if (estimate <= margin*scene%accuracy%tolerance) goal = max(0.3_wp*estimate, least_goal*scene%accuracy%tolerance)
          goal = goal*3.0_wp**n_failures*estimate_of(result)/max(estimate, tiny(1.0_wp))   ! of the motion
          call choose_next(scene, result, top, goal, n_failures, next, is_there)
          if (.not. is_there) exit

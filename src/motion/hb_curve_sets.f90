@@ -15,7 +15,7 @@ module hb_curve_sets
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
-   use hb_rung, only: carry, choose_next, choose_smaller, estimate_of, join, margin, rung_t
+   use hb_rung, only: carry, choose_next, choose_smaller, estimate_of, idle, join, least_goal, margin, rung_t
    use hb_scene, only: scene_t
    use hb_solver_types, only: report_t
    use hb_watch, only: verdict
@@ -26,10 +26,8 @@ module hb_curve_sets
    integer, parameter :: most_rungs = 12                              ! on one step
    integer, parameter :: most_stalled = 3                             ! sets on which one step is tried that leads nowhere
    integer, parameter :: most_idle = 2                                ! one after the other that gain nothing
-   real(wp), parameter :: idle = 0.8_wp                               ! of the estimate before: no gain
    real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: for the points that follow, too
    real(wp), parameter :: ample = 0.01_wp                             ! of the tolerance: a smaller set will do
-   real(wp), parameter :: least_goal = 0.03_wp                        ! of the estimate, from one rung to the next
 
    !> The curve at one of its points.
    type :: standing_t

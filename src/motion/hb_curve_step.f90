@@ -1,5 +1,5 @@
-!> A step of a curve of motions: as long as the curve is followed on it and what happens on it can be located, in its order: folds,
-!> peaks, grazes, bifurcations, wanted values and ends. Of folds and peaks those are kept that are larger than the errors around them.
+!> A step of a curve of motions: as long as the curve is followed on it and the events on it can be located: folds, peaks, grazes,
+!> bifurcations, wanted values and ends. Folds and peaks that are smaller than the errors of the motions around them are dropped.
 module hb_curve_step
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_bifurcation, only: bifurcation, bifurcation_value, is_torus
@@ -8,7 +8,7 @@ module hb_curve_step
       n_outside, on_circle, peak_event_t, sharp, square_at, value_event_t
    use hb_curve_request, only: curve_kind
    use hb_error, only: error_t
-   use hb_followed_motion, only: followed_motion_t, known_t, most_slack, waiting_t
+   use hb_followed_motion, only: at_end, followed_motion_t, known_t, most_slack, waiting_t
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
@@ -124,7 +124,6 @@ contains
    !> Lands on an end of the range that is ahead and so near that no step fits in between: there may be nothing beyond.
    subroutine try_end(self)
       class(followed_motion_t), intent(inout), target :: self
-      real(wp), parameter :: very_near = 1.0e-4_wp                    ! of the range
       real(wp) :: ends(2), gap, x(size(self%curve%x))
       integer :: i, n
       logical :: is_there
@@ -134,17 +133,13 @@ contains
       do i = 1, size(ends)
          associate (curve => self%curve)
             gap = ends(i) - curve%x(n)
-            if (abs(gap) > very_near*curve%units(n) .or. .not. gap*curve%direction(n) > 0.0_wp) cycle
+            if (abs(gap) > at_end*curve%units(n) .or. .not. gap*curve%direction(n) > 0.0_wp) cycle
             x = curve%x + gap/curve%direction(n)*curve%direction
             x(n) = ends(i)
             call self%land(x, is_there)
             if (.not. is_there) cycle
             curve%status = outcome%pending
-            deallocate (self%waiting)
-            allocate (self%waiting(1))
-            self%waiting(1)%kind = curve_kind%end
-            self%waiting(1)%place = norm2((x - curve%x)/curve%units)
-            self%waiting(1)%x = x
+            self%waiting = [waiting_t(curve_kind%end, norm2((x - curve%x)/curve%units), x)]
             self%first_waiting = 1
             return
          end associate
@@ -663,10 +658,10 @@ contains
 
    !> Drops the folds and peaks of the step that are smaller than the estimated error of the motion there.
    !>
-   !> A truncated motion depends on where its samples lie relative to the kinks of laws, so that its curve is slightly wavy and turns
-   !> back where the exact one does not. A maximum belongs to the motion where the curve falls on either side by more than both ends of
-   !> the fall may be off, before it has risen as far: the curve turns as a whole. Of several on such a top the first is reported. A
-   !> minimum is the maximum of the negative function.
+   !> A truncated motion depends on where its samples lie relative to the kinks of laws, so that its curve is slightly wavy and
+   !> turns back where the exact one does not. A maximum belongs to the motion where the curve falls on either side by more than
+   !> both ends of the fall may be off, before it has risen as far: the curve turns as a whole. Of several on such a top the first
+   !> is reported. A minimum is the maximum of the negative function.
    subroutine drop_doubtful(self, error)
       class(followed_motion_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error

@@ -1,7 +1,7 @@
 !> A motion that is followed along a curve: its equations on a set and a grid, the point and the tangent, and what is known there.
 !>
-!> The unknowns of the curve are those of the balance, frequencies that are unknown, of a normal mode the artificial damping, and the
-!> value that moves. Lengths are counted in the range of the value, and in the largest motion met so far.
+!> The unknowns of the curve are those of the balance, frequencies that are unknown, the artificial damping of a normal mode, and
+!> the value that moves. Lengths are counted in the range of the value, and in the largest motion met so far.
 module hb_followed_motion
    use hb_basis, only: whole_basis
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
@@ -28,10 +28,11 @@ module hb_followed_motion
    use hb_watch, only: watch_t
    implicit none
    private
-   public :: followed_motion_t, known_t, least_motion, most_slack, n_further, origin_t, reported_extreme_t, waiting_t
+   public :: at_end, followed_motion_t, known_t, least_motion, most_slack, n_further, origin_t, reported_extreme_t, waiting_t
 
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: least_motion = 1.0e-3_wp                    !! relative to the linear one: smaller is no unit of length
+   real(wp), parameter :: at_end = 1.0e-4_wp                          !! of the range: a lost curve so near to a value is at it
    real(wp), parameter :: most_slack = 1.0e4_wp                       !! by which a tolerance grows where the residual is uneven
 
    !> A motion with the direction of a curve there.

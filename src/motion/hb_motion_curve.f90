@@ -1,9 +1,9 @@
 !> A curve of motions along one value of the input, by its arc length: round folds, exactly onto given values, with its folds, the
 !> maxima of responses and, where multipliers are known, its bifurcations located.
 !>
-!> Steps are as long as the tangent turns little on them, and shorter where the corrector has to work. A curve that starts between the
-!> ends of the range is followed both ways; behind these ways come those along curves that cross, and from motions apart. Each point
-!> has all that a motion has. Source: docs/user/curves.md; docs/user/theory.md, section 6.7.
+!> Steps are as long as the tangent turns little on them, and shorter where the corrector has to work. A curve that starts between
+!> the ends of the range is followed both ways; behind these come the ways along curves that cross, and from motions apart. Each
+!> point has all that a motion has. Source: docs/user/curves.md; docs/user/theory.md, section 6.7.
 module hb_motion_curve
    use hb_accurate_motion, only: solve_to_tolerance
    use hb_bifurcation, only: angle_of_pair
@@ -15,7 +15,7 @@ module hb_motion_curve
    use hb_curve_step, only: drop_doubtful, step
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_followed_motion, only: followed_motion_t, least_motion, n_further, origin_t, reported_extreme_t, waiting_t
+   use hb_followed_motion, only: at_end, followed_motion_t, least_motion, n_further, origin_t, reported_extreme_t, waiting_t
    use hb_judge, only: judge_t
    use hb_kinds, only: wp
    use hb_motion, only: solve_motion
@@ -32,7 +32,6 @@ module hb_motion_curve
    private
    public :: motion_curve_t
 
-   real(wp), parameter :: nearby = 1.0e-4_wp                          ! of the range: a refused value at which a curve ends
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to what is expected next
    real(wp), parameter :: farthest = 2.0_wp                           ! from where they leave it, relative to that part
    real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: others where they leave a curve
@@ -43,7 +42,7 @@ module hb_motion_curve
       type(origin_t), private :: first                                ! the start itself; a direction where it leaves another curve
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first way
       type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are sought
-      integer, private :: n_told = 0
+      integer :: n_told = 0                                           !! points so far
    contains
       procedure :: begin => motion_curve_begin
       procedure :: begin_next_to => motion_curve_begin_next_to
@@ -400,7 +399,7 @@ contains
       if (self%is_closed .and. modulo(self%way, 2) == 1) self%way = self%way + 1   ! the other way would be the same
       self%is_closed = .false.
       self%way = self%way + 1
-      associate (request => self%request)                             ! from another curve, the other way has the same motions, shifted
+      associate (request => self%request)                             ! the other way from an origin has the same motions, shifted
          if (self%way == 2 .and. ((request%start - request%from)*(request%start - request%to) >= 0.0_wp .or. &
                                   allocated(request%origin))) self%way = 3
       end associate
@@ -612,7 +611,7 @@ contains
          end if
          text = "no way on along the curve from the value "//to_text(value)//" after the length "//to_text(self%length)
          if (.not. allocated(self%problem%complaint)) return
-         if (abs(self%problem%refused - value) <= nearby*unit) text = text//": "//self%problem%complaint   ! else it is no reason
+         if (abs(self%problem%refused - value) <= at_end*unit) text = text//": "//self%problem%complaint   ! else it is no reason
       end associate
    end function lost_text
 

@@ -19,25 +19,20 @@ module hb_motion_ridge
    use hb_watch, only: verdict, watch_t
    implicit none
    private
-   public :: motion_ridge_t
+   public :: motion_ridge_t, new_motion_curve
 
    real(wp), parameter :: shortest = 1.0e-4_wp                        ! of the longest step
    real(wp), parameter :: largest_change = 0.5_wp                     ! of the motion on a step, relative
    integer, parameter :: easy_steps = 4, most_steps = 12              ! of a curve, up to the point that is sought
 
-   !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
-   type :: motion_ridge_t
-      logical :: is_done = .false.                                    !! there is no further point
-      type(curve_request_t), private :: request
+   !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`. Lengths are relative to the
+   !> range of the second value.
+   type, extends(motion_curve_t) :: motion_ridge_t
       type(curve_request_t), private :: inner                         ! of the curves along the first value
-      class(motion_curve_t), allocatable, private :: curve            ! a class: else its copy is written out here once more
-      type(scene_t), private :: scene
-      type(document_t), private :: document
-      type(curve_place_t), private :: last                            ! the last point, with the tangent of the curve there
+      class(motion_curve_t), allocatable, private :: short            ! such a curve
+      type(curve_place_t), private :: last                            ! the last point, with the tangent of the short curve there
       real(wp), private :: value = 0.0_wp                             ! second value there
-      real(wp), private :: step = 0.0_wp, length = 0.0_wp             ! relative to the range of the second value
-      integer, private :: n_told = 0
-      class(watch_t), pointer, private :: watch => null()
+      real(wp), private :: step = 0.0_wp
    contains
       procedure :: begin => motion_ridge_begin
       procedure :: go_on_from => motion_ridge_go_on_from
@@ -46,6 +41,18 @@ module hb_motion_ridge
    end type motion_ridge_t
 
 contains
+
+   !> A curve as it is asked for: of motions, or of their peaks or folds.
+   subroutine new_motion_curve(self, request)
+      class(motion_curve_t), allocatable, intent(out) :: self
+      type(curve_request_t), intent(in) :: request
+
+      if (allocated(request%over)) then
+         allocate (motion_ridge_t :: self)
+      else
+         allocate (self)
+      end if
+   end subroutine new_motion_curve
 
    !> Follows a whole curve along the first value at the start of the second: its highest peak or first fold is where to begin.
    subroutine motion_ridge_begin(self, scene, document, request, result, error, watch, judge)
@@ -65,13 +72,13 @@ contains
       call set_values(self, request%start, self%inner%start)
       call update_scene(self%scene, self%document, is_new, error, request%available_memory)
       if (.not. allocated(error)) &
-         call self%curve%begin(self%scene, self%document, self%inner, point, error, watch, judge)
+         call self%short%begin(self%scene, self%document, self%inner, point, error, watch, judge)
       self%is_done = allocated(error)
       if (self%is_done) return
       highest = -huge(1.0_wp)
       result = point
-      do while (.not. self%curve%is_done)
-         call self%curve%next(point, error)
+      do while (.not. self%short%is_done)
+         call self%short%next(point, error)
          if (allocated(error) .or. point%status == outcome%interrupted) then
             result%status = point%status
             self%is_done = .true.
@@ -79,7 +86,7 @@ contains
          end if
          if (.not. allocated(point%curve)) cycle                      ! where the curve was lost
          if (point%curve%kind /= request%over%kind) cycle
-         measure = self%curve%measure(point%curve%unknowns)
+         measure = self%short%measure(point%curve%unknowns)
          if (measure <= highest .or. (highest >= 0.0_wp .and. request%over%kind == curve_kind%fold)) cycle
          highest = measure
          result = point
@@ -95,12 +102,13 @@ contains
    end subroutine motion_ridge_begin
 
    !> Takes the place of `begin`: the ridge stands where a stored one has been.
-   subroutine motion_ridge_go_on_from(self, scene, document, request, stored, watch)
+   subroutine motion_ridge_go_on_from(self, scene, document, request, stored, error, watch)
       class(motion_ridge_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
       type(document_t), intent(in) :: document
       type(curve_request_t), intent(in) :: request
       type(curve_place_t), intent(in) :: stored(:)                    !! all points up to the one to go on from
+      type(error_t), allocatable, intent(out) :: error                !! there is none
       class(watch_t), intent(inout), target :: watch
 
       call prepare(self, scene, document, request, watch)
@@ -123,7 +131,7 @@ contains
       self%scene = scene
       self%document = document
       self%watch => watch
-      if (.not. allocated(self%curve)) allocate (self%curve)
+      if (.not. allocated(self%short)) allocate (self%short)
       self%step = 0.25_wp*request%longest_step
       self%inner%moving = request%over%moving
       self%inner%from = request%over%from
@@ -234,10 +242,10 @@ contains
       if (allocated(error)) return
       place = self%last
       do attempt = 1, 2                                               ! along the curve, then the other way round
-         call self%curve%destroy()
-         call self%curve%begin_next_to(self%scene, self%document, self%inner, place, is_found, error, self%watch)
+         call self%short%destroy()
+         call self%short%begin_next_to(self%scene, self%document, self%inner, place, is_found, error, self%watch)
          if (allocated(error) .or. .not. is_found) return
-         call self%curve%look_for(self%request%over%kind, most_steps, result, n_steps, is_found, error)
+         call self%short%look_for(self%request%over%kind, most_steps, result, n_steps, is_found, error)
          if (allocated(error) .or. is_found) exit
          place%direction = -place%direction
       end do
@@ -259,6 +267,6 @@ contains
    subroutine motion_ridge_destroy(self)
       class(motion_ridge_t), intent(inout) :: self
 
-      if (allocated(self%curve)) call self%curve%destroy()
+      if (allocated(self%short)) call self%short%destroy()
    end subroutine motion_ridge_destroy
 end module hb_motion_ridge

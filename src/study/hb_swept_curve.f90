@@ -11,7 +11,7 @@ module hb_swept_curve
    use hb_marching_judge, only: marching_judge_t
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_place_t, motion_result_t
-   use hb_motion_ridge, only: motion_ridge_t
+   use hb_motion_ridge, only: new_motion_curve
    use hb_outcome, only: is_solved, outcome
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t, results_t
@@ -30,8 +30,7 @@ module hb_swept_curve
    type :: swept_curve_t
       integer, allocatable :: stored(:)                               !! statuses of the points of the file behind which it goes on
       logical :: is_done = .false.                                    !! there is no further point
-      class(motion_curve_t), allocatable, private :: curve            ! a class: else its copy is written out here once more
-      class(motion_ridge_t), allocatable, private :: ridge            ! in its place where a peak or fold is followed
+      class(motion_curve_t), allocatable, private :: curve
       type(curve_plan_t), private :: plan
       type(curve_request_t), private :: request
       type(scene_t), private :: scene
@@ -70,7 +69,8 @@ contains
       if (.not. allocated(failure)) call request_curve(source%plan%curve, self%scene, self%document, self%request, failure)
       self%request%available_memory = source%available_memory
       self%plan = source%plan%curve
-      allocate (self%stored(0), self%curve, self%ridge)
+      allocate (self%stored(0))
+      call new_motion_curve(self%curve, self%request)
       self%is_done = allocated(failure)
       self%last_parameter = source%plan%curve%start
       if (self%is_done .or. .not. is_resumed) return
@@ -79,14 +79,10 @@ contains
       if (allocated(error)) return
       last = last_step(status, places%kind)
       if (last == 0) return
-      if (allocated(self%request%over)) then
-         call self%ridge%go_on_from(self%scene, self%document, self%request, places(:last), watch)
-      else
-         if (.not. allocated(self%request%origin)) call go_to(self, places(1)%parameter, failure)
-         if (.not. allocated(failure)) &
-            call self%curve%go_on_from(self%scene, self%document, self%request, places(:last), failure, watch)
-      end if
-      self%is_done = self%curve%is_done .or. self%ridge%is_done .or. allocated(failure)
+      if (.not. (allocated(self%request%origin) .or. allocated(self%request%over))) call go_to(self, places(1)%parameter, failure)
+      if (.not. allocated(failure)) &
+         call self%curve%go_on_from(self%scene, self%document, self%request, places(:last), failure, watch)
+      self%is_done = self%curve%is_done .or. allocated(failure)
       self%has_begun = .true.
       self%stored = status(:last)
       self%last_parameter = places(last)%parameter
@@ -118,24 +114,19 @@ contains
 
       started = wall_clock()
       call watch%enter(self%scene%solver%time_limit)
-      if (self%has_begun .and. allocated(self%request%over)) then
-         call self%ridge%next(result, error)
-      else if (self%has_begun) then
+      if (self%has_begun) then
          call self%curve%next(result, error)
-      else if (allocated(self%request%over)) then
-         call self%ridge%begin(self%scene, self%document, self%request, result, error, watch, marching_judge_t())
-         self%has_begun = .true.
       else
          call begin(self, result, error, watch)
-         self%has_begun = .true.
       end if
+      self%has_begun = .true.
       call watch%leave()
       if (watch%verdict == verdict%interrupted) then                  ! also what looks like an error or an end may come of that
          result%status = outcome%interrupted
          self%is_done = .false.
          return
       end if
-      self%is_done = self%curve%is_done .or. self%ridge%is_done
+      self%is_done = self%curve%is_done
       if (allocated(error)) then
          result%status = outcome%failed
          result%message = error%message
@@ -163,7 +154,8 @@ contains
       start = self%request%start
       associate (request => self%request, other => self%request%from + self%request%to - self%request%start)
          if (any(abs(start - [request%from, request%to]) <= 0.0_wp) .and. .not. (allocated(request%origin) .or. &
-             any(self%scene%tones%is_unknown) .or. self%scene%start_from_march .or. self%scene%normal_mode%is_asked)) then
+             allocated(request%over) .or. any(self%scene%tones%is_unknown) .or. self%scene%start_from_march .or. &
+             self%scene%normal_mode%is_asked)) then
             call self%curve%begin(self%scene, self%document, request, result, error, watch)
             if (has_ended()) return
             call go_to(self, other, error)
@@ -197,8 +189,7 @@ contains
 
       if (abs(start - self%request%start) <= 0.0_wp) return
       call self%curve%destroy()
-      deallocate (self%curve)
-      allocate (self%curve)
+      call new_motion_curve(self%curve, self%request)
       self%request%start = start
       call self%plan%set(self%document, start)
       call update_scene(self%scene, self%document, is_new, error, self%request%available_memory)
@@ -209,6 +200,5 @@ contains
       class(swept_curve_t), intent(inout) :: self
 
       if (allocated(self%curve)) call self%curve%destroy()
-      if (allocated(self%ridge)) call self%ridge%destroy()
    end subroutine swept_curve_destroy
 end module hb_swept_curve
