@@ -1,12 +1,15 @@
 # shellcheck shell=bash
 # Set-up shared by drivers/quickstart and tests/run, which source this file: Debian packages, Python environment, build.
 
-# Everything that the build, the tests and the pictures need on Debian 12; the only list of packages in the project.
-hb_packages=(
-   gcc gfortran cmake make
+# What the build needs on Debian 12, and what tests, models and pictures need beside it; the only list of packages in the project.
+hb_build_packages=(
+   gcc gfortran cmake make python3
    libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libfftw3-dev libopenblas-dev libsuitesparse-dev
    libsundials-dev
-   python3 python3-venv python3-setuptools python3-wheel
+)
+hb_packages=(
+   "${hb_build_packages[@]}"
+   python3-venv python3-setuptools python3-wheel
    python3-numpy python3-h5py python3-matplotlib python3-xarray python3-h5netcdf python3-netcdf4 python3-pytest
    python3-scipy python3-cvxopt python3-meshio calculix-ccx
 )
@@ -40,23 +43,26 @@ hb_environment() {
    fi
 }
 
+# hb_missing_packages PACKAGE...
 hb_missing_packages() {
    local package
-   for package in "${hb_packages[@]}"; do
+   for package; do
       [[ $(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null) == installed ]] ||
          printf '%s\n' "$package"
    done
 }
 
-# Installs what is missing; with `no` as the argument, or on another system than Debian, only says what is missing.
+# Installs what is missing; with `no` as the first argument, or on another system than Debian, only says what is missing:
+# hb_install_packages yes|no [PACKAGE]...   (default: all)
 hb_install_packages() {
-   local missing as_root=()
+   local missing as_root=() wanted=("${@:2}")
+   ((${#wanted[@]} > 0)) || wanted=("${hb_packages[@]}")
    if ! command -v dpkg-query >/dev/null; then
       hb_say "No dpkg here: going on with what is installed. On Debian the packages would be"
-      printf '%s\n' "${hb_packages[*]}"
+      printf '%s\n' "${wanted[*]}"
       return
    fi
-   mapfile -t missing < <(hb_missing_packages)
+   mapfile -t missing < <(hb_missing_packages "${wanted[@]}")
    ((${#missing[@]} == 0)) && return
    if [[ $1 == no ]]; then
       hb_say "Missing packages, going on without them (--no-install): ${missing[*]}"
@@ -80,15 +86,18 @@ hb_install_packages() {
       hb_fail "apt-get could not install the packages (see above)"
 }
 
+# The Python of the system, which knows its packages.
+hb_python() {
+   if [[ -x /usr/bin/python3 ]]; then echo /usr/bin/python3; else command -v python3; fi
+}
+
 # Python environment in build/venv with the packages of the system and our own two; downloads nothing but scikit-fem, which Debian
 # does not have, and goes on without it.
 hb_make_venv() {
-   local python=/usr/bin/python3
-   [[ -x $python ]] || python=python3
    hb_say "Python environment in build/venv"
    # a copied or moved tree leaves an environment that points elsewhere, and so does a changed Python
    if ! "$hb_venv/bin/python" -c 'import sys; sys.exit(sys.prefix != sys.argv[1])' "$hb_venv" 2>/dev/null; then
-      "$python" -m venv --clear --system-site-packages "$hb_venv" || hb_fail "cannot make build/venv"
+      "$(hb_python)" -m venv --clear --system-site-packages "$hb_venv" || hb_fail "cannot make build/venv"
    fi
    "$hb_venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation \
       --editable "$hb_root/postproc" --editable "$hb_root/drivers/python" || hb_fail "cannot install our packages into build/venv"
@@ -102,7 +111,7 @@ hb_make_venv() {
 # Configures and builds a preset: hb_build PRESET JOBS [TARGET [option of cmake]...]
 hb_build() {
    hb_say "Building the $1 preset in build/$1"
-   (cd "$hb_root" && cmake --preset "$1" -DPython3_EXECUTABLE="$hb_venv/bin/python" -DHB_PYTHON="$hb_venv/bin/python" "${@:4}") ||
+   (cd "$hb_root" && cmake --preset "$1" -DPython3_EXECUTABLE="$(hb_python)" -DHB_PYTHON="$hb_venv/bin/python" "${@:4}") ||
       hb_fail "cmake could not configure $1"
    (cd "$hb_root" && cmake --build --preset "$1" --parallel "$2" --target "${3:-all}") || hb_fail "the $1 build failed"
 }

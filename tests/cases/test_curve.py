@@ -313,6 +313,7 @@ def test_what_is_wrong_with_a_curve_is_said(tmp_path, keys, says):
     assert not (tmp_path / "bad.h5").exists()
 
 
+@pytest.mark.long
 def test_torus_behind_a_graze_is_found_and_followed_both_ways(tmp_path):
     """A rotor that bounces in its ring; radii at 1.15 rad/s by marching from rest, 0.1271 and 1.1203."""
     text = (Path(__file__).parents[2] / "inputs" / "gallery" / "jeffcott_torus.nml").read_text(encoding="utf-8")

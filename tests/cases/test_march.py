@@ -278,6 +278,7 @@ def test_jenkins_under_one_tone(tmp_path):
     np.testing.assert_allclose(coefficient(record, 3), (-0.00129227974560, -0.00444845581864), atol=2e-11)
 
 
+@pytest.mark.long
 def test_jenkins_under_two_tones(tmp_path):
     record = march(INPUTS / "gallery" / "jenkins_two_tones.nml", tmp_path, "--point", 0)
     np.testing.assert_allclose(coefficient(record, 1, 0), (0.480722, 0.319828), atol=1e-6)
@@ -293,6 +294,7 @@ def test_den_hartog_motion_without_stops(tmp_path, point, amplitude):
     assert largest_motion(record) == pytest.approx(amplitude, rel=1e-9 if point else 1e-7)
 
 
+@pytest.mark.long
 def test_figure_4_difference_between_marching_and_balance(tmp_path):
     source = INPUTS / "paper" / "figure4.nml"
     result = tmp_path / "balance.h5"

@@ -270,8 +270,8 @@ def make_model(name, folder):
 
 
 def gallery_case(file):
-    """Wheels, joints and casings take many seconds."""
-    return pytest.param(file.stem, marks=[] if file.stem in ("rattling_plate", "rotor_rub") else [pytest.mark.long])
+    """All but one take many seconds."""
+    return pytest.param(file.stem, marks=[] if file.stem == "rotor_rub" else [pytest.mark.long])
 
 
 @pytest.mark.parametrize("name", [gallery_case(file) for file in sorted(INPUTS.glob("*.nml"))])

@@ -81,8 +81,11 @@ def test_order_of_tones_does_not_matter(in_order, order, tmp_path):
         assert np.abs(there - values).max() <= TOLERANCE * largest, j
 
 
-@pytest.mark.parametrize("place", range(3))
-@pytest.mark.parametrize("name", SCENES)
+PLACES = [(name, place) for name in SCENES for place in range(3)]
+LONG = [("rigid wall", 0), ("rigid wall", 2)]  # seconds each
+
+
+@pytest.mark.parametrize(("name", "place"), [pytest.param(*case, marks=[pytest.mark.long] * (case in LONG)) for case in PLACES])
 def test_tone_without_load_changes_nothing(name, place, tmp_path):
     """The balance of three tones, one of which nothing drives, has the solution of two, for any place of that tone."""
     two = solution(name, list(zip(OMEGA[:2], LOAD[:2])), tmp_path)
