@@ -4,33 +4,44 @@
 !> none: a limit cycle. One beyond which the motion is damped is preferred, motion near it would come back to it.
 !> The curve may turn back in amplitude, as where two flexible bodies touch. Source: docs/user/theory.md, section 6.5.
 module hb_amplitude_curve
-   use hb_curve, only: curve_config_t, curve_t, new_curve
+   use hb_curve, only: curve_config_t, curve_t, event_t, new_curve
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_phase, only: new_phase_problem, phase_problem_t, shift_form
-   use hb_limit_cycle_search, only: first_amplitude, fundamental, last_amplitude, neutral, path_point_t, search_t
+   use hb_limit_cycle_search, only: dead, first_amplitude, fundamental, last_amplitude, neutral, path_point_t, search_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: begin_curve, follow_curve, leaps, point_of, renew
+   public :: begin_curve, follow_curve, point_of, renew, step_along
 
    type(curve_config_t), parameter :: steps = curve_config_t( &       ! arc length in units of the amplitude reached
       first_step=0.3_wp, longest_step=2.0_wp, shortest_step=1.0e-6_wp, kink_step=1.0e-3_wp, reduction=0.4_wp, little=0.0_wp)
    integer, parameter :: most_steps = 600
    real(wp), parameter :: largest_damping = 100.0_wp                  ! xi/omega: damped for good
-   integer, parameter :: most_bisections = 40                         ! of a step on which the damping changes its sign
+
+   !> Where a motion needs no artificial damping. Motions near it are tried without any, the sooner the better.
+   type, extends(event_t) :: undamped_event_t
+      type(search_t), pointer :: search => null()
+      type(path_point_t) :: motion                                    ! tried last
+      logical :: is_found = .false.                                   ! it is a limit cycle
+      integer :: n_values = 0
+   contains
+      procedure :: value => undamped_event_value
+   end type undamped_event_t
 
 contains
 
    !> Looks for a limit cycle, from the base motion until the curve is far from it, well damped, or back there. What is known
    !> without one stands in the search: how far it came, and a message if the curve was lost.
    subroutine follow_curve(self, point, is_found)
-      type(search_t), intent(inout) :: self
+      type(search_t), intent(inout), target :: self
       type(path_point_t), intent(out) :: point                         !! the motion found, else the last point
       logical, intent(out) :: is_found
       type(curve_t) :: curve
-      type(path_point_t) :: crossing, last, motion
-      real(wp) :: damping(1), damping_before(1)
+      type(path_point_t) :: crossing, last
+      type(undamped_event_t) :: undamped
+      real(wp) :: damping(1), damping_before(1), place
+      real(wp), allocatable :: x(:)
       integer :: i
       logical :: is_on_curve, is_stable
 
@@ -43,15 +54,8 @@ contains
       call begin_curve(self, point, curve)
       do i = 1, most_steps
          last = point
-         call curve%advance()
+         call step_along(self, curve, point)
          if (curve%status /= outcome%pending) exit
-         point = point_of(self, curve%x)
-         if (leaps(last, point)) then
-            call curve%retreat()
-            point = last
-            if (curve%status /= outcome%pending) exit
-            cycle
-         end if
          if (sum((point%u - self%base%u)*(last%u - self%base%u)) < 0.0_wp) exit   ! through the base motion: another mode ends here
          damping_before = damping
          damping = self%damping(point)
@@ -60,14 +64,17 @@ contains
          if (damping(1)*damping_before(1) <= 0.0_wp .and. .not. self%is_neutral) then
             is_stable = damping(1) > damping_before(1)
             if (is_stable .or. .not. allocated(crossing%u)) then
-               motion = last
-               call land(self, curve, motion, is_found)
-               if (is_found .and. is_stable) then
-                  point = motion
+               call self%set_scales(last%amplitude(1))
+               undamped = undamped_event_t(search=self)
+               x = curve%x
+               call curve%find_zero(undamped, [0.0_wp, curve%last_step], [last%xi/last%omega, point%xi/point%omega], x, place, &
+                                    is_on_curve)
+               is_found = undamped%is_found .and. is_stable
+               if (is_found) then
+                  point = undamped%motion
                   exit
-               else if (is_found) then
-                  crossing = motion
-                  is_found = .false.
+               else if (undamped%is_found) then
+                  crossing = undamped%motion
                end if
             end if
          end if
@@ -96,14 +103,45 @@ contains
                      to_text(point%xi(1)/point%omega(1))
    end subroutine follow_curve
 
-   !> Whether a step changed the frequency so much that the point is hardly on the same piece of the curve.
-   pure logical function leaps(from, to)
-      type(path_point_t), intent(in) :: from, to
+   !> Goes one step along the curve. Steps on which the frequency changes so much that they hardly end on the same piece of the
+   !> curve, or to the same motion counted as a higher harmonic, are taken back and shortened.
+   subroutine step_along(self, curve, point)
+      type(search_t), intent(in) :: self
+      type(curve_t), intent(inout) :: curve
+      type(path_point_t), intent(inout) :: point                       !! where the step begins; where it ends
       real(wp), parameter :: largest_ratio = 1.5_wp
+      type(path_point_t) :: next
+      integer :: h
 
-      leaps = max(from%omega(1)/to%omega(1), to%omega(1)/from%omega(1)) > largest_ratio .or. &
-              to%amplitude(1) <= 0.0_wp
-   end function leaps
+      h = fundamental(self%balance%harmonics, self%tones(1))
+      do
+         call curve%advance()
+         if (curve%status /= outcome%pending) return
+         next = point_of(self, curve%x)
+         associate (set => self%balance%harmonics, ratio => next%omega(1)/point%omega(1))
+            if (max(ratio, 1.0_wp/ratio) <= largest_ratio .and. next%amplitude(1) > 0.0_wp .and. &
+                norm2(next%u([set%cos_at(h), set%sin_at(h)], :)) >= dead*norm2(next%u - self%base%u)) exit
+         end associate
+         call curve%retreat()
+      end do
+      point = next
+   end subroutine step_along
+
+   real(wp) function undamped_event_value(self, curve, x) result(value)
+      class(undamped_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
+      real(wp), intent(in) :: x(:)
+      real(wp) :: omega
+
+      self%motion = point_of(self%search, x)
+      omega = self%motion%omega(1)
+      value = self%motion%xi(1)/omega
+      self%n_values = self%n_values + 1
+      if (abs(value) > 0.1_wp*0.3_wp**self%n_values .and. modulo(self%n_values, 4) > 0) return
+      call self%search%try_motion(self%motion, self%is_found)
+      if (self%is_found) self%is_found = abs(log(self%motion%omega(1)/omega)) < 0.1_wp
+      if (self%is_found) value = 0.0_wp                                ! nothing else is sought
+   end function undamped_event_value
 
    !> The curve from its first point on, at first towards more of the same shape.
    subroutine begin_curve(self, point, curve)
@@ -170,42 +208,4 @@ contains
          point%amplitude = [maxval(hypot(point%u(set%cos_at(h), :), point%u(set%sin_at(h), :)))]
       end associate
    end function point_of
-
-   !> Finds the limit cycle on the step on which the damping changed its sign, and tries it without artificial damping, the
-   !> sooner the better.
-   subroutine land(self, curve, from, is_found)
-      type(search_t), intent(inout) :: self
-      type(curve_t), intent(inout) :: curve
-      type(path_point_t), intent(inout) :: from                        !! where the step begins; the motion found
-      logical, intent(out) :: is_found
-      type(path_point_t) :: middle, trial
-      real(wp) :: high, low, x(size(curve%x))
-      integer :: i
-      logical :: is_on_curve
-
-      low = 0.0_wp
-      high = curve%last_step
-      do i = 1, most_bisections
-         call self%set_scales(from%amplitude(1))
-         call curve%point_at(0.5_wp*(low + high), x, is_on_curve)
-         middle = from
-         if (is_on_curve) middle = point_of(self, x)
-         trial = middle
-         if (abs(middle%xi(1)) <= 0.1_wp*0.3_wp**i*middle%omega(1) .or. modulo(i, 4) == 0) then
-            call self%try_motion(trial, is_found)
-            if (is_found) is_found = abs(log(trial%omega(1)/middle%omega(1))) < 0.1_wp
-            if (is_found) then
-               from = trial
-               return
-            end if
-         end if
-         if (.not. is_on_curve) exit
-         if (middle%xi(1)*from%xi(1) > 0.0_wp) then
-            low = 0.5_wp*(low + high)
-         else
-            high = 0.5_wp*(low + high)
-         end if
-      end do
-      is_found = .false.
-   end subroutine land
 end module hb_amplitude_curve

@@ -17,12 +17,12 @@ module hb_limit_cycle_search
    use hb_solver_types, only: report_t, solver_config_t
    implicit none
    private
-   public :: climb_orders, first_amplitude, fundamental, last_amplitude, neutral, new_search, path_point_t, search_t
+   public :: climb_orders, dead, first_amplitude, fundamental, last_amplitude, neutral, new_search, path_point_t, search_t
 
    real(wp), parameter :: first_amplitude = 1.0e-3_wp                 !! of a search, relative to the length of the scene
    real(wp), parameter :: last_amplitude = 1.0e3_wp                   !! likewise
    real(wp), parameter :: neutral = 1.0e-9_wp                         !! |xi|/omega of a motion neither driven nor damped
-   real(wp), parameter :: dead = 1.0e-3_wp                            ! amplitude of a tone relative to that before
+   real(wp), parameter :: dead = 1.0e-3_wp                            !! of a motion, or of that before: a tone that has died out
    real(wp), parameter :: path_tolerance = 1.0e-8_wp
    integer, parameter :: path_iterations = 15
 

@@ -6,7 +6,7 @@
 !> Computers and
 !> Structures 154 (2015) 59-71.
 module hb_normal_mode
-   use hb_amplitude_curve, only: begin_curve, leaps, point_of, renew
+   use hb_amplitude_curve, only: begin_curve, point_of, renew, step_along
    use hb_balance, only: balance_t
    use hb_curve, only: curve_t, event_t
    use hb_energy, only: energy_t
@@ -26,7 +26,6 @@ module hb_normal_mode
    real(wp), parameter :: first_share = 1.0e-3_wp                     ! of the amplitude, where the way begins
    real(wp), parameter :: near = 1.0e-3_wp                            ! the goal, as a share of the amplitude, where the way ends
    integer, parameter :: most_steps = 400
-   real(wp), parameter :: dead = 1.0e-3_wp                            ! share of the fundamental in a motion
 
    type :: normal_mode_t
       logical :: is_asked = .false.
@@ -128,7 +127,7 @@ contains
       type(curve_t) :: curve
       type(error_t), allocatable :: error
       type(goal_event_t) :: event
-      type(path_point_t) :: last, point
+      type(path_point_t) :: point
       complex(wp) :: form(size(u, 2))
       real(wp) :: omega(size(search%balance%omega)), reached, xi(size(search%balance%omega))
       integer :: h, i
@@ -167,18 +166,8 @@ contains
             curve%form(:size(u)) = sign(1.0_wp, goal%value)*goal%forms(:, 2)
          end if
          do i = 1, most_steps
-            last = point
-            call curve%advance()
+            call step_along(search, curve, point)
             if (curve%status /= outcome%pending) exit
-            point = point_of(search, curve%x)
-            associate (set => search%balance%harmonics)                ! the same motion counted as a higher harmonic?
-               if (norm2(point%u([set%cos_at(h), set%sin_at(h)], :)) < dead*norm2(point%u - search%base%u) .or. &
-                   leaps(last, point)) then
-                  call curve%retreat()
-                  point = last
-                  cycle
-               end if
-            end associate
             reached = max(reached, 1.0_wp + event%value(curve, curve%x))
             if (reached >= 1.0_wp) then
                call curve%locate(event, is_found)

@@ -9,6 +9,7 @@ module hb_curve_origin
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: two_pi, wp
    use hb_motion_result, only: curve_place_t
+   use hb_problem, only: problem_t
    use hb_rung, only: degree_of, join, needed_samples, rung_of, rung_t
    use hb_scene, only: scene_t
    use hb_scene_problem, only: scene_problem_t
@@ -16,9 +17,7 @@ module hb_curve_origin
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
-   public :: curve_origin_t, find_direction, new_curve_origin
-
-   integer, parameter :: n_rounds = 4                                 ! of inverse iteration
+   public :: curve_origin_t, find_direction, find_null_vector, new_curve_origin
 
    type :: curve_origin_t
       logical :: is_torus = .false.                                   !! a tone joins, the last one; else the period doubles
@@ -130,7 +129,7 @@ contains
       type(scene_problem_t), intent(inout) :: problem
       type(curve_origin_t), intent(in) :: origin
       real(wp), intent(out) :: joined                                 !! [rad/s]; 0 without one
-      real(wp), intent(out) :: direction(:)                           !! of largest entry 1 in units of x_scale
+      real(wp), intent(out) :: direction(:)                           !! of length 1 in units of x_scale
       logical, intent(out) :: is_found
       integer :: h, i, largest
       real(wp) :: amplitude, most, u(size(origin%u, 1), size(origin%u, 2))
@@ -163,20 +162,16 @@ contains
       if (is_found) call iterate(problem, origin, direction, is_found)
    end subroutine find_direction
 
-   !> Inverse iteration among the harmonics that the origin does not have.
+   !> The null vector among the harmonics that the origin does not have.
    subroutine iterate(problem, origin, direction, is_found)
       type(scene_problem_t), intent(inout) :: problem
       type(curve_origin_t), intent(in) :: origin
       real(wp), intent(out) :: direction(:)
       logical, intent(out) :: is_found
-      real(wp), parameter :: nearby = 1.0e-9_wp                       ! where the tangent is not singular to the last digit
-      type(tangent_solver_t) :: solver
-      logical :: is_further(size(origin%u, 1)), is_singular
-      logical, allocatable :: mask(:)
-      real(wp) :: x(size(origin%u))
-      integer :: h, i
+      logical :: is_further(size(origin%u, 1))
+      integer :: h
 
-      associate (set => problem%scene%harmonics)
+      associate (set => problem%scene%harmonics, u => origin%u)
          is_further = .false.
          do h = 1, set%n_harmonics
             if (origin%is_torus) then
@@ -186,24 +181,43 @@ contains
             end if
             is_further([set%cos_at(h), set%sin_at(h)]) = .true.
          end do
+         call find_null_vector(problem, reshape(u, [size(u)]), problem%x_scale, &
+                               reshape(spread(is_further, 2, size(u, 2)), [size(u)]), spread(0.0_wp, 1, size(u)), direction, &
+                               is_found)
       end associate
-      mask = reshape(spread(is_further, 2, size(origin%u, 2)), [size(origin%u)])
-      x = reshape(origin%u, [size(x)])
-      call new_tangent_solver(solver, problem, x, is_singular)
-      if (is_singular) then
-         x = (1.0_wp + nearby)*x
-         call new_tangent_solver(solver, problem, x, is_singular)
-      end if
-      is_found = .not. is_singular
-      direction = merge(cos([(real(i, wp), i=1, size(x))]), 0.0_wp, mask)
-      do i = 1, n_rounds
-         if (.not. is_found) return
-         direction = direction*problem%r_scale                        ! as a residual
-         call solver%solve(problem, direction, is_singular)
-         direction = merge(direction/problem%x_scale, 0.0_wp, mask)
-         is_found = .not. is_singular .and. maxval(abs(direction)) > 0.0_wp
-         if (is_found) direction = direction/maxval(abs(direction))
-      end do
-      direction = direction*problem%x_scale
    end subroutine iterate
+
+   !> A vector that the tangent of a problem takes to nearly zero where it is singular, by inverse iteration among the entries of a
+   !> mask, across another vector.
+   subroutine find_null_vector(problem, x, scale, mask, along, vector, is_found)
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(in) :: scale(:)                                !! of vectors
+      logical, intent(in) :: mask(:)
+      real(wp), intent(in) :: along(:)                                !! in these scales, of length 1 or 0
+      real(wp), intent(out) :: vector(:)                              !! of length 1 in these scales
+      logical, intent(out) :: is_found
+      integer, parameter :: n_rounds = 4
+      real(wp), parameter :: nearby = 1.0e-9_wp                       ! where the tangent is not singular to the last digit
+      type(tangent_solver_t) :: solver
+      real(wp) :: next(size(x))
+      integer :: i
+      logical :: is_singular
+
+      call new_tangent_solver(solver, problem, x, is_singular)
+      if (is_singular) call new_tangent_solver(solver, problem, (1.0_wp + nearby)*x, is_singular)
+      next = cos([(real(i, wp), i=1, size(x))])
+      do i = 0, n_rounds
+         next = merge(next, 0.0_wp, mask)
+         next = next - dot_product(next, along)*along
+         is_found = .not. is_singular .and. norm2(next) > 0.0_wp
+         if (.not. is_found) return
+         next = next/norm2(next)
+         vector = scale*next
+         if (i == n_rounds) return
+         next = next*problem%r_scale                                  ! as a residual
+         call solver%solve(problem, next, is_singular)
+         next = next/scale
+      end do
+   end subroutine find_null_vector
 end module hb_curve_origin

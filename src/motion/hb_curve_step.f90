@@ -570,16 +570,8 @@ contains
       class(followed_motion_t), intent(inout) :: self
       integer, intent(in) :: kind
       real(wp), intent(in) :: place, x(:)
-      type(waiting_t), allocatable :: longer(:)
 
-      associate (n_before => size(self%waiting))
-         allocate (longer(n_before + 1))
-         longer(:n_before) = self%waiting
-         longer(n_before + 1)%kind = kind
-         longer(n_before + 1)%place = place
-         longer(n_before + 1)%x = x
-      end associate
-      call move_alloc(longer, self%waiting)
+      self%waiting = [self%waiting, waiting_t(kind, place, x)]
    end subroutine add
 
    !> What rounding, or unevenness of the residual, leaves of a function that is zero.

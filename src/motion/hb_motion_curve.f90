@@ -9,7 +9,7 @@ module hb_motion_curve
    use hb_bifurcation, only: angle_of_pair
    use hb_clock, only: wall_clock
    use hb_curve_events, only: square_at
-   use hb_curve_origin, only: find_direction
+   use hb_curve_origin, only: find_direction, find_null_vector
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_curve_sets, only: settle, step_to_tolerance
    use hb_curve_step, only: drop_doubtful, step
@@ -25,7 +25,6 @@ module hb_motion_curve
    use hb_rung, only: estimate_of, join, reliable, rung_of, rung_t
    use hb_scene, only: scene_t
    use hb_solver_types, only: report_t
-   use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_text, only: to_text
    use hb_watch, only: verdict, watch_t
    implicit none
@@ -345,48 +344,25 @@ contains
       call self%look_here(self%known)
    end subroutine set_out
 
-   !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve across this one,
-   !> by inverse iteration. Its sense, which rounding would choose, is that of its first large entry.
+   !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve across this one.
+   !> Its sense, which rounding would choose, is that of its first large entry.
    subroutine turn_off(self, direction)
       class(motion_curve_t), intent(inout), target :: self
-      real(wp), intent(inout), contiguous :: direction(:)             !! of the curve; of the other one
-      type(tangent_solver_t) :: solver
-      real(wp) :: along(size(direction)), next(size(direction))
-      integer :: i
-      integer, parameter :: n_rounds = 3
+      real(wp), intent(inout) :: direction(:)                         !! of the curve; of the other one
       real(wp), parameter :: large = 0.6_wp                           ! of the largest
-      real(wp), parameter :: beside = 1.0e-9_wp                       ! where the tangent is not singular to the last digit
-      logical :: is_singular
+      real(wp), dimension(size(direction)) :: along, next
+      integer :: i
+      logical :: is_found
 
       associate (curve => self%curve)
          along = direction/curve%units
-         along = along/norm2(along)
          call curve%put_plane(curve%x, direction, 0.0_wp)
-         next = curve%units*across(cos([(real(i, wp), i=1, size(next))]), along)
-         call new_tangent_solver(solver, curve%problem, curve%x, is_singular)
-         if (is_singular) call new_tangent_solver(solver, curve%problem, curve%x + beside*direction, is_singular)
-         if (is_singular) return
-         do i = 1, n_rounds
-            next = next/curve%units*curve%problem%r_scale             ! as a residual
-            call solver%solve(curve%problem, next, is_singular)
-            next = curve%units*across(next/curve%units, along)
-         end do
-         associate (scaled => next/curve%units)
-            i = findloc(abs(scaled) > large*maxval(abs(scaled)), .true., dim=1)
-            direction = sign(1.0_wp, scaled(i))*next
-         end associate
+         call find_null_vector(curve%problem, curve%x, curve%units, spread(.true., 1, size(along)), along/norm2(along), next, &
+                               is_found)
+         if (.not. is_found) return
+         i = findloc(abs(next/curve%units) > large*maxval(abs(next/curve%units)), .true., dim=1)
+         direction = sign(1.0_wp, next(i))*next
       end associate
-
-   contains
-
-      !> The part of a vector across another one, of length 1.
-      pure function across(vector, other) result(part)
-         real(wp), intent(in) :: vector(:), other(:)
-         real(wp) :: part(size(vector))
-
-         part = vector - dot_product(vector, other)*other
-         part = part/norm2(part)
-      end function across
    end subroutine turn_off
 
    !> This way has come to its end: the next one follows where there is one, along another curve behind a row for its start.
