@@ -4,7 +4,7 @@
 !> none: a limit cycle. One beyond which the motion is damped is preferred, motion near it would come back to it.
 !> The curve may turn back in amplitude, as where two flexible bodies touch. Source: docs/user/theory.md, section 6.5.
 module hb_amplitude_curve
-   use hb_curve, only: curve_config_t, curve_t, event_t, new_curve
+   use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_phase, only: new_phase_problem, phase_problem_t, shift_form
@@ -18,30 +18,19 @@ module hb_amplitude_curve
       first_step=0.3_wp, longest_step=2.0_wp, shortest_step=1.0e-6_wp, kink_step=1.0e-3_wp, reduction=0.4_wp, little=0.0_wp)
    integer, parameter :: most_steps = 600
    real(wp), parameter :: largest_damping = 100.0_wp                  ! xi/omega: damped for good
-
-   !> Where a motion needs no artificial damping. Motions near it are tried without any, the sooner the better.
-   type, extends(event_t) :: undamped_event_t
-      type(search_t), pointer :: search => null()
-      type(path_point_t) :: motion                                    ! tried last
-      logical :: is_found = .false.                                   ! it is a limit cycle
-      integer :: n_values = 0
-   contains
-      procedure :: value => undamped_event_value
-   end type undamped_event_t
+   integer, parameter :: most_bisections = 40                         ! of a step on which the damping changes its sign
 
 contains
 
    !> Looks for a limit cycle, from the base motion until the curve is far from it, well damped, or back there. What is known
    !> without one stands in the search: how far it came, and a message if the curve was lost.
    subroutine follow_curve(self, point, is_found)
-      type(search_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: self
       type(path_point_t), intent(out) :: point                         !! the motion found, else the last point
       logical, intent(out) :: is_found
       type(curve_t) :: curve
-      type(path_point_t) :: crossing, last
-      type(undamped_event_t) :: undamped
-      real(wp) :: damping(1), damping_before(1), place
-      real(wp), allocatable :: x(:)
+      type(path_point_t) :: crossing, last, motion
+      real(wp) :: damping(1), damping_before(1)
       integer :: i
       logical :: is_on_curve, is_stable
 
@@ -64,17 +53,14 @@ contains
          if (damping(1)*damping_before(1) <= 0.0_wp .and. .not. self%is_neutral) then
             is_stable = damping(1) > damping_before(1)
             if (is_stable .or. .not. allocated(crossing%u)) then
-               call self%set_scales(last%amplitude(1))
-               undamped = undamped_event_t(search=self)
-               x = curve%x
-               call curve%find_zero(undamped, [0.0_wp, curve%last_step], [last%xi/last%omega, point%xi/point%omega], x, place, &
-                                    is_on_curve)
-               is_found = undamped%is_found .and. is_stable
-               if (is_found) then
-                  point = undamped%motion
+               motion = last
+               call land(self, curve, motion, is_found)
+               if (is_found .and. is_stable) then
+                  point = motion
                   exit
-               else if (undamped%is_found) then
-                  crossing = undamped%motion
+               else if (is_found) then
+                  crossing = motion
+                  is_found = .false.
                end if
             end if
          end if
@@ -126,22 +112,6 @@ contains
       end do
       point = next
    end subroutine step_along
-
-   real(wp) function undamped_event_value(self, curve, x) result(value)
-      class(undamped_event_t), intent(inout) :: self
-      class(curve_t), intent(inout) :: curve
-      real(wp), intent(in) :: x(:)
-      real(wp) :: omega
-
-      self%motion = point_of(self%search, x)
-      omega = self%motion%omega(1)
-      value = self%motion%xi(1)/omega
-      self%n_values = self%n_values + 1
-      if (abs(value) > 0.1_wp*0.3_wp**self%n_values .and. modulo(self%n_values, 4) > 0) return
-      call self%search%try_motion(self%motion, self%is_found)
-      if (self%is_found) self%is_found = abs(log(self%motion%omega(1)/omega)) < 0.1_wp
-      if (self%is_found) value = 0.0_wp                                ! nothing else is sought
-   end function undamped_event_value
 
    !> The curve from its first point on, at first towards more of the same shape.
    subroutine begin_curve(self, point, curve)
@@ -208,4 +178,42 @@ contains
          point%amplitude = [maxval(hypot(point%u(set%cos_at(h), :), point%u(set%sin_at(h), :)))]
       end associate
    end function point_of
+
+   !> Finds the limit cycle on the step on which the damping changed its sign, and tries it without artificial damping, the
+   !> sooner the better.
+   subroutine land(self, curve, from, is_found)
+      type(search_t), intent(inout) :: self
+      type(curve_t), intent(inout) :: curve
+      type(path_point_t), intent(inout) :: from                        !! where the step begins; the motion found
+      logical, intent(out) :: is_found
+      type(path_point_t) :: middle, trial
+      real(wp) :: high, low, x(size(curve%x))
+      integer :: i
+      logical :: is_on_curve
+
+      low = 0.0_wp
+      high = curve%last_step
+      do i = 1, most_bisections
+         call self%set_scales(from%amplitude(1))
+         call curve%point_at(0.5_wp*(low + high), x, is_on_curve)
+         middle = from
+         if (is_on_curve) middle = point_of(self, x)
+         trial = middle
+         if (abs(middle%xi(1)) <= 0.1_wp*0.3_wp**i*middle%omega(1) .or. modulo(i, 4) == 0) then
+            call self%try_motion(trial, is_found)
+            if (is_found) is_found = abs(log(trial%omega(1)/middle%omega(1))) < 0.1_wp
+            if (is_found) then
+               from = trial
+               return
+            end if
+         end if
+         if (.not. is_on_curve) exit
+         if (middle%xi(1)*from%xi(1) > 0.0_wp) then
+            low = 0.5_wp*(low + high)
+         else
+            high = 0.5_wp*(low + high)
+         end if
+      end do
+      is_found = .false.
+   end subroutine land
 end module hb_amplitude_curve
