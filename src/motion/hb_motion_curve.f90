@@ -220,9 +220,9 @@ contains
       do i = 1, size(stored)
          rung = rung_of(scene, stored(i))
          if (stored(i)%kind == curve_kind%branch .and. stored(i)%branch == 0 .and. request%switches) &
-            call note_origin(self, origin_t(.false., stored(i)%unknowns, stored(i)%direction, rung))
+            self%origins = [self%origins, origin_t(.false., stored(i)%unknowns, stored(i)%direction, rung)]
          if (stored(i)%kind == curve_kind%start .and. stored(i)%branch > size(self%origins)) &
-            call note_origin(self, origin_t(.true., stored(i)%unknowns, 0.0_wp*stored(i)%unknowns, rung))
+            self%origins = [self%origins, origin_t(.true., stored(i)%unknowns, 0.0_wp*stored(i)%unknowns, rung)]
          call note_met(self, stored(i)%unknowns, rung)
       end do
       associate (last => stored(size(stored)))
@@ -382,7 +382,7 @@ contains
       if (self%way > 2*(1 + size(self%origins)) .and. self%n_told + 1 < self%request%n_points) then
          call look_apart(self, self%met, x, is_found, error)
          if (allocated(error)) return
-         if (is_found) call note_origin(self, origin_t(.true., x, 0.0_wp*x, self%rung))
+         if (is_found) self%origins = [self%origins, origin_t(.true., x, 0.0_wp*x, self%rung)]
       end if
       self%is_done = self%way > 2*(1 + size(self%origins))
       if (self%is_done) return
@@ -397,14 +397,6 @@ contains
       self%waiting = [waiting_t(curve_kind%start, x=self%start%x)]
       self%first_waiting = 1
    end subroutine put_start
-
-   !> Adds to the motions from which other curves are followed.
-   subroutine note_origin(self, origin)
-      class(motion_curve_t), intent(inout) :: self
-      type(origin_t), intent(in) :: origin
-
-      self%origins = [self%origins, origin]
-   end subroutine note_origin
 
    !> Keeps a motion that was met at a value at which others are sought.
    subroutine note_met(self, x, rung)
@@ -556,7 +548,7 @@ contains
          place%largest_motion = self%largest
       case (curve_kind%branch)
          if (self%request%switches .and. self%way <= 2) &
-            call note_origin(self, origin_t(.false., place%unknowns, place%direction, self%rung))
+            self%origins = [self%origins, origin_t(.false., place%unknowns, place%direction, self%rung)]
       case (curve_kind%fold, curve_kind%peak)
          place%response = point%response
          self%reported = [self%reported, reported_extreme_t(point%response, self%length + point%place)]
